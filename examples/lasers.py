@@ -105,7 +105,7 @@ def predict(log: Log, name: str) -> np.ndarray:
         "fused": locplan.Fused(log.lidar),
     }[name]
     field = locplan.load_or_compute(log.grid, estimator)
-    return np.array([field.at(x, y, heading) for x, y, heading in log.poses])
+    return field.at(log.poses, "covariance")
 
 
 def row(name: str, logs: dict[str, Log], predicted: dict[str, np.ndarray]) -> str:

@@ -30,7 +30,7 @@ from locplan._kernels.posterior import score
 from locplan._util.intervals import Interval, Rank, Resamples, random_of, rank
 from locplan._util.poses import window_around
 from locplan.costs import Costmap
-from locplan.field import covariances_at, equipped, likelihood_field, scalar, well_spaced
+from locplan.field import equipped, likelihood_field, scalar, well_spaced
 from locplan.maps import OCCUPIED
 from locplan.planners import plan_field
 from locplan.robots import Amcl, Robot, radius_of
@@ -301,7 +301,10 @@ def predictions(
     found: dict[Predictor, Floats] = {}
     for name, config in fields.items():
         config = replace(config, stride=FieldConfig.stride)
-        covariance = covariances_at(grid, config, points)
+        near = np.zeros(config.lattice_points(grid).shape, bool)
+        near[tuple(points.T)] = True
+        field = locplan.covariance_field(grid, config, points=near)
+        covariance = field.mean_covariance[tuple(points.T)]
         for each in ("e", "position_std", "heading_std"):
             found[Predictor(name, each)] = scalar(covariance, each)
     config = next(iter(fields.values()))

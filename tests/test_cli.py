@@ -14,7 +14,7 @@ from conftest import SHARED_DATA, drawn, few_of, refused
 import locplan
 from locplan import CovarianceField, FieldConfig, LocplanError, load_map, save_map
 from locplan.cli import COMMANDS
-from locplan.field import save_config, scalar as scalar_of
+from locplan.field import save_config
 from locplan.maps import environments
 from locplan.planners import ParetoFront
 
@@ -496,7 +496,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     field = locplan.load_or_compute(load_map(room), locplan.Fused(lidar))
     shortest = about["candidates"][0]
     xy = locplan.Path(shortest["path"]["xy"]).resampled(0.05).xy
-    std = np.array([scalar_of(field.at(x, y), "position_std") for x, y in xy])
+    std = field.at(xy, "position_std")
     assert shortest["deviation"][0] == pytest.approx(std.mean(), rel=0.1)
     (line,) = [line for line in out.splitlines() if " shortest " in line]
     assert f" {100 * shortest['deviation'][0]:.1f} " in line

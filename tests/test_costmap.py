@@ -9,8 +9,13 @@ import pytest
 from conftest import corridor, drawn, random_rooms
 
 from locplan._kernels import rays
+<<<<<<< HEAD
 from locplan.comparison import _orders as orders
 from locplan.costs import Costmap, Path, path_metrics, profile
+=======
+from locplan.comparison import _journal as journal
+from locplan.costs import Costmap, Path, path_cost, path_metrics, profile
+>>>>>>> 1c5bce8f (Read fields and costmaps at arrays of poses)
 from locplan.costs._layers import HeadingLayers
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindow, covariance_field
@@ -220,6 +225,53 @@ def test_a_map_without_room_says_so():
     costs = Costmap.from_density(drawn("##", "##"), np.ones((2, 2)))
     with pytest.raises(PoseError, match="no cell of the map is free"):
         costs.cell_of((0.5, 0.5))
+
+
+def test_costmap_at_reads_cells_of_poses():
+    costs = Costmap.from_layers(drawn("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0)
+    inside, wall, outside = (0.9, 0.1), (0.5, 1.5), (-5.0, 0.5)
+    values = costs.at([inside, wall, outside])
+    np.testing.assert_array_equal(values["u"], [costs.u[0, 0], np.nan, np.nan])
+    np.testing.assert_array_equal(values["density"], [costs.density[0, 0], np.inf, np.inf])
+    assert np.isnan(values["e"]).all()
+    assert costs.at(inside, "u") == costs.u[0, 0]
+    assert costs.at((*outside, 1.0)) == pytest.approx(
+        {"density": np.inf, "u": np.nan, "e": np.nan}, nan_ok=True
+    )
+    with pytest.raises(ConfigError, match="name must be one of density, u, e"):
+        costs.at(inside, "cost")
+
+
+def test_costmap_at_takes_nearest_heading():
+    grid = corridor(6.0, 2.0)
+    ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
+    costs = Costmap.from_field(grid, covariance_field(grid, ahead), robot=0.3)
+    xy = np.column_stack(grid.grid_to_world(*(np.argwhere(grid.free)[::40] + 0.5).T))
+    count = len(costs.u_of_heading)
+    cells = grid.world_to_cell(xy)
+    for turn in (0.4, -0.4, count - 0.4):
+        heading = (2 + turn) * 2 * np.pi / count
+        values = costs.at(np.column_stack([xy, np.full(len(xy), heading)]))
+        nearest = round(2 + turn) % count
+        np.testing.assert_array_equal(values["u"], costs.u_of_heading[(nearest, *cells)])
+        np.testing.assert_array_equal(values["e"], costs.e_of_heading[(nearest, *cells)])
+        np.testing.assert_array_equal(
+            values["density"], costs.density_of_heading[(nearest, *cells)]
+        )
+    np.testing.assert_array_equal(costs.at(xy, "density"), costs.density[cells])
+
+
+def test_path_cost_of_several_paths_is_cost_of_each():
+    costs = Costmap.from_layers(drawn("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0)
+    paths = [Path([[0.5, 0.5], [2.5, 0.5]]), Path([[1.5, 0.5], [0.5, 1.5]])]
+    alone = [path_cost(costs, path) for path in paths]
+    assert alone == [path_metrics(costs, path).cost for path in paths]
+    assert np.isfinite(alone).tolist() == [True, False]
+    array = np.array([path.xy for path in paths])
+    for several in (paths, tuple(paths), array, array.tolist(), [*array]):
+        np.testing.assert_array_equal(path_cost(costs, several), alone)
+    assert path_cost(costs, array[0].tolist()) == alone[0]
+    assert path_cost(costs, np.empty((0, 2, 2))).shape == (0,)
 
 
 def test_metrics_are_the_integrals_of_the_layers():

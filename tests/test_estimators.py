@@ -258,7 +258,7 @@ def test_a_corridor_is_uncertain_along_its_axis(estimator):
     for angle in (0.0, math.pi / 6):
         grid = corridor(14.0, 1.6, angle=angle)
         field = covariance_field(grid, config(estimator))
-        covariance = field.at(0.0, 0.0)
+        covariance = field.at((0.0, 0.0), "covariance")
         values, vectors = np.linalg.eigh(covariance[:2, :2])
         along = math.atan2(vectors[1, 1], vectors[0, 1])
         assert abs(math.remainder(along - angle, math.pi)) < math.radians(8)
@@ -273,7 +273,9 @@ def test_a_lidar_sees_where_it_is_mounted_to(estimator, yaw, facing_the_wall):
     lidar = Lidar(range=2.5, field_of_view_deg=120.0, beams=61, mount_yaw_deg=yaw)
     field = covariance_field(grid, config(estimator, lidar, headings=4))
     # The deviation across the wall, for headings east, north, west and south.
-    across = np.sqrt([field.at(3.05, 4.5, angle)[1, 1] for angle in field.config.heading_angles])
+    across = np.sqrt(
+        [field.at((3.05, 4.5, angle), "covariance")[1, 1] for angle in field.config.heading_angles]
+    )
     nothing = math.sqrt(field.window.uniform_covariance[1, 1])
     assert across[facing_the_wall] < 0.5 * nothing
     assert across[(facing_the_wall + 2) % 4] == pytest.approx(nothing, rel=0.05)
@@ -284,7 +286,7 @@ def test_the_papers_places_are_told_apart():
     wide = SearchWindow(half_width=2.0, step=0.1, half_rotation_deg=10.0, rotation_step_deg=2.0)
     wanted = FieldConfig(Scan(Lidar(range=6.0), window=wide), stride=0.4)
     field = covariance_field(grid, wanted)
-    e = {name: float(scalar(field.at(*xy), "e")) for name, xy in at.items()}
+    e = {name: float(field.at(xy, "e")) for name, xy in at.items()}
     assert min(e, key=e.get) == "A"
     assert e["B"] > 10 * e["A"]
     ambiguity = field.on_map(field.scalar("ambiguity"), logarithmic=False)
@@ -292,7 +294,7 @@ def test_the_papers_places_are_told_apart():
     assert there["D"] > 0.5  # its bays repeat
     assert there["A"] < 0.1
     fisher = covariance_field(grid, FieldConfig(Fisher(Lidar(range=6.0)), stride=0.4))
-    corridor_, complex_ = (fisher.at(*at[name]) for name in "BA")
+    corridor_, complex_ = (fisher.at(at[name], "covariance") for name in "BA")
     assert scalar(corridor_, "position_std") > 5 * scalar(complex_, "position_std")
     fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=6.0)), stride=0.4))
     costs = Costmap.from_field(grid, fused, robot=0.0)
@@ -319,13 +321,14 @@ def test_the_covariance_in_between_headings(ahead):
     i, j = np.argwhere(ahead.evaluated)[100]
     x, y = ahead.grid.cell_to_world(int(i * ahead.stride), int(j * ahead.stride))
     for k, heading in enumerate(ahead.config.heading_angles):
-        assert ahead.at(x, y, heading) == pytest.approx(ahead.covariance[i, j, k])
-        assert ahead.at(x, y, heading - 2 * math.pi) == pytest.approx(ahead.covariance[i, j, k])
+        assert ahead.at((x, y, heading), "covariance") == pytest.approx(ahead.covariance[i, j, k])
+        turned = ahead.at((x, y, heading - 2 * math.pi), "covariance")
+        assert turned == pytest.approx(ahead.covariance[i, j, k])
     low, high = ahead.covariance[i, j, :2]
-    between = scalar(ahead.at(x, y, math.pi / 4), "e")
+    between = ahead.at((x, y, math.pi / 4), "e")
     assert between == pytest.approx(math.sqrt(scalar(low, "e") * scalar(high, "e")))
     merged = np.linalg.inv(np.mean([np.linalg.inv(c) for c in ahead.covariance[i, j]], axis=0))
-    assert ahead.at(x, y) == pytest.approx(merged)
+    assert ahead.at((x, y), "covariance") == pytest.approx(merged)
 
 
 def test_scalars_over_all_headings(ahead):
@@ -397,7 +400,7 @@ def test_in_a_corridor_fused_is_as_uncertain_along_it_as_the_scan():
     for angle in (0.0, math.pi / 6):
         grid = corridor(14.0, 1.6, angle=angle)
         fisher, scan, fused = (
-            covariance_field(grid, config(name)).at(0.0, 0.0)
+            covariance_field(grid, config(name)).at((0.0, 0.0), "covariance")
             for name in ("fisher", "scan", "fused")
         )
         np.testing.assert_allclose(fused, scan, atol=1e-12)

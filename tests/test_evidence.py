@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import json
 import math
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -16,15 +15,7 @@ from scipy import stats
 import locplan
 from locplan import FieldConfig
 from locplan._util import intervals
-from locplan.errors import ConfigError
-from locplan.field import (
-    Fisher,
-    Sad,
-    SearchWindow,
-    covariances_along,
-    covariances_at,
-)
-from locplan.field._tiles import field_shapes
+from locplan.field import Fisher
 from locplan.maps import environments
 
 
@@ -97,40 +88,18 @@ def test_several_maps_widen_the_interval_and_are_averaged():
 # Covariances.
 
 
-def test_a_sensor_that_does_not_see_all_round_is_predicted_over_headings(grid):
+def test_field_of_some_poses_equals_whole_field_there(grid):
+    """As the evaluation of a recording computes it; without headings all of them count."""
     sensor = locplan.Lidar(range=6.0, field_of_view_deg=180.0, beams=60)
-    points = np.array([[15, 20], [18, 100]])
-    field = locplan.covariance_field(grid, FieldConfig(Fisher(sensor)))
-    expected = field.mean_covariance[tuple(points.T)]
-    assert covariances_at(grid, field.config, points) == pytest.approx(expected)
-
-
-def test_covariances_along_poses_are_those_of_the_field(grid):
-    sensor = locplan.Lidar(range=6.0, field_of_view_deg=180.0, beams=60)
-    field = locplan.covariance_field(grid, FieldConfig(Fisher(sensor)))
+    config = FieldConfig(Fisher(sensor))
     poses = np.array([[3.03, 3.31, 0.4], [20.5, 3.0, -2.9], [500.0, 0.0, 0.0], [20.47, 3.12, 1.0]])
-    for known in (poses, poses[:, :2]):  # without headings all of the field's count
-        expected = [field.at(*pose) for pose in known]
-        found = covariances_along(grid, field.config, known)
-        assert found == pytest.approx(np.array(expected), nan_ok=True)
-        assert np.isfinite(expected).sum() == 27
-
-
-def test_covariances_along_poses_take_no_arrays_of_the_whole_map():
-    large = locplan.OccupancyGrid(np.full((400, 400), 254), 0.2)
-    config = FieldConfig(Fisher(locplan.Lidar(range=2.0, field_of_view_deg=180.0, beams=12)))
-    tracemalloc.start()
-    covariances_along(large, config, np.array([[40.0, 40.0, 0.0]]))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    field = 8 * np.prod(field_shapes(large, config)["covariance"])
-    assert peak < field / 3
-
-
-def test_predictions_that_take_too_much_memory_are_refused():
-    fine, points = locplan.OccupancyGrid(np.full((20, 20), 254), 0.001), np.array([[0, 0]])
-    with pytest.raises(ConfigError, match="too fine for a range of 6 m"):
-        covariances_at(fine, FieldConfig(Sad(window=SearchWindow(half_width=30))), points)
+    points = config.lattice_points(grid, poses)
+    assert 4 <= points.sum() <= 12
+    part, whole = (locplan.covariance_field(grid, config, points=each) for each in (points, None))
+    for known in (poses, poses[:, :2]):
+        values = part.at(known, "covariance")
+        np.testing.assert_array_equal(values, whole.at(known, "covariance"))
+        assert np.isfinite(values).sum() == 27
 
 
 # Commands.

@@ -629,7 +629,7 @@ def test_searches_of_many_drags_stay_within_their_bytes():
 def test_a_place_has_the_covariance_of_the_field(session):
     for x, y in free_places(session, 5):
         told = answer(session, "at", x=x, y=y)
-        covariance = session.field.at(x, y)
+        covariance = session.field.at((x, y), "covariance")
         major, minor, angle = locplan.field.position_axes(covariance)
         assert told["axes"] == [pytest.approx(100 * major), pytest.approx(100 * minor)]
         assert told["angle"] == pytest.approx(float(angle))

@@ -784,6 +784,8 @@ def test_paths_are_read_back(tmp_path):
     about = json.loads((tmp_path / "p.json").read_text())
     assert (about["frame"], about["length"]) == ("odom", 6.0)
     assert about["poses"][1]["distance"] == 5.0
+    export.path(tmp_path / "p.geojson", ROUTE, frame="odom")
+    assert json.loads((tmp_path / "p.geojson").read_text()) == ROUTE.to_geojson(frame="odom")
 
 
 def test_a_path_is_a_message_that_ros_takes(tmp_path):
@@ -794,6 +796,7 @@ def test_a_path_is_a_message_that_ros_takes(tmp_path):
     types = get_typestore(Stores.ROS2_HUMBLE)
     fields = {name for name, _ in types.fielddefs["nav_msgs/msg/Path"][1]}
     assert set(message) == fields
+    assert message == ROUTE.to_nav_msgs()
     poses = [pose["pose"] for pose in message["poses"]]
     assert [(p["position"]["x"], p["position"]["y"]) for p in poses] == [
         tuple(xy) for xy in ROUTE.xy
@@ -812,7 +815,7 @@ def test_files_that_hold_no_path_are_refused(tmp_path, text):
         Path.load(tmp_path / "p.csv")
     with pytest.raises(LocplanError, match="cannot be read"):
         Path.load(tmp_path / "none.csv")
-    with pytest.raises(LocplanError, match=r"\.csv, \.json, \.yaml"):
+    with pytest.raises(LocplanError, match=r"\.csv, \.json, \.geojson, \.yaml"):
         export.path(tmp_path / "p.txt", ROUTE)
 
 

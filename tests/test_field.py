@@ -8,8 +8,9 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from conftest import changed, corridor, drawn, random_rooms
+from scipy.linalg import expm, logm
 
-from locplan.errors import ConfigError, FieldError
+from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import (
     SCALARS,
     CovarianceField,
@@ -23,7 +24,6 @@ from locplan.field import (
     _tiles as tiles,
     config_of,
     covariance_field,
-    log_euclidean_mean,
     position_axes,
     sampled_covariances,
     scalar,
@@ -193,23 +193,63 @@ def test_a_map_without_free_cells_has_an_empty_field():
 def test_interpolation_agrees_with_the_lattice_and_is_bilinear_in_log_e(field):
     i, j = np.argwhere(field.evaluated & field.grid.free[::4, ::4])[100]
     x, y = field.grid.cell_to_world(int(i) * 4, int(j) * 4)
-    np.testing.assert_allclose(field.at(x, y), field.covariance[i, j], rtol=1e-9)
-    e_map = field.e_map()
-    for row, col in np.argwhere(field.grid.free)[::997]:
-        matrix = field.at(*field.grid.cell_to_world(int(row), int(col)))
-        assert float(scalar(matrix, "e")) == pytest.approx(e_map[row, col], rel=1e-6)
+    np.testing.assert_allclose(field.at((x, y), "covariance"), field.covariance[i, j], rtol=1e-9)
+    e_map, cells = field.e_map(), np.argwhere(field.grid.free)[::97]
+    xy = np.column_stack(field.grid.grid_to_world(*(cells + 0.5).T))
+    np.testing.assert_allclose(field.at(xy, "e"), e_map[tuple(cells.T)], rtol=1e-6)
 
 
-def test_walls_and_outside_have_no_covariance(field):
-    row, col = np.argwhere(~field.grid.free)[0]
-    assert np.isnan(field.at(*field.grid.cell_to_world(int(row), int(col)))).all()
-    assert np.isnan(field.at(1e6, 0.0)).all()
+def test_field_at_array_equals_field_at_poses(field):
+    random = np.random.default_rng(1)
+    poses = np.column_stack([random.uniform(-1, 13, (50, 2)), random.uniform(-9, 9, 50)])
+    values = field.at(poses)
+    assert list(values) == ["covariance", *SCALARS, *field.layers]
+    assert 5 < np.isnan(values["e"]).sum() < 45
+    for name, array in values.items():
+        single = np.array([field.at(pose, name) for pose in poses])
+        np.testing.assert_array_equal(array, single)
+        np.testing.assert_array_equal(field.at(poses, name), array)
+    for name in SCALARS:
+        np.testing.assert_array_equal(scalar(values["covariance"], name), values[name])
 
 
-def test_log_euclidean_mean_of_equal_matrices_is_the_matrix():
-    matrix = np.array([[2.0, 0.5], [0.5, 1.0]])
-    mean = log_euclidean_mean(np.array([matrix, matrix]), np.array([0.25, 0.75]))
-    np.testing.assert_allclose(mean, matrix)
+def test_field_at_is_mean_of_matrix_logarithms(field):
+    """Scipy's logarithm of the four corners, at a position between them."""
+    known = field.evaluated & field.grid.free[::4, ::4]
+    inner = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
+    i, j = np.argwhere(inner)[40]
+    corners = {(0, 0): 0.75 * 0.25, (1, 0): 0.25**2, (0, 1): 0.75**2, (1, 1): 0.25 * 0.75}
+    logs = [w * logm(field.covariance[i + k, j + m]) for (k, m), w in corners.items()]
+    expected = expm(sum(logs))
+    xy = np.array(field.grid.grid_to_world(4 * i + 1.5, 4 * j + 3.5))
+    np.testing.assert_allclose(field.at(xy, "covariance"), expected, rtol=1e-8, atol=1e-12)
+
+
+def test_walls_and_outside_have_no_values(field):
+    wall = field.grid.cell_to_world(*np.argwhere(~field.grid.free)[0].tolist())
+    for value in field.at([wall, (1e6, 0.0), (-1e8, 1e8)]).values():
+        assert np.isnan(value).all()
+    assert field.at(np.empty((0, 2)), "e").shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("poses", "message"),
+    [
+        ([[1.0, 2.0], [math.nan, 2.0]], r"pose 1 of the array must be finite .* not nan,2"),
+        ((1.0, math.inf), r"a pose must be finite numbers within"),
+        ((1.0,), r"\(n, 2\) or \(n, 3\) array.*shape \(1,\)"),
+        (np.zeros((2, 4)), r"not an array of shape \(2, 4\)"),
+        ("here", "not 'here'"),
+    ],
+)
+def test_field_at_rejects_other_arrays(field, poses, message):
+    with pytest.raises(PoseError, match=message):
+        field.at(poses)
+
+
+def test_field_at_rejects_unknown_names(field):
+    with pytest.raises(ConfigError, match=r"name must be one of covariance, e, .*'position_std'"):
+        field.at((1.0, 1.0), "position_sdt")
 
 
 def test_anchors_bound_e(field):

@@ -10,6 +10,18 @@ from locplan.errors import MapError, PoseError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
+def test_cells_of_many_positions_are_those_of_each():
+    grid = OccupancyGrid(np.full((4, 6), FREE), 0.5, (10.0, 20.0, 0.3))
+    xy = np.random.default_rng(2).uniform((8, 18), (14, 24), (40, 2))
+    rows, cols = grid.world_to_cell(xy)
+    assert [*zip(rows, cols, strict=True)] == [grid.world_to_cell(position) for position in xy]
+    single = [grid.contains(*grid.world_to_cell(position)) for position in xy]
+    assert grid.contains(rows, cols).tolist() == single
+    assert 0 < sum(single) < 40
+    with pytest.raises(PoseError, match="pose 3 of the array"):
+        grid.world_to_cell([*xy[:3], (np.nan, 1.0)])
+
+
 def test_row_zero_is_the_lowest_y():
     grid = drawn(
         "#..",

@@ -20,7 +20,6 @@ from locplan.field import (
     every_second_point,
     load_or_compute,
     points_near,
-    scalar,
 )
 from locplan.field._lattice import filled
 from locplan.maps import OccupancyGrid, environments, save_map
@@ -95,7 +94,7 @@ def test_a_covariance_is_read_as_e_is_where_points_are_lacking(grid, coarse):
     e_map = coarse.e_map()[:, :, 1]
     for row, col in np.argwhere(grid.free)[:: grid.free.sum() // 60]:
         x, y = grid.cell_to_world(int(row), int(col))
-        e = float(scalar(coarse.at(x, y, CONFIG.heading_angles[1]), "e"))
+        e = coarse.at((x, y, CONFIG.heading_angles[1]), "e")
         assert e == pytest.approx(e_map[row, col], rel=1e-6)
 
 

@@ -1,4 +1,5 @@
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -50,6 +51,25 @@ def test_a_single_position_has_no_length():
     path = Path(np.array([[1.0, 2.0]]))
     assert path.length == 0.0
     assert path.resampled(1.0).xy.tolist() == [[1.0, 2.0]]
+
+
+def test_geojson_is_the_line_with_its_headings():
+    path = Path([[0.0, 1.0], [2.0, 1.0]], [0.0, 0.5])
+    (line,) = json.loads(json.dumps(path.to_geojson(frame="odom")))["features"]
+    assert line["geometry"] == {"type": "LineString", "coordinates": path.xy.tolist()}
+    assert line["properties"] == {"frame": "odom", "length": 2.0, "heading": [0.0, 0.5]}
+    (point,) = Path([[3.0, 4.0]]).to_geojson()["features"]
+    assert point["geometry"]["coordinates"] == [[3.0, 4.0]] * 2  # a line needs two positions
+
+
+def test_nav_msgs_face_the_way_they_go():
+    fields = ANGLED.to_nav_msgs(frame="odom")
+    assert fields["header"]["frame_id"] == "odom"
+    positions = [pose["pose"]["position"] for pose in fields["poses"]]
+    assert [(at["x"], at["y"]) for at in positions] == [*ANGLED]
+    turns = [pose["pose"]["orientation"] for pose in fields["poses"]]
+    yaw = [2 * np.arctan2(turn["z"], turn["w"]) for turn in turns]
+    assert yaw == pytest.approx([0.0, np.pi / 2, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("xy", [np.zeros((0, 2)), np.zeros(3), np.full((2, 2), np.nan)])

@@ -12,7 +12,7 @@ from PIL import Image
 
 from locplan import Sad, covariance_field, plotting
 from locplan.costs import Costmap
-from locplan.field import FieldConfig, values_at
+from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.plotting import Picture, _cells
 from locplan.plotting._picture import field_bar
@@ -125,7 +125,7 @@ def test_values_read_at_cells_are_those_of_the_map(field, logarithmic):
     free = field.grid.free
     rows, cols = np.nonzero(free)
     whole = field.on_map(field.e, logarithmic=logarithmic)[free]
-    read = values_at(field, field.e, rows, cols, logarithmic=logarithmic)
+    read = field.on_map(field.e, logarithmic=logarithmic, cells=(rows, cols))
     np.testing.assert_array_equal(read, whole)
 
 

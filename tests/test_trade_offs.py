@@ -62,6 +62,13 @@ def test_fronts_equal_brute_force(zeros, corner_cutting):
     assert max(sizes) > 3
 
 
+def test_front_is_a_data_frame():
+    front = front_of(random_costs(3, (20, 24), blocked=0.15))
+    frame = front.table().to_frame()
+    assert len(frame) == len(front) > 1
+    np.testing.assert_allclose(frame["length"], front.length)
+
+
 @pytest.mark.parametrize("objective", ["u", "e"])
 def test_the_paths_are_what_the_front_says(objective):
     costs = random_costs(3, (20, 24), blocked=0.15)

@@ -10,9 +10,14 @@ import reprlib
 from collections.abc import Callable, Collection, Iterable, Iterator
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from locplan.errors import ConfigError, LocplanError, PoseError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from locplan._kernels.arrays import Floats
 
 MAX_AMOUNT = 1e12
 """Maximum amount of a setting; with more, its powers and products would not be finite."""
@@ -101,6 +106,39 @@ def position(x: object, y: object = None, name: str = "a position") -> tuple[flo
     if max(abs(first), abs(second)) > FARTHEST:
         raise PoseError(f"{name} must lie within ±{FARTHEST:g} m, not {first:g},{second:g}")
     return first, second
+
+
+def poses_from(given: ArrayLike) -> tuple[Floats, bool]:
+    """Return positions or poses as an array, (n, 2) or (n, 3), and whether they are a single one.
+
+    Parameters
+    ----------
+    given : (n, 2) or (n, 3) array, (x, y) or (x, y, heading)
+        The poses [m, m, rad].
+
+    Raises
+    ------
+    PoseError
+        If they have another shape, or a number is not finite or too large.
+    """
+    import numpy as np
+
+    fault = "poses must be an (n, 2) or (n, 3) array, or one x, y or x, y, heading [m, m, rad]"
+    try:
+        poses = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise PoseError(f"{fault}, not {shown(given)}") from None
+    if poses.ndim not in (1, 2) or poses.shape[-1] not in (2, 3):
+        raise PoseError(f"{fault}, not an array of shape {poses.shape}")
+    is_single = poses.ndim == 1
+    poses = np.atleast_2d(poses)
+    is_usable = (np.abs(poses) <= FARTHEST).all(axis=1)
+    if not is_usable.all():
+        number = int(np.argmin(is_usable))
+        text = ",".join(f"{value:g}" for value in poses[number])
+        which = "a pose" if is_single else f"pose {number} of the array"
+        raise PoseError(f"{which} must be finite numbers within ±{FARTHEST:g} m, not {text}")
+    return poses, is_single
 
 
 def file_path(name: str, value: object) -> Path:

@@ -1,3 +1,4 @@
+from ._any_path import AnyPath as AnyPath, path_from as path_from
 from ._cells import (
     CellWindow as CellWindow,
     changed_window as changed_window,
@@ -22,14 +23,9 @@ from ._metrics import (
     costs_caption as costs_caption,
     crossed_cells as crossed_cells,
     lidars_table as lidars_table,
-    named_maps as named_maps,
     path_cost as path_cost,
     path_metrics as path_metrics,
     profile as profile,
 )
-from ._path import (
-    AnyPath as AnyPath,
-    Path as Path,
-    divided_poses as divided_poses,
-    path_from as path_from,
-)
+from ._named_maps import named_maps as named_maps
+from ._path import Path as Path, divided_poses as divided_poses

@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, Self
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._kernels.arrays import Array, Floats, Singles
-from locplan._util.checks import number, position
+from locplan._util.checks import number, one_of, poses_from, position
 from locplan._util.public import Pictured
 from locplan.costs._degeneracy import degeneracy
 from locplan.errors import ConfigError, PoseError
@@ -118,6 +118,46 @@ class CostLayers(Pictured):
     def has_weak_spots(self) -> bool:
         """Whether u is above 0 anywhere; True where there is no field."""
         return bool((self.u > 0).any() or np.isnan(self.u).all())
+
+    @overload
+    def at(self, poses: ArrayLike, name: None = None) -> dict[str, Floats]: ...
+    @overload
+    def at(self, poses: ArrayLike, name: str) -> Floats: ...
+    def at(self, poses: ArrayLike, name: str | None = None) -> Any:
+        """Return the values of the cells at poses, of the nearest heading if headings differ.
+
+        Outside the map, as in cells that are not free, u and e are NaN, and the density infinite.
+
+        Parameters
+        ----------
+        poses : (n, 2) or (n, 3) array, or one (x, y) or (x, y, heading)
+            Poses in the world [m, m, rad]. If they have no heading, `density`, `u` and `e` count.
+        name : str, optional
+            "density", "u" or "e" [m^2 rad], (n,) each, numbers of one pose; by default all by name.
+
+        Examples
+        --------
+        >>> from locplan import Costmap
+        >>> grid = OccupancyGrid([[254, 254, 0]], resolution=0.5)
+        >>> costs = Costmap.from_layers(grid, u=[[0.0, 0.5, 0.0]], weight=4.0, robot=0.0)
+        >>> costs.at([[0.2, 0.1], [0.7, 0.1], [1.2, 0.1], [9.0, 0.1]], "density").tolist()
+        [1.0, 3.0, inf, inf]
+        """
+        array, is_single = poses_from(poses)
+        there = self.grid.world_to_cell(array)
+        inside = self.grid.contains(*there)
+        cells = tuple(np.where(inside, index, 0) for index in there)
+        values: dict[str, Floats] = {layer: getattr(self, layer)[cells] for layer in LAYERS}
+        if array.shape[1] == 3 and self.of_heading is not None:
+            count = len(self.of_heading.both[0])
+            nearest = np.floor(array[:, 2] / (2 * np.pi) * count + 0.5).astype(int) % count
+            u, e = (layer[nearest, *cells].astype(float) for layer in self.of_heading.both)
+            density = np.where(np.isfinite(values["density"]), density_of(u, self.weight), np.inf)
+            values = {"density": density, "u": u, "e": e}
+        for layer in LAYERS:
+            values[layer][~inside] = np.inf if layer == "density" else np.nan
+        values = {layer: value[0] if is_single else value for layer, value in values.items()}
+        return values if name is None else values[str(one_of("name", name, LAYERS))]
 
     def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
         """Row and column of the cell at a world position where the robot can stand.

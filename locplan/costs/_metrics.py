@@ -1,26 +1,24 @@
-"""Metrics of paths on a costmap, and of maps with several lidars; maps as callers name them."""
+"""Metrics of paths on a costmap, and of maps with several lidars."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Array, Bools, Floats
-from locplan._util.checks import shown
 from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.records import Column, Table
 from locplan._util.saved import Valued
+from locplan.costs._any_path import AnyPath, path_from, paths_from
 from locplan.costs._costmap import ROBOT_RADIUS, Costmap
-from locplan.costs._path import AnyPath, Path, path_from
-from locplan.errors import ConfigError, LocplanError
+from locplan.costs._path import Path
+from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Fused, load_or_compute
-from locplan.maps import OccupancyGrid, find_maps, load_map
+from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar, Robot
 
 DEGENERATE = 0.5
@@ -102,22 +100,42 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
     )
 
 
-def path_cost(costs: Costmap, path: AnyPath) -> float:
-    """J of a path [m], as `path_metrics` has it, without the other metrics.
+def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
+    """Return J of a path, or of each of several paths, as `path_metrics` has it.
 
     Parameters
     ----------
     costs : Costmap
         The costmap whose density is integrated.
-    path : Path, Plan, or (n, 2) or (n, 3) array
-        The path in the world [m, m, rad].
+    path : Path, Plan, or (n, 2) or (n, 3) array, or several of them
+        The path in the world [m, m, rad]; a list of paths, or an array (m, n, 2) or (m, n, 3).
+
+    Returns
+    -------
+    float, or (m,) array
+        The cost [m], infinite if a blocked cell is crossed.
 
     Raises
     ------
     LocplanError
         If it is no path, or crosses over 1e7 cells.
+
+    Examples
+    --------
+    >>> from locplan.maps import OccupancyGrid
+    >>> costs = Costmap.blank(OccupancyGrid([[254, 254, 0]], resolution=1.0), robot=0.0)
+    >>> path_cost(costs, [[0.5, 0.5], [1.5, 0.5]])
+    1.0
+    >>> lines = np.array([[[0.5, 0.5], [1.0, 0.5]], [[0.5, 0.5], [2.5, 0.5]]])
+    >>> path_cost(costs, lines).tolist()
+    [0.5, inf]
     """
-    path = path_from(path)
+    paths, is_single = paths_from(path)
+    values = np.array([_cost(costs, each) for each in paths], float)
+    return float(values[0]) if is_single else values
+
+
+def _cost(costs: Costmap, path: Path) -> float:
     density: Any = costs.density[None]
     if path.heading is not None and costs.u_of_heading is not None:
         density = costs.density_of_heading
@@ -293,55 +311,3 @@ def costs_caption(costs: Costmap) -> str:
     if costs.settings is None:
         return ""
     return f"\n{costs.settings.config.title}, robot radius {costs.robot_radius:g} m"
-
-
-def named_maps(
-    maps: Any, read: Callable[[File], OccupancyGrid] = load_map
-) -> dict[str, OccupancyGrid | Costmap]:
-    """Read maps in any form that functions of many maps accept, and name them.
-
-    Parameters
-    ----------
-    maps : path, OccupancyGrid or Costmap, sequence or mapping of them
-        Map files, folders of them, grids or costmaps; a mapping gives them names of its own.
-    read : callable, default `load_map`
-        Function that reads a map's file.
-
-    Returns
-    -------
-    dict of str to OccupancyGrid or Costmap
-        The maps by name.
-
-    Raises
-    ------
-    ConfigError
-        If there is none, one is something else, or two have one name.
-    """
-    if isinstance(maps, Mapping) and maps:
-        return {str(name): _map(one, read) for name, one in maps.items()}
-    if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
-        maps = [maps]
-    named: dict[str, OccupancyGrid | Costmap] = {}
-    for n, given in enumerate(maps, 1):
-        for one in find_maps(given) if isinstance(given, (str, os.PathLike)) else [given]:
-            loaded = _map(one, read)
-            grid = loaded.grid if isinstance(loaded, Costmap) else loaded
-            name = grid.name or f"map {n}"
-            if name in named and isinstance(one, File):
-                name = f"{one.resolve().parent.name}/{name}"
-            if name in named:
-                raise ConfigError(
-                    f"two maps are called {shown(name)}; give a mapping of names to maps"
-                )
-            named[name] = loaded
-    if not named:
-        raise ConfigError("there must be at least one map")
-    return named
-
-
-def _map(given: Any, read: Callable[[File], OccupancyGrid]) -> OccupancyGrid | Costmap:
-    if isinstance(given, (OccupancyGrid, Costmap)):
-        return given
-    if isinstance(given, (str, os.PathLike)):
-        return read(File(given))
-    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {shown(given)}")

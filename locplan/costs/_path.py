@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -18,7 +19,7 @@ from locplan._util.files import check_target
 from locplan._util.poses import way_along
 from locplan._util.reading import read_text
 from locplan._util.saved import Valued
-from locplan._util.tables import write_csv
+from locplan._util.tables import collection, feature, write_csv
 from locplan.errors import LocplanError
 
 COLUMNS = ("x", "y", "heading")
@@ -60,7 +61,7 @@ class Path(Valued):
         def __init__(self, xy: ArrayLike, heading: ArrayLike | None = None) -> None: ...
 
     def __post_init__(self) -> None:
-        xy = _numbers(self.xy, "a path needs an (n, 2) array of metres")
+        xy = numbers_of(self.xy, "a path needs an (n, 2) array of metres")
         if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) == 0 or not np.isfinite(xy).all():
             raise LocplanError(f"a path needs an (n, 2) array of finite metres, not {xy.shape}")
         if np.abs(xy).max() > FARTHEST:
@@ -69,7 +70,7 @@ class Path(Valued):
         object.__setattr__(self, "xy", xy)
         if self.heading is not None:
             fault = f"headings must be {len(xy)} angles within ±1e+06 rad, one a position"
-            heading = _numbers(self.heading, fault)
+            heading = numbers_of(self.heading, fault)
             if heading.shape != xy.shape[:1] or not (np.abs(heading) <= 1e6).all():
                 raise LocplanError(fault)
             heading.setflags(write=False)
@@ -171,6 +172,46 @@ class Path(Valued):
         except LocplanError as error:
             raise LocplanError(f"{file}: {error}") from None
 
+    def to_geojson(self, *, frame: str = "map") -> dict[str, Any]:
+        """Return the path as GeoJSON: a FeatureCollection with one LineString [m].
+
+        Parameters
+        ----------
+        frame : str, default "map"
+            Frame of the coordinates, a property like "length" [m] and "heading" [rad].
+        """
+        properties: dict[str, Any] = {"frame": frame, "length": self.length}
+        if self.heading is not None:
+            properties["heading"] = self.heading.tolist()
+        xy = self.xy.tolist()
+        return collection(
+            "path", [feature("LineString", xy * (2 if len(xy) == 1 else 1), properties)]
+        )
+
+    def to_nav_msgs(self, *, frame: str = "map") -> dict[str, Any]:
+        """Return the path as the fields of a nav_msgs/Path, without a time.
+
+        ``rosidl_runtime_py.set_message_fields(message, fields)`` fills a message with them.
+
+        Parameters
+        ----------
+        frame : str, default "map"
+            Frame of the poses; positions without a heading face the way they go.
+
+        Examples
+        --------
+        >>> fields = Path([[0.0, 0.0], [0.0, 2.0]]).to_nav_msgs()
+        >>> fields["poses"][1]["pose"]["position"]
+        {'x': 0.0, 'y': 2.0, 'z': 0.0}
+        """
+        header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+        poses = []
+        for (x, y), heading in zip(self.xy.tolist(), self.facing.tolist(), strict=True):
+            position = {"x": x, "y": y, "z": 0.0}
+            turn = {"x": 0.0, "y": 0.0, "z": math.sin(heading / 2), "w": math.cos(heading / 2)}
+            poses.append({"header": header, "pose": {"position": position, "orientation": turn}})
+        return {"header": header, "poses": poses}
+
     @cached_property
     def distance(self) -> Floats:
         """Distance travelled at each position, (n,) [m]."""
@@ -271,44 +312,7 @@ class Path(Valued):
         yield current % count, np.array(stretch)
 
 
-class HasPath(Protocol):
-    """A result with a path, such as a `Plan`."""
-
-    @property
-    def path(self) -> Path | None:
-        """The path; None if there is none."""
-
-
-AnyPath = Path | HasPath | ArrayLike
-"""A path, a plan that has one, or an (n, 2) or (n, 3) array of positions or poses [m, m, rad]."""
-
-
-def path_from(given: AnyPath) -> Path:
-    """Return the path that a path, a plan or an array is.
-
-    Parameters
-    ----------
-    given : Path, Plan, or (n, 2) or (n, 3) array
-        The path; the third column of an array has headings [rad].
-
-    Raises
-    ------
-    LocplanError
-        If it is none of them, or a plan without a path.
-    """
-    path = getattr(given, "path", given)
-    if isinstance(path, Path):
-        return path
-    if path is None and given is not None:
-        raise LocplanError("the plan has no path; its status and note tell why")
-    fault = "a path must be a Path, a plan, or an (n, 2) or (n, 3) array [m, m, rad]"
-    poses = _numbers(path, fault)
-    if poses.ndim != 2 or poses.shape[1] not in (2, 3):
-        raise LocplanError(f"{fault}, not {poses.shape}")
-    return Path(poses[:, :2], poses[:, 2] if poses.shape[1] == 3 else None)
-
-
-def _numbers(values: object, fault: str) -> Floats:
+def numbers_of(values: object, fault: str) -> Floats:
     """Array of numbers, copied; a LocplanError of this fault if they are none."""
     try:
         return np.array(values, dtype=np.float64)

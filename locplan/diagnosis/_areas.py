@@ -139,9 +139,10 @@ def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, F
 
 def _read(field: CovarianceField, cells: Ints) -> Floats:
     """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
-    some = cells[:: -(-len(cells) // 50)].tolist()
-    read = np.array([field.at(field.grid.cell_to_world(row, col)) for row, col in some])
-    return np.asarray(read[np.isfinite(read).all(axis=(1, 2))])
+    some = cells[:: -(-len(cells) // 50)]
+    xy = np.column_stack(field.grid.grid_to_world(*(some + 0.5).T))
+    covariances = field.at(xy, "covariance")
+    return covariances[np.isfinite(covariances).all(axis=(1, 2))]
 
 
 def _deviations_of(covariance: Floats) -> dict[str, Any]:

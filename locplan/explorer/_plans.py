@@ -12,7 +12,6 @@ from locplan._util.checks import RESOLUTIONS
 from locplan.costs import Costmap, Path, crossed_cells
 from locplan.explorer._scene import FACTOR, Scene, stops_of
 from locplan.explorer._searches import Flood, Searches
-from locplan.field import read_known_at
 from locplan.maps import OccupancyGrid
 from locplan.planners import Position
 
@@ -128,9 +127,9 @@ def path_answer(
     density, degenerate = costs.density[rows, cols], float(u @ lengths)
     cost = 2 * float(density @ lengths) if np.isfinite(density).all() else float("inf")
     sigma = np.full(len(u), np.nan)
-    if scene.field is not None and scene.log_deviation is not None:
-        log = read_known_at(*scene.log_deviation, rows, cols, scene.field.stride)
-        sigma = 100 * np.exp(log)
+    if scene.field is not None:
+        middles = np.column_stack(costs.grid.grid_to_world(rows + 0.5, cols + 0.5))
+        sigma = 100 * scene.field.at(middles, "position_std")
     first = np.unique(np.linspace(0, len(ends), min(len(ends), 400), endpoint=False).astype(int))
     last = np.append(first[1:], len(ends)) - 1
     known = ~np.isnan(sigma)

@@ -214,20 +214,6 @@ class Scene:
         """The costmap in larger cells, for drafts."""
         return coarse_costs(self.costs)
 
-    @cached_property
-    def log_deviation(self) -> tuple[Floats, Floats] | None:
-        """Logarithm of the largest position deviation [m] on the lattice, and 1 where it is known.
-
-        Both are 0 elsewhere, and there are none without a field.
-        """
-        if self.field is None:
-            return None
-        with np.errstate(divide="ignore"):
-            values = np.log(self.field.scalar("position_std", headings="mean"))
-        values = self.field.on_lattice(values)
-        known = ~np.isnan(values)
-        return np.where(known, values, 0.0), known.astype(np.float64)
-
 
 MAX_DRIVES = 256
 """Maximum number of confirming drives that the page can ask for."""

@@ -141,7 +141,7 @@ def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     if not grid.contains(*cell):
         return about
     about["clearance"] = clearance_at(grid, *cell)
-    covariance = np.array(np.nan) if scene.field is None else scene.field.at(x, y)
+    covariance = np.array(np.nan) if scene.field is None else scene.field.at((x, y), "covariance")
     if np.isnan(covariance).any():
         return about
     major, minor, angle = (float(value) for value in position_axes(covariance))

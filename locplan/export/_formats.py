@@ -165,8 +165,8 @@ FORMATS = (
     ),
     Format("ros-map", "u in per cent for the map servers of ROS, or a StaticLayer", write_map),
     Format(
-        *("path", "a path; also .json or .yaml", write_path, PathOptions),
-        suffixes=(".csv", ".json", ".yaml"),
+        *("path", "a path; also .json, .geojson or .yaml", write_path, PathOptions),
+        suffixes=(".csv", ".json", ".geojson", ".yaml"),
         paths="one",
     ),
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from pathlib import Path as FilePath
 
@@ -15,20 +14,23 @@ from locplan._util.tables import write_csv
 from locplan.costs import Costmap, Path
 from locplan.field import CovarianceField
 
+PATH_SUFFIXES = ".csv", ".json", ".geojson", ".yaml"
+
 
 def path(
     path: str | os.PathLike[str], route: Path, *, frame: str = "map", step: float | None = None
 ) -> None:
     """Write a path; the suffix chooses the format.
 
-    .csv: x, y, heading and distance travelled, a position a row. .json: those by name. .yaml: a
-    nav_msgs/Path, as ``ros2 topic pub --once /plan nav_msgs/msg/Path "$(cat FILE)"`` takes it.
-    Positions without a heading face the way they go.
+    .csv: x, y, heading and distance travelled, a position a row. .json: those by name. .geojson:
+    `Path.to_geojson`. .yaml: `Path.to_nav_msgs`, as
+    ``ros2 topic pub --once /plan nav_msgs/msg/Path "$(cat FILE)"`` takes it. Positions without a
+    heading face the way they go.
 
     Parameters
     ----------
     path : path
-        The file, named *.csv, *.json or *.yaml; one that is there is replaced.
+        The file, named *.csv, *.json, *.geojson or *.yaml; one that is there is replaced.
     route : Path
         The path.
     frame : str, default "map"
@@ -43,34 +45,27 @@ def path(
         If the suffix is another, or the file cannot be written.
     """
     file = FilePath(path)
-    check_target(file, ".csv", ".json", ".yaml")
+    check_target(file, *PATH_SUFFIXES)
     if step is not None:
         route = route.resampled(step)
     poses = np.column_stack([route.xy, route.facing, route.distance])
-    if file.suffix.lower() == ".csv":
-        write_csv(file, poses, "x,y,heading,distance")
+    names = ("x", "y", "heading", "distance")
+    suffix = file.suffix.lower()
+    if suffix == ".csv":
+        write_csv(file, poses, ",".join(names))
         return
-    if file.suffix.lower() == ".json":
-        names = ("x", "y", "heading", "distance")
+    if suffix == ".json":
         rows = [dict(zip(names, pose, strict=True)) for pose in poses.tolist()]
         about = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
         text = json.dumps(about, indent=1)
-    else:
-        text = _nav_path(poses, frame)
+    elif suffix == ".geojson":
+        text = json.dumps(route.to_geojson(frame=frame))
+    else:  # YAML, whose lines hold JSON: a pose a line
+        fields = route.to_nav_msgs(frame=frame)
+        lines = [f"header: {json.dumps(fields['header'])}", "poses:"]
+        text = "\n".join([*lines, *(f"- {json.dumps(pose)}" for pose in fields["poses"])])
     with replacing(file) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
-
-
-def _nav_path(poses: np.ndarray, frame: str) -> str:
-    """A nav_msgs/Path in YAML, whose lines hold JSON: a pose a line."""
-    stamp = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
-    lines = [f"header: {json.dumps(stamp)}", "poses:"]
-    for x, y, heading, _ in poses.tolist():
-        position = {"x": x, "y": y, "z": 0.0}
-        turn = {"x": 0.0, "y": 0.0, "z": math.sin(heading / 2), "w": math.cos(heading / 2)}
-        pose = {"header": stamp, "pose": {"position": position, "orientation": turn}}
-        lines.append(f"- {json.dumps(pose)}")
-    return "\n".join(lines)
 
 
 NUMPY_SUFFIX = ".npz"

@@ -21,7 +21,6 @@ from ._config import (
 )
 from ._covariance import (
     SCALARS as SCALARS,
-    log_euclidean_mean as log_euclidean_mean,
     mean_information as mean_information,
     position_axes as position_axes,
     scalar as scalar,
@@ -32,7 +31,6 @@ from ._kept import kept as kept, kept_solidity as kept_solidity
 from ._lattice import (
     every_second_point as every_second_point,
     points_near as points_near,
-    read_known_at as read_known_at,
 )
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
 from ._store import (
@@ -45,10 +43,7 @@ from ._summary import (
     FieldSummary as FieldSummary,
     Percentiles as Percentiles,
     about_field as about_field,
-    covariances_along as covariances_along,
-    covariances_at as covariances_at,
     sampled_covariances as sampled_covariances,
-    values_at as values_at,
     well_spaced as well_spaced,
 )
 from ._tiles import untouched_points as untouched_points

@@ -11,15 +11,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from locplan import __version__
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.checks import Settings, file_path, instance, keep, positive, shown, whole
+from locplan._util.checks import (
+    Settings,
+    file_path,
+    instance,
+    keep,
+    poses_from,
+    positive,
+    shown,
+    whole,
+)
 from locplan._util.files import check_target, replacing
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field._estimator import Estimator, made_of, settings_of
 from locplan.field._lattice import evaluated_points, stride_cells
+from locplan.field._poses import Corners
 from locplan.field.estimators import estimator_class
 from locplan.field.estimators._sad import PAPER_RANGE, Sad
 from locplan.maps import OccupancyGrid
@@ -103,15 +114,25 @@ class FieldConfig(Settings):
         """
         return stride_cells(self.stride, resolution)
 
-    def lattice_points(self, grid: OccupancyGrid) -> Bools:
+    def lattice_points(self, grid: OccupancyGrid, poses: ArrayLike | None = None) -> Bools:
         """Mask of the lattice points that a field of a map has values at, (h, w).
 
         Parameters
         ----------
         grid : OccupancyGrid
             The map.
+        poses : (n, 2) or (n, 3) array, optional
+            Poses in the world [m, m, rad]: only the points that `CovarianceField.at` reads there.
         """
-        return evaluated_points(grid.free, self.stride_cells(grid.resolution))
+        stride = self.stride_cells(grid.resolution)
+        points = evaluated_points(grid.free, stride)
+        if poses is None:
+            return points
+        xy = poses_from(poses)[0][:, :2]
+        corners = Corners.around(grid, stride, points, np.zeros_like(points), xy).points
+        near = np.zeros_like(points)
+        near[tuple(corners.T)] = True
+        return near
 
     def to_json(self) -> dict[str, object]:
         """All settings, fit for JSON."""

@@ -106,21 +106,6 @@ def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
     return major, minor, 0.5 * np.arctan2(2 * xy, xx - yy)
 
 
-def log_euclidean_mean(covariances: Floats, weights: Floats) -> Floats:
-    """Weighted mean of covariances in the matrix logarithm, (d, d).
-
-    ln det of the mean, and so its ln e, is the weighted mean of those of the covariances.
-
-    Parameters
-    ----------
-    covariances : (n, d, d) array
-        The covariances, of one unit.
-    weights : (n,) array
-        Weight of each of them, not negative; only their ratios count.
-    """
-    return _exp(np.einsum("n,nij->ij", weights / weights.sum(), _log(covariances)))
-
-
 def log_euclidean_means(some: Floats, others: Floats, shares: Floats) -> Floats:
     """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is.
 

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from locplan._kernels.arrays import Bools, Floats
-from locplan._util.checks import file_path, position
+from locplan._kernels.arrays import Array, Bools, Floats
+from locplan._util.checks import file_path
 from locplan._util.files import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import Pictured
@@ -23,6 +24,7 @@ from locplan.field._compute import finished_chunks
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import Quantity, anchors_of, quantity_of, scalar
 from locplan.field._estimator import Values
+from locplan.field._poses import read_field
 from locplan.field._search_window import OffsetLattice
 from locplan.maps import OccupancyGrid, check_grid
 
@@ -198,7 +200,9 @@ class CovarianceField(Pictured, Valued):
         """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad], bilinear in ln e, or NaN."""
         return self.on_map(self.e)
 
-    def on_map(self, values: Floats, *, logarithmic: bool = True) -> Floats:
+    def on_map(
+        self, values: Floats, *, logarithmic: bool = True, cells: Sequence[Array] | None = None
+    ) -> Floats:
         """Interpolate values to the map's free cells, (H, W) or (H, W, n); NaN elsewhere.
 
         Where a corner was not evaluated, the other corners take its weight.
@@ -210,6 +214,8 @@ class CovarianceField(Pictured, Valued):
         logarithmic : bool, default True
             Whether the interpolation is bilinear in the logarithm of positive values, as of e, or
             else in the values themselves, as of layers.
+        cells : (rows, cols), optional
+            The cells to read instead, broadcast together; they may lie between cells, free or not.
         """
         if values.ndim == 3:
             layers = np.empty((values.shape[2], *self.grid.shape))
@@ -218,48 +224,44 @@ class CovarianceField(Pictured, Valued):
             return np.moveaxis(layers, 0, 2)
         if logarithmic:
             values = np.log(np.maximum(values, np.finfo(float).tiny))
-        result = lattice.read_on_map(self.on_lattice(values), self.grid.free, self.stride)
+        known = values
+        if self.lacking.any():
+            known = lattice.filled(values, self.evaluated, self.lacking)
+        if cells is None:
+            result = lattice.read_on_map(known, self.grid.free, self.stride)
+        else:
+            result = lattice.read_at_cells(known, self.stride, *cells)
         return np.exp(result, out=result) if logarithmic else result
 
-    def on_lattice(self, values: Floats) -> Floats:
-        """Values with the `lacking` points filled by the mean of those around them, (h, w).
+    @overload
+    def at(self, poses: ArrayLike, name: None = None) -> dict[str, Floats]: ...
+    @overload
+    def at(self, poses: ArrayLike, name: str) -> Floats: ...
+    def at(self, poses: ArrayLike, name: str | None = None) -> Any:
+        """Return the values at poses, interpolated between lattice points and between headings.
+
+        Covariances are interpolated in the matrix logarithm, so that ln e is bilinear, and layers
+        as they are. In cells that are not free and outside the map all values are NaN. Poses that
+        are not finite are a PoseError, and an unknown name is a ConfigError.
 
         Parameters
         ----------
-        values : (h, w) array
-            Values on the lattice, NaN where not evaluated.
+        poses : (n, 2) or (n, 3) array, or one (x, y) or (x, y, heading)
+            Poses in the world [m, m, rad]. If they have no heading, all headings count together.
+        name : str, optional
+            "covariance" (n, d, d) [m, m, rad], "e" [m^2 rad], "position_std" [m], "position_rms"
+            [m], "heading_std" [rad], see `locplan.field.scalar`, or a layer, (n,) each. By default
+            all of them are returned by name. The values of one pose have no first axis.
+
+        Examples
+        --------
+        >>> from locplan import covariance_field, Sad
+        >>> grid = OccupancyGrid(np.full((30, 30), 254), resolution=0.1)
+        >>> field = covariance_field(grid, Sad(range=0.5))
+        >>> field.at([[1.0, 1.5], [1.2, 1.5], [9.0, 9.0]], "position_std").round(2).tolist()
+        [1.13, 1.12, nan]
         """
-        return (
-            lattice.filled(values, self.evaluated, self.lacking) if self.lacking.any() else values
-        )
-
-    def at(
-        self, x: float | Sequence[float], y: float | None = None, heading: float | None = None
-    ) -> Floats:
-        """Covariance at a world position, (d, d), as the axes of `covariance`.
-
-        It is interpolated between the lattice points, and between headings, in the matrix
-        logarithm, so that ln e is bilinear. NaN in cells that are not free or outside the map.
-
-        Parameters
-        ----------
-        x : float or (x, y)
-            World x [m], or both coordinates.
-        y : float, optional
-            World y [m], unless x holds both.
-        heading : float, optional
-            Heading of the robot, counter-clockwise from the x axis [rad]. By default all headings
-            count by their mean information.
-
-        Raises
-        ------
-        PoseError
-            If the position is not two finite numbers.
-        """
-        xy = position(x, y)
-        weights = lattice.weights_at(self.grid, self.stride, self.evaluated, self.lacking, xy)
-        points = np.array([*weights], np.intp).reshape(-1, 2)
-        return lattice.interpolated(self.covariance[tuple(points.T)], weights.values(), heading)
+        return read_field(self, poses, name)
 
     def to_xarray(self) -> Dataset:
         """All arrays with their coordinates as an xarray.Dataset.

@@ -6,17 +6,14 @@ Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import usable_cores
-from locplan.field._covariance import log_euclidean_mean, mean_information
-from locplan.maps import OccupancyGrid
+from locplan.field._covariance import mean_information
 
 
 def stride_cells(stride: float, resolution: float) -> int:
@@ -165,26 +162,10 @@ def _between_rows(values: Floats, first: int, count: int, stride: int) -> Floats
     return np.asarray(read.reshape(-1, values.shape[1]))
 
 
-def read_known_at(values: Floats, known: Floats, rows: Array, cols: Array, stride: int) -> Floats:
-    """Interpolate values of a lattice bilinearly at some cells of the map, free or not.
+def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floats:
+    """Read the values of a lattice (h, w) bilinearly at some cells, which may lie between cells.
 
-    Corners that are not known leave their weight to the others.
-
-    Parameters
-    ----------
-    values : (h, w) array
-        The values, 0 where they are not known.
-    known : (h, w) array
-        1 where a value is known, 0 elsewhere.
-    rows, cols : array
-        The cells, broadcast together; they may lie between cells.
-    stride : int
-        Spacing of the lattice [cells].
-
-    Returns
-    -------
-    array
-        The values at the cells, NaN where no corner is known.
+    Where a corner is NaN, the other corners take its weight.
     """
     left, right, col_part = _sides(cols, stride, values.shape[1])
     row, above, row_part = _sides(rows, stride, values.shape[0])
@@ -194,8 +175,9 @@ def read_known_at(values: Floats, known: Floats, rows: Array, cols: Array, strid
         there = array[above, left] * (1 - col_part) + array[above, right] * col_part
         return np.asarray(here * (1 - row_part) + there * row_part)
 
+    known = ~np.isnan(values)
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-        return read(values) / read(known)
+        return read(np.where(known, values, 0.0)) / read(known.astype(float))
 
 
 def _sides(
@@ -205,82 +187,6 @@ def _sides(
     whole = np.floor(np.asarray(cells) / stride)
     low = np.minimum(whole.astype(np.intp), size - 1)
     return low, np.minimum(low + 1, size - 1), (cells - whole * stride) / stride
-
-
-def _both_sides(position: float, size: int) -> list[tuple[int, float]]:
-    """Lattice indices on either side of a position, with their bilinear weights."""
-    position = min(max(position, 0.0), size - 1.0)
-    low = math.floor(position)
-    return [(low, 1 - (position - low)), (min(low + 1, size - 1), position - low)]
-
-
-def weights_at(
-    grid: OccupancyGrid, stride: int, known: Bools, lacking: Bools, xy: tuple[float, float]
-) -> dict[tuple[int, int], float]:
-    """Lattice points that a world position [m] is read from, with their weights.
-
-    There are none in cells that are not free, and outside the map. Points around a lacking one take
-    its weight, as in `filled`.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    stride : int
-        Spacing of the lattice [cells].
-    known, lacking : (h, w) arrays of bool
-        Lattice points that hold a covariance, and those that are read from their neighbours.
-    xy : (x, y)
-        The position [m].
-    """
-    found: dict[tuple[int, int], float] = {}
-    cell = grid.world_to_cell(xy)
-    if not (grid.contains(*cell) and grid.free[cell]):
-        return found
-    row, col = ((float(v) - 0.5) / stride for v in grid.world_to_grid(*xy))
-    sides = product(_both_sides(row, known.shape[0]), _both_sides(col, known.shape[1]))
-    for (i, weight_row), (j, weight_col) in sides:
-        weight = weight_row * weight_col
-        around = {(i, j): 1.0} if known[i, j] else {}
-        if lacking[i, j]:
-            top, left = max(i - 1, 0), max(j - 1, 0)
-            near = np.argwhere(known[top : i + 2, left : j + 2]) + np.array((top, left))
-            around = {(r, c): 0.5 ** (abs(r - i) + abs(c - j)) for r, c in near.tolist()}
-        total = sum(around.values())
-        for point, share in around.items():
-            if weight > 0:
-                found[point] = found.get(point, 0.0) + weight * share / total
-    return found
-
-
-def interpolated(covariances: Floats, weights: Iterable[float], heading: float | None) -> Floats:
-    """Weighted mean of the covariances of some lattice points, (d, d); NaN without any.
-
-    Parameters
-    ----------
-    covariances : (k, d, d) or (k, n, d, d) array
-        Covariances of k points, for n headings.
-    weights : iterable of k floats
-        Their weights.
-    heading : float or None
-        Heading of the robot [rad]; None takes all headings together.
-    """
-    if not len(covariances):
-        return np.full(covariances.shape[-2:], np.nan)
-    own = [_towards(each, heading) for each in covariances]
-    return log_euclidean_mean(np.array(own), np.array([*weights]))
-
-
-def _towards(covariance: Array, heading: float | None) -> Floats:
-    """Covariance of a lattice point for one heading [rad], or for all headings together."""
-    if covariance.ndim == 2:
-        return covariance
-    if heading is None:
-        return mean_information(covariance)
-    position = heading / (2 * math.pi) * len(covariance)
-    low, share = math.floor(position), position % 1
-    both = covariance[[low % len(covariance), (low + 1) % len(covariance)]]
-    return log_euclidean_mean(both, np.array([1 - share, share]))
 
 
 def merged(covariance: Floats, known: Bools) -> Floats:

@@ -1,22 +1,17 @@
-"""A field in a few numbers, at a few positions that stand for all, and at some cells."""
+"""A field in a few numbers, and at a few positions that stand for all."""
 
 from __future__ import annotations
 
 import math
-from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._kernels.arrays import Array, Floats, Ints
+from locplan._kernels.arrays import Floats, Ints
 from locplan._util.tables import table
-from locplan.field import _tiles as tiles
-from locplan.field._compute import computed_chunks
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import SCALARS, mean_information
 from locplan.field._field import CovarianceField
-from locplan.field._lattice import interpolated, read_known_at, weights_at
-from locplan.maps import OccupancyGrid
 
 SATURATED = 1 / 3
 """A larger saturated share makes the table suggest what would resolve it."""
@@ -182,36 +177,6 @@ def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats,
     return xy[chosen], mean_information(covariance) if covariance.ndim == 4 else covariance
 
 
-def values_at(
-    field: CovarianceField, values: Floats, rows: Array, cols: Array, *, logarithmic: bool = True
-) -> Floats:
-    """Interpolate lattice values as `CovarianceField.on_map` does, at some cells alone.
-
-    Parameters
-    ----------
-    field : CovarianceField
-        The field, which has the lattice.
-    values : (h, w) array
-        The values at its lattice points.
-    rows, cols : array
-        The cells, broadcast together; they may lie between cells, free or not.
-    logarithmic : bool, default True
-        Whether the logarithms are interpolated, or the values themselves.
-
-    Returns
-    -------
-    array
-        The values at the cells, NaN where no corner was evaluated.
-    """
-    if logarithmic:
-        values = np.log(np.maximum(values, np.finfo(float).tiny))
-    values = field.on_lattice(values)
-    known = ~np.isnan(values)
-    values = np.where(known, values, 0.0)
-    read = read_known_at(values, known.astype(float), rows, cols, field.stride)
-    return np.exp(read, out=read) if logarithmic else read
-
-
 def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
     """Choose positions at least `spacing` apart that leave no gap, high priority first.
 
@@ -243,77 +208,3 @@ def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
             chosen.append(k)
             covered[tree.query_ball_point(xy[k], spacing * (1 - 1e-9))] = True
     return np.array(chosen, np.int64)
-
-
-def covariances_at(
-    grid: OccupancyGrid, config: FieldConfig, points: Ints, *, threads: int | None = None
-) -> Floats:
-    """Covariances at points of the config's lattice, (n, d, d), as a field has them.
-
-    Several headings give the covariance of their mean information.
-
-    Parameters
-    ----------
-    grid, config
-        The map, and the field's settings.
-    points : (n, 2) array
-        Rows and columns on the lattice.
-    threads : int, optional
-        Number of threads; all cores by default.
-
-    Raises
-    ------
-    ConfigError
-        If the computation takes too much memory.
-    """
-    found = _computed_at(grid, config, points, threads)
-    return mean_information(found) if found.ndim == 4 else found
-
-
-def covariances_along(
-    grid: OccupancyGrid, config: FieldConfig, poses: Floats, *, threads: int | None = None
-) -> Floats:
-    """Covariances at poses in the world, (n, d, d), as `CovarianceField.at` reads them.
-
-    Parameters
-    ----------
-    grid, config
-        The map, and the field's settings.
-    poses : (n, 3) or (n, 2) array
-        Poses x, y, heading [m, m, rad]; without headings all of a field's count together.
-    threads : int, optional
-        Number of threads; all cores by default.
-
-    Raises
-    ------
-    ConfigError
-        If the computation takes too much memory.
-    """
-    known, stride = tiles.needed_points(grid, config), config.stride_cells(grid.resolution)
-    lacking = np.zeros_like(known)
-    weights = [weights_at(grid, stride, known, lacking, (x, y)) for x, y, *_ in poses.tolist()]
-    points = np.array([point for each in weights for point in each], np.int64).reshape(-1, 2)
-    found = np.split(
-        _computed_at(grid, config, points, threads), np.cumsum([len(each) for each in weights])[:-1]
-    )
-    return np.array(
-        [
-            interpolated(some, each.values(), *(heading or (None,)))
-            for some, each, (_, _, *heading) in zip(found, weights, poses.tolist(), strict=True)
-        ]
-    )
-
-
-def _computed_at(
-    grid: OccupancyGrid, config: FieldConfig, points: Ints, threads: int | None
-) -> Floats:
-    """Covariances at points (n, 2) of the lattice, (n, d, d), or (n, headings, d, d) of several."""
-    tiles.check_tiles(grid, config)
-    shape = tiles.field_shapes(grid, config)["covariance"]
-    number = np.full(shape[:2], -1)
-    number[tuple(points.T)] = np.arange(len(points))
-    found = np.full((len(points), *shape[2:]), np.nan)
-    with closing(computed_chunks(number >= 0, grid, config, threads)) as chunks:
-        for _, some, computed in chunks:
-            found[number[some]] = computed["covariance"]
-    return np.asarray(found[number[tuple(points.T)]])

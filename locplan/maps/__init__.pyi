@@ -1,6 +1,6 @@
 from . import environments as environments
 from ._built_in import BUILT_IN as BUILT_IN, is_built_in as is_built_in
-from ._extent import extent_text as extent_text
+from ._extent import extent_text as extent_text, own_axes as own_axes
 from ._faults import MapFaults as MapFaults, faults as faults
 from ._files import (
     MapWarning as MapWarning,
@@ -13,7 +13,7 @@ from ._files import (
     save_map as save_map,
     source_files as source_files,
 )
-from ._grid import OccupancyGrid as OccupancyGrid, check_grid as check_grid, own_axes as own_axes
+from ._grid import OccupancyGrid as OccupancyGrid, check_grid as check_grid
 from ._misleading import MapFault as MapFault, boxes_of as boxes_of, of_mask as of_mask
 from ._occupancy import FREE as FREE, OCCUPIED as OCCUPIED, UNKNOWN as UNKNOWN
 from ._solid import Solidity as Solidity, hollowed as hollowed, solidity as solidity

@@ -52,6 +52,8 @@ class OccupancyGrid(Pictured):
     >>> grid = OccupancyGrid(np.full((20, 40), FREE), resolution=0.05, origin=(1.0, 2.0, 0.0))
     >>> grid.world_to_cell(1.12, 2.01)
     (0, 2)
+    >>> grid.cells[grid.world_to_cell(np.array([[1.12, 2.01], [2.9, 2.6]]))].tolist()
+    [254, 254]
     >>> [round(v, 3) for v in grid.cell_to_world(0, 2)]
     [1.125, 2.025]
     """
@@ -273,21 +275,29 @@ class OccupancyGrid(Pictured):
         cos, sin = math.cos(yaw), math.sin(yaw)
         return x0 + cos * u - sin * v, y0 + sin * u + cos * v
 
-    def world_to_cell(self, x: float | Sequence[float], y: float | None = None) -> tuple[int, int]:
-        """Row and column of the cell at a world position, which may lie outside the grid.
+    def world_to_cell(self, x: ArrayLike, y: float | None = None) -> tuple[Any, Any]:
+        """Row and column of the cells at world positions, which may lie outside the grid.
 
         Parameters
         ----------
-        x : float or (x, y)
-            World x [m], or both coordinates.
+        x : float, (x, y), or (n, 2) or (n, 3) array
+            World x [m], one position, or many; headings of an array are not used.
         y : float, optional
             World y [m], unless x holds both.
+
+        Returns
+        -------
+        row, col : int, or (n,) arrays of int
+            The cells, as an array of the map's shape is indexed.
 
         Raises
         ------
         PoseError
             If x and y are not finite numbers within 1e8 m.
         """
+        if y is None and np.ndim(x) == 2:
+            rows, cols = self.world_to_grid(*checks.poses_from(x)[0][:, :2].T)
+            return np.floor(rows).astype(np.int64), np.floor(cols).astype(np.int64)
         row, col = self.world_to_grid(*checks.position(x, y))
         return math.floor(row), math.floor(col)
 
@@ -313,15 +323,16 @@ class OccupancyGrid(Pictured):
         x, y = map(float, self.grid_to_world(rows.start, cols.start))
         return replace(self, cells=self.cells[rows, cols], origin=(x, y, self.origin[2]))
 
-    def contains(self, row: int, col: int) -> bool:
-        """Return whether (row, col) is a cell of the grid.
+    def contains(self, row: Any, col: Any) -> Any:
+        """True if (row, col) is a cell of the grid; an array of bool of arrays.
 
         Parameters
         ----------
-        row, col : int
-            The cell, as of `world_to_cell`.
+        row, col : int, or arrays of int
+            The cells, as of `world_to_cell`.
         """
-        return 0 <= row < self.shape[0] and 0 <= col < self.shape[1]
+        rows, cols = self.shape
+        return (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
 
 
 def check_grid(grid: object) -> None:
@@ -333,18 +344,3 @@ def check_grid(grid: object) -> None:
         What a function was given for a map.
     """
     checks.instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
-
-
-def own_axes(grid: OccupancyGrid, poses: Floats) -> Floats:
-    """Poses along a map's columns and rows from its origin on, (n, 3) [m, m, rad].
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map.
-    poses : (n, 3) array
-        Poses x, y, heading in the world [m, m, rad].
-    """
-    rows, cols = grid.world_to_grid(*poses[:, :2].T)
-    heading = poses[:, 2] - grid.origin[2]
-    return np.column_stack([cols * grid.resolution, rows * grid.resolution, heading])

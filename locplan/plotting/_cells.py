@@ -15,7 +15,7 @@ from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats, Octets
-from locplan.field import CovarianceField, values_at
+from locplan.field import CovarianceField
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.plotting._picture import Picture
 
@@ -181,7 +181,8 @@ def field_cells(
         (np.arange(size) + 0.5) * cells - 0.5 + float(start)
         for size, start in zip(free.shape, first, strict=True)
     )
-    read = values_at(field, values, rows[:, None], cols[None, :], logarithmic=logarithmic)
+    at_middles = rows[:, None], cols[None, :]
+    read = field.on_map(values, logarithmic=logarithmic, cells=at_middles)
     return np.where(free, read, np.nan)
 
 

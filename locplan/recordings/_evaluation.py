@@ -26,7 +26,7 @@ from locplan.field import (
     Fused,
     Sad,
     Scan,
-    covariances_along,
+    covariance_field,
     position_axes,
     scalar,
 )
@@ -254,7 +254,9 @@ def evaluate_drive(
     predicted = {}
     for n, (name, estimator) in enumerate(estimators.items(), start=2):
         config = FieldConfig(estimator)
-        predicted[name] = covariances_along(grid, config, recording.poses, threads=threads)
+        points = config.lattice_points(grid, recording.poses)
+        field = covariance_field(grid, config, points=points, threads=threads)
+        predicted[name] = field.at(recording.poses, "covariance")
         tell(n, len(estimators) + 1)
     criteria = {name: each.criterion for name, each in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)

@@ -37,7 +37,7 @@ import zarr, filelock, cv2
 grid = load_map(sys.argv[1])
 began = time.process_time()
 field = store.load_or_compute(grid, FieldConfig(stride=float(sys.argv[3])), cache_dir=sys.argv[2])
-field.at(*grid.cell_to_world(500, 500))
+field.at(grid.cell_to_world(500, 500))
 print(time.process_time() - began)
 """
 

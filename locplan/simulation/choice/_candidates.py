@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from locplan._util.checks import shown
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
-from locplan.field import CovarianceField, values_at
+from locplan.field import CovarianceField
 from locplan.planners import SHORTEST, ParetoFront, Plan, Planner, pareto_front, planner_for
 from locplan.simulation._worlds import Window, poses_along, window_about
 from locplan.simulation.choice._ask import NEAR, Ask, distances_to
@@ -31,15 +31,11 @@ from locplan.simulation.choice._densities import (
 
 def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
     """Mean and greatest of the largest position deviation in a field along a path [m]."""
-    grid = field.grid
-    at = grid.world_to_grid(*path.resampled(grid.resolution, even=True).xy.T)
-    rows, cols = (
-        np.clip(np.floor(each).astype(int), 0, size - 1)
-        for each, size in zip(at, grid.shape, strict=True)
-    )
-    found = values_at(field, field.scalar("position_std", headings="mean"), rows, cols)
-    found = found[grid.free[rows, cols] & np.isfinite(found)]
-    return (float(found.mean()), float(found.max())) if found.size else (math.nan, math.nan)
+    deviation = field.at(path.resampled(field.grid.resolution, even=True).xy, "position_std")
+    deviation = deviation[np.isfinite(deviation)]
+    if not deviation.size:
+        return math.nan, math.nan
+    return float(deviation.mean()), float(deviation.max())
 
 
 MARGIN = 3.0
