@@ -498,7 +498,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     xy = locplan.Path(shortest["path"]["xy"]).resampled(0.05).xy
     std = field.at(xy, "position_std")
     assert shortest["deviation"][0] == pytest.approx(std.mean(), rel=0.1)
-    (line,) = [line for line in out.splitlines() if " shortest " in line]
+    (line,) = [line for line in out.splitlines() if line.startswith("  shortest ")]
     assert f" {100 * shortest['deviation'][0]:.1f} " in line
 
 
