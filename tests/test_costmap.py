@@ -9,13 +9,8 @@ import pytest
 from conftest import corridor, drawn, random_rooms
 
 from locplan._kernels import rays
-<<<<<<< HEAD
 from locplan.comparison import _orders as orders
-from locplan.costs import Costmap, Path, path_metrics, profile
-=======
-from locplan.comparison import _journal as journal
 from locplan.costs import Costmap, Path, path_cost, path_metrics, profile
->>>>>>> 1c5bce8f (Read fields and costmaps at arrays of poses)
 from locplan.costs._layers import HeadingLayers
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindow, covariance_field

@@ -173,11 +173,12 @@ def agrees(file, field, *headings):
         x, y = (float(v) for v in field.grid.grid_to_world(row, col))
         assert read.degeneracy_at(x, y) == u[rows[n], cols[n]]
         for heading in (None, *headings):
-            expected = field.at(x, y, heading)
+            pose = (x, y) if heading is None else (x, y, heading)
+            expected = field.at(pose, "covariance")
             np.testing.assert_allclose(read.covariance_at(x, y, heading), expected, atol=1e-12)
     positions = read.positions(1.0)
     assert len(positions)
-    assert all(np.isfinite(field.at(*position)).all() for position in positions)
+    assert np.isfinite(field.at(positions, "covariance")).all()
 
 
 def test_values_are_those_of_the_library(corridors, corridors_npz):
