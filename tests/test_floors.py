@@ -17,7 +17,7 @@ field = locplan.covariance_field(grid, locplan.FieldConfig(locplan.Sad(range=1.0
 field.to_xarray()
 costs = locplan.Costmap.blank(grid, robot=0.25)
 plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0), planner="RRT", iterations=2000)
-import cloudpickle, cv2, distributed, pandas, pyarrow, rosbags.typesys, uvicorn
+import cloudpickle, cv2, distributed, pandas, rosbags.typesys, uvicorn
 import starlette.applications, websockets, zarr
 """
 

@@ -1,4 +1,4 @@
-"""The report in a browser: a click on a head sorts, a click on a filter leaves what it names."""
+"""The report in a browser: a click on a head sorts."""
 
 from __future__ import annotations
 
@@ -47,60 +47,32 @@ def page(browser: Any, report: Path) -> Iterator[Any]:
     opened.close()
 
 
-def planners(page: Any, table: int = 0) -> list[str]:
-    """The planners in a table of the results, from the top."""
-    return page.locator("details table").nth(table).locator("tbody th").all_inner_texts()
+def column(page: Any, title: str) -> list[str]:
+    """The texts of a column of the table, from the top."""
+    heads = page.locator("thead th").all_inner_texts()
+    (n,) = (n for n, head in enumerate(heads) if head.split("\u00a0")[0].strip() == title)
+    rows = page.locator("tbody tr").all()
+    return [row.locator("th, td").nth(n).inner_text() for row in rows]
 
 
 def test_a_head_sorts_by_click_and_by_key_with_unknown_values_last(page: Any) -> None:
-    table = page.locator("details table").first
-    head = table.locator("thead th").nth(1)
-    assert planners(page) == ["any-angle", "grid", "BITstar"]
+    head = page.locator("thead th").nth(2)
+    assert column(page, "planner") == [*LENGTHS] * 2
     head.locator("button").click()
     assert head.get_attribute("aria-sort") == "ascending"
-    assert planners(page) == ["any-angle", "grid", "BITstar"]
+    ratios = ["1.000", "1.000", "1.111", "1.111", "11.111", "–"]
+    assert column(page, "J / baseline's J") == ratios
     head.locator("button").press("Enter")
     assert head.get_attribute("aria-sort") == "descending"
-    assert planners(page) == ["grid", "any-angle", "BITstar"]
-    table.locator("thead button").first.click()
+    assert column(page, "J / baseline's J") == [*ratios[-2::-1], "–"]
+    page.locator("thead button").nth(1).click()
     assert head.get_attribute("aria-sort") is None
-    assert planners(page) == ["any-angle", "BITstar", "grid"]
+    assert column(page, "planner") == sorted([*LENGTHS] * 2, key=str.lower)
 
 
 def test_numbers_are_sorted_as_numbers(page: Any) -> None:
-    page.locator("details table").nth(1).locator("thead button").nth(3).click()
-    assert planners(page, 1) == ["any-angle", "grid", "BITstar"]  # 9, 10, 100
-
-
-def shown(page: Any) -> int:
-    return sum(row.is_visible() for row in page.locator("#every-run tbody tr").all())
-
-
-def test_filters_leave_what_they_name_and_can_be_lifted(page: Any) -> None:
-    bar = page.locator("#filters")
-    count = bar.locator("output")
-    assert count.inner_text() == "12 of 12 runs"
-    weight = bar.get_by_role("button", name="4", exact=True)
-    weight.click()
-    assert weight.get_attribute("aria-pressed") == "true"
-    assert (shown(page), count.inner_text()) == (6, "6 of 12 runs")
-    assert page.locator("details .scroll").first.is_hidden()
-    assert page.locator("details .scroll").nth(1).is_visible()
-    bar.get_by_role("button", name="grid").click()
-    bar.get_by_role("button", name="BITstar").click()
-    assert shown(page) == 4
-    bar.get_by_role("button", name="timeout").press("Space")
-    assert shown(page) == 1
-    bar.get_by_role("button", name="show all").click()
-    assert shown(page) == 12
-    assert weight.get_attribute("aria-pressed") == "false"
-
-
-def test_parts_of_a_picture_are_filtered(page: Any) -> None:
-    parts = page.locator("figure").last.locator("g[data-planner=grid]")
-    assert parts.first.is_visible()
-    page.locator("#filters").get_by_role("button", name="any-angle").click()
-    assert not parts.first.is_visible()
+    page.locator("thead button", has_text="length").click()
+    assert column(page, "length [m]")[2:5] == ["10.00", "10.00", "100.0"]
 
 
 @pytest.mark.parametrize("width", [1200, 400])
@@ -109,9 +81,8 @@ def test_the_page_is_no_wider_than_the_screen(page: Any, width: int) -> None:
     assert page.evaluate("document.documentElement.scrollWidth") == width
 
 
-def test_without_a_script_all_is_there_and_no_filter(browser: Any, report: Path) -> None:
+def test_without_a_script_all_is_there(browser: Any, report: Path) -> None:
     page = browser.new_page(java_script_enabled=False)
     page.goto(report.as_uri())
-    assert page.locator("#filters").is_hidden()
-    assert shown(page) == 12
+    assert page.locator("tbody tr").count() == 6
     page.close()

@@ -1,4 +1,4 @@
-"""Summaries, paired comparisons, convergence, and tables of runs."""
+"""Summaries, paired comparisons, and tables of runs."""
 
 from __future__ import annotations
 
@@ -23,10 +23,6 @@ def contrasts(runs, baseline, pooled=False):
 
 def summaries(runs):
     return Comparison(tuple(runs), "", {}).summaries()
-
-
-def convergence(runs, baseline, pooled=False):
-    return Comparison(tuple(runs), baseline, {}).convergence(pooled=pooled)
 
 
 def rows_of(runs, baseline):
@@ -279,41 +275,6 @@ def test_quartiles_are_over_what_is_known():
     assert all(np.isnan(each.median) for each in nothing.measures.values())
 
 
-def test_convergence_is_infinite_before_half_have_a_path():
-    runs = made_up({"base": 1.0, "anytime": 1.0}, noise=0.0)
-    late = [
-        replace(run, history=tuple((time + 0.3, cost) for time, cost in run.history))
-        if run.task.query in ("q0", "q1", "q2")
-        else run
-        for run in runs
-    ]
-    found = convergence(late, "base")
-    assert [curve.setting.map for curve in found] == ["rooms", "office"]
-    curve = found[0]
-    assert curve.times[0] == pytest.approx(0.1)
-    assert curve.median[0] == pytest.approx(1.5)
-    assert curve.solved[0] == pytest.approx(0.75)
-    assert curve.median[-1] == pytest.approx(1.0)
-    assert curve.solved[-1] == 1
-    unsolved = [failed(run.task) if run.task.query > "q4" else run for run in runs]
-    hidden = [run for run in unsolved if run.task.planner != "base"]
-    both = hidden + [run for run in runs if run.task.planner == "base"]
-    curve = convergence(both, "base", pooled=True)[0]
-    assert curve.solved[-1] == pytest.approx(7 / 12)
-    assert np.isfinite(curve.median[-1])
-    assert np.isinf(curve.upper[-1])
-    assert not np.isnan(curve.lower).any()
-
-
-def test_convergence_without_anything_to_converge_to():
-    runs = made_up({"base": 1.0, "anytime": 1.0})
-    assert convergence([run for run in runs if run.task.planner == "base"], "base") == []
-    curve = convergence([run for run in runs if run.task.planner != "base"], "base")[0]
-    assert curve.queries == 0
-    assert np.isnan(curve.median).all()
-    assert curve.solved[-1] == 1
-
-
 def test_every_measure_of_nine_hundred_runs_is_compared():
     planners = {"base": 1.0, "grid": 1.04, "anytime 1": 0.99, "anytime 2": 1.01, "anytime 3": 1.1}
     runs = made_up(planners, queries=20, maps=("a", "b"), weights=(4.0, 12.0), seeds=3)
@@ -338,13 +299,8 @@ def test_tables(tmp_path):
     assert (read[8]["map"], int(read[8]["seed"])) == ("?", 2**32 - 1)
 
 
-def test_frames_and_parquet(tmp_path):
-    pandas = pytest.importorskip("pandas")
+def test_frame_has_every_run():
+    pytest.importorskip("pandas")
     runs = [*made_up({"base": 1.0}, queries=3), failed(Task("rooms", "6 m", "q", 4.0, "base", 0))]
-    comparison = Comparison(tuple(runs), "base", {}, ABOUT)
-    frame = comparison.to_frame()
+    frame = Comparison(tuple(runs), "base", {}, ABOUT).to_frame()
     assert frame.groupby("status").size()["solved"] == 6
-    pytest.importorskip("pyarrow")
-    comparison.save(tmp_path / "out")
-    read = pandas.read_parquet(tmp_path / "out" / "runs.parquet")
-    pandas.testing.assert_frame_equal(read, frame)

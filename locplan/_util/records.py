@@ -244,16 +244,20 @@ class Result(Pictured):
         LocplanError
             If a file cannot be written, or would replace one that locplan did not write.
         """
-        kind = self.files.kind
         target = self.files.into(file_path("a folder of results", folder), force=force)
         with target.writing() as new:
-            if isinstance(self, Stored) and self.suffix == ".json":
-                self.write(new / f"{kind}.json")
-            else:
-                tables.write_json(new / f"{kind}.json", self.summary(*about))
-            if self.drawable:
-                self.figure(*about).savefig(new / f"{kind}.png", **IN_FILES)
-            self._write(new, *about)
+            self.write_files(new, *about)
+
+    def write_files(self, folder: Path, *about: Any) -> None:
+        """Write what `save` writes into a folder that is there."""
+        kind = self.files.kind
+        if isinstance(self, Stored) and self.suffix == ".json":
+            self.write(folder / f"{kind}.json")
+        else:
+            tables.write_json(folder / f"{kind}.json", self.summary(*about))
+        if self.drawable:
+            self.figure(*about).savefig(folder / f"{kind}.png", **IN_FILES)
+        self._write(folder, *about)
 
     def _write(self, folder: Path, *about: Any) -> None:
         """Write what there is beside the summary and the figure: the table, in the one CSV."""

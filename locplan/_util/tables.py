@@ -43,8 +43,14 @@ def write_json(file: Path, about: Mapping[str, object]) -> None:
 
 
 def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows of names and numbers, as a whole or not at all; what is not known is empty."""
-    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    """Write rows of names and numbers, as a whole or not at all; what is not known is empty.
+
+    Signs that UTF-8 does not have, such as in the names of some files, are question marks.
+    """
+    with (
+        replacing(target) as temporary,
+        temporary.open("w", newline="", encoding="utf-8", errors="replace") as file,
+    ):
         writer = csv.writer(file)
         writer.writerow(columns)
         writer.writerows([csv_cell(value) for value in row] for row in rows)

@@ -12,7 +12,6 @@ from ._specs import PlannerSpec as PlannerSpec, specs_of as specs_of
 from ._statistics import (
     MEASURES as MEASURES,
     STATUSES as STATUSES,
-    Convergence as Convergence,
     Run as Run,
     Summary as Summary,
     Task as Task,

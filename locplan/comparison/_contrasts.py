@@ -19,6 +19,8 @@ from locplan.comparison import _statistics as statistics
 from locplan.comparison._statistics import HIGH_U, MEASURES, Array, Quartiles, Run, Setting
 from locplan.errors import LocplanError
 
+ENOUGH = 5
+"""Number of queries with which 95 % intervals held the truth in 80-95 % of trials."""
 RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
 
 COMPARED: Mapping[str, tuple[str, str, str]] = {
@@ -69,6 +71,11 @@ class Contrast:
         """Number of queries that both planners solved."""
         return self.ours.known
 
+    @property
+    def is_sure(self) -> bool:
+        """True if there are enough queries for an interval."""
+        return self.pairs >= ENOUGH and bool(np.isfinite(self.estimate).all())
+
     def summary(self) -> dict[str, Any]:
         """The comparison, fit for JSON."""
         names = ("planner", "measure", "kind", "pairs", "sentence")
@@ -83,9 +90,8 @@ class Contrast:
             return ""
         if not self.pairs:
             return f"no query that {self.baseline} and it both solve"
-        enough = 5  # with as many, 95 % intervals held the truth in 80-95 % of trials
-        if self.pairs < enough:
-            return f"too few queries to tell ({self.pairs} of {enough})"
+        if self.pairs < ENOUGH:
+            return f"too few queries to tell ({self.pairs} of {ENOUGH})"
         if np.isnan(self.estimate.value):
             return f"{self.baseline} has none of it"
         if not np.isfinite(self.estimate).all():

@@ -1,178 +1,42 @@
-"""The figure of a comparison, and the means of a report's pictures: marks, and inline SVG."""
+"""The two figures of a comparison: the planners' costs, and their paths where these differ most."""
 
 from __future__ import annotations
 
-import hashlib
-import io
-import re
-from collections.abc import Callable, Iterable, Sequence
-from html import escape
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.markers import MarkerStyle
+from matplotlib.lines import Line2D
 
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import printable
-from locplan.comparison._statistics import Convergence, Run
-from locplan.plotting import Picture
+from locplan.comparison._statistics import Run, Setting, grouped, median_costs, query_of
+from locplan.costs import Path
+from locplan.planners import Query
+from locplan.plotting import (
+    Picture,
+    draw_ends,
+    draw_field,
+    draw_map,
+    draw_path,
+    label_plainly,
+    style as styles,
+)
 
 if TYPE_CHECKING:
-    from locplan.comparison._result import Comparison
+    from locplan.comparison._result import Case, Comparison, Standing
 
 COLOURS = ("#1b1f24", "#0072b2", "#008a64", "#b8548f", "#c05000", "#2f93d1", "#a07800", "#6a51a3")
 """Colours of planners after Okabe and Ito."""
-THEME = {"ink": "#010203", "muted": "#040506", "rule": "#070809"} | {
-    f"p{n}": colour for n, colour in enumerate(COLOURS)
-}
-"""Colours that the page's own of these names replace: placeholders, and those of planners, which
-are the page's in its light scheme."""
 DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.6, 1.4, 1.6)), (0, (2, 1)))
-SETTINGS: dict[Any, Any] = {
-    **dict.fromkeys(("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize"), 8.5),
-    **dict.fromkeys(("text.color", "axes.labelcolor"), THEME["ink"]),
-    **dict.fromkeys(("xtick.labelcolor", "ytick.labelcolor"), THEME["ink"]),
-    **dict.fromkeys(("axes.edgecolor", "xtick.color", "ytick.color"), THEME["muted"]),
-    **dict.fromkeys(("axes.spines.top", "axes.spines.right"), False),
-    **{"grid.color": THEME["rule"], "grid.linewidth": 0.6},
-    **{"svg.fonttype": "none", "svg.hashsalt": "locplan"},
-}
+VERDICT_COLOURS = {"cheaper": styles.BLUE, "costlier": styles.VERMILION, "": "0.45"}
+MAX_ROWS = 40
+"""Number of rows of the figure of costs; if there are more, the maps are taken together."""
 
 
-class Mark(NamedTuple):
-    """A line and a marker, in pictures and legends."""
-
-    colour: str
-    """Name of the colour in `THEME`."""
-    dash: int = 0
-    """Index of the line's dashes in `DASHES`; -1 for no line."""
-    marker: str = ""
-    """Marker of matplotlib; empty for none."""
-    size: float = 6.0
-    """Size of the marker [pt]."""
-
-    @property
-    def line(self) -> dict[str, Any]:
-        """The style of the line, for matplotlib."""
-        return {"color": THEME[self.colour], "linestyle": DASHES[self.dash]}
-
-
-def marks_of(runs: Iterable[Run]) -> dict[str, Mark]:
-    """The mark of each planner in the order of the runs; no two of the first 280 are alike."""
-    planners = dict.fromkeys(run.task.planner for run in runs)
-    return {
-        planner: Mark(f"p{n % len(COLOURS)}", n % len(DASHES), "osD^vPX"[n % 7])
-        for n, planner in enumerate(planners)
-    }
-
-
-def shape(marker: str) -> str:
-    """A marker of matplotlib, eight pixels wide, as an SVG path around 0."""
-    drawn: Any = MarkerStyle(marker)
-    parts = drawn.get_path().transformed(drawn.get_transform().scale(8, -8)).iter_segments()
-    # Commands of SVG paths by the codes of matplotlib's.
-    letters = (({1: "M", 2: "L", 4: "C"}.get(code), np.round(at, 2).tolist()) for at, code in parts)
-    return "".join(f"{letter}{' '.join(map(str, at))}" for letter, at in letters if letter) + "Z"
-
-
-class Limits(NamedTuple):
-    """How much a report shows."""
-
-    scenes: int = 24
-    """Number of cases that are drawn."""
-    fronts: int = 8
-    """Number of those with the front of a query."""
-    front_time: float = 20.0
-    """Time limit of the exact front of a query [s]."""
-    queries: int = 60
-    """Number of queries in a picture of J of every query."""
-    thumbnails: int = 400
-    """Number of small pictures."""
-    runs: int = 2000
-    """Number of runs in the table."""
-    failures: int = 200
-    """Number of kinds of failures in the table."""
-
-
-CaseKey = tuple[str, str]
-Attributes = dict[str, str]
-Legend = list[tuple[Mark | None, str]]
-"""Marks with their texts; a dash stands for no mark."""
-
-
-class Drawing(NamedTuple):
-    """A picture with its caption, its legend, and the attributes by which it is filtered."""
-
-    svg: str
-    legend: Legend
-    caption: str
-    attributes: Attributes
-
-
-def counted(number: int, one: str, many: str = "") -> str:
-    """A number with its noun, in the plural unless it is 1."""
-    return f"{number:,} {one if number == 1 else many or one + 's'}"
-
-
-def attributes(setting: Sequence[Any]) -> Attributes:
-    """The attributes that filter what belongs to a map and settings, and perhaps to a weight."""
-    names = "data-map", "data-config", "data-weight"
-    texts = (each if isinstance(each, str) else f"{each:g}" for each in setting)
-    return dict(zip(names, texts, strict=False))
-
-
-def title_of(setting: Sequence[Any]) -> str:
-    """The names of map and settings, and perhaps the weight, in words."""
-    name, config, *weight = setting
-    return ", ".join([name, config, *(f"weight {each:g}" for each in weight)])
-
-
-def medians_of(points: Floats) -> dict[float, Floats]:
-    """The median of (weight, x, y), (n, 3), at each weight."""
-    weights = np.unique(points[:, 0]).tolist()
-    return {each: np.median(points[points[:, 0] == each, 1:], axis=0) for each in weights}
-
-
-def shown_until(curve: Convergence) -> float:
-    """A multiple below which most of a curve lies."""
-    middle, high = (line[np.isfinite(line)] for line in (curve.median, curve.upper))
-    if not middle.size:
-        return 1.1
-    return float(max(np.quantile(middle, 0.9), high[-1] if high.size else 1, 1.02))
-
-
-def filtered(planner: str) -> str:
-    """The `gid` of what is drawn of a planner, by which the page filters it."""
-    return f"planner-{planner}"
-
-
-def svg_of(draw: Callable[[Axes], None], height: float, alt: str) -> str:
-    """A picture with alternative text, colours of the page and unique identifiers, as SVG.
-
-    Parts with the `gid` of `filtered` get the attribute data-planner.
-    """
-    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with mpl.rc_context(SETTINGS):
-        # As wide as a phone's screen [inch], so that texts are legible there.
-        figure = Picture(figsize=(3.5, height), layout="constrained")
-        draw(figure.subplots())
-        written = io.StringIO()
-        figure.savefig(written, format="svg", dpi=250, transparent=True, metadata=nothing)
-    svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", written.getvalue(), flags=re.S)
-    svg = svg[svg.index("<svg") :]
-    own = "s" + hashlib.sha256((alt + svg).encode(errors="replace")).hexdigest()[:10]
-    part = rf"<g id=([\"']){filtered('')}(.*?)\1"  # matplotlib takes either kind of quotes
-    svg = re.sub(part, r"<g data-planner=\1\2\1", svg)
-    svg = re.sub(r'(<[^>]* id="|url\(#|href="#)', rf"\g<1>{own}-", svg)
-    for name, colour in THEME.items():
-        svg = svg.replace(colour, f"var(--{name})")
-    return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(alt, quote=True)}" ', 1)
-
-
-def comparison_figure(comparison: Comparison) -> Figure:
+def cost_figure(comparison: Comparison) -> Figure:
     """J of each planner as a multiple of the baseline's with its interval, a row for each setting.
 
     Parameters
@@ -180,23 +44,160 @@ def comparison_figure(comparison: Comparison) -> Figure:
     comparison : Comparison
         The comparison.
     """
-    known = [row for row in comparison.standings() if row.summary.planner != comparison.baseline]
-    rows, marks = known[:100], marks_of(comparison.runs)
-    figure = Picture(figsize=(8, 1.2 + 0.3 * len(rows)), layout="constrained")
+    rows = _compared(comparison.standings())
+    if len(rows) > MAX_ROWS:
+        rows = _compared(comparison.standings(pooled=True))[:MAX_ROWS]
+    figure = Picture(figsize=(7, 1.0 + 0.34 * max(len(rows), 1)), layout="constrained")
     axes = figure.subplots()
-    axes.axvline(1, color="0.4", linewidth=1.2)
+    axes.axvline(1, color="0.2", linewidth=1.4)
+    low, high = _cost_range(rows)
     for place, row in enumerate(rows):
-        value, low, high = row.cost.estimate
-        mark = marks[row.summary.planner]
-        axes.plot([low, high], [place, place], color=THEME[mark.colour], linewidth=2)
-        axes.plot([value], [place], mark.marker, color=THEME[mark.colour])
-    names = [
-        printable("{}: {}, {}, weight {:g}".format(row.summary.planner, *row.setting))
+        _draw_cost(axes, place, row, low, high)
+    axes.set_yticks(range(len(rows)), _row_names(rows), parse_math=False)
+    baseline = printable(comparison.baseline)
+    axes.set(
+        xlim=(low, high),
+        ylim=(max(len(rows), 1) - 0.5, -0.5),
+        xlabel=f"J / J of {baseline}: cheaper to the left, costlier to the right",
+    )
+    axes.grid(axis="x", color="0.88")
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.tick_params(axis="y", length=0)
+    return figure
+
+
+def _compared(rows: list[Standing]) -> list[Standing]:
+    """Return the rows of planners that solved a query of the baseline's, the baseline aside."""
+    return [row for row in rows if row.summary.planner != row.cost.baseline and row.cost.pairs]
+
+
+def _cost_range(rows: list[Standing]) -> tuple[float, float]:
+    """Return limits around 1 that show most rows to scale: one bad planner hides no other."""
+    ends = np.array([row.cost.estimate for row in rows]).reshape(-1, 3)
+    ends = np.where(np.isfinite(ends), ends, ends[:, :1])
+    reach = 1.5 * np.median(np.abs(ends - 1).max(axis=1)) if rows else 0.0
+    reach = max(float(reach), 0.02)  # below 2 % rounding would fill the figure
+    low, high = (float(f(ends, initial=1.0)) for f in (np.min, np.max))
+    return max(low, 1 - reach) - 0.1 * reach, min(high, 1 + reach) + 0.1 * reach
+
+
+def _draw_cost(axes: Axes, place: int, row: Standing, low: float, high: float) -> None:
+    """Draw a ratio with its interval; an arrow stands for a ratio beyond the figure."""
+    value, *ends = row.cost.estimate
+    colour = VERDICT_COLOURS[row.verdict]
+    if all(map(math.isfinite, ends)):
+        axes.plot(ends, [place, place], color=colour, linewidth=3, solid_capstyle="butt")
+    if value > high or value < low:
+        edge, marker = (high, ">") if value > high else (low, "<")
+        axes.plot([edge], [place], marker, color=colour, markersize=9, clip_on=False)
+    else:
+        axes.plot([value], [place], "o", color=colour, markersize=8)
+    text = f"{value:.3f}"
+    axes.text(1.02, place, text, transform=axes.get_yaxis_transform(), va="center", color=colour)
+
+
+def _row_names(rows: list[Standing]) -> list[str]:
+    """Return the planner of each row, and those parts of its setting that differ."""
+    parts = [
+        [row.setting.map or "all maps", row.setting.config, f"weight {row.setting.weight:g}"]
         for row in rows
     ]
-    axes.set_yticks(range(len(rows)), names, parse_math=False)
-    axes.set(
-        ylim=(max(len(rows), 1) - 0.5, -0.5), xlabel=f"J / J of {printable(comparison.baseline)}"
-    )
-    axes.grid(axis="x", color="0.85")
+    columns = [len(set(column)) > 1 for column in zip(*parts, strict=True)]
+    return [
+        printable(", ".join([row.summary.planner, *np.array(names)[columns].tolist()]))
+        for row, names in zip(rows, parts, strict=True)
+    ]
+
+
+class Scene(NamedTuple):
+    """A query at one weight, with a path of each planner."""
+
+    case: Case
+    query: Query
+    runs: dict[str, Run]
+    """The run of median J of each planner that has a path."""
+    weight: float
+
+    @property
+    def title(self) -> str:
+        """The names of query, map and field, and the weight."""
+        return f"{self.query.name} on {self.case.map}, {self.case.config}, weight {self.weight:g}"
+
+
+def most_telling_scene(comparison: Comparison) -> Scene | None:
+    """Return the query at which most planners' J differs most from the baseline's.
+
+    It is None if the baseline has no path on a known map.
+    """
+    queries = grouped(median_costs(comparison.runs).items(), lambda item: item[0][0])
+    gaps: dict[tuple[Setting, str], float] = {}
+    for (setting, name), items in queries.items():
+        costs = {planner: cost for (_, planner), cost in items}
+        reference = costs.pop(comparison.baseline, 0.0)
+        if reference and (setting.map, setting.config) in comparison.cases:
+            gap = [abs(cost / reference - 1) for cost in costs.values()] or [0.0]
+            gaps[setting, name] = float(np.median(gap))
+    if not gaps:
+        return None
+    setting, name = max(gaps, key=lambda key: (round(gaps[key], 9), key[0].weight))
+    case = comparison.cases[str(setting.map), setting.config]
+    query = next(query for query in case.queries if query.name == name)
+    return Scene(case, query, _typical_runs(comparison, setting, name), setting.weight)
+
+
+def _typical_runs(comparison: Comparison, setting: Setting, query: str) -> dict[str, Run]:
+    runs = [run for run in comparison.runs if query_of(run) == (setting, query) and run.xy]
+    groups = grouped(runs, lambda run: run.task.planner)
+    ordered = {
+        name: sorted(group, key=lambda run: run.measures["cost"]) for name, group in groups.items()
+    }
+    return {name: group[(len(group) - 1) // 2] for name, group in ordered.items()}
+
+
+def path_figure(scene: Scene) -> Figure:
+    """Draw the paths of a query over the field, or over the map of a user's own costmap.
+
+    Parameters
+    ----------
+    scene : Scene
+        The query with its paths.
+    """
+    figure = Picture(figsize=(7, 5), layout="constrained")
+    axes = figure.subplots()
+    _, field = scene.case.costmap()
+    if field is None:
+        draw_map(axes, scene.case.grid)
+    else:
+        image = draw_field(axes, field)
+        label = f"{field.quantity().axis}: the darker, the less a scan tells"
+        bar = figure.colorbar(image, ax=axes, label=label, location="bottom", aspect=40, pad=0.04)
+        label_plainly(bar.ax.xaxis, 6)
+    axes.set(xlabel="", ylabel="")
+    paths = {name: Path(np.array(run.xy)) for name, run in scene.runs.items()}
+    handles = []
+    # Each one thinner than the one before, so that none hides another.
+    widths = np.linspace(4.4, 1.6, max(len(paths), 2)).tolist()
+    for n, ((name, path), width) in enumerate(zip(paths.items(), widths, strict=False)):
+        line: Any = {"color": COLOURS[n % len(COLOURS)], "linestyle": DASHES[n % len(DASHES)]}
+        effects = styles.outline(width + 1.4)
+        draw_path(axes, path, linewidth=width, path_effects=effects, **line)
+        text = printable(f"{name}, J {scene.runs[name].measures['cost']:.1f} m")
+        handles.append(Line2D([], [], linewidth=2.2, label=text, **line))
+    draw_ends(axes, scene.query.start, scene.query.goal)
+    _show_part(axes, np.concatenate([path.xy for path in paths.values()]))
+    spans = np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())
+    lines = math.ceil(len(handles) / 2)
+    figure.set_figheight(min(6.8 * spans, 6.0) + 0.9 + 0.25 * lines)
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, frameon=False)
     return figure
+
+
+def _show_part(axes: Axes, xy: Floats) -> None:
+    """Show only the surroundings of paths that take a small part of the map."""
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    margin = 0.15 * max(float((high - low).max()), 5.0)
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    axes.set(
+        xlim=(max(left, low[0] - margin), min(right, high[0] + margin)),
+        ylim=(max(bottom, low[1] - margin), min(top, high[1] + margin)),
+    )

@@ -8,11 +8,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
-from locplan._util.files import replacing
 from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
 from locplan._util.results import Results
@@ -20,7 +18,7 @@ from locplan._util.tables import wrapped
 from locplan.comparison import _statistics as statistics
 from locplan.comparison._benchmarks import write_ompl_logs
 from locplan.comparison._contrasts import Contrast, contrasts
-from locplan.comparison._statistics import Convergence, Run, Setting, Summary
+from locplan.comparison._statistics import Run, Setting, Summary
 from locplan.costs import Costmap
 from locplan.field import CovarianceField, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid
@@ -101,6 +99,14 @@ class Standing:
         return self.contrasts["cost"]
 
     @property
+    def verdict(self) -> str:
+        """ "cheaper" or "costlier" if J differs significantly from the baseline's, or empty."""
+        _, low, high = self.cost.estimate
+        if not self.cost.is_sure or self.summary.planner == self.cost.baseline:
+            return ""
+        return "cheaper" if high < 1 - 1e-6 else "costlier" if low > 1 + 1e-6 else ""
+
+    @property
     def answer(self) -> str:
         """What there is to say of the planner in a verdict; nothing of a perfect baseline."""
         share = self.summary.success.value
@@ -143,11 +149,11 @@ STANDINGS = (
 class Comparison(Result):
     """All runs of a comparison with their statistics; `compare` makes it."""
 
-    _drawn_by: ClassVar[str] = "locplan.comparison._figures:comparison_figure"
+    _drawn_by: ClassVar[str] = "locplan.comparison._figures:cost_figure"
     _page_by: ClassVar[str] = "locplan.comparison._report:write_report"
     files: ClassVar[Results] = Results(
         "comparison",
-        ("report.html", "comparison.json", "comparison.png", "runs.csv", "runs.parquet"),
+        ("report.html", "comparison.csv", "runs.csv"),
     )
 
     runs: tuple[Run, ...]
@@ -187,25 +193,22 @@ class Comparison(Result):
         """
         return contrasts(self.runs, self.baseline, pooled)
 
-    def convergence(self, *, pooled: bool = False) -> list[Convergence]:
-        """The best J over time of each planner that has a history, beside the baseline's J.
+    def standings(self, *, pooled: bool = False) -> list[Standing]:
+        """Each planner's statistics, by map, settings and weight.
 
         Parameters
         ----------
         pooled : bool, default False
             True takes all maps together; by default each map has its own.
         """
-        return statistics.convergence(self.runs, self.baseline, pooled)
-
-    def standings(self) -> list[Standing]:
-        """Each planner's statistics, by map, settings and weight."""
         found: dict[tuple[Setting, str], dict[str, Contrast]] = {}
-        for each in self.contrasts():
+        for each in self.contrasts(pooled=pooled):
             found.setdefault((each.setting, each.planner), {})[each.measure] = each
-        rows = [Standing(each, found[each.setting, each.planner]) for each in self.summaries()]
-        cases = [(run.task.map, run.task.config) for run in self.runs]
+        summaries = self.summaries(pooled=pooled)
+        rows = [Standing(each, found[each.setting, each.planner]) for each in summaries]
+        cases = [statistics.setting_of(run, pooled)[:2] for run in self.runs]
         order = {case: n for n, case in enumerate(dict.fromkeys([*self.cases, *cases]))}
-        return sorted(rows, key=lambda row: (order[row.setting[:2]], row.setting.weight))  # type: ignore[index]
+        return sorted(rows, key=lambda row: (order[row.setting[:2]], row.setting.weight))
 
     def answers(self) -> dict[str, str]:
         """The verdict on each map in words: each planner's J compared, at the greatest weight."""
@@ -271,12 +274,11 @@ class Comparison(Result):
             "contrasts": [each.summary() for each in self.contrasts()],
         }
 
-    def _write(self, folder: Path) -> None:
+    def write_files(self, folder: Path, *about: Any) -> None:
+        """Write the report, the tables and OMPL's logs into a folder that is there."""
         called(self._page_by, folder / "report.html", self)
+        self.table().write_csv(folder / "comparison.csv")
         Table.of(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
-        if find_spec("pandas") and find_spec("pyarrow"):
-            with replacing(folder / "runs.parquet") as temporary, temporary.open("wb") as file:
-                self.to_frame().to_parquet(file, index=False)  # a file of any name, not only UTF-8
         seconds, size = (self.about.get(name) or math.nan for name in ("time_limit", "memory"))
         write_ompl_logs(
             self.runs,

@@ -1,4 +1,4 @@
-"""The runs of a comparison, their statistics, and the progress of anytime planners over time."""
+"""The runs of a comparison and their statistics."""
 
 from __future__ import annotations
 
@@ -105,13 +105,11 @@ class Run:
 
 
 def _cell(name: str, run: Run) -> float | str:
-    """What stands in a column; signs that UTF-8 does not have are question marks."""
+    """Return what stands in a column."""
     if name in MEASURES:
         return run.measure(name)
     value: Any = getattr(run.task if hasattr(run.task, name) else run, name)
-    if value is None:
-        return math.nan
-    return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
+    return math.nan if value is None else value
 
 
 RUN_COLUMNS = tuple(
@@ -245,65 +243,6 @@ def quartiles(values: Array) -> Quartiles:
     return Quartiles(median, lower, upper, known.size)
 
 
-@dataclass(frozen=True)
-class Convergence:
-    """The best J so far of an anytime planner, in units of the baseline's J of the same query.
-
-    The value of a query is the median over its seeds; median and quartiles are over queries.
-    They are infinite until that share of the queries has a path.
-    """
-
-    setting: Setting
-    """The map, the field's settings and the weight of the runs."""
-    planner: str
-    """The planner's label."""
-    baseline: str
-    """The label of the planner that it is compared with."""
-    times: Array
-    """Logarithmic times, common to all planners [s]."""
-    median: Array
-    """The median ratio at each time."""
-    lower: Array
-    """The lower quartile, that of the nearest query: nothing lies between a ratio and infinity."""
-    upper: Array
-    """The upper quartile, that of the nearest query."""
-    solved: Array
-    """The share of runs with a path at each time, also for queries that the baseline failed."""
-    queries: int
-    """Number of queries whose ratio to the baseline is known."""
-
-
-def convergence(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[Convergence]:
-    """The median best J over time of each planner with a history.
-
-    A planner's runs without a history count as without any path until their end.
-    """
-    known = list(runs)
-    references = median_costs(known)
-    moments = [max(time, 1e-4) for run in known if run.history for time, _ in best_so_far(run)]
-    times = np.geomspace(min(moments), max(moments), 60) if moments else np.empty(0)
-    curves = []
-    for (setting, planner), group in by_planner(known, pooled).items():
-        if not any(run.history for run in group):
-            continue
-        costs = np.array([_costs_at(run, times) for run in group])
-        members: dict[Query, list[int]] = {}
-        for index, run in enumerate(group):
-            if references.get((query_of(run), baseline), np.nan) > 0:
-                members.setdefault(query_of(run), []).append(index)
-        ratios = [
-            np.median(costs[n], axis=0) / references[query, baseline]
-            for query, n in members.items()
-        ]
-        spans: Any = ratios or np.full((1, len(times)), np.nan)
-        median = np.median(spans, axis=0)
-        lower, upper = np.quantile(spans, (0.25, 0.75), axis=0, method="nearest")
-        solved = np.isfinite(costs).mean(axis=0)
-        bands = median, lower, upper, solved
-        curves.append(Convergence(setting, planner, baseline, times, *bands, len(ratios)))
-    return curves
-
-
 def median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
     """The median J over seeds by query and planner [m]; none of a query without a path."""
     solved = (run for run in runs if math.isfinite(run.measure("cost")))
@@ -321,10 +260,3 @@ def best_so_far(run: Run) -> list[tuple[float, float]]:
         points.append(end)
     best = np.inf
     return [(time, best := min(best, cost)) for time, cost in sorted(points)]
-
-
-def _costs_at(run: Run, times: Array) -> Array:
-    """The best J at these moments, infinite before the first path."""
-    moments, costs = np.reshape(best_so_far(run), (-1, 2)).T
-    found = np.searchsorted(np.maximum(moments, 1e-4), times * (1 + 1e-12), side="right")
-    return np.append(np.inf, costs)[found]
