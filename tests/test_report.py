@@ -130,7 +130,7 @@ def several(case: Case, factor: float = 1.25) -> Comparison:
 
 
 @pytest.mark.parametrize(
-    ("factor", "title"), [(1.25, "No planner beats any-angle"), (0.8, "grid beat any-angle")]
+    ("factor", "title"), [(1.25, "No planner beats any-angle"), (0.8, "grid beats any-angle")]
 )
 def test_report_begins_with_answer(tmp_path: Path, case: Case, factor: float, title: str) -> None:
     page = written(tmp_path, several(case, factor))

@@ -82,7 +82,8 @@ def _title(rows: list[Standing]) -> str:
         (row for row in others if row.verdict == "cheaper"), key=lambda r: r.cost.estimate.value
     )
     if cheaper:
-        return f"{' and '.join(row.summary.planner for row in cheaper[:3])} beat {baseline}"
+        names = " and ".join(row.summary.planner for row in cheaper[:3])
+        return f"{names} {'beats' if len(cheaper) == 1 else 'beat'} {baseline}"
     if not others:
         return f"Only {baseline} was run"
     if not any(row.cost.is_sure for row in others):
