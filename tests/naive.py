@@ -1392,25 +1392,44 @@ def fit_of(walls, resolution, sigma, anywhere, ends, pose):
     return sum(logs) / len(logs)
 
 
+def error_of(first, second, move):
+    """The way between two poses minus a move."""
+    dx, dy = second[0] - first[0], second[1] - first[1]
+    turn = (second[2] - first[2] - move[2] + math.pi) % (2 * math.pi) - math.pi
+    cos, sin = math.cos(first[2]), math.sin(first[2])
+    return cos * dx + sin * dy - move[0], cos * dy - sin * dx - move[1], turn
+
+
 def best_way(candidates, gains, moves, deviations, kidnapped):
     """The likeliest of all ways over candidates, by trying each."""
     many, count = gains.shape
-
-    def error(a, b, move):
-        dx, dy = b[0] - a[0], b[1] - a[1]
-        turn = (b[2] - a[2] - move[2] + math.pi) % (2 * math.pi) - math.pi
-        cos, sin = math.cos(a[2]), math.sin(a[2])
-        return cos * dx + sin * dy - move[0], cos * dy - sin * dx - move[1], turn
 
     def likelihood(way):
         total = sum(gains[c, k] for k, c in enumerate(way))
         for k in range(1, count):
             poses = candidates[way[k - 1], k - 1], candidates[way[k], k]
-            density = density_of(error(*poses, moves[k]), deviations[k], kidnapped)
+            density = density_of(error_of(*poses, moves[k]), deviations[k], kidnapped)
             total += math.log(density)
         return total
 
     return max(itertools.product(range(many), repeat=count), key=likelihood)
+
+
+def sample_backwards(random, clouds, moves, deviations, kidnapped, count):
+    """Trajectories drawn from clouds of particles, one after the other from its end."""
+    trajectories = []
+    for _ in range(count):
+        poses = [clouds[-1].T[random.integers(0, clouds.shape[2])]]
+        for k in range(len(clouds) - 2, -1, -1):
+            errors = [error_of(particle, poses[0], moves[k + 1]) for particle in clouds[k].T]
+            shares = [density_of(error, deviations[k + 1], kidnapped) for error in errors]
+            mark, chosen, so_far = random.random() * sum(shares), 0, shares[0]
+            while so_far < mark:
+                chosen += 1
+                so_far += shares[chosen]
+            poses.insert(0, clouds[k].T[chosen])
+        trajectories.append(poses)
+    return np.array(trajectories)
 
 
 def whole_matrix(diagonal, beside):

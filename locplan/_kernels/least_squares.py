@@ -58,7 +58,7 @@ def fit_of(
     """
     matrix[:], vector[:] = 0.0, 0.0
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    total, count = 0.0, 0
+    total, product, count = 0.0, 1.0, 0
     slope = np.empty(3)
     for b in range(len(ends)):
         ahead, left = ends[b, 0], ends[b, 1]
@@ -76,7 +76,10 @@ def fit_of(
         near, far = low + a * (low_next - low), high + a * (high_next - high)
         away = (near + c * (far - near)) / beams.sigma
         hit = (1 - beams.anywhere) * np.exp(-0.5 * away**2)
-        total += np.log(hit + beams.anywhere)
+        # One logarithm serves many beams.
+        product *= hit + beams.anywhere
+        if product < 1e-200:
+            total, product = total + np.log(product), 1.0
         scale = beams.sigma * field.resolution
         slope[0] = ((1 - c) * (low_next - low) + c * (high_next - high)) / scale
         slope[1] = (far - near) / scale
@@ -92,7 +95,7 @@ def fit_of(
         vector[p] *= beams.effective / count
         for q in range(3):
             matrix[p, q] *= beams.effective / count
-    return total / count
+    return (total + np.log(product)) / count
 
 
 @njit(nogil=True, cache=True)

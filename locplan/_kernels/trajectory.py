@@ -17,29 +17,73 @@ SKIRT, WIDER = 0.15, 2.5
 """Share of the moves that err more, and how much more."""
 SLIP, SLIP_NEAR, SLIP_FAR, SLIP_TURN = 0.01, 1.0, 3.0, 0.4
 """Share of slips, and deviations of short and of long ones [m], and of their turns [rad]."""
+FARTHEST_SLIP = 4 * SLIP_FAR
+"""Maximum distance of a slip [m]; a robot that is farther off was carried."""
+MOST_SQUARE = 60 * WIDER**2
+"""Squared error in deviations from which on it is a slip."""
+PER_SQUARE, PER_SQUARE_METRE, PER_RADIAN = 16, 32, 256
+"""Entries of the tables by squared error, squared distance and turn."""
+
+
+def _errors() -> Floats:
+    """Density of errors that are no slips by their squares, in units of the deviations."""
+    squares = np.arange(MOST_SQUARE * PER_SQUARE + 2) / PER_SQUARE
+    body = np.where(squares < 60, np.exp(-0.5 * squares), 0.0)  # beyond it the skirt alone counts
+    skirt = np.exp(-0.5 * squares / WIDER**2) / WIDER**3
+    return np.asarray(((1 - SKIRT - SLIP) * body + SKIRT * skirt) / (2 * np.pi) ** 1.5)
+
+
+def _slips() -> Floats:
+    """Density of the distances of slips by their squares [1 / m^2]."""
+    squares = np.arange(FARTHEST_SLIP**2 * PER_SQUARE_METRE + 2) / PER_SQUARE_METRE
+    near, far = (np.exp(-0.5 * squares / d**2) / d**2 for d in (SLIP_NEAR, SLIP_FAR))
+    return np.asarray(0.5 * SLIP * (near + far) / (2 * np.pi))
+
+
+def _slip_turns() -> Floats:
+    """Density of the turns of slips by their size [1 / rad]."""
+    turns = np.arange(np.pi * PER_RADIAN + 2) / PER_RADIAN
+    return np.asarray(np.exp(-0.5 * (turns / SLIP_TURN) ** 2) / (SLIP_TURN * (2 * np.pi) ** 0.5))
+
+
+ERRORS, SLIPS, SLIP_TURNS = _errors(), _slips(), _slip_turns()
+"""Tables that take the place of exponentials, which took most of the smoother's time."""
 
 
 @njit(nogil=True, cache=True)
 def density_of(error: Array, deviation: Array, kidnapped: float) -> float:
     """Density of a move that errs so, (3,): a body with a skirt, slips, and a robot carried away.
 
-    `kidnapped` is the density of being put anywhere.
+    `kidnapped` is the density of being put anywhere. The density is right to a thousandth.
     """
-    away = error[0] ** 2 + error[1] ** 2
-    if away > 16 * SLIP_FAR**2:
-        return kidnapped
-    density, square, size = kidnapped, 0.0, (2 * np.pi) ** 1.5
+    square, size = 0.0, 1.0
     for axis in range(3):
         square += (error[axis] / deviation[axis]) ** 2
         size *= deviation[axis]
-    if square < 60:  # beyond it the skirt alone counts
-        density += (1 - SKIRT - SLIP) * np.exp(-0.5 * square) / size
-    if square < 60 * WIDER**2:
-        density += SKIRT * np.exp(-0.5 * square / WIDER**2) / (size * WIDER**3)
-    slip = np.exp(-0.5 * away / SLIP_NEAR**2) / SLIP_NEAR**2
-    slip += np.exp(-0.5 * away / SLIP_FAR**2) / SLIP_FAR**2
-    slip *= np.exp(-0.5 * (error[2] / SLIP_TURN) ** 2) / (SLIP_TURN * (2 * np.pi) ** 1.5)
-    return density + 0.5 * SLIP * slip
+    return _density(square, error[0] ** 2 + error[1] ** 2, error[2], size, kidnapped)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _density(square: float, away: float, turn: float, size: float, kidnapped: float) -> float:
+    """Density of an error by its square in deviations, squared distance [m^2] and turn [rad].
+
+    `size` is the product of the deviations.
+    """
+    if away >= FARTHEST_SLIP**2:
+        return kidnapped
+    slip = _looked_up(SLIPS, away * PER_SQUARE_METRE) * _looked_up(
+        SLIP_TURNS, abs(turn) * PER_RADIAN
+    )
+    if square >= MOST_SQUARE:
+        return kidnapped + slip
+    return kidnapped + slip + _looked_up(ERRORS, square * PER_SQUARE) / size
+
+
+@njit(nogil=True, cache=True)
+def _looked_up(table: Floats, at: float) -> float:
+    """Value of a table between its entries."""
+    n = int(at)
+    return table[n] + (at - n) * (table[n + 1] - table[n])
 
 
 @njit(nogil=True, cache=True)
@@ -89,7 +133,7 @@ def draw_evenly(random: Random, poses: Floats, weights: Floats, cloud: Singles) 
         mark += step
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def sample_backwards(
     random: Random,
     clouds: Singles,
@@ -102,21 +146,37 @@ def sample_backwards(
 
     `moves` and `deviations` (k, 3) lead to each cloud from the one before.
     """
-    count = clouds.shape[2]
-    shares, error, at = np.empty(count), np.empty(3), np.empty(3)
+    last, count = len(clouds) - 1, clouds.shape[2]
+    marks = np.empty((last, len(trajectories)))
     for s in range(len(trajectories)):
-        for k in range(len(clouds) - 1, -1, -1):
-            if k == len(clouds) - 1:
-                chosen = int(random.integers(0, count))
-            else:
-                total, later = 0.0, trajectories[s, k + 1]
-                for n in range(count):
-                    for axis in range(3):
-                        at[axis] = clouds[k, axis, n]
-                    error_of(at, later, moves[k + 1], error)
-                    total += density_of(error, deviations[k + 1], kidnapped)
-                    shares[n] = total
-                chosen = min(int(np.searchsorted(shares, random.random() * total)), count - 1)
+        chosen = int(random.integers(0, count))
+        for axis in range(3):
+            trajectories[s, last, axis] = clouds[last, axis, chosen]
+        for k in range(last - 1, -1, -1):
+            marks[k, s] = random.random()
+    cos, sin, shares = np.empty(count), np.empty(count), np.empty(count)
+    expected = np.empty((3, count))
+    for k in range(last - 1, -1, -1):
+        move, deviation = moves[k + 1], deviations[k + 1]
+        size = deviation[0] * deviation[1] * deviation[2]
+        for n in range(count):
+            cos[n], sin[n] = np.cos(clouds[k, 2, n]), np.sin(clouds[k, 2, n])
+            expected[0, n] = clouds[k, 0, n] + cos[n] * move[0] - sin[n] * move[1]
+            expected[1, n] = clouds[k, 1, n] + sin[n] * move[0] + cos[n] * move[1]
+            expected[2, n] = clouds[k, 2, n] + move[2]
+        for s in range(len(trajectories)):
+            x, y = trajectories[s, k + 1, 0], trajectories[s, k + 1, 1]
+            heading = trajectories[s, k + 1, 2]
+            total = 0.0
+            for n in range(count):
+                dx, dy, turn = x - expected[0, n], y - expected[1, n], heading - expected[2, n]
+                turn -= 2 * np.pi * np.floor(turn / (2 * np.pi) + 0.5)
+                square = ((cos[n] * dx + sin[n] * dy) / deviation[0]) ** 2
+                square += ((cos[n] * dy - sin[n] * dx) / deviation[1]) ** 2
+                square += (turn / deviation[2]) ** 2
+                total += _density(square, dx * dx + dy * dy, turn, size, kidnapped)
+                shares[n] = total
+            chosen = min(int(np.searchsorted(shares, marks[k, s] * total)), count - 1)
             for axis in range(3):
                 trajectories[s, k, axis] = clouds[k, axis, chosen]
 

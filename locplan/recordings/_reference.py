@@ -19,7 +19,7 @@ from locplan.recordings._smoothing import smooth
 from locplan.recordings._trajectory import SMOOTHED, Trajectory
 from locplan.robots import Robot
 
-VERSION = 2
+VERSION = 3
 """Version of what `smooth` finds, which rises when it finds something else."""
 
 
