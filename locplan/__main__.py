@@ -13,7 +13,7 @@ def main() -> None:
     try:
         from locplan._util.supervision import supervised
 
-        code = supervised(work)
+        code = supervised(work, clear)
     except KeyboardInterrupt:  # before there was a second process
         print("locplan: interrupted", file=sys.stderr)
         code = 130
@@ -27,6 +27,17 @@ def _open_closed_streams() -> None:
             os.dup2(os.open(os.devnull, os.O_RDWR), number)  # the same number, if all is well
             os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, "w" if number else "r"))
+
+
+def clear(folder: str) -> None:
+    """Finish what a killed process has begun in a temporary folder, and remove it."""
+    from contextlib import suppress
+    from pathlib import Path
+
+    from locplan._util import output
+
+    with suppress(Exception):  # the next process that writes there tries again
+        output.clear(Path(folder))
 
 
 def work() -> None:

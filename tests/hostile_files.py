@@ -18,10 +18,10 @@ from drive_bags import KINDS, write_drive
 from hypothesis import strategies as st
 from PIL import Image
 
-from locplan._util.runs import Run
+from locplan._util.output import Output
+from locplan._util.runs import Run, run_text, running
 from locplan.comparison import Journal, PlannerSpec, read_movingai_map, read_scenarios
 from locplan.costs import Costmap, Path as Route, path_metrics
-from locplan.export._registry import _is_untouched_export
 from locplan.field import (
     CovarianceField,
     FieldCache,
@@ -231,7 +231,9 @@ def saved(folder: Path) -> None:
     ends = [GRID.cell_to_world(*np.argwhere(GRID.free)[0].tolist())] * 2
     plan(COSTS, *ends, planner=lambda *query: Route(query[1:])).write(folder / "plan.json")
     run = Run("plan", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
-    (folder / "run.yaml").write_text(run.text(folder), encoding="utf-8")
+    with running(run):
+        text = run_text(folder, "choice", {"a.csv": "0" * 64})
+    (folder / "run.yaml").write_text(text, encoding="utf-8")
 
 
 def made_field() -> CovarianceField:
@@ -285,12 +287,6 @@ def read_recording(file: Path) -> None:
     json.dumps(drive.summary(), allow_nan=False)
 
 
-def export_files(folder: Path) -> None:
-    (folder / "a.csv").write_text("x\n")
-    digest = hashlib.sha256(b"x\n").hexdigest()
-    (folder / "export.json").write_text(json.dumps({"map": "m", "files": {"a.csv": digest}}))
-
-
 def read_field(file: Path) -> None:
     CovarianceField.load(next(each for each in file.parents if each.suffix == ".zarr"))
 
@@ -316,6 +312,12 @@ READERS = {
     "costmap": Reader(saved, "costs.npz", Costmap.load, (edit,)),
     "plan": Reader(saved, "plan.json", lambda file: Plan.load(file).report(), JSON),
     "run": Reader(saved, "run.yaml", lambda file: Run.read(file).words()),
+    "outputs": Reader(
+        saved,
+        "run.yaml",
+        lambda file: Output(file.parent, "choice", True).check(),
+        may_refuse=False,
+    ),
     "field": Reader(cache_files, "*/**/*", read_field, JSON),
     "cache": Reader(cache_files, "*/**/*", list_cache, JSON, may_refuse=False),
     "Nav2 parameters": Reader(text_of("nav2.yaml"), "nav2.yaml", read_parameters),
@@ -328,13 +330,6 @@ READERS = {
         text_of("spec.txt"),
         "spec.txt",
         lambda file: PlannerSpec.of(file.read_bytes().decode("utf-8", "surrogateescape")),
-    ),
-    "export": Reader(
-        export_files,
-        "export.json",
-        lambda file: _is_untouched_export(file.parent),
-        JSON,
-        may_refuse=False,
     ),
 }
 """All readers of files by name."""

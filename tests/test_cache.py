@@ -4,7 +4,7 @@ import time
 import pytest
 from conftest import random_rooms
 
-from locplan._util.supervision import temporary_folder
+from locplan._util.output import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import (
     FieldCache,

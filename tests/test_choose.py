@@ -926,7 +926,7 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
     assert out.startswith("The goal is unreachable: no path joins start and goal")
     assert out.splitlines()[-1].startswith("  locplan info ")
     files = {file.name for file in (tmp_path / "out").iterdir()}
-    assert files == {".locplan.json", "run.yaml", *Choice.files.names} - {"chosen.csv"}
+    assert files == {"run.yaml", *Choice.files.names} - {"chosen.csv"}
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,6 @@ def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     assert code == 0
     assert "∫e ds" in out
     assert sorted(path.name for path in out_dir.iterdir()) == [
-        ".locplan.json",
         "01-shortest.csv",
         "02-localizability-aware.csv",
         "candidates.csv",
@@ -207,7 +206,7 @@ def test_field_draws_many_maps_into_folder(run, room, tmp_path):
     save_map(load_map(room), tmp_path / "other.yaml")
     assert run("field", tmp_path, "--picture", "e", "-o", tmp_path / "drawn")[0] == 0
     names = {file.name for file in (tmp_path / "drawn").iterdir()}
-    assert names == {"room.png", "other.png", ".locplan.json", "run.yaml"}
+    assert names == {"room.png", "other.png", "run.yaml"}
 
 
 def test_warnings_are_one_line(run, tmp_path):
@@ -350,7 +349,7 @@ def test_plan_front_prints_and_writes_front(run, room, tmp_path):
     assert "exact" in out
     assert "knee" in out
     files = sorted(path.name for path in (tmp_path / "front").iterdir())
-    assert files == sorted([".locplan.json", "run.yaml", *ParetoFront.files.names])
+    assert files == sorted(["run.yaml", *ParetoFront.files.names])
     integral = np.loadtxt(tmp_path / "front" / "front.csv", delimiter=",", skiprows=1, ndmin=2)[
         :, 1
     ]
@@ -540,8 +539,7 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         ["room.yaml", "room.pgm", name, *runs]
     )
     code, out, _ = run(
-        *("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, "--json", *ends),
-        "--force",
+        *("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, "--json", *ends)
     )
     assert json.loads(out)["to"] == to
 

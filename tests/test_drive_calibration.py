@@ -347,7 +347,7 @@ def test_only_with_force_a_file_in_the_way_is_replaced(run, files, calibrated, m
     target = files / "robot.json"
     target.write_text("mine")
     calibrate = ("calibrate", files / "map.yaml", "--drive", files / "drive.npz", "-o", target)
-    assert "robot.json: is there, and no calibration" in refused(run(*calibrate))
+    assert "robot.json: is no earlier result of this command" in refused(run(*calibrate))
     assert run(*calibrate, "--force")[0] == 0
     assert Robot.load(target) == calibrated.robot
     assert run(*calibrate)[0] == 0  # over what calibrate wrote

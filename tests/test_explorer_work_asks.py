@@ -54,7 +54,8 @@ def test_exports_go_to_the_folder_of_the_command_line_only(session, tmp_path):
         answered(session, "export", **WAY)
     with_folder = session_of(folder=tmp_path)
     told = answered(with_folder, "export", **WAY, to="path")
-    assert [each.name for each in tmp_path.iterdir()] == told["files"]
+    (file,) = told["files"]
+    assert {each.name for each in tmp_path.iterdir()} == {file, f"{file}.run.yaml"}
     with_folder.close()
 
 

@@ -86,11 +86,15 @@ def test_a_link_to_nowhere_is_in_the_way(tmp_path):
     assert exported(tmp_path, to="path")["files"] == ["two_corridors-path-2.csv"]
 
 
-def test_force_replaces_no_folder_that_was_changed(tmp_path):
+def test_force_keeps_other_files_of_a_folder(tmp_path):
     made = exported(tmp_path, to="nav2-speed")
-    (tmp_path / made["files"][0]).write_text("mine")
-    with pytest.raises(LocplanError):
-        exported(tmp_path, to="nav2-speed", force=True)
+    mine = tmp_path / made["files"][0]
+    before = mine.read_bytes()
+    mine.write_text("mine")
+    mine.with_name("mine").write_text("mine")
+    exported(tmp_path, to="nav2-speed", force=True)
+    assert mine.read_bytes() == before
+    assert mine.with_name("mine").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", ["../../etc", "a/b", "..", "", "naïve map", "x" * 500, "\ufffd"])

@@ -293,10 +293,10 @@ def test_a_map_that_is_larger_than_described_is_not_read(tmp_path):
         CovarianceField.load(tmp_path / "f.zarr")
 
 
-@pytest.mark.parametrize("text", [DEEP, "[]", '{"files": []}', '{"files": {"a": {}}}', "\0"])
-def test_a_folder_with_a_damaged_manifest_is_not_ours(tmp_path, text):
-    (tmp_path / "export.json").write_text(text)
-    with pytest.raises(LocplanError, match="not as locplan wrote it"):
+@pytest.mark.parametrize("text", [DEEP, "[]", '{"outputs": []}', "kind: run\nversion: 1", "\0"])
+def test_folder_with_a_damaged_run_is_refused(tmp_path, text):
+    (tmp_path / "run.yaml").write_text(text)
+    with pytest.raises(LocplanError, match=r"run\.yaml: is no earlier result"):
         formats()["ros-map"].check_target(tmp_path)
 
 

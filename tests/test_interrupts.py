@@ -10,7 +10,8 @@ import pytest
 from conftest import drawn, few_of
 
 from locplan import save_map
-from locplan._util.supervision import remove_named, temporary_folder
+from locplan._util.output import temporary_folder
+from locplan._util.supervision import existing
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no fork and no groups")
 GUARD = 600
@@ -34,7 +35,8 @@ SUPERVISED = """
 from locplan._util.supervision import supervised
 def work():
     {work}
-sys.exit(supervised(work))
+from locplan.__main__ import clear
+sys.exit(supervised(work, clear))
 """
 
 
@@ -95,8 +97,7 @@ def test_an_interrupt_ends_what_does_not_listen(tmp_path, work):
 def test_temporary_files_of_a_killed_process_are_removed(tmp_path):
     (tmp_path / "kept.txt").write_text("before")
     code = """
-from locplan._util.files import replacing
-from locplan._util.supervision import temporary_folder
+from locplan._util.output import replacing, temporary_folder
 with replacing("kept.txt") as file, replacing("new.txt"), temporary_folder() as folder:
     file.write_text("half")
     (folder / "part").write_text("half")
@@ -111,31 +112,32 @@ with replacing("kept.txt") as file, replacing("new.txt"), temporary_folder() as 
     assert (tmp_path / "kept.txt").read_text() == "before"
 
 
-def test_a_folder_that_was_moved_aside_returns_if_the_process_is_killed(tmp_path):
+def test_moves_that_began_are_finished_if_the_process_is_killed(tmp_path):
     (tmp_path / "kept").mkdir()
-    (tmp_path / "kept" / "result").write_text("before")
     code = """
+import os
 from pathlib import Path
-from locplan._util.files import replacing_folder
-with replacing_folder("kept", None, lambda _: True) as folder:
-    (folder / "result").write_text("half")
-    rename = Path.rename
-    def rename_and_stop(self, target):
-        rename(self, target)
-        stuck()
-    Path.rename = rename_and_stop
+from locplan._util.output import Output
+with Output(Path("kept"), "plan").writing() as folder:
+    (folder / "a").write_text("1")
+    (folder / "b").write_text("1")
+    move = os.replace
+    def move_and_stop(source, target):
+        move(source, target)
+        if Path(target).name == "a":
+            stuck()
+    os.replace = move_and_stop
 """
     process = begun(tmp_path, supervised(code))
-    assert not (tmp_path / "kept").exists()
+    assert not (tmp_path / "kept" / "b").exists()
     assert ended(process)[0] == 130
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["cache", "kept", "temporary"]
-    assert (tmp_path / "kept" / "result").read_text() == "before"
+    assert {each.name for each in (tmp_path / "kept").iterdir()} == {"a", "b", "run.yaml"}
 
 
 @pytest.mark.long
 def test_the_last_of_very_many_temporary_folders_is_removed_too(tmp_path):
     code = """
-from locplan._util.supervision import temporary_folder
+from locplan._util.output import temporary_folder
 with temporary_folder() as first:
     for _ in range(2 * 65536 // len(str(first))):  # a pipe takes 64 kB
         with temporary_folder():
@@ -149,19 +151,16 @@ with temporary_folder() as first:
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_what_a_process_named_and_left_is_removed(tmp_path):
-    names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"), "kept")]
-    for name in (names[0], *names[2:]):  # it has removed the second one itself
+def test_existing_folders_are_those_with_a_whole_name(tmp_path):
+    names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"), "cut off")]
+    for name in (names[0], *names[2:]):  # the process has removed the second one itself
         name.mkdir()
-    named = b"\0".join(map(os.fsencode, names))  # the last one is cut off
-    remove_named(named)
-    assert list(tmp_path.iterdir()) == [names[3]]
+    assert existing(b"\0".join(map(os.fsencode, names))) == [str(names[0]), str(names[2])]
 
 
 def test_the_next_run_removes_what_is_left_if_nobody_outlives_the_process(tmp_path):
     code = """
-from locplan._util.files import replacing
-from locplan._util.supervision import temporary_folder
+from locplan._util.output import replacing, temporary_folder
 with replacing("new.txt") as file, temporary_folder():
     file.write_text("half")
     stuck()

@@ -50,7 +50,7 @@ HOMES = {
     "pandas": ("_util.records",),
     "cyclopts": ("cli",),
     "zarr": ("field._zarr",),
-    "fcntl": ("comparison._journal", "_util.supervision"),
+    "fcntl": ("comparison._journal", "_util.output"),
     "resource": ("comparison._perform",),
     "filelock": ("field._cache", "field._store"),
     "distributed": ("field._compute",),

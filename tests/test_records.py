@@ -11,8 +11,8 @@ import pytest
 
 import locplan
 from locplan._util.intervals import Interval
+from locplan._util.output import Results
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan.errors import LocplanError
 
 
@@ -183,7 +183,7 @@ def test_a_result_is_saved_as_a_whole(tmp_path):
     assert (about["seed"], about["places"]) == (1, TABLE.records())
     assert (tmp_path / "out" / "places.png").read_bytes() == b"PNG"
     (tmp_path / "out" / "places.csv").write_text("mine")
-    with pytest.raises(LocplanError, match=r"places\.csv: is in the way"):
+    with pytest.raises(LocplanError, match=r"places\.csv: was changed after"):
         Found().save(str(tmp_path / "out"))
     assert json.loads((tmp_path / "out" / "places.json").read_text())["seed"] == 1
     Found().save(tmp_path / "out", force=True)

@@ -1,15 +1,18 @@
-"""Folders of results: whole or not at all, and nothing of the user's lost."""
+"""Output: whole or not at all, one command's results in a folder, and no user's file lost."""
 
-import json
 import os
 import signal
+import subprocess
+import sys
 from contextlib import contextmanager
 
 import pytest
+import yaml
 from conftest import drawn
 
 from locplan import plotting
-from locplan._util import results
+from locplan._util import output
+from locplan._util.output import Output, Results, temporary_folder
 from locplan._util.tables import rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
@@ -18,163 +21,167 @@ ENDS = ("--start", "1,3", "--goal", "4,3")
 PLAN = ("plan", *ENDS, "--stride", "0.5")
 
 
-def write(folder, files, kind="plan", **options):
-    with results.ResultFolder(folder, kind, **options).writing() as new:
+def write(folder, files, kind="plan", adds=False, **options):
+    with Output(folder, kind, **options).writing(adds=adds) as new:
         for name, text in files.items():
             (new / name).parent.mkdir(exist_ok=True)
             (new / name).write_text(text)
 
 
+def write_file(file, text, kind="path", **options):
+    with Output(file, kind, is_file=True, **options).writing() as new:
+        new.write_text(text)
+
+
 def content(folder):
-    files = (each for each in folder.rglob("*") if each.is_file() and each.name != results.MANIFEST)
-    return {each.relative_to(folder).as_posix(): each.read_text() for each in files}
+    """Texts of all files by name but for run.yaml, hidden ones included."""
+    files = (each for each in folder.rglob("*") if each.is_file())
+    texts = {each.relative_to(folder).as_posix(): each.read_text() for each in files}
+    return {name: text for name, text in texts.items() if not name.endswith("run.yaml")}
 
 
-def test_files_of_an_earlier_run_are_replaced_and_removed_and_no_others(tmp_path):
+def test_results_replace_and_remove_earlier_ones(tmp_path):
     folder = tmp_path / "new" / "out"
-    write(folder, {"a": "1", "b": "1", "logs/c": "1"})
-    write(folder, {"x": "1"}, kind="pareto")
-    (folder / "mine").write_text("mine")
+    write(folder, {"a": "1", "b": "1", "logs/c": "1", "more/d": "1"})
     write(folder, {"a": "2", "logs/c": "2"})
-    assert content(folder) == {"a": "2", "logs/c": "2", "x": "1", "mine": "mine"}
-    assert list(tmp_path.rglob(".locplan-*")) == []
+    assert content(tmp_path) == {"new/out/a": "2", "new/out/logs/c": "2"}
+    assert not (folder / "more").exists()
+    assert {*yaml.safe_load((folder / "run.yaml").read_text())["outputs"]} == {"a", "logs/c"}
 
 
-@pytest.mark.parametrize("earlier", [{}, {"a": "1"}], ids=["never written", "changed since"])
-def test_a_file_that_is_not_as_locplan_wrote_it_is_in_the_way(tmp_path, earlier):
-    write(tmp_path, earlier | {"z": "1"})
+@pytest.mark.parametrize("earlier", [{}, {"a": "1"}], ids=["never written", "changed"])
+def test_output_refuses_other_files_without_force(tmp_path, earlier):
+    if earlier:
+        write(tmp_path, earlier | {"z": "1"})
     (tmp_path / "a").write_text("mine")
-    with pytest.raises(LocplanError, match=r"a: is in the way.*--force"):
-        results.Results("plan", ("a",)).into(tmp_path)
-    with pytest.raises(LocplanError, match="a: is in the way"):
-        write(tmp_path, {"a": "2", "z": "2"})
-    assert content(tmp_path) == {"a": "mine", "z": "1"}
-    write(tmp_path, {"a": "2", "z": "2"}, force=True)
-    assert content(tmp_path) == {"a": "2", "z": "2"}
+    fault = "was changed after locplan wrote it" if earlier else "is no earlier result"
+    with pytest.raises(LocplanError, match=f"a: {fault}.*--force"):
+        Results("plan", ("b",)).into(tmp_path)
+    with pytest.raises(LocplanError, match=f"a: {fault}"):
+        write(tmp_path, {"b": "2"})
+    assert content(tmp_path) == {"a": "mine"} | ({"z": "1"} if earlier else {})
+    write(tmp_path, {"b": "2"}, force=True)
+    assert content(tmp_path) == {"a": "mine", "b": "2"}
+    write(tmp_path, {"a": "3"}, force=True)
+    assert content(tmp_path) == {"a": "3"}
 
 
-def test_a_file_that_is_no_longer_written_stays_if_it_was_changed(tmp_path):
-    write(tmp_path, {"history.png": "1", "a": "1"})
-    (tmp_path / "history.png").write_text("mine")
-    write(tmp_path, {"a": "2"})
-    assert content(tmp_path) == {"history.png": "mine", "a": "2"}
+def test_output_refuses_results_of_another_command(tmp_path):
+    write(tmp_path, {"nav2_params.yaml": "1", "check.json": "1"}, kind="check")
+    with pytest.raises(LocplanError, match=r"holds the results of another command \(check\)"):
+        write(tmp_path, {"nav2_params.yaml": "2"}, kind="tuning")
+    assert content(tmp_path) == {"nav2_params.yaml": "1", "check.json": "1"}
+    write(tmp_path, {"nav2_params.yaml": "2"}, kind="tuning", force=True)
+    assert content(tmp_path) == {"nav2_params.yaml": "2"}
 
 
-def test_a_file_with_the_same_content_is_not_in_the_way(tmp_path):
-    (tmp_path / "a").write_text("1")
-    write(tmp_path, {"a": "1"})
-    assert content(tmp_path) == {"a": "1"}
+def test_output_ignores_hidden_files_and_files_of_unfinished_work(tmp_path):
+    (tmp_path / ".DS_Store").write_text("1")
+    (tmp_path / "runs.jsonl").write_text("1")
+    with pytest.raises(LocplanError, match=r"runs\.jsonl: is no earlier result"):
+        write(tmp_path, {"a": "1"})
+    for _ in range(2):
+        write(tmp_path, {"a": "1"}, unfinished=("runs.jsonl",))
+    assert content(tmp_path) == {".DS_Store": "1", "runs.jsonl": "1", "a": "1"}
 
 
-def test_others_stay_where_wanted(tmp_path):
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_output_refuses_link_even_to_equal_content(tmp_path, kind):
+    target = tmp_path / "elsewhere"
+    target.write_text("1") if kind == "file" else target.mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "link").symlink_to(target)
+    with pytest.raises(LocplanError, match="link: is no earlier result"):
+        write(tmp_path / "out", {"a": "1"})
+
+
+def test_file_is_replaced_if_it_is_as_locplan_wrote_it(tmp_path):
+    file = tmp_path / "path.csv"
+    write_file(file, "1")
+    write_file(file, "2")
+    with pytest.raises(LocplanError, match=r"path\.csv: holds the results of another command"):
+        write_file(file, "3", kind="field")
+    file.write_text("mine")
+    with pytest.raises(LocplanError, match=r"path\.csv: was changed.*another file.*--force"):
+        write_file(file, "3")
+    write_file(file, "3", force=True)
+    write_file(file, "4")
+    assert content(tmp_path) == {"path.csv": "4"}
+
+
+def test_file_of_others_is_refused(tmp_path):
+    (tmp_path / "path.csv").write_text("mine")
+    with pytest.raises(LocplanError, match=r"path\.csv: is no earlier result of this command"):
+        write_file(tmp_path / "path.csv", "1")
+    assert content(tmp_path) == {"path.csv": "mine"}
+
+
+def test_others_of_a_kind_stay_if_files_are_added(tmp_path):
     for name in "ab":
-        with results.ResultFolder(tmp_path, "maps").writing(others_stay=True) as new:
-            (new / name).write_text("1")
+        write(tmp_path, {name: "1"}, kind="maps", adds=True)
     assert set(content(tmp_path)) == {"a", "b"}
-    write(tmp_path, {"a": "2"}, kind="maps")  # the manifest knows b still
+    write(tmp_path, {"a": "2"}, kind="maps")
     assert set(content(tmp_path)) == {"a"}
+    write(tmp_path, {"c": "2"}, kind="plan", adds=True, force=True)
+    assert set(content(tmp_path)) == {"c"}
 
 
-def test_a_folder_in_the_way_is_never_replaced(tmp_path):
+def test_folder_in_place_of_a_file_is_never_replaced(tmp_path):
     (tmp_path / "a").mkdir()
     with pytest.raises(LocplanError, match="is a folder"):
         write(tmp_path, {"a": "1"}, force=True)
 
 
-@pytest.mark.parametrize(
-    "manifest",
-    [
-        "",
-        "notes of mine",
-        "[" * 5000,
-        "[1]",
-        '{"plan": 3}',
-        '{"plan": {"a": []}}',
-        '{"plan": {"a\\u0000b": "1"}}',
-        '{"plan": {"\\ud800": "1"}}',
-        "\xff",
-    ],
-)
-def test_a_manifest_that_is_none_of_ours_is_in_the_way(tmp_path, manifest):
-    (tmp_path / results.MANIFEST).write_text(manifest, encoding="latin-1")
-    with pytest.raises(LocplanError, match=f"{results.MANIFEST}: is in the way, and no list"):
-        results.Results("plan", ("a",)).into(tmp_path)
-    with pytest.raises(LocplanError, match=f"{results.MANIFEST}: is in the way, and no list"):
+@pytest.mark.parametrize("run", ["", "notes of mine", "[" * 200, "[1]", "kind: run", "\xff"])
+def test_run_file_of_others_is_refused(tmp_path, run):
+    (tmp_path / "run.yaml").write_text(run, encoding="latin-1")
+    with pytest.raises(LocplanError, match=r"run\.yaml: is no earlier result"):
         write(tmp_path, {"a": "1"})
-    assert (tmp_path / results.MANIFEST).read_text(encoding="latin-1") == manifest
+    assert (tmp_path / "run.yaml").read_text(encoding="latin-1") == run
     write(tmp_path, {"a": "1"}, force=True)
     write(tmp_path, {"a": "2"})
     assert content(tmp_path) == {"a": "2"}
 
 
-def test_a_folder_of_the_manifests_name_is_never_replaced(tmp_path):
-    (tmp_path / results.MANIFEST).mkdir()
-    with pytest.raises(LocplanError, match="is in the way"):
-        write(tmp_path, {"a": "1"}, force=True)
-    assert (tmp_path / results.MANIFEST).is_dir()
-
-
-def test_a_manifest_removes_nothing_outside_of_its_folder(tmp_path):
+def test_run_file_removes_nothing_outside_its_folder(tmp_path):
+    folder = tmp_path / "out"
+    write(folder, {"a": "1"})
     (tmp_path / "mine").write_text("1")
-    write(tmp_path / "out", {"a": "1"})
-    known = json.loads((tmp_path / "out" / results.MANIFEST).read_text())
-    known["plan"]["../mine"] = known["plan"]["a"]
-    (tmp_path / "out" / results.MANIFEST).write_text(json.dumps(known))
-    write(tmp_path / "out", {"b": "1"})
-    assert (tmp_path / "mine").exists()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "mine").write_text("1")
+    (folder / "link").symlink_to(tmp_path / "elsewhere")
+    run = yaml.safe_load((folder / "run.yaml").read_text())
+    for name in ("../mine", "link/mine", str(tmp_path / "mine")):
+        run["outputs"][name] = run["outputs"]["a"]
+    (folder / "run.yaml").write_text(yaml.safe_dump(run))
+    write(folder, {"b": "1"}, force=True)
+    assert content(tmp_path) == {"mine": "1", "elsewhere/mine": "1", "out/b": "1"}
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, LocplanError("x: no")])
 @pytest.mark.parametrize("there", [False, True])
-def test_an_interrupted_block_leaves_the_folder_as_it_was(tmp_path, error, there):
+def test_failing_block_leaves_folder_as_it_was(tmp_path, error, there):
     folder = tmp_path / "above" / "out"
     if there:
         write(folder, {"a": "1"})
     before = sorted(tmp_path.rglob("*")), content(tmp_path)
 
-    def interrupted():
-        with results.ResultFolder(folder, "plan").writing() as new:
+    def fail():
+        with Output(folder, "plan").writing() as new:
             (new / "a").write_text("2")
             raise error
 
     with pytest.raises((KeyboardInterrupt, LocplanError)):
-        interrupted()
+        fail()
     assert (sorted(tmp_path.rglob("*")), content(tmp_path)) == before
 
 
-@pytest.mark.parametrize("fails_at", range(1, 6))
-def test_a_failure_while_files_move_undoes_all_moves(tmp_path, monkeypatch, fails_at):
+def test_next_run_finishes_moves_that_failed(tmp_path, monkeypatch):
     write(tmp_path, {"a": "1", "b": "1", "c": "1"})
-    before = content(tmp_path)
-    replace, done = results._replace, []
-
-    def failing(*arguments):
-        done.append(arguments)
-        if len(done) == fails_at:
-            raise OSError(28, "No space left on device")
-        replace(*arguments)
-
-    monkeypatch.setattr(results, "_replace", failing)
-    with pytest.raises(LocplanError, match="No space left"):
-        write(tmp_path, {"a": "2", "b": "2", "d": "2"})
-    assert content(tmp_path) == before
-    assert list(tmp_path.rglob(".locplan-*")) == []
-
-
-@pytest.mark.parametrize("links", [True, False])
-def test_a_failure_puts_a_link_of_the_users_back_as_a_link(tmp_path, monkeypatch, links):
-    (tmp_path / "elsewhere").write_text("1")
-    folder = tmp_path / "out"
-    write(folder, {"a": "1", "b": "1"})
-    (folder / "a").unlink()
-    (folder / "a").symlink_to(tmp_path / "elsewhere")
-    if not links:  # as on file systems without hard links
-        monkeypatch.setattr(os, "link", _no_links)
-    (folder / "b").unlink()
     with pytest.raises(LocplanError, match="no, not now"), _moving_fails(monkeypatch, "b"):
-        write(folder, {"a": "2", "b": "2"})
-    assert (folder / "a").is_symlink()
-    assert (tmp_path / "elsewhere").read_text() == "1"
+        write(tmp_path, {"a": "2", "b": "2", "d": "2"})
+    write(tmp_path, {"e": "1"}, adds=True)
+    assert content(tmp_path) == {"a": "2", "b": "2", "d": "2", "e": "1"}
 
 
 @contextmanager
@@ -192,76 +199,97 @@ def _moving_fails(monkeypatch, name):
         yield
 
 
+def test_interrupted_moves_are_finished_at_once(tmp_path, monkeypatch):
+    write(tmp_path, {"a": "1", "b": "1"})
+    move, done = os.replace, []
+
+    def interrupt_once(source, target):
+        if os.path.basename(target) == "b" and not done:
+            done.append(target)
+            raise KeyboardInterrupt
+        move(source, target)
+
+    monkeypatch.setattr(os, "replace", interrupt_once)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path, {"a": "2", "b": "2"})
+    assert content(tmp_path) == {"a": "2", "b": "2"}
+
+
 def test_errors_name_the_last_place_of_a_file(tmp_path):
     with (
         pytest.raises(LocplanError, match=f"^{tmp_path}/out/a.png: no$"),
-        results.ResultFolder(tmp_path / "out", "plan").writing() as new,
+        Output(tmp_path / "out", "plan").writing() as new,
     ):
         raise LocplanError(f"{new / 'a.png'}: no")
 
 
-@pytest.mark.parametrize("links", [True, False])
-def test_a_process_that_is_killed_while_files_move_leaves_only_files_that_are_ours(
-    tmp_path, monkeypatch, links
-):
-    earlier = {"a": "1", "b": "1", "c": "1"}
-    replace = results._replace
-    if not links:  # as on file systems without hard links
-        monkeypatch.setattr(os, "link", _no_links)
-    for count in range(1, 6):
-        folder = tmp_path / str(count)
-        write(folder, earlier)
-        calls = []
-
-        def killed(*arguments, calls=calls, count=count):
-            calls.append(arguments)
-            if len(calls) == count:
-                raise SystemExit  # nothing is undone, as if the process were gone
-            replace(*arguments)
-
-        with monkeypatch.context() as patched:
-            patched.setattr(results, "_replace", killed)
-            patched.setattr(results.ExitStack, "__exit__", lambda *_: None)
-            with pytest.raises(SystemExit):
-                write(folder, {"a": "2", "b": "2", "d": "2"})
-        assert content(folder).keys() >= {"a", "b"}
-        write(folder, {"a": "3"})
-        assert content(folder) == {"a": "3"}
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path[:0] = {path!r}
+from locplan._util.output import Output
+left = [{moves}]
+def killing(step):
+    def stepped(*arguments, **options):
+        if not left[0]:
+            os.kill(os.getpid(), signal.SIGKILL)
+        left[0] -= 1
+        return step(*arguments, **options)
+    return stepped
+with Output(Path("out"), "plan").writing() as new:
+    for name in ("a", "b", "d"):
+        (new / name).write_text("2")
+    os.replace, os.unlink, os.rmdir = map(killing, (os.replace, os.unlink, os.rmdir))
+    Path.unlink = killing(Path.unlink)
+"""
 
 
-def _no_links(*_, **__):
-    raise OSError(95, "Operation not supported")
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no SIGKILL")
+@pytest.mark.parametrize("there", [True, False])
+def test_next_run_completes_or_undoes_a_killed_one(tmp_path, there):
+    """One process is killed before its first step, the next one before its second step, ..."""
+    old = {"a": "1", "b": "1", "c": "1"} if there else {}
+    new, seen = {"a": "2", "b": "2", "d": "2"}, []
+    for moves in range(20):
+        home = tmp_path / str(moves)
+        home.mkdir()
+        if there:
+            write(home / "out", old)
+        code = KILLED.format(path=[entry for entry in sys.path if entry], moves=moves)
+        ended = subprocess.run([sys.executable, "-c", code], cwd=home).returncode
+        if not ended:
+            break
+        assert ended == -signal.SIGKILL
+        write(home / "out", {"mine": "1"}, adds=True)
+        after = content(home / "out")
+        assert after.pop("mine") == "1"
+        assert after in (old, new)
+        assert not list(home.rglob(".locplan-*"))
+        seen.append(after)
+    assert {len(seen) > 5, old in seen, new in seen} == {True}
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupts_are_put_off_until_the_block_ends(number):
-    done, before = [], signal.getsignal(number)
-    signal.signal(number, lambda *_: done.append("signal"))
-    try:
-        with results.interrupts_put_off():
-            os.kill(os.getpid(), number)
-            done.append("block")
-        assert done == ["block", "signal"]
-    finally:
-        signal.signal(number, before)
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no SIGKILL")
+def test_file_that_changed_after_a_kill_stays(tmp_path):
+    write(tmp_path / "out", {"a": "1", "b": "1", "c": "1"})
+    code = KILLED.format(path=[entry for entry in sys.path if entry], moves=2)
+    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path).returncode < 0
+    (tmp_path / "out" / "b").write_text("mine")
+    (tmp_path / "out" / "d").write_text("mine")
+    with pytest.raises(LocplanError, match="b: was changed"):
+        Results("plan", ()).into(tmp_path / "out")
+    assert content(tmp_path / "out") == {"a": "2", "b": "mine", "d": "mine"}
 
 
-def test_ctrl_c_while_files_move_waits_until_all_have_moved(tmp_path, monkeypatch):
-    write(tmp_path, {"a": "1", "b": "1"})
-    replace = results._replace
-
-    def interrupting(*arguments):
-        os.kill(os.getpid(), signal.SIGINT)
-        replace(*arguments)
-
-    monkeypatch.setattr(results, "_replace", interrupting)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # the shell may ignore it
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            write(tmp_path, {"a": "2", "b": "2"})
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert content(tmp_path) == {"a": "2", "b": "2"}
+def test_abandoned_folder_of_others_moves_nothing_outside(tmp_path):
+    """A journal may come with files that somebody sent."""
+    (tmp_path / "out").mkdir()
+    with temporary_folder(tmp_path / "out") as staging:
+        (staging / "new").mkdir()
+        (staging / "new" / "a").write_text("1")
+        (tmp_path / "out" / "link").symlink_to(tmp_path)
+        output.decide(staging, dict.fromkeys(("../b", "link/c", str(tmp_path / "d"))))
+    assert [each.name for each in tmp_path.iterdir()] == ["out"]
 
 
 @pytest.fixture
@@ -278,7 +306,7 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
     plan, out = [*PLAN, room, "-o", tmp_path / "out"], tmp_path / "out"
     assert run(*plan)[0] == 0
     before = {each: each.read_bytes() for each in out.iterdir()}
-    assert {each.name for each in before} > {"choice.png", "chosen.csv", results.MANIFEST}
+    assert {each.name for each in before} > {"choice.png", "chosen.csv", "run.yaml"}
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -289,37 +317,62 @@ def test_a_plan_that_is_interrupted_while_it_draws_leaves_its_folder_as_it_was(
 
 
 @pytest.mark.parametrize(
-    ("command", "name"),
+    "command",
     [
-        ((*PLAN, "ROOM", "-o", "OUT", "--planner", "BITstar"), "history.png"),
-        ((*PLAN, "ROOM", "-o", "OUT"), "chosen.csv"),
-        (("plan", "ROOM", *ENDS, "--front", "-o", "OUT"), "front.csv"),
-        (("simulate", *ENDS, "--drives", "2", "ROOM", "-o", "OUT"), "errors.csv"),
-        (("simulate", "--random", "2", "--drives", "2", "ROOM", "-o", "OUT"), "01-room.png"),
-        (("compare", "ROOM", "-o", "OUT"), "runs.csv"),
-        (("info", "hall", "-o", "OUT"), "hall.pgm"),
-        (("field", "ROOM", "OTHER", "--picture", "e", "-o", "OUT"), "room.png"),
+        (*PLAN, "ROOM", "-o", "OUT"),
+        ("plan", "ROOM", *ENDS, "--front", "-o", "OUT"),
+        ("simulate", *ENDS, "--drives", "2", "ROOM", "-o", "OUT"),
+        ("simulate", "--random", "2", "--drives", "2", "ROOM", "-o", "OUT"),
+        ("compare", "ROOM", "-o", "OUT"),
+        ("check", "ROOM", "-o", "OUT"),
+        ("tune", "ROOM", "-o", "OUT"),
+        ("mend", "ROOM", "-o", "OUT"),
+        ("export", "ROOM", "--to", "nav2-keepout", "-o", "OUT"),
+        ("info", "hall", "-o", "OUT"),
+        ("field", "ROOM", "OTHER", "--picture", "e", "-o", "OUT"),
+        ("field", "ROOM", "OTHER", "-o", "OUT"),
     ],
-    ids=lambda value: value if isinstance(value, str) else value[0],
+    ids=lambda command: "-".join(part for part in command if part.strip("-").islower()),
 )
-def test_a_file_of_the_users_is_in_the_way(run, room, tmp_path, command, name):
+def test_commands_refuse_a_folder_with_other_files(run, room, tmp_path, command):
     (tmp_path / "OUT").mkdir()
-    (tmp_path / "OUT" / name).write_text("mine")
+    (tmp_path / "OUT" / "notes.txt").write_text("mine")
     places = {"ROOM": room, "OTHER": tmp_path / "other.yaml", "OUT": tmp_path / "OUT"}
     code, out, err = run(*(places.get(each, each) for each in command))
     assert code == 2
-    assert f"{name}: is in the way" in out + err
-    assert (tmp_path / "OUT" / name).read_text() == "mine"
+    assert "OUT/notes.txt: is no earlier result of this command; name another folder" in out + err
+    assert [each.name for each in (tmp_path / "OUT").iterdir()] == ["notes.txt"]
 
 
-def test_landmarks_are_not_placed_where_a_file_is_in_the_way(run, room, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (("info", "ROOM", "-o", "OUT"), "a.png"),
+        (("field", "ROOM", "-o", "OUT"), "a.png"),
+        (("field", "ROOM", "-o", "OUT"), "a.npz"),
+        (("export", "ROOM", "--to", "path", *ENDS, "-o", "OUT"), "a.csv"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else value[0],
+)
+def test_commands_replace_only_their_own_file(run, room, tmp_path, command, name):
+    file = tmp_path / name
+    file.write_text("mine")
+    command = [{"ROOM": room, "OUT": file}.get(each, each) for each in command]
+    code, _, err = run(*command)
+    assert code == 2
+    assert f"{name}: is no earlier result of this command; name another file" in err
+    assert file.read_text() == "mine"
+    assert [run(*command, "--force")[0], run(*command)[0]] == [0, 0]
+    assert (tmp_path / f"{name}.run.yaml").exists()
+
+
+def test_landmarks_are_not_placed_if_the_folder_is_refused(run, room, tmp_path, monkeypatch):
     placed = []
     monkeypatch.setattr("locplan.place_landmarks", lambda *_, **__: placed.append(1))
-    (tmp_path / "landmarks.csv").write_text("mine")
     command = "landmarks", room, *ENDS, "--object", "pole", "--lidar", "turtlebot4", "-o", tmp_path
     code, _, err = run(*command)
     assert (code, placed) == (2, [])
-    assert "landmarks.csv: is in the way" in err
+    assert "other.pgm: is no earlier result" in err
 
 
 def test_other_files_in_a_field_are_in_the_way(run, room, tmp_path):
@@ -330,9 +383,7 @@ def test_other_files_in_a_field_are_in_the_way(run, room, tmp_path):
     assert code == 2
     assert "notes.txt: is in the way, and not locplan's" in err
     assert run("field", room, "-o", field, "--force")[0] == 0
-    assert not (field / "notes.txt").exists()
-    (field / "mine").symlink_to(tmp_path)
-    assert "f.zarr/mine: is in the way" in run("field", room, "-o", field)[2]
+    assert (field / "notes.txt").read_text() == "mine"
 
 
 def test_a_folder_that_is_no_field_is_never_replaced_by_one(run, room, tmp_path):
@@ -347,7 +398,7 @@ def test_a_folder_that_is_no_field_is_never_replaced_by_one(run, room, tmp_path)
 def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
     save_map(load_map(room), tmp_path / "lab.yaml", image_format="png")
     before = (tmp_path / "lab.png").read_bytes()
-    code, _, err = run("field", room, "-o", tmp_path / "lab.png")
+    code, _, err = run("field", tmp_path / "lab.yaml", "-o", tmp_path / "lab.png", "--force")
     assert code == 2
     assert "replaces lab.png, a map" in err
     assert (tmp_path / "lab.png").read_bytes() == before
@@ -356,11 +407,11 @@ def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
 def test_no_export_takes_the_place_of_the_map_that_it_is_made_of(run, room, tmp_path):
     mask = tmp_path / "keepout"
     assert run("export", room, "--to", "nav2-keepout", "-o", mask)[0] == 0
-    before = sorted(mask.iterdir())
-    code, _, err = run("export", mask / "mask.yaml", "--to", "nav2-speed", "-o", mask)
+    before = {each: each.read_bytes() for each in mask.iterdir()}
+    code, _, err = run("export", mask / "mask.yaml", "--to", "nav2-speed", "-o", mask, "--force")
     assert code == 2
-    assert "keepout: replaces mask." in err
-    assert sorted(mask.iterdir()) == before
+    assert "replaces mask." in err
+    assert {each: each.read_bytes() for each in mask.iterdir()} == before
 
 
 def test_masks_that_were_exported_are_no_maps_of_a_folder(run, room, tmp_path):

@@ -6,6 +6,8 @@ from conftest import drawn
 
 import locplan
 from locplan import save_map
+from locplan._util.runs import Run
+from locplan.errors import LocplanError
 
 ENDS = "--start=1,2.5", "--goal=8,1"
 
@@ -30,13 +32,19 @@ def test_run_file_records_command_and_settings(run, place):
     assert not {"json", "output", "force"} & about["settings"].keys()
     assert about["maps"].keys() == {"hall"}
     assert about["locplan"] == locplan.__version__
+    files = {each.name for each in (place / "made/first").iterdir()}
+    assert about["outputs"].keys() == files - {"run.yaml"}
 
 
-def test_what_is_written_in_python_is_of_no_run(place):
+def test_run_file_lists_outputs_without_command_in_python(place):
     from locplan import Costmap, load_map, plan
 
     plan(Costmap.blank(load_map("hall.yaml")), (1, 2.5), (8, 1)).save("planned")
-    assert not (place / "planned/run.yaml").exists()
+    about = yaml.safe_load((place / "planned/run.yaml").read_text())
+    assert about["outputs"].keys() == {"plan.json", "plan.png", "path.csv"}
+    assert "command" not in about
+    with pytest.raises(LocplanError, match=r"run\.yaml: was written in Python"):
+        Run.read(place / "planned")
 
 
 def test_run_file_stands_beside_a_written_field(run, place):

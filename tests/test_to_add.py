@@ -83,7 +83,7 @@ RESULT = '''
 from dataclasses import dataclass
 from typing import ClassVar
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
+from locplan._util.output import Results
 from locplan._util.saved import Stored
 from locplan.maps import OccupancyGrid
 

@@ -539,7 +539,7 @@ def test_the_command_adds_the_poses_to_a_copy_of_a_bag(drive, tmp_path, run):
     mine.write_text("mine")
     code, _, err = run(*asked, "-o", tmp_path / "out")
     assert (code, mine.read_text()) == (2, "mine")
-    assert "is in the way" in err
+    assert "metadata.yaml: is no earlier result" in err
     mine.unlink()
     code, out, _ = run(*asked, "-o", tmp_path / "out")
     assert code == 0

@@ -154,7 +154,7 @@ def test_what_is_there_is_not_overwritten(tmp_path, kind, name):
     mine.parent.mkdir(parents=True)
     mine.write_text("mine")
     found = replace(trajectory_on(read_drive(path)), bag=BagCopy.of(path, Topics()))
-    with pytest.raises(LocplanError, match="is in the way"):
+    with pytest.raises(LocplanError, match="is no earlier result"):
         found.save(tmp_path / "out")
     assert mine.read_text() == "mine"
     assert [each.name for each in (tmp_path / "out").iterdir()] == [name.split("/")[0]]

@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from locplan._util.checks import file_path
-from locplan._util.supervision import ASIDE, temporary_folder
 from locplan.errors import LocplanError
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -34,43 +32,6 @@ def keep_input(path: Path) -> None:
     inputs = _INPUTS.get()
     if inputs is not None:
         inputs.add(_real(path))
-
-
-@contextmanager
-def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary file that replaces `target` when the block succeeds.
-
-    It has the target's name, since writers choose the format by its suffix. On an exception it is
-    removed and `target` stays as it was.
-    """
-    path = file_path("a file to write", target)
-    check_no_input(path)
-    with errors_in_one_line(path), temporary_folder(path.parent) as folder:
-        new = folder / path.name
-        new.touch()
-        yield new
-        os.replace(new, path)
-
-
-@contextmanager
-def replacing_folder(
-    target: str | os.PathLike[str], suffix: str | None, ours: Callable[[Path], bool]
-) -> Iterator[Path]:
-    """Yield a new folder that replaces `target` when the block succeeds.
-
-    On an exception the new folder is removed and `target` stays as it was. A folder that is
-    replaced is moved aside first and removed last.
-    """
-    check_folder_target(file_path("a folder to write", target), suffix, ours)
-    path = Path(os.path.realpath(target))
-    with errors_in_one_line(path), temporary_folder(path.parent) as folder:
-        new, aside = folder / path.name, folder / ASIDE
-        new.mkdir()
-        yield new
-        if path.exists():
-            aside.mkdir()
-            path.rename(aside / path.name)
-        new.rename(path)
 
 
 def check_target(path: Path, *suffixes: str) -> None:

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._util import tables
 from locplan._util.checks import file_path
+from locplan._util.output import Results
 from locplan._util.public import Pictured, called, needed
-from locplan._util.results import Results
 from locplan._util.saved import Stored, plain
 
 if TYPE_CHECKING:
@@ -237,12 +237,13 @@ class Result(Pictured):
         *about
             What `summary` takes.
         force : bool, default False
-            True also replaces files of these names that locplan did not write.
+            True overwrites files of the same names and removes other results; other files stay.
 
         Raises
         ------
         LocplanError
-            If a file cannot be written, or would replace one that locplan did not write.
+            If a file cannot be written, or the folder holds files that are not earlier results of
+            this kind.
         """
         target = self.files.into(file_path("a folder of results", folder), force=force)
         with target.writing() as new:

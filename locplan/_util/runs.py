@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
-from locplan._util.files import replacing
 from locplan._util.reading import MAX_JSON_BYTES, check_stamp, document, dumped, read_content, stamp
 from locplan.errors import LocplanError
 
@@ -40,15 +39,15 @@ class Run:
     robot: dict[str, str] = field(default_factory=dict)
     """Title and digest of the robot; nothing where there is none."""
 
-    def text(self, home: Path) -> str:
-        """Content of run.yaml, with files as they are named from the folder where it will be."""
+    def content(self, home: Path) -> dict[str, Any]:
+        """Entries of run.yaml, with files as they are named from the folder where it will be."""
         settings = dict(self.settings)
         for name in self.files & settings.keys():
             settings[name] = _each(settings[name], lambda text: _relative(text, home))
-        content = {**stamp(KIND, VERSION), "command": self.command, "settings": settings}
+        content: dict[str, Any] = {"command": self.command, "settings": settings}
         content |= {name: each for name in ("maps", "robot") if (each := getattr(self, name))}
         content["files"] = sorted(self.files & settings.keys())
-        return dumped(content)
+        return content
 
     @classmethod
     def read(cls, path: Path) -> Run:
@@ -62,6 +61,8 @@ class Run:
         file = path / RUN_FILE if path.is_dir() else path
         content = document(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
         check_stamp(file, content, KIND, VERSION)
+        if "command" not in content:
+            raise LocplanError(f"{file}: was written in Python, not by a command; {REMEDY}")
         try:
             files = frozenset(map(str, content["files"]))
             settings = {str(name): value for name, value in content["settings"].items()}
@@ -118,17 +119,36 @@ def note_robot(title: str, digest: str) -> None:
         _CURRENT[-1].robot = {"title": title, "digest": digest}
 
 
-def write_run(folder: Path, home: Path) -> None:
-    """Write run.yaml into a folder, if a command runs; `home` is where the folder will be."""
+def run_text(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
+    """Text of run.yaml: the command that runs, if there is one, and what it has written.
+
+    Parameters
+    ----------
+    home : Path
+        The folder where it will be.
+    kind : str
+        The kind of the results.
+    outputs : mapping of str to str
+        SHA-256 of each file by its name.
+    """
+    content = stamp(KIND, VERSION)
     if _CURRENT and _CURRENT[-1].command:
-        (folder / RUN_FILE).write_text(_CURRENT[-1].text(home), encoding="utf-8")
+        content |= _CURRENT[-1].content(home)
+    return dumped({**content, "results": kind, "outputs": dict(sorted(outputs.items()))})
 
 
-def write_run_beside(target: Path) -> None:
-    """Write the run beside a file, or a folder that has none, if a command runs."""
-    if _CURRENT and _CURRENT[-1].command and not (target / RUN_FILE).exists():
-        with replacing(target.with_name(target.name + BESIDE)) as file:
-            file.write_text(_CURRENT[-1].text(target.parent), encoding="utf-8")
+def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
+    """Kind of the results that a run has written, and SHA-256 of each file by its name.
+
+    The kind is None if there is no such run.
+    """
+    try:
+        content = document(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
+        check_stamp(file, content, KIND, VERSION)
+        outputs = {str(name): str(digest) for name, digest in content["outputs"].items()}
+        return str(content["results"]), outputs
+    except (LocplanError, KeyError, TypeError, AttributeError):
+        return None, {}
 
 
 def _each(value: Any, change: Any) -> Setting:

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._util.checks import file_path, shown
-from locplan._util.files import check_target, replacing
+from locplan._util.files import check_target
+from locplan._util.output import replacing
 from locplan._util.reading import STAMP, check_stamp, opened, parsed_json, read_bytes, stamp
 from locplan.errors import LocplanError
 

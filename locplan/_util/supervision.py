@@ -11,45 +11,26 @@ temporary folder in the same place removes them: it knows by their locks that no
 from __future__ import annotations
 
 import os
-import re
-import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
-from tempfile import gettempdir, mkdtemp
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
-ASIDE = "aside"
-"""Folder in a temporary one of what is moved aside; it returns to its place unless replaced."""
-PREFIX = ".locplan-tmp-"
-_NAME = re.compile(re.escape(PREFIX) + r"[a-z0-9_]{8}")
 _listener: tuple[int, int] | None = None
 """Both ends of the pipe that names temporary folders to the process that outlives this one."""
 _there: set[str] = set()
 """The temporary folders of this process."""
 
 
-@contextmanager
-def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
-    """Yield a new folder in `folder`, or where the system has such, that is removed at last.
-
-    Those that killed processes have left there are removed first.
-    """
-    parent = os.path.abspath(folder or gettempdir())
-    remove_abandoned(parent)
-    made, lock = _made(parent)
-    _there.add(made)
+def announce(folder: str, *, is_gone: bool = False) -> None:
+    """Tell the process that outlives this one of a temporary folder that it has to clear."""
+    if is_gone:
+        _there.discard(folder)
+        return
+    _there.add(folder)
     if _listener is not None:
-        _name(*_listener, made)
-    try:
-        yield Path(made)
-    finally:
-        remove(made)
-        _there.discard(made)
-        if lock is not None:
-            os.close(lock)
+        _name(*_listener, folder)
 
 
 def _name(heard: int, said: int, *folders: str) -> None:
@@ -62,64 +43,9 @@ def _name(heard: int, said: int, *folders: str) -> None:
         _name(heard, said, *_there)
 
 
-def remove_abandoned(folder: str | os.PathLike[str]) -> None:
-    """Remove the temporary folders in a folder that killed processes have left."""
-    with suppress(OSError):  # it cannot be listed, or is gone
-        for name in filter(_NAME.fullmatch, os.listdir(folder)):
-            path = os.path.join(folder, name)
-            with suppress(OSError):  # a process holds it, or it is another user's
-                lock = _lock(path, wait=False)
-                if lock is not None:
-                    remove(path)
-                    os.close(lock)
-
-
-def remove(temporary: str) -> None:
-    """Remove a temporary folder, after what was moved aside has returned to its place."""
-    aside = os.path.join(temporary, ASIDE)
-    for name in os.listdir(aside) if os.path.isdir(aside) else ():
-        place = os.path.join(os.path.dirname(temporary), name)
-        if not os.path.lexists(place):
-            os.rename(os.path.join(aside, name), place)
-    shutil.rmtree(temporary, ignore_errors=True)
-
-
-def remove_named(said: bytes) -> None:
-    """Remove those temporary folders, named each with a null behind, that are still there."""
-    for temporary in map(os.fsdecode, said.split(b"\0")[:-1]):
-        with suppress(OSError):
-            remove(temporary)
-
-
-def _made(parent: str) -> tuple[str, int | None]:
-    """A new folder, and the descriptor of its lock, None where there are no locks."""
-    while True:
-        made = mkdtemp(prefix=PREFIX, dir=parent)
-        try:
-            return made, _lock(made, wait=True)
-        except FileNotFoundError:
-            continue  # another process took it for abandoned before it was locked
-        except OSError:
-            return made, None
-
-
-def _lock(folder: str, *, wait: bool) -> int | None:
-    """Descriptor that holds the lock of a folder until it is closed; None on Windows.
-
-    It is an OSError if another process holds it, or has removed the folder meanwhile.
-    """
-    try:
-        import fcntl
-    except ModuleNotFoundError:
-        return None
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.stat(folder)
-    except OSError:
-        os.close(descriptor)
-        raise
-    return descriptor
+def existing(said: bytes) -> list[str]:
+    """Return those temporary folders, named each with a null behind, that are still there."""
+    return [folder for folder in map(os.fsdecode, said.split(b"\0")[:-1]) if os.path.isdir(folder)]
 
 
 INTERRUPTED = 128 + signal.SIGINT
@@ -130,8 +56,8 @@ PASSED_ON = [
 """Signals that the first process passes on to the second."""
 
 
-def supervised(work: Callable[[], None]) -> int:
-    """Run `work` in a process of its own, and return its exit code.
+def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
+    """Run `work` in a process of its own, `clear` the folders that it leaves; return its exit code.
 
     It does not return in the process that works, unless the system has no fork: there the only
     process works.
@@ -172,7 +98,8 @@ def supervised(work: Callable[[], None]) -> int:
     for each in passed_on:
         signal.signal(each, signal.SIG_IGN)
     with suppress(BlockingIOError):  # there is nothing to hear
-        remove_named(os.read(heard, 1 << 20))
+        for folder in existing(os.read(heard, 1 << 20)):
+            clear(folder)
     return _exit_code(asked, os.waitstatus_to_exitcode(status))
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from locplan import __version__
 from locplan._kernels.arrays import Floats
-from locplan._util.files import replacing
+from locplan._util.output import replacing
 
 T = TypeVar("T")
 

@@ -122,13 +122,13 @@ class export(
             raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal, or --choice")
         format.check(chosen, count)
         config, job_of = making
-        job = job_of(self.field_of(grid, config))
+        job = dataclasses.replace(job_of(self.field_of(grid, config)), force=self.force)
         with working(f"writing {target.name}"):
-            summary = format.write(target, job, chosen)
+            summary = format.export(target, job, chosen)
         about = {"map": grid.name, "to": to, "target": str(target), **summary.values}
         rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
         rows += [*job.rows, *summary.rows]
-        dataclasses.replace(self, output=target).show(about, table([], rows), target)
+        shared.show(self.json, about, table([], rows), target)
 
     def _of_options(self) -> tuple[FieldConfig, Callable[[CovarianceField], ExportJob]]:
         """Settings of the field, and the objects on it by the options of costs and paths."""

@@ -21,7 +21,6 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.checks import check_threads, printable
 from locplan._util.progress import progress_bar, working
-from locplan._util.runs import write_run_beside
 from locplan.cli import _types as typed
 from locplan.errors import ConfigError, LocplanError, one_line
 
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from locplan import Costmap, CovarianceField, FieldConfig, OccupancyGrid, Robot
-    from locplan._util.results import Results
+    from locplan._util.output import Results
     from locplan.recordings import Recording
 
     class Compute(Protocol):
@@ -275,7 +274,7 @@ def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
 
 
 Json = Annotated[bool, typed.under("Output", help="Print the result as JSON.")]
-Force = Annotated[bool, typed.under("Output", help="Replace files in the way, whoever wrote them.")]
+Force = Annotated[bool, typed.under("Output", help="Overwrite existing files.")]
 
 
 @typed.option_group("Output")
@@ -305,9 +304,7 @@ class Output(typed.Options):
         self.show(result.summary(*about), result.report(*about), *written or [self.output])
 
     def show(self, about: object, text: object, *written: Path | None) -> None:
-        """Print a result that is saved, and write its run beside it."""
-        if self.output and self.output in written:
-            write_run_beside(self.output)
+        """Print a result that is saved."""
         show(self.json, about, text, *written)
 
 

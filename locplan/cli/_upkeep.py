@@ -10,8 +10,8 @@ from cyclopts.validators import Number
 
 import locplan
 from locplan._util.files import PICTURES, check_target
+from locplan._util.output import Output
 from locplan._util.progress import progress_bar, working
-from locplan._util.results import ResultFolder
 from locplan._util.saved import plain
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FieldOptions, RobotOptions
@@ -42,9 +42,7 @@ class info(typed.OneMap, RobotOptions):
     json: shared.Json = False
 
     def __call__(self) -> None:
-        files = self._map_files()
-        if self.output and not files:
-            check_target(self.output, *PICTURES)
+        files = self._files()
         robot = self.load_robot()
         about = locplan.planners.describe_map(self.map_file, robot=robot)
         names = ("turtlebot3", "turtlebot4", "tim571") if self.lidars else ()
@@ -59,20 +57,25 @@ class info(typed.OneMap, RobotOptions):
                 shares = compare(about.grid, known, robot=robot, progress=progress)
             table = locplan.costs.lidars_table(shares)
             lines, found = [*lines, str(table)], found | {"lidars": table.records()}
-        if files:
-            with files.writing(others_stay=True) as new:
+        if files and files.is_file:
+            with working("drawing"), files.writing() as new:
+                locplan.plotting.save_figure(locplan.plotting.info_figure(about), new)
+        elif files:
+            with files.writing(adds=True) as new:
                 locplan.save_map(about.grid, new / f"{about.grid.name}.yaml")
-        elif self.output:
-            with working("drawing"):
-                locplan.plotting.save_figure(locplan.plotting.info_figure(about), self.output)
         shared.show(self.json, found, "\n".join(lines), self.output)
 
-    def _map_files(self) -> ResultFolder | None:
-        """The folder for the files of a built-in map; None for a picture, or another map."""
-        built_in = locplan.maps.is_built_in(self.map_file)
-        if self.output is None or not built_in or self.output.suffix.lower() in PICTURES:
+    def _files(self) -> Output | None:
+        """The file of a picture, or the folder for the files of a built-in map; None for none."""
+        if self.output is None:
             return None
-        folder, name = ResultFolder(self.output, "maps", self.force), self.map_file.name
+        built_in, name = locplan.maps.is_built_in(self.map_file), self.map_file.name
+        if not built_in or self.output.suffix.lower() in PICTURES:
+            output = Output(self.output, "info", self.force, is_file=True)
+            check_target(self.output, *PICTURES)
+            output.check()
+            return output
+        folder = Output(self.output, "maps", self.force)
         folder.check(f"{name}.yaml", f"{name}.pgm")
         return folder
 

@@ -22,7 +22,7 @@ from locplan._util.checks import (
     usable_cores,
     whole,
 )
-from locplan._util.supervision import temporary_folder
+from locplan._util.output import temporary_folder
 from locplan.comparison._benchmarks import read_map, read_scenarios
 from locplan.comparison._journal import Journal
 from locplan.comparison._orders import Order, orders_of, put_costmap, runs_of

@@ -11,9 +11,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, ClassVar
 
+from locplan._util.output import Results
 from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.tables import wrapped
 from locplan.comparison import _statistics as statistics
 from locplan.comparison._benchmarks import write_ompl_logs

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from locplan._util.files import replacing
 from locplan._util.intervals import Interval
+from locplan._util.output import replacing
 from locplan._util.public import templates_of
 from locplan.diagnosis._figures import SIZE, caption, drawn_part, place_labels
 from locplan.diagnosis._in_short import share

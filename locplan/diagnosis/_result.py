@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path as Folder
 from typing import Any, ClassVar
 
+from locplan._util.output import Results
 from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.saved import plain
 from locplan._util.tables import file_name, finite
 from locplan.costs import Path
@@ -194,7 +194,7 @@ class Check(Result):
             The folder that the commands name, by default this one, and the user's parameters of
             Nav2, of which a copy is changed.
         force : bool, default False
-            True also replaces files of these names that locplan did not write.
+            True overwrites files of the same names and removes other results; other files stay.
         """
         super().save(folder, *(about or (Folder(folder),)), force=force)
 

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     """Write an export of the view, as `locplan export` does; only "path" exports its way.
 
-    Nothing that is there is replaced without `force`: the export gets a number behind its name.
-    With it, a file is replaced, and a folder if it is an export of ours without changes.
+    Without `force` the export gets a number behind its name if there is one of this name. With
+    it, files of the same names are overwritten.
     """
     offered = ("nav2-keepout", "nav2-speed", "path")
     to = ask.one_of("to", offered, offered[0])
@@ -58,10 +58,10 @@ def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     paths = {AWARE: view.path()} if format.paths == "one" else {}
     make_folder(folder)
     format.check_target(target, force=force)
-    job = ExportJob(view.costs, view.field, paths, view.robot)
+    job = ExportJob(view.costs, view.field, paths, view.robot, force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        format.write(target, job, options)
+        format.export(target, job, options)
     written = [target] if target.is_file() else sorted(target.rglob("*"))
     return {
         "folder": str(folder),

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from locplan._util.checks import one_of
-from locplan._util.files import PICTURES, check_target, make_folder
+from locplan._util.files import PICTURES, check_target
+from locplan._util.output import Output
 from locplan._util.progress import working
-from locplan._util.results import ResultFolder
 from locplan._util.saved import plain
 from locplan._util.tables import table
 from locplan.errors import LocplanError
@@ -38,10 +37,10 @@ class FieldJob:
     """File of the field (.zarr, .npz) or of a picture of it (.png, .pdf, .svg); None for none."""
     scalar: str | None = None
     """Scalar that a picture shows; by default what degeneracy is made of."""
-    pictures: ResultFolder | None = None
-    """The folder of the picture, unless the user named the file."""
+    folder: Output | None = None
+    """The folder of the files of several maps; None if the user named the file."""
     force: bool = False
-    """Whether files in the way are replaced."""
+    """True overwrites files of the same names."""
 
     def check(self) -> None:
         """Raise a LocplanError unless the file can be written."""
@@ -58,8 +57,13 @@ class FieldJob:
             check_field_target(self.output, force=self.force)
         else:
             check_target(self.output, FIELD_SUFFIX, NUMPY_SUFFIX, *PICTURES)
-        if self.pictures:
-            self.pictures.check(self.output.name)
+        self._place.check(*[self.output.name] if suffix != FIELD_SUFFIX else [])
+
+    @property
+    def _place(self) -> Output:
+        """Where the file goes."""
+        assert self.output is not None
+        return self.folder or Output(self.output, "field", self.force, is_file=True)
 
     def run(self, compute: Callable[[OccupancyGrid], CovarianceField]) -> CovarianceField:
         """Load the map, compute its field, and write the file that is asked for.
@@ -71,12 +75,8 @@ class FieldJob:
         """
         computed = compute(load_map(self.map_file))
         if self.output:
-            home = nullcontext(self.output.parent)
-            with (
-                working(f"writing {self.output.name}"),
-                self.pictures.writing(others_stay=True) if self.pictures else home as folder,
-            ):
-                self._write(folder / self.output.name, computed)
+            with working(f"writing {self.output.name}"), self._place.writing(adds=True) as place:
+                self._write(place / self.output.name if self.folder else place, computed)
         return computed
 
     def _write(self, file: Path, computed: CovarianceField) -> None:
@@ -115,7 +115,7 @@ def field_jobs(
     config : FieldConfig
         Settings of the fields.
     force : bool, default False
-        True replaces files in the way.
+        True overwrites files of the same names.
 
     Returns
     -------
@@ -145,12 +145,11 @@ def field_jobs(
         other = homes.setdefault(name_of(file), file)
         if other != file:
             raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
-    make_folder(output)
     suffix = ".png" if scalar else FIELD_SUFFIX
-    pictures = ResultFolder(output, "pictures", force) if scalar else None
+    folder = Output(output, "fields", force)
+    folder.check()
     return [
-        FieldJob(file, output / f"{name_of(file)}{suffix}", scalar, pictures, force)
-        for file in files
+        FieldJob(file, output / f"{name_of(file)}{suffix}", scalar, folder, force) for file in files
     ]
 
 

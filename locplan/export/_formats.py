@@ -86,7 +86,7 @@ def by(
 
     def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
         home = f"locplan.export.{function}"
-        own = vars(options) | ({"paths": job.paths} if paths else {})
+        own = vars(options) | ({"paths": job.paths} if paths else {}) | {"force": job.force}
         found = called(home, target, (job.choice if paths else None) or getattr(job, given), **own)
         return ExportSummary() if found is None else found.facts()
 
@@ -101,7 +101,7 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     lead = own.pop("speed_lead")
     if lead is None:  # of 1 s
         lead = job.robot.kinematics.speed if job.robot else 0.5
-    least = nav2_speed(target, job.costs, lead=lead, **own)
+    least = nav2_speed(target, job.costs, lead=lead, force=job.force, **own)
     row = "in the most degenerate place", f"{least} % of the robot's speed"
     values = {"slowest": options.slowest, "lead": lead, "min_percent": least}
     return ExportSummary(values, (row,))
@@ -125,7 +125,7 @@ def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> Export
 
     robot = Robot.of(options.params, options.distro)
     robot.warn(robot.of_radius(job.costs.robot_radius))
-    ways = nav2_routes(target, job.costs, job.paths, **vars(options))
+    ways = nav2_routes(target, job.costs, job.paths, force=job.force, **vars(options))
     return ways.facts()
 
 

@@ -48,13 +48,14 @@ def nav2_keepout(
     params: Params = None,
     tree: str | Path | None = None,
     paths: Mapping[str, Route] | None = None,
+    force: bool = False,
 ) -> Conversion:
     """Write a mask for Nav2's KeepoutFilter that makes a planner's costs the costmap's J.
 
     Parameters
     ----------
     folder : path
-        The folder; one that holds such an export without changes is replaced.
+        The folder, which need not exist; an earlier export of this kind is replaced.
     costs : Costmap or Choice
         The mask's 0..99 stand for weight u in every free cell, whether or not the robot fits
         there: what is too close to a wall is for Nav2's own inflation to say, and its robot may
@@ -90,6 +91,8 @@ def nav2_keepout(
         as a route graph beside the folder, see `nav2_routes`. If the planner passes a gap that is
         too narrow for a path follower, and a wider way costs at most 5 % more, the mask closes the
         gap. A `RobotWarning` names the narrowest place that is left.
+    force : bool, default False
+        True overwrites files of the same names in the folder; others stay.
 
     Returns
     -------
@@ -132,8 +135,8 @@ def nav2_keepout(
         option = steeper_inflation(costs, values, robot, planning.left, conversion, paths, layer)
         planning = dataclasses.replace(planning, option=option)
     robot.warn(narrow_places(planning.planned, costs.robot_radius))
-    _write(folder, "keepout", title, costs, values, robot, merged, about, planning)
-    _write_left(Path(folder), costs, robot, planning, paths)
+    _write(folder, "keepout", title, costs, values, robot, merged, about, planning, force=force)
+    _write_left(Path(folder), costs, robot, planning, paths, force=force)
     return conversion
 
 
@@ -145,13 +148,14 @@ def nav2_speed(
     lead: float = 0.5,
     distro: str = "jazzy",
     params: Params = None,
+    force: bool = False,
 ) -> int:
     """Write a mask for Nav2's SpeedFilter: the more degenerate a cell, the slower.
 
     Parameters
     ----------
     folder : path
-        The folder; one that holds such an export without changes is replaced.
+        The folder, which need not exist; an earlier export of this kind is replaced.
     costs : Costmap
         A costmap that was made of a field.
     slowest : float, default 0.3
@@ -164,6 +168,8 @@ def nav2_speed(
         The distribution of ROS 2, as for `nav2_keepout`.
     params : path or sequence of path, optional
         Nav2's parameters to merge ours into, as for `nav2_keepout`.
+    force : bool, default False
+        True overwrites files of the same names in the folder; others stay.
 
     Returns
     -------
@@ -181,12 +187,19 @@ def nav2_speed(
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
     about = {"slowest": slowest, "lead": lead, "min_percent": least}
     robot.warn(robot.of_speed("localizability_speed_filter"))
-    _write(folder, "speed", title, costs, values, robot, with_costmap(robot, "speed"), about)
+    merged = with_costmap(robot, "speed")
+    _write(folder, "speed", title, costs, values, robot, merged, about, force=force)
     return least
 
 
 def _write_left(
-    folder: Path, costs: Costmap, robot: Robot, planning: _Planning, paths: Mapping[str, Route]
+    folder: Path,
+    costs: Costmap,
+    robot: Robot,
+    planning: _Planning,
+    paths: Mapping[str, Route],
+    *,
+    force: bool,
 ) -> None:
     """Write the paths that the mask's planner does not take as a route graph, and say so."""
     from locplan.export._recommended import nav2_routes
@@ -197,7 +210,7 @@ def _write_left(
     left = {each.name: paths[each.name] for each in planning.left}
     own: Any = {"distro": robot.distribution.name, "params": robot.files}
     try:
-        nav2_routes(routes, costs, left, **own)
+        nav2_routes(routes, costs, left, **own, force=force)
         then = f"{routes} has it as a route graph"
     except LocplanError as error:  # the mask is there, and of use for other paths
         then = f"it has no route graph: {error}"
@@ -242,6 +255,8 @@ def _write(
     merged: Nav2Parameters,
     about: dict[str, Any],
     planning: _Planning | None = None,
+    *,
+    force: bool,
 ) -> None:
     """Write the folder of a mask, for a planner or for the speed filter."""
     from locplan.export import _figures
@@ -267,7 +282,7 @@ def _write(
     known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
     known |= {"room": follower_room(costs.robot_radius)}
     parameters, known["comments"] = parameter_files(robot.parameters, merged)
-    with export_folder(folder, "nav2-mask.md", about, **known) as temporary:
+    with export_folder(folder, "nav2-mask.md", about, force, **known) as temporary:
         for name, content in parameters.items():
             (temporary / name).write_bytes(content)
         if planning and planning.tree is not None:

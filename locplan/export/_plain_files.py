@@ -9,7 +9,8 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from locplan import __version__
-from locplan._util.files import check_target, replacing
+from locplan._util.files import check_target
+from locplan._util.output import replacing
 from locplan._util.tables import write_csv
 from locplan.costs import Costmap, Path
 from locplan.field import CovarianceField

@@ -140,6 +140,7 @@ def nav2_routes(
     frame: str = "map",
     distro: str = "jazzy",
     params: Params = None,
+    force: bool = False,
 ) -> RecommendedWays:
     """Write recommended paths as a route graph that Nav2's server follows.
 
@@ -149,7 +150,7 @@ def nav2_routes(
     Parameters
     ----------
     folder : path
-        The folder; one that holds such an export without changes is replaced.
+        The folder, which need not exist; an earlier export of this kind is replaced.
     costs : Costmap
         The costs of travel; the map's yaw is left out, as Nav2 ignores it.
     paths : dict of Path
@@ -161,6 +162,8 @@ def nav2_routes(
     params : path, optional
         A Nav2 parameter file to merge the server's into, as for `nav2_keepout`: its operations
         stay, its scorers give way to ours.
+    force : bool, default False
+        True overwrites files of the same names in the folder; others stay.
 
     Returns
     -------
@@ -182,7 +185,7 @@ def nav2_routes(
     about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
     about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
     known = {"map": name, "ways": ways, "robot": robot, "costs": costs}
-    with export_folder(folder, "nav2-routes.md", about, **known) as temporary:
+    with export_folder(folder, "nav2-routes.md", about, force, **known) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
         write_graph(temporary, unturned, ways.graph, robot, FilePath(folder), frame, title)

@@ -11,12 +11,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from locplan._util.files import check_folder_target, check_target, replacing_folder
+from locplan._util.files import check_target
+from locplan._util.output import Output
 from locplan._util.public import templates_of
-from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
-from locplan._util.results import digest_of
-from locplan._util.runs import write_run
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.costs import Costmap, Path as Route
@@ -46,6 +44,8 @@ class ExportJob:
     """The robot; None if it is not known."""
     choice: Choice | None = None
     """The choice that the costs and the path are of; None without one."""
+    force: bool = False
+    """True overwrites files of the same names in a folder; others stay."""
 
     @property
     def rows(self) -> list[tuple[str, str]]:
@@ -167,17 +167,30 @@ class Format:
         Parameters
         ----------
         target : Path
-            The file, or the folder, which is refused unless it is an export of ours without
-            changes.
+            The file, or the folder.
         force : bool, default False
-            Whether a file that is there is replaced.
+            True overwrites files of the same names.
         """
         if self.suffixes:
             check_target(target, *self.suffixes)
-            if target.exists() and not force:
-                raise LocplanError(f"{target}: is there; choose another name, or --force")
-        else:
-            check_folder_target(target, None, _is_untouched_export)
+        Output(target, self.name, force, is_file=bool(self.suffixes)).check()
+
+    def export(self, target: Path, job: ExportJob, options: Any) -> ExportSummary:
+        """Write a job to a target, next to which a file gets its run.
+
+        Parameters
+        ----------
+        target : Path
+            The file, or the folder.
+        job : ExportJob
+            The objects to export.
+        options : object
+            An instance of `options`.
+        """
+        if not self.suffixes:
+            return self.write(target, job, options)
+        with Output(target, self.name, job.force, is_file=True).writing() as file:
+            return self.write(file, job, options)
 
 
 def formats() -> dict[str, Format]:
@@ -188,21 +201,16 @@ def formats() -> dict[str, Format]:
 
 @contextmanager
 def export_folder(
-    target: str | Path, readme: str, about: Mapping[str, Any], **known: Any
+    target: str | Path, readme: str, about: Mapping[str, Any], force: bool, **known: Any
 ) -> Iterator[Path]:
-    """A new folder that takes the place of `target` when the block ends well.
+    """Yield a new folder whose files move to `target` when the block succeeds.
 
-    It gets a README.md, which is the template `readme` with what is `known`, and export.json, which
-    lists the files; a folder is replaced only if this file says that it is an export without
-    changes.
+    It gets a README.md, which is the template `readme` with what is `known`, and export.json.
     """
-    target = Path(target)
-    with replacing_folder(target, None, _is_untouched_export) as folder:
+    with Output(Path(target), about["kind"], force).writing() as folder:
         yield folder
         (folder / "README.md").write_text(rendered(readme, **known), "utf-8")
-        write_run(folder, target)
-        files = {file.name: digest_of(file) for file in sorted(folder.iterdir())}
-        text = json.dumps({**about, "files": files}, indent=2, allow_nan=False)
+        text = json.dumps(about, indent=2, allow_nan=False)
         (folder / ABOUT).write_text(text + "\n", "utf-8")
 
 
@@ -218,16 +226,3 @@ def check_has_field(costs: Costmap) -> None:
 
     if np.isnan(costs.u).all() and np.isfinite(costs.density).any():
         raise ConfigError("this export needs a costmap made of a field (Costmap.from_field)")
-
-
-def _is_untouched_export(folder: Path) -> bool:
-    if not folder.is_dir():
-        return False
-    there = {file.name for file in folder.iterdir()}
-    try:
-        files = parsed_json(read_text(folder / ABOUT, MAX_JSON_BYTES))["files"]
-        return there == {ABOUT, *files} and all(
-            digest_of(folder / name) == digest for name, digest in files.items()
-        )
-    except (LocplanError, OSError, ValueError, TypeError, KeyError, AttributeError):
-        return not there

@@ -102,15 +102,17 @@ def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
     return np.where(known, np.minimum(widened, 99), -1).astype(np.int8)  # 100 means full speed
 
 
-def ros_map(folder: str | Path, costs: Costmap) -> None:
+def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
     """Write u in per cent, 98 at most, as a map in the mode raw, as for a StaticLayer of Nav2.
 
     Parameters
     ----------
     folder : path
-        The folder; one that holds such an export without changes is replaced.
+        The folder, which need not exist; an earlier export of this kind is replaced.
     costs : Costmap
         A costmap that was made of a field.
+    force : bool, default False
+        True overwrites files of the same names in the folder; others stay.
 
     Raises
     ------
@@ -122,7 +124,7 @@ def ros_map(folder: str | Path, costs: Costmap) -> None:
     values = percent(costs)
     about = {"kind": "ros-map"} | about_costs(costs)
     grid = without_yaw(costs.grid)
-    with export_folder(folder, "ros-map.md", about, map=grid.name or "a map") as temporary:
+    with export_folder(folder, "ros-map.md", about, force, map=grid.name or "a map") as temporary:
         write_values(temporary / "raw", values, grid)
         title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
         figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)

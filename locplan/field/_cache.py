@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from locplan._util.checks import file_path, shown
+from locplan._util.output import clear_abandoned, temporary_folder
 from locplan._util.reading import parsed_json, read_text
-from locplan._util.supervision import remove_abandoned, temporary_folder
 from locplan._util.tables import age, in_bytes, table
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import _zarr as field_files
@@ -199,7 +199,7 @@ def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list
     for entry in entries(folder):
         if time.time() - entry.used >= days * 86400.0:
             (removed if remove(entry.folder) else busy).append(entry)
-    remove_abandoned(folder)
+    clear_abandoned(folder)
     return removed, busy
 
 

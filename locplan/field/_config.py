@@ -25,7 +25,8 @@ from locplan._util.checks import (
     shown,
     whole,
 )
-from locplan._util.files import check_target, replacing
+from locplan._util.files import check_target
+from locplan._util.output import replacing
 from locplan._util.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field._estimator import Estimator, made_of, settings_of

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import file_path
-from locplan._util.files import replacing_folder
+from locplan._util.output import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import Pictured
 from locplan._util.saved import Valued

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from locplan._kernels.arrays import Bools
-from locplan._util.files import replacing_folder
+from locplan._util.output import replacing_folder
 from locplan._util.progress import ProgressCallback
 from locplan.errors import FieldError
 from locplan.field import _cache as cache, _tiles as tiles, _zarr as field_files

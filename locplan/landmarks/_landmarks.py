@@ -11,8 +11,8 @@ import numpy as np
 
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import keep
+from locplan._util.output import Results
 from locplan._util.records import POSE, Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.tables import finite, wrapped
 from locplan.costs import Costmap, Path
 from locplan.errors import LocplanError

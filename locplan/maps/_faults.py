@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from locplan._kernels.arrays import Bools
+from locplan._util.output import Results
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan.errors import ConfigError
 from locplan.maps._files import as_meant
 from locplan.maps._grid import OccupancyGrid, check_grid

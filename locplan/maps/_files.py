@@ -15,10 +15,9 @@ import numpy as np
 
 from locplan._kernels.arrays import Octets, Singles
 from locplan._util.checks import file_path, printable
+from locplan._util.output import NEW, decide, digest_of, temporary_folder
 from locplan._util.reading import dumped, fault_of, opened, reason_of
-from locplan._util.results import move_together
 from locplan._util.runs import note_map
-from locplan._util.supervision import temporary_folder
 from locplan.errors import MapError
 from locplan.maps import environments
 from locplan.maps._built_in import is_built_in, remedy_for
@@ -322,11 +321,12 @@ def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
 
 def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
     """Replace both files or neither, and leave no other file behind."""
-    with temporary_folder(file.parent) as folder:
-        new_image, new_file = folder / "image", folder / "yaml"
-        picture.save(new_image, "PNG" if image.suffix == ".png" else "PPM")
-        new_file.write_text(text, encoding="utf-8")
-        move_together([(new_image, image), (new_file, file)], folder / "old")
+    with temporary_folder(file.parent) as staging:
+        new = staging / NEW
+        new.mkdir()
+        picture.save(new / image.name, "PNG" if image.suffix == ".png" else "PPM")
+        (new / file.name).write_text(text, encoding="utf-8")
+        decide(staging, {each.name: digest_of(each) for each in (image, file)})
 
 
 def _image_of(file: Path) -> Path | None:

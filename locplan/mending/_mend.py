@@ -11,9 +11,9 @@ import numpy as np
 
 from locplan._util.checks import whole
 from locplan._util.intervals import Interval
+from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export import write_filter_map

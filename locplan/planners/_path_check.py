@@ -10,8 +10,8 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from locplan._kernels.arrays import Array, Bools, Floats
+from locplan._util.output import Results
 from locplan._util.records import POSE, Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.saved import Valued
 from locplan._util.tables import finite
 from locplan.costs import AnyPath, Costmap, Path, path_cost, path_from

@@ -11,8 +11,8 @@ from typing import ClassVar
 import numpy as np
 
 from locplan._kernels.arrays import Floats, Ints
+from locplan._util.output import Results
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.saved import Stored
 from locplan._util.tables import finite, rounded_up, table, write_csv
 from locplan.costs import DEGENERATE, Costmap, Path, PathMetrics, about_costs, path_metrics

@@ -18,7 +18,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from locplan._kernels.arrays import Floats, Octets
-from locplan._util.files import PICTURES, check_target, replacing
+from locplan._util.files import PICTURES, check_target
+from locplan._util.output import replacing
 from locplan.field import CovarianceField
 from locplan.maps import UNKNOWN, MapFaults, OccupancyGrid
 from locplan.plotting import _cells as cells, style as styles

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,12 +12,11 @@ import numpy as np
 
 from locplan import __version__
 from locplan._util.checks import file_path, instance
-from locplan._util.files import check_target, replacing
+from locplan._util.files import check_target
 from locplan._util.intervals import Interval
+from locplan._util.output import Output
 from locplan._util.progress import ProgressCallback
-from locplan._util.reading import parsed_json, read_text
 from locplan._util.tables import finite, table
-from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._odometry_noise import MIN_UPDATES, OdometryNoise, odometry_noise
 from locplan.recordings._recording import Recording
@@ -82,7 +80,7 @@ class DriveCalibration:
         path : path
             The file, which ends in .json.
         force : bool, default False
-            True replaces files that are no calibration.
+            True overwrites a file that is no earlier calibration.
 
         Returns
         -------
@@ -95,10 +93,9 @@ class DriveCalibration:
             If a file cannot be written, or is in the way.
         """
         target = file_path("a calibration's file", path)
-        check_calibration(target, force=force)
         about = {"robot": self.robot.summary(), "calibration": self.summary()}
         content = {"locplan": __version__, **about}
-        with replacing(target) as temporary:
+        with check_calibration(target, force=force).writing() as temporary:
             temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         return [target]
 
@@ -120,26 +117,20 @@ def _texts(interval: Interval, unit: str) -> tuple[str, str]:
     return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
 
 
-def check_calibration(path: Path, *, force: bool = False) -> None:
-    """Raise a LocplanError unless a calibration can be written; to be called before long work.
+def check_calibration(path: Path, *, force: bool = False) -> Output:
+    """Return the output of a calibration, checked before long work.
 
     Parameters
     ----------
     path : Path
         The file of the calibration, which ends in .json.
     force : bool, default False
-        True lets a file be replaced that is no calibration.
+        True overwrites a file that is no earlier calibration.
     """
     check_target(path, ".json")
-    if force or not path.exists():
-        return
-    with suppress(LocplanError, ValueError):
-        content = parsed_json(read_text(path))
-        if isinstance(content, dict) and {"robot", "calibration"} <= content.keys():
-            return
-    raise LocplanError(
-        f"{path}: is there, and no calibration; name another file, or replace it with --force"
-    )
+    output = Output(path, "calibration", force, is_file=True)
+    output.check()
+    return output
 
 
 def calibrate_drive(

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import instance
 from locplan._util.intervals import blocks_along, plain, short
+from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import POSE, Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.field import (
     Estimator,

@@ -13,10 +13,10 @@ from typing import ClassVar
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
+from locplan._util.output import Results
 from locplan._util.poses import wrapped
 from locplan._util.public import Pictured
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.tables import REPORT_WIDTH, finite
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats, Singles
-from locplan._util.files import make_folder, replacing
+from locplan._util.files import make_folder
 from locplan._util.intervals import random_of
+from locplan._util.output import replacing
 from locplan._util.progress import ProgressCallback
 from locplan.field import wall_cells
 from locplan.maps import OCCUPIED, OccupancyGrid

@@ -21,9 +21,9 @@ from locplan._util.intervals import (
     mean_interval,
     random_of,
 )
+from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.field import scalar
 from locplan.maps import OccupancyGrid, check_grid

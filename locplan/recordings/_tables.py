@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import file_path, shown
-from locplan._util.files import replacing
+from locplan._util.output import replacing
 from locplan._util.reading import numbered_lines, opened, parsed_json
 from locplan._util.saved import made
 from locplan.errors import LocplanError, RecordingError

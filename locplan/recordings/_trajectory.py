@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats
+from locplan._util.output import Results
 from locplan._util.records import POSE, Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.saved import Stored
 from locplan._util.tables import finite, table
 from locplan.errors import RecordingError

@@ -20,7 +20,8 @@ from locplan._util.checks import (
     shown,
     suggestion,
 )
-from locplan._util.files import check_target, replacing
+from locplan._util.files import check_target
+from locplan._util.output import replacing
 from locplan._util.reading import dumped, stamp
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, Filter

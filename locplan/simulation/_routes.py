@@ -12,10 +12,10 @@ import numpy as np
 
 from locplan._kernels.arrays import Floats
 from locplan._util.intervals import Interval, digits_of, of_geometric_mean, of_mean, plain, short
+from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.public import Pictured
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.tables import file_name, finite, table
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan._util.intervals import Interval
+from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.tables import finite, table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from locplan._util.checks import number, shown, suggestion
-from locplan._util.supervision import temporary_folder
+from locplan._util.output import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 
 try:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path as File
 from typing import Any, ClassVar, Literal
 
+from locplan._util.output import Results
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.saved import Stored
 from locplan._util.tables import file_name, wrapped, write_rows
 from locplan.costs import Costmap, Path

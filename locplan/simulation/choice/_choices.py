@@ -12,8 +12,8 @@ import numpy as np
 
 from locplan._util.checks import file_path
 from locplan._util.intervals import Interval, of_geometric_mean
+from locplan._util.output import Results
 from locplan._util.records import Column, Table
-from locplan._util.results import Results
 from locplan._util.tables import file_name, finite
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import Query
@@ -195,7 +195,7 @@ class Choices:
             Folder of the choices, which need not exist. A choice's folder in it has the query's
             name, behind the map's where there are several maps.
         force : bool, default False
-            True also replaces files that locplan did not write.
+            True overwrites files of the same names and removes other results; other files stay.
 
         Raises
         ------
@@ -210,10 +210,10 @@ class Choices:
             if name in homes:
                 raise ConfigError(f"two choices would be saved as {name}; rename one")
             homes[name] = each
-        results = self.files.into(target, force=force)
-        for name, each in homes.items():
-            each.choice.save(target / name, force=force)
-        with results.writing() as new:
+        with self.files.into(target, force=force).writing() as new:
+            for name, each in homes.items():
+                (new / name).mkdir()
+                each.choice.write_files(new / name)
             self.table().write_csv(new / "choices.csv")
 
 

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from locplan._util.intervals import Interval, two_digits
+from locplan._util.output import Results
 from locplan._util.records import Column, Result, Table
-from locplan._util.results import Results
 from locplan._util.saved import tree_of
 from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
