@@ -469,12 +469,14 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path, costs, monkeypatch):
 def test_only_an_export_of_ours_is_replaced(tmp_path, costs):
     (tmp_path / "empty").mkdir()
     export.ros_map(tmp_path / "empty", costs)
-    export.nav2_speed(tmp_path / "empty", costs)
+    with pytest.raises(LocplanError, match=r"results of another command \(ros-map\)"):
+        export.nav2_speed(tmp_path / "empty", costs)
+    export.nav2_speed(tmp_path / "empty", costs, force=True)
     assert "nav2.yaml" in folder_of(tmp_path / "empty")
     assert "raw.yaml" not in folder_of(tmp_path / "empty")
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "thesis.tex").write_text("years of work")
-    with pytest.raises(LocplanError, match="not as locplan wrote it"):
+    with pytest.raises(LocplanError, match=r"thesis\.tex: is no earlier result"):
         export.ros_map(tmp_path / "theirs", costs)
     assert (tmp_path / "theirs" / "thesis.tex").read_text() == "years of work"
 
@@ -501,7 +503,7 @@ def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
     files = folder_of(tmp_path / "out")
     lines = [line for line in files["README.md"].decode().splitlines() if line]
     assert len(lines) <= 15
-    for name in set(files) - {"README.md"}:
+    for name in set(files) - {"README.md", "run.yaml"}:
         assert name in "".join(lines) or name.endswith(".png"), name
     about = json.loads(files["export.json"])
     assert about["map"]["digest"] == costs.grid.digest

@@ -49,6 +49,8 @@ class FieldJob:
                 raise LocplanError(f"name a file for the picture of {self.scalar} with --output")
             return
         suffix = self.output.suffix.lower()
+        if self.folder:
+            return self.folder.check()
         if self.scalar or suffix in PICTURES:
             check_target(self.output, *PICTURES)
         elif suffix == NUMPY_SUFFIX:
@@ -57,7 +59,7 @@ class FieldJob:
             check_field_target(self.output, force=self.force)
         else:
             check_target(self.output, FIELD_SUFFIX, NUMPY_SUFFIX, *PICTURES)
-        self._place.check(*[self.output.name] if suffix != FIELD_SUFFIX else [])
+        self._place.check()
 
     @property
     def _place(self) -> Output:
@@ -146,10 +148,11 @@ def field_jobs(
         if other != file:
             raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
     suffix = ".png" if scalar else FIELD_SUFFIX
-    folder = Output(output, "fields", force)
-    folder.check()
+    folder, targets = Output(output, "fields", force), [f"{name}{suffix}" for name in homes]
+    folder.check(*targets if scalar else [])
     return [
-        FieldJob(file, output / f"{name_of(file)}{suffix}", scalar, folder, force) for file in files
+        FieldJob(file, output / target, scalar, folder, force)
+        for file, target in zip(files, targets, strict=True)
     ]
 
 
