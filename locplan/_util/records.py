@@ -250,7 +250,15 @@ class Result(Pictured):
             self.write_files(new, *about)
 
     def write_files(self, folder: Path, *about: Any) -> None:
-        """Write what `save` writes into a folder that is there."""
+        """Write what `save` writes into a folder that is there.
+
+        Parameters
+        ----------
+        folder : path
+            The folder.
+        *about
+            What `summary` takes.
+        """
         kind = self.files.kind
         if isinstance(self, Stored) and self.suffix == ".json":
             self.write(folder / f"{kind}.json")

@@ -275,7 +275,15 @@ class Comparison(Result):
         }
 
     def write_files(self, folder: Path, *about: Any) -> None:
-        """Write the report, the tables and OMPL's logs into a folder that is there."""
+        """Write the report, the tables and OMPL's logs into a folder that is there.
+
+        Parameters
+        ----------
+        folder : path
+            The folder.
+        *about
+            What `summary` takes.
+        """
         called(self._page_by, folder / "report.html", self)
         self.table().write_csv(folder / "comparison.csv")
         Table.of(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
