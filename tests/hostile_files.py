@@ -22,6 +22,7 @@ from locplan._util.output import Output
 from locplan._util.runs import Run, run_text, running
 from locplan.comparison import Journal, PlannerSpec, read_movingai_map, read_scenarios
 from locplan.costs import Costmap, Path as Route, path_metrics
+from locplan.export._user_graph import UserGraph
 from locplan.field import (
     CovarianceField,
     FieldCache,
@@ -197,6 +198,23 @@ TEXTS = {
     "a.map": "type octile\nheight 3\nwidth 4\nmap\n....\n.@T.\n....\n",
     "a.scen": "version 1\n0\ta.map\t4\t3\t0\t0\t3\t2\t4.2\n1\ta.map\t4\t3\t0\t1\t3\t1\t5.0\n",
     "q.csv": 'name,start_x,start_y,goal_x,goal_y\none,1.5,2.0,3.0,4.0\n"a, b",0.0,-1.0,2,5\n',
+    "g.geojson": json.dumps(
+        {
+            "type": "FeatureCollection",
+            "features": [
+                {
+                    "type": "Feature",
+                    "properties": {"id": 1, "frame": "map"},
+                    "geometry": {"type": "Point", "coordinates": [1.0, 2.0]},
+                },
+                {
+                    "type": "Feature",
+                    "properties": {"id": 2, "startid": 1, "endid": 1, "metadata": {"aisle": 4}},
+                    "geometry": {"type": "LineString"},
+                },
+            ],
+        }
+    ),
     "runs.jsonl": f'{{"format": "locplan comparison", "version": 2}}\n{json.dumps(RUN)}\n',
     "spec.txt": "BITstar:time_limit=2,seed=3,settings.rewire_factor=1.2",
     "nav2.yaml": NAV2,
@@ -322,6 +340,7 @@ READERS = {
     "cache": Reader(cache_files, "*/**/*", list_cache, JSON, may_refuse=False),
     "Nav2 parameters": Reader(text_of("nav2.yaml"), "nav2.yaml", read_parameters),
     "filter": Reader(text_of("nav2.yaml"), "nav2.yaml", read_amcl),
+    "route graph": Reader(text_of("g.geojson"), "g.geojson", UserGraph.read, JSON),
     "MovingAI map": Reader(text_of("a.map"), "a.map", read_movingai_map),
     "scenarios": Reader(text_of("a.scen"), "a.scen", lambda file: read_scenarios(file, OPEN)),
     "queries": Reader(text_of("q.csv"), "q.csv", read_queries),

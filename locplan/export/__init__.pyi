@@ -39,4 +39,5 @@ from ._registry import (
 )
 from ._route_graph import RouteGraph as RouteGraph
 from ._servers import write_filter_map as write_filter_map
+from ._user_graph import annotate_graph as annotate_graph, nav2_graph as nav2_graph
 from ._values import YawWarning as YawWarning, percent as percent, ros_map as ros_map

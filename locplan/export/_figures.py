@@ -71,8 +71,9 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     figure, axes = plotting.map_axes(costs.grid)
     plotting.draw_map(axes, costs.grid)
     axes.images[0].set_cmap(plotting.style.LIGHT_MAP_COLOURS)
-    per_metre = graph.cost / graph.length
+    per_metre = graph.cost / np.maximum(graph.length, 1e-9)
     order = np.argsort(per_metre, kind="stable")  # the costliest on top
+    order = order[graph.length[order] > 0]
     width, _ = plotting.map_size(costs.grid)
     # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
     scale = 72 * width / np.ptp(axes.get_xlim())

@@ -109,24 +109,46 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
 
 @dataclass(frozen=True, kw_only=True)
 class RoutesOptions(Nav2Options, InFrame):
-    """The options of recommended routes."""
+    """The options of route graphs."""
+
+    graph: Path | None = None
+    """GeoJSON route graph whose edges get our cost, in place of paths."""
+    set_cost: bool = False
+    """Also write our cost as Nav2's cost of each edge of --graph."""
+
+    def __post_init__(self) -> None:
+        from locplan.export._user_graph import UserGraph
+
+        super().__post_init__()
+        if self.graph:
+            UserGraph.read(self.graph, self.frame)
 
 
 def check_routes(options: RoutesOptions, paths: int) -> None:
-    """Raise a ConfigError where there is nothing to export."""
-    if not paths:
-        raise ConfigError("--to nav2-routes needs paths: --path CSV or --choice FOLDER")
+    """Raise a ConfigError unless there are either paths or a graph to export."""
+    if options.set_cost and not options.graph:
+        raise ConfigError("--set-cost sets the cost of edges of --graph FILE; give the graph")
+    if options.graph and paths:
+        raise ConfigError("--graph is exported without paths; leave --path, --start, --choice out")
+    if not options.graph and not paths:
+        raise ConfigError(
+            "--to nav2-routes needs paths: --path CSV or --choice FOLDER; or --graph FILE"
+        )
 
 
 def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> ExportSummary:
-    """Write the paths as a route graph."""
+    """Write the paths as a route graph, or our costs into one."""
     from locplan.export._parameters import Robot
     from locplan.export._recommended import nav2_routes
+    from locplan.export._user_graph import nav2_graph
 
     robot = Robot.of(options.params, options.distro)
     robot.warn(robot.of_radius(job.costs.robot_radius))
-    ways = nav2_routes(target, job.costs, job.paths, force=job.force, **vars(options))
-    return ways.facts()
+    about = dict(vars(options)) | {"force": job.force}
+    graph, set_cost = about.pop("graph"), about.pop("set_cost")
+    if graph:
+        return nav2_graph(target, job.costs, graph, set_cost=set_cost, **about)
+    return nav2_routes(target, job.costs, job.paths, **about).facts()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +181,12 @@ FORMATS = (
     ),
     Format("nav2-speed", "a mask for Nav2's SpeedFilter", write_speed, SpeedOptions),
     Format(
-        *("nav2-routes", "paths as a graph for Nav2's route server", write_routes, RoutesOptions),
+        *(
+            "nav2-routes",
+            "a graph for Nav2's route server",
+            write_routes,
+            RoutesOptions,
+        ),
         paths="several",
         check=check_routes,
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,15 @@ from locplan.export._parameters import Robot
 from locplan.export._route_graph import RouteGraph
 from locplan.export._servers import Server, write_servers
 from locplan.robots import Nav2Parameters
+
+MAX_ID = 2**16 - 1
+"""Greatest id of a node or an edge; Nav2's messages have 16 bits for it."""
+SCORERS: Mapping[str, Any] = {
+    "edge_cost_functions": ["DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"],
+    "PenaltyScorer.penalty_tag": "penalty",
+    "PenaltyScorer.weight": 1.0,
+}
+"""Parameters of the route server that make the cost of an edge of `to_geojson` J."""
 
 
 def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
@@ -45,10 +55,9 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
     ids = len(graph.nodes) + len(graph.edges)
     if not len(graph.edges):
         raise ConfigError("Nav2 takes no graph without edges; give a path of some length")
-    most = 2**16 - 1  # Nav2's messages have 16 bits for the id of a node or an edge
-    if ids > most:
+    if ids > MAX_ID:
         raise ConfigError(
-            f"Nav2 has {most} ids for nodes and directed edges, but these are {ids}; give fewer"
+            f"Nav2 has {MAX_ID} ids for nodes and directed edges, but these are {ids}; give fewer"
             " paths"
         )
     xy = graph.nodes.tolist()
@@ -66,30 +75,19 @@ def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
 
 
 def write_graph(
-    folder: Path,
-    costs: Costmap,
-    graph: RouteGraph,
-    robot: Robot,
-    target: Path,
-    frame: str,
-    title: str,
+    folder: Path, graph: Mapping[str, Any], scorers: Mapping[str, Any], robot: Robot, target: Path
 ) -> None:
-    """Write a graph with its picture and its server, whose costs are those of the edges.
+    """Write a graph's GeoJSON with the server whose scorers make the costs of its edges J.
 
     A robot's own parameters name the graph by its place in `target`, which the folder will become.
     """
-    from locplan.export import _figures
-
-    write_geojson(folder / "graph.geojson", to_geojson(graph, frame))
-    _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))
-    scorers = "DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"
+    write_geojson(folder / "graph.geojson", graph)
     loader = "GeoJsonGraphFileLoader"
+    plugins = (loader, *scorers["edge_cost_functions"])
     own: dict[str, Any] = {
         "graph_file_loader": loader,
-        "edge_cost_functions": list(scorers),
-        **{f"{name}.plugin": f"nav2_route::{name}" for name in (loader, *scorers)},
-        "PenaltyScorer.penalty_tag": "penalty",
-        "PenaltyScorer.weight": 1.0,
+        **scorers,
+        **{f"{name}.plugin": f"nav2_route::{name}" for name in plugins},
         "smooth_corners": False,  # arcs would leave the edges, which were checked
     }
     theirs, file = robot.parameters.of(node := "route_server"), "graph.geojson"
@@ -102,3 +100,10 @@ def write_graph(
         robot.warn_changed(merged := robot.parameters.changed(node, own | place))
         for name, content in parameter_files(robot.parameters, merged)[0].items():
             (folder / name).write_bytes(content)
+
+
+def save_graph_preview(folder: Path, costs: Costmap, graph: RouteGraph, title: str) -> None:
+    """Write a picture of a graph over its map."""
+    from locplan.export import _figures
+
+    _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))

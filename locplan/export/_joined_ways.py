@@ -45,8 +45,8 @@ class Lines:
         _, *self.frame = space_of(costs)
         price = costs.unblocked_density
         priced = np.isfinite(price)
-        price = np.where(priced, price, price[priced].max(initial=1.0))
-        self.price = bordered_half(price, 1)
+        self.density = np.where(priced, price, price[priced].max(initial=1.0))
+        self.price = bordered_half(self.density, 1)
         self.blocked = bordered_half(np.where(np.isfinite(costs.density), 0.0, 1.0), 1)
 
     def costs(self, xy: Positions, pairs: Pairs) -> Floats:

@@ -13,7 +13,12 @@ import numpy as np
 from locplan._util.records import Column, Table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
-from locplan.export._graph_files import write_graph
+from locplan.export._graph_files import (
+    SCORERS,
+    save_graph_preview,
+    to_geojson,
+    write_graph,
+)
 from locplan.export._joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
 from locplan.export._parameters import Params, Robot
 from locplan.export._registry import ExportSummary, export_folder
@@ -185,10 +190,12 @@ def nav2_routes(
     about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
     about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
     known = {"map": name, "ways": ways, "robot": robot, "costs": costs}
+    known |= {"nodes": ways.graph.nodes, "ends": (1, 2)}
     with export_folder(folder, "nav2-routes.md", about, force, **known) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
-        write_graph(temporary, unturned, ways.graph, robot, FilePath(folder), frame, title)
+        write_graph(temporary, to_geojson(ways.graph, frame), SCORERS, robot, FilePath(folder))
+        save_graph_preview(temporary, unturned, ways.graph, title)
         _table(ways).write_csv(temporary / "routes.csv")
     return ways
 
