@@ -282,3 +282,11 @@ def test_command_writes_costs_into_graph(run, tmp_path):
         assert message in refused(run(*ask, *options))
     file.write_text("{")
     assert "own.geojson: is not JSON" in refused(run(*ask, "--graph", file))
+
+
+def test_folder_is_replaced_by_other_graph(tmp_path, costs):
+    for graph in (swagger_graph(), nav2_graph_of_tool()):
+        (tmp_path / "own.geojson").write_text(json.dumps(graph))
+        nav2_graph(tmp_path / "out", costs, tmp_path / "own.geojson")
+    written = json.loads((tmp_path / "out" / "graph.geojson").read_text())
+    assert len(edges_in(written)) == 2
