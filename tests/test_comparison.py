@@ -210,8 +210,7 @@ def test_the_limit_of_memory_stands_in_the_logs_in_megabytes(tmp_path):
 def test_all_files_are_written(compared, tmp_path):
     dataclasses.replace(compared, command="locplan compare").save(tmp_path / "out")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        *("report.html", "comparison.csv", "runs.csv", "ompl_logs"),
-        *{".locplan.json"} & {path.name for path in (tmp_path / "out").iterdir()},
+        *("report.html", "comparison.csv", "runs.csv", "ompl_logs", "run.yaml"),
     }
     with (tmp_path / "out" / "runs.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

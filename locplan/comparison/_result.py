@@ -154,6 +154,7 @@ class Comparison(Result):
     files: ClassVar[Results] = Results(
         "comparison",
         ("report.html", "comparison.csv", "runs.csv"),
+        unfinished=("runs.jsonl",),
     )
 
     runs: tuple[Run, ...]
