@@ -318,7 +318,9 @@ def test_journal_refuses_other_settings(tmp_path, changes, names):
     arguments = {"planners": ["grid", "any-angle"], "weights": [1.0], "journal": tmp_path / "r"}
     made(**arguments)
     before = (tmp_path / "r").read_text()
-    with pytest.raises(LocplanError, match=rf"other settings \({names}\); name another .*--force"):
+    with pytest.raises(
+        LocplanError, match=rf"other settings \({names}\); name another .*force=True"
+    ):
         made(**arguments | changes)
     assert (tmp_path / "r").read_text() == before
     runs = made(**arguments | changes, force=True)

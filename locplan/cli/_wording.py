@@ -28,7 +28,7 @@ def options_as_typed(text: str) -> str:
         if name not in metavars or (value is None and "_" not in name):
             return match.group()
         flag = f"--{name.replace('_', '-')}"
-        if not value:
+        if not value or value == "True":
             return flag
         if value.startswith("("):  # such as (x, y, yaw), whose form on the command line differs
             value = metavars[name] or value[1:-1].replace(" ", "")

@@ -129,7 +129,7 @@ class Journal:
         if names:
             raise LocplanError(
                 f"{self.path}: has runs of other settings ({', '.join(names)}); name another place,"
-                " or replace them with --force (in Python force=True)"
+                " or replace them with force=True"
             )
 
     def _parsed(self, number: int, line: str) -> Run:
