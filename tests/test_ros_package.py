@@ -102,11 +102,8 @@ class Given:
     def __init__(self, u):
         self.u = u
 
-    def degeneracy_at(self, x, y):
-        return self.u(x)
-
-    def covariance_at(self, x, y, heading=None):
-        return np.array([[0.5, 0.49, 0.0], [0.49, 0.5, 0.0], [0.0, 0.0, 0.01]])
+    def at(self, x, y, heading=None):
+        return self.u(x), np.array([[0.5, 0.49, 0.0], [0.49, 0.5, 0.0], [0.0, 0.0, 0.01]])
 
 
 def test_a_pose_that_trembles_at_a_border_gives_one_event():
@@ -141,10 +138,11 @@ def test_a_step_over_any_edge_of_the_map_is_outside():
     free = np.ones((4, 6), bool)
     field = part("field_file").FieldFile(covariance, free * 0.5, free, 1.0, (0.0, 0.0, 0.0), 1)
     for x, y in ((0.1, 0.1), (5.9, 3.9)):
-        assert field.degeneracy_at(x, y) == 0.5
+        assert field.at(x, y)[0] == 0.5
     for x, y in ((-0.1, 2.0), (6.1, 2.0), (3.0, -0.1), (3.0, 4.1)):
-        assert math.isnan(field.degeneracy_at(x, y))
-        assert np.isnan(field.covariance_at(x, y)).all()
+        u, covariance = field.at(x, y)
+        assert math.isnan(u)
+        assert np.isnan(covariance).all()
 
 
 @pytest.mark.parametrize(
@@ -171,11 +169,12 @@ def agrees(file, field, *headings):
     for n in rng.integers(len(rows), size=40):
         row, col = rows[n] + rng.uniform(0.01, 0.99), cols[n] + rng.uniform(0.01, 0.99)
         x, y = (float(v) for v in field.grid.grid_to_world(row, col))
-        assert read.degeneracy_at(x, y) == u[rows[n], cols[n]]
         for heading in (None, *headings):
             pose = (x, y) if heading is None else (x, y, heading)
             expected = field.at(pose, "covariance")
-            np.testing.assert_allclose(read.covariance_at(x, y, heading), expected, atol=1e-12)
+            degeneracy, covariance = read.at(x, y, heading)
+            assert degeneracy == u[rows[n], cols[n]]
+            np.testing.assert_allclose(covariance, expected, atol=1e-12)
     positions = read.positions(1.0)
     assert len(positions)
     assert np.isfinite(field.at(positions, "covariance")).all()
@@ -210,7 +209,7 @@ def test_the_ellipse_turns_with_the_map(tmp_path):
         export.field(tmp_path / "f.npz", field)
         read = part("field_file").FieldFile.load(str(tmp_path / "f.npz"))
         x, y = field.grid.cell_to_world(6, 35)
-        axes.append(part("watch").ellipse(read.covariance_at(x, y))[2])
+        axes.append(part("watch").ellipse(read.at(x, y)[1])[2])
     assert axes[0] == pytest.approx(0.0, abs=0.1)
     assert axes[1] - axes[0] == pytest.approx(0.7, abs=1e-6)
 

@@ -81,20 +81,18 @@ class FieldFile:
         stride = max(1, round(step / float(resolution)))
         return cls(covariance, u, cells == FREE, float(resolution), (x, y, yaw), stride)
 
-    def degeneracy_at(self, x: float, y: float) -> float:
-        """u at a world position [m]; NaN in cells that are not free or outside the map."""
-        cell = self._cell(x, y)
-        return float(self.u[cell]) if cell else math.nan
+    def at(self, x: float, y: float, heading: float | None = None) -> tuple[float, np.ndarray]:
+        """Return u and the covariance (d, d) at a world position [m].
 
-    def covariance_at(self, x: float, y: float, heading: float | None = None) -> np.ndarray:
-        """Covariance at a world position [m], (d, d), interpolated in the matrix logarithm.
-
-        `heading` [rad] counts where the field has several. NaN in cells that are not free or
-        outside the map.
+        The covariance is interpolated in the matrix logarithm; `heading` [rad] counts if the field
+        has several. Both are NaN in cells that are not free, and outside the map.
         """
-        nowhere = np.full(self.covariance.shape[-2:], np.nan)
-        if not self._cell(x, y):
-            return nowhere
+        cell = self._cell(x, y)
+        if not cell:
+            return math.nan, np.full(self.covariance.shape[-2:], np.nan)
+        return float(self.u[cell]), self._covariance(x, y, heading)
+
+    def _covariance(self, x: float, y: float, heading: float | None) -> np.ndarray:
         around = [
             (self.covariance[i, j], a * b)
             for i, a in self._beside(self._grid(x, y)[0], 0)
@@ -102,7 +100,7 @@ class FieldFile:
             if a * b > 0 and np.isfinite(self.covariance[i, j]).all()
         ]
         if not around:
-            return nowhere
+            return np.full(self.covariance.shape[-2:], np.nan)
         towards = np.array([_towards(covariance, heading) for covariance, _ in around])
         return _mean(towards, np.array([weight for _, weight in around]))
 

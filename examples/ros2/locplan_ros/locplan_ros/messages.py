@@ -102,8 +102,8 @@ def ellipses(stamp: Fields, frame: str, field: FieldFile, spacing: float, scale:
     """visualization_msgs/MarkerArray: the field's ellipses, blue where sharp, else vermilion."""
     markers = []
     for n, (x, y) in enumerate(field.positions(spacing)):
-        major, minor, direction = ellipse(field.covariance_at(x, y))
-        u = field.degeneracy_at(x, y)
+        u, covariance = field.at(x, y)
+        major, minor, direction = ellipse(covariance)
         sizes = {"x": max(2 * scale * major, 1e-3), "y": max(2 * scale * minor, 1e-3), "z": 0.02}
         kind = {"header": header(stamp, frame), "ns": "ellipses", "id": n, "type": CYLINDER}
         look = {"scale": sizes, "color": _color(SHARP + u * (VERMILION - SHARP), 0.7)}

@@ -15,11 +15,8 @@ CLEAR, DEGENERATE, NOWHERE = "clear", "degenerate", "nowhere"
 class Field(Protocol):
     """A field that can be asked for a position [m]; NaN where it has no value."""
 
-    def covariance_at(self, x: float, y: float, heading: float | None = None) -> np.ndarray:
-        """Covariance of (x, y, theta), or of (x, y), (d, d)."""
-
-    def degeneracy_at(self, x: float, y: float) -> float:
-        """Degeneracy u, 0..1."""
+    def at(self, x: float, y: float, heading: float | None = None) -> tuple[float, np.ndarray]:
+        """Degeneracy u, 0..1, and covariance of (x, y, theta), or of (x, y), (d, d)."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +100,7 @@ class Watch:
 
     def update(self, x: float, y: float, heading: float = 0.0) -> Reading:
         """Take the robot's next pose [m, m, rad]."""
-        u = self.field.degeneracy_at(x, y)
-        covariance = self.field.covariance_at(x, y, heading)
+        u, covariance = self.field.at(x, y, heading)
         if self._last is not None and self.state == DEGENERATE:
             self._driven += math.hypot(x - self._last[0], y - self._last[1])
         self._last = (x, y)
