@@ -1,6 +1,5 @@
 """The simulated choice for many queries, here and on executors."""
 
-import json
 import math
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
@@ -94,7 +93,7 @@ def test_choices_do_not_depend_on_the_executor(costs, made, kind):
         other = choose_many(
             costs, QUERIES, executor=executor, **QUICK, progress=lambda *each: done.append(each)
         )
-    assert other.summary() == made.summary()
+    assert [each.choice for each in other] == [each.choice for each in made]
     assert done == [(1, 3), (2, 3), (3, 3)]
     assert all(each.choice.costs is costs for each in other)
 
@@ -110,7 +109,7 @@ def test_a_cluster_chooses_the_same(costs, made):
         distributed.Client(cluster, set_as_default=False) as client,
     ):
         other = choose_many(costs, QUERIES, executor=client.get_executor(), **QUICK)
-    assert other.summary() == made.summary()
+    assert [each.choice for each in other] == [each.choice for each in made]
 
 
 def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeypatch):
@@ -183,9 +182,6 @@ def test_what_choices_bring_is_told_for_all_queries(made):
     assert (far["start_x"], far["goal_y"]) == (QUERIES[0].start[0], QUERIES[0].goal[1])
     assert far["length_chosen"] == made[0].choice.path.length
     assert far["error_shortest"] == pytest.approx(made[0].choice.shortest.driven.error.value)
-    about = json.loads(json.dumps(made.summary()))
-    assert (about["queries"], about["left_the_shortest"]) == (3, made.left)
-    assert [each["query"] for each in about["choices"]] == ["far", "near", "back"]
     text = " ".join(made.report().split())
     assert f"two_corridors 3 of 3 {made.left} " in text
     assert f"{made.error_ratio.value:.2f}" in text
@@ -219,7 +215,6 @@ def test_queries_without_a_path_count_as_such():
     assert found.error_ratio.value == 1.0
     only = choose_many(Costmap.blank(parted), ends[:1], **QUICK)
     assert "0 of 1" in only.report()
-    assert json.dumps(only.summary())
 
 
 @pytest.mark.long

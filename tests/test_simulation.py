@@ -13,11 +13,13 @@ from conftest import corridor
 
 import locplan
 from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
+from locplan._util.records import values_of
 from locplan.field import SHORT_LIDAR, Exponential, Sad, Scan
 from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planners import AWARE, SHORTEST, Query
 from locplan.robots import OMNIDIRECTIONAL, Amcl, Disturbances, Robot, read_amcl
 from locplan.simulation import (
+    DRIVEN,
     LOST,
     Drives,
     Route,
@@ -237,7 +239,7 @@ def test_lost_drives_and_their_intervals(two_corridors):
     assert drives.kept_rmse.low < drives.kept_rmse.value < drives.kept_rmse.high < LOST
     assert drives.median_error.value == np.median(drives.position_error)
     assert drives.median_error.low < drives.median_error.value < drives.median_error.high
-    about = drives.summary()
+    about = values_of(DRIVEN, drives)
     assert about["median_error"] == list(drives.median_error)
     assert about["kept_rmse"] == list(drives.kept_rmse)
     assert drives.profile().shape == (len(drives.poses), 9)
@@ -265,7 +267,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
     drives = Drives(poses, errors)
     assert drives.lost.all()
     assert np.isnan(drives.kept_rmse).all()
-    assert drives.summary()["kept_rmse"] == [None] * 3
+    assert values_of(DRIVEN, drives)["kept_rmse"] == [None] * 3
     assert drives.median_error == (0.0, 0.0, 0.0)
     errors[:2, 4, 1] = 0.5  # two are too few for an interval
     kept = Drives(poses, errors).kept_rmse
@@ -302,8 +304,9 @@ def test_the_aware_path_is_followed_better_in_the_hall():
         kept = both[path]["kept_rmse"][0]  # none if all drives are lost
         assert row[f"kept_rmse_{name}"] == kept
         assert row[f"rmse_{name}"] == both[path]["rmse"][0]
-    assert routes.summary()["median_error"] == pytest.approx(routes.routes[0].median_error)
-    json.dumps(routes.summary(), allow_nan=False)
+    (about,) = json.loads(json.dumps(RoutesOnMaps((routes,)).summary(), allow_nan=False))["maps"]
+    assert about["median_error"] == pytest.approx(routes.routes[0].median_error)
+    assert about["queries"][0]["name"] == "hall"
 
 
 def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_kept(monkeypatch):
@@ -318,7 +321,8 @@ def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_ke
     assert Routes(grid, [*routes, lost], {}).kept_rmse == pytest.approx((0.4, 0.2))
     only = Routes(grid, [lost], {})
     assert np.isnan(only.kept_rmse).all()
-    assert only.summary()["kept_rmse"] == [None, None]
+    (about,) = RoutesOnMaps((only,)).summary()["maps"]
+    assert about["kept_rmse"] == [None, None]
     monkeypatch.setenv("COLUMNS", "110")
     table = RoutesOnMaps((only,)).report()
     assert "- -> -" in table

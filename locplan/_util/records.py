@@ -195,6 +195,20 @@ class Table:
             yield [own for c, value in pairs for own in (value if c.interval else (value,))]
 
 
+def values_of(columns: Iterable[Column], record: object) -> dict[str, Any]:
+    """Return the values of a record by the names of columns, fit for JSON; intervals are lists.
+
+    Parameters
+    ----------
+    columns : iterable of Column
+        The columns.
+    record : object
+        The record.
+    """
+    values = {column.name: column.of(record) for column in columns}
+    return dict(tables.finite(values))
+
+
 class Result(Pictured):
     """What a command finds: numbers, text for people, a figure, and a folder with all of them."""
 

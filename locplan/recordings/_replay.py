@@ -23,7 +23,7 @@ from locplan._util.intervals import (
 )
 from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback
-from locplan._util.records import Column, Result, Table
+from locplan._util.records import Column, Result, Table, values_of
 from locplan._util.tables import REPORT_WIDTH, finite, table
 from locplan.field import scalar
 from locplan.maps import OccupancyGrid, check_grid
@@ -209,7 +209,7 @@ class Replay(Result):
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "runs": len(self.errors),
             "updates": found.updates,
-            "errors": self.drives.summary(),
+            "errors": values_of(DRIVEN, self.drives),
             "consistency": {
                 "within_95_ellipse": list(found.within),
                 "wider_by": found.wider,

@@ -15,7 +15,6 @@ from locplan._util.checks import whole
 from locplan._util.intervals import Interval, of_geometric_mean, of_mean, of_median, of_rms, wilson
 from locplan._util.poses import Poses, way_along
 from locplan._util.records import POSE, Column, Table
-from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
 
 MAX_DRIVES = 100_000
@@ -38,6 +37,7 @@ RATES: tuple[Column, ...] = (
 )
 """Columns of shares of the drives that go wrong, with 95 % intervals."""
 DRIVEN = (
+    Column("drives", value=lambda drives: len(drives.errors)),
     Column("length", "m", "length"),
     Column("typical_rmse", "m", "error of a typical drive", interval=True),
     Column("median_error", "m", "median error", interval=True),
@@ -184,12 +184,6 @@ class Drives(Rated):
     def final_rmse(self) -> Interval:
         """Root mean square of the position error where the drive ends [m]."""
         return of_rms(self.position_error[:, -1] ** 2)
-
-    def summary(self) -> dict[str, object]:
-        """Length, errors and share of lost drives in numbers, fit for JSON."""
-        about = {each.name: each.of(self) for each in DRIVEN}
-        listed = {name: list(v) if isinstance(v, tuple) else v for name, v in about.items()}
-        return finite({"drives": len(self.errors), **listed})
 
     def profile(self) -> Floats:
         """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""

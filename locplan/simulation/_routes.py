@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,7 +15,7 @@ from locplan._util.intervals import Interval, digits_of, of_geometric_mean, of_m
 from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.public import Pictured
-from locplan._util.records import Column, Result, Table
+from locplan._util.records import Column, Result, Table, values_of
 from locplan._util.tables import file_name, finite, table
 from locplan.costs import Costmap, about_costs
 from locplan.errors import ConfigError
@@ -23,7 +23,7 @@ from locplan.field import equipped
 from locplan.maps import OccupancyGrid
 from locplan.planners import AWARE, SHORTEST, Query, plan_beside_shortest
 from locplan.robots import Robot
-from locplan.simulation._drives import Drives, check_drives, rmse_ratio
+from locplan.simulation._drives import DRIVEN, Drives, check_drives, rmse_ratio
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter
 from locplan.simulation.driver import drive_open
@@ -166,21 +166,6 @@ class Routes(Pictured):
         """A row per query: both ends, and the errors along both paths."""
         return Table.of(COLUMNS, self.routes)
 
-    def summary(self) -> dict[str, object]:
-        """Results in numbers, fit for JSON; pairs are of the shortest and of the aware path."""
-        over_queries = "length_ratio", "rmse_ratio", "lost", "off_at_end", "kept_rmse", "rmse"
-        about: dict[str, object] = {
-            **self.about,
-            "verdict": self.verdict,
-            "median_error": list(self.median),
-            **{name: list(getattr(self, name)) for name in (*over_queries, "lost_difference")},
-            "queries": [
-                {"name": at.name, "start": list(at.start), "goal": list(at.goal), **each.summary}
-                for at, each in ((each.query, each) for each in self.routes)
-            ],
-        }
-        return finite(about)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RoutesOnMaps(Result):
@@ -218,8 +203,24 @@ class RoutesOnMaps(Result):
         ]
 
     def summary(self) -> dict[str, object]:
-        """Summary of all maps' queries, fit for JSON."""
-        return {"maps": [routes.summary() for routes in self.maps]}
+        """Return all maps' results in numbers, fit for JSON; pairs are shortest and aware paths."""
+        names = "length_ratio", "rmse_ratio", "lost", "off_at_end", "kept_rmse", "rmse"
+        return {
+            "maps": [
+                finite(
+                    {
+                        **routes.about,
+                        "verdict": routes.verdict,
+                        "median_error": routes.median,
+                        **{name: getattr(routes, name) for name in (*names, "lost_difference")},
+                        "queries": [
+                            {**asdict(route.query), **route.summary} for route in routes.routes
+                        ],
+                    }
+                )
+                for routes in self.maps
+            ]
+        }
 
     def _write(self, folder: Path, *about: Any) -> None:
         from locplan.plotting import save_figure
@@ -344,5 +345,5 @@ def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
         (getattr(shortest, name).value, getattr(aware, name).value) for name in names
     )
     lengths = shortest.length, aware.length
-    about = {"paths": {name: each.summary() for name, each in drives.items()}}
+    about = {"paths": {name: values_of(DRIVEN, each) for name, each in drives.items()}}
     return Route(query, lengths, median, lost, off, kept, rmse, {**about, "rmse_ratio": [*ratio]})

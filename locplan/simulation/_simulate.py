@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from locplan._util.intervals import Interval
 from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback, parts
-from locplan._util.records import Column, Result, Table
+from locplan._util.records import Column, Result, Table, values_of
 from locplan._util.tables import finite, table
 from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
@@ -63,7 +63,7 @@ class Simulation(Result):
         map_of = {"name": self.grid.name, "digest": self.grid.digest}
         about: dict[str, object] = {
             **(about_costs(self.costs) if self.costs else {"map": map_of}),
-            "paths": {name: each.summary() for name, each in self.drives.items()},
+            "paths": {name: values_of(DRIVEN, each) for name, each in self.drives.items()},
             "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
             "seed": self.seed,
             "robot": self.robot.summary(),

@@ -14,7 +14,7 @@ from locplan._util.checks import file_path
 from locplan._util.intervals import Interval, of_geometric_mean
 from locplan._util.output import Results
 from locplan._util.records import Column, Table
-from locplan._util.tables import file_name, finite
+from locplan._util.tables import file_name
 from locplan.errors import ConfigError, LocplanError
 from locplan.planners import Query
 from locplan.simulation._drives import LOST
@@ -144,21 +144,6 @@ class Choices:
             *(each for name in ("lost", "off_at_end") for each in _pair(name, name)),
         )
         return Table.of(columns, self.choices)
-
-    def summary(self) -> dict[str, object]:
-        """What the choices bring, and each of them, fit for JSON; shortest before chosen."""
-        over_queries = "error_ratio", "length_ratio", "lost", "off_at_end"
-        about = {
-            "queries": len(self),
-            "solved": len(self.solved),
-            "left_the_shortest": self.left,
-            **{name: list(getattr(self, name)) for name in over_queries},
-            "choices": [
-                {"map": each.map, "query": each.query.name, **each.choice.summary()}
-                for each in self.choices
-            ],
-        }
-        return finite(about)
 
     def report(self) -> str:
         """Text of what the choices bring, one row per map and one of all maps."""
