@@ -116,6 +116,12 @@ def test_file_of_others_is_refused(tmp_path):
     assert content(tmp_path) == {"path.csv": "mine"}
 
 
+def test_results_stay_if_nothing_is_written(tmp_path):
+    write(tmp_path / "out", {"a": "1"})
+    write(tmp_path / "out", {})
+    assert content(tmp_path) == {"out/a": "1"}
+
+
 def test_others_of_a_kind_stay_if_files_are_added(tmp_path):
     for name in "ab":
         write(tmp_path, {name: "1"}, kind="maps", adds=True)

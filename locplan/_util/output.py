@@ -96,7 +96,8 @@ class Output:
     def writing(self, *, adds: bool = False) -> Iterator[Path]:
         """Yield a file, or a folder, whose content moves to its place when the block succeeds.
 
-        Earlier results that the block does not write are removed, unless it `adds` to them.
+        Earlier results that the block does not write are removed, unless it `adds` to them or
+        writes nothing.
         """
         self.check()
         base = next(each for each in (self._home, *self._home.parents) if each.is_dir())
@@ -110,6 +111,8 @@ class Output:
                 text = destination(str(error)).replace(str(self._home), str(self._folder))
                 raise type(error)(text) from None
             self.check(*(written := _digests(new)))
+            if not written:
+                return
             kind, listed = runs.read_outputs(self._home / self._run_name)
             present = {name: digest_of(self._home / name) for name in {**listed, **written}}
             unchanged = {name for name in listed if present[name] == listed[name]}

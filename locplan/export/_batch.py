@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from locplan._util.checks import one_of
 from locplan._util.files import PICTURES, check_target
-from locplan._util.output import Output
+from locplan._util.output import Output, destination
 from locplan._util.progress import working
 from locplan._util.saved import plain
 from locplan._util.tables import table
@@ -59,26 +60,28 @@ class FieldJob:
             check_field_target(self.output, force=self.force)
         else:
             check_target(self.output, FIELD_SUFFIX, NUMPY_SUFFIX, *PICTURES)
-        self._place.check()
+        Output(self.output, "field", self.force, is_file=True).check()
 
-    @property
-    def _place(self) -> Output:
-        """Where the file goes."""
-        assert self.output is not None
-        return self.folder or Output(self.output, "field", self.force, is_file=True)
-
-    def run(self, compute: Callable[[OccupancyGrid], CovarianceField]) -> CovarianceField:
+    def run(
+        self, compute: Callable[[OccupancyGrid], CovarianceField], folder: Path | None = None
+    ) -> CovarianceField:
         """Load the map, compute its field, and write the file that is asked for.
 
         Parameters
         ----------
         compute : callable
             Computes the field of a map.
+        folder : Path, optional
+            The temporary folder of the files of several maps.
         """
         computed = compute(load_map(self.map_file))
         if self.output:
-            with working(f"writing {self.output.name}"), self._place.writing(adds=True) as place:
-                self._write(place / self.output.name if self.folder else place, computed)
+            alone = Output(self.output, "field", self.force, is_file=True)
+            with (
+                working(f"writing {self.output.name}"),
+                nullcontext(folder / self.output.name) if folder else alone.writing() as file,
+            ):
+                self._write(file, computed)
         return computed
 
     def _write(self, file: Path, computed: CovarianceField) -> None:
@@ -179,7 +182,7 @@ class FieldRun:
 def run_field_jobs(
     jobs: Sequence[FieldJob], compute: Callable[[OccupancyGrid], CovarianceField]
 ) -> Iterator[FieldRun]:
-    """Run each job, and give its result or the reason why it failed.
+    """Run each job, and yield its result or the reason of its failure; write all files at the end.
 
     Parameters
     ----------
@@ -193,17 +196,18 @@ def run_field_jobs(
     iterator of FieldRun
         The result of each job, when it is there.
     """
-    for job in jobs:
-        started = time.perf_counter()
-        summary, reason = None, None
-        try:
-            job.check()
-            summary = FieldSummary.of(job.run(compute))
-        except LocplanError as error:
-            reason = str(error)
-            if str(job.map_file) not in reason:
-                reason = f"{job.map_file}: {reason}"
-        yield FieldRun(job.map_file, summary, reason, time.perf_counter() - started)
+    output = next((job.folder for job in jobs if job.folder), None)
+    with output.writing() if output else nullcontext() as folder:
+        for job in jobs:
+            started = time.perf_counter()
+            summary, reason = None, None
+            try:
+                summary = FieldSummary.of(job.run(compute, folder))
+            except LocplanError as error:
+                reason = destination(str(error))
+                if str(job.map_file) not in reason:
+                    reason = f"{job.map_file}: {reason}"
+            yield FieldRun(job.map_file, summary, reason, time.perf_counter() - started)
 
 
 def field_runs_table(runs: Sequence[FieldRun]) -> str:
