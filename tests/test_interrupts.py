@@ -177,9 +177,10 @@ with replacing("new.txt") as file, temporary_folder():
 
 
 @pytest.mark.parametrize(
-    ("number", "expected"), [(signal.SIGTERM, (143, "")), (signal.SIGHUP, (129, ""))]
+    ("number", "expected"),
+    [(signal.SIGTERM, (143, "locplan: terminated\n")), (signal.SIGHUP, (129, ""))],
 )
-def test_other_signals_end_it_without_a_line(tmp_path, number, expected):
+def test_other_signals_end_a_command(tmp_path, number, expected):
     assert ended(begun(tmp_path, supervised("stuck()")), number) == expected
 
 

@@ -99,9 +99,9 @@ def prepare(home: Path, name: str) -> int:
     for each in ("room", "other"):
         save_map(grid, home / f"{each}.yaml")
     (home / "notes.txt").write_text("mine")
-    assert run(home, [*command, first])[0] == 0
-    code, steps = run(home, [*command, second])
-    assert code == 0
+    for value in (first, second, first, second):  # the fields are in the cache at last
+        code, steps = run(home, [*command, value])
+        assert code == 0
     return steps
 
 

@@ -1,11 +1,12 @@
-"""Ctrl-C within a second: a process that works, and one that outlives it and cleans up.
+"""Ctrl-C and SIGTERM within a second: a process that works, and one that outlives it and clears up.
 
-Python acts on a signal only between two of its own instructions. While a kernel runs or is
-compiled, or a picture is drawn, that may take many seconds, and libraries lose an interrupt that
-comes within their callbacks. So the first process does nothing but wait. It passes a signal on,
-gives the second one a short time to end in good order, kills it otherwise, and removes its
-temporary folders. Where nobody outlives a process that is killed, the next one that needs a
-temporary folder in the same place removes them: it knows by their locks that nobody needs them.
+Why not a thread that waits on `signal.set_wakeup_fd`: it needs the interpreter, which others hold.
+It waited up to 3.3 s while numba compiled a kernel, and 2.7 s in the first search of OMPL. In OMPL
+itself it waited at most 0.8 s, since the termination condition is in Python.
+
+So the first process only waits. It passes a signal on, gives the second one a short time to end in
+good order, kills it otherwise, and clears its temporary folders. If nobody outlives a process that
+is killed, the next one that writes to the same place does so, see `locplan._util.output`.
 """
 
 from __future__ import annotations
@@ -50,10 +51,14 @@ def existing(said: bytes) -> list[str]:
 
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C."""
+TERMINATED = 128 + signal.SIGTERM
+"""Exit code after SIGTERM."""
 PASSED_ON = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
 """Signals that the first process passes on to the second."""
+WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""What the first process reports after a signal; after others nobody is there to read it."""
 
 
 def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
@@ -74,7 +79,7 @@ def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, passed_on)
     process = os.fork()
     if not process:
-        _work(work, (heard, said), first, signal.SIGINT in passed_on, before)
+        _work(work, (heard, said), first, passed_on & set(WORDS), before)
     os.close(said)
     asked: list[int] = []
 
@@ -104,12 +109,7 @@ def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
 
 
 def end_if_supervised(code: int = INTERRUPTED) -> None:
-    """End this process at once after an interrupt if another one cleans up and says so.
-
-    The exit code is another one where an interrupt is the usual end.
-
-    Threads that are within a kernel are not awaited.
-    """
+    """End this process at once, without its threads, if another one clears up and reports."""
     if _listener is not None:
         os._exit(code)
 
@@ -128,15 +128,15 @@ def _work(
     work: Callable[[], None],
     pipe: tuple[int, int],
     parent: int,
-    interruptible: bool,
+    interrupts: set[int],
     mask: set[Any],
 ) -> None:
     """Do the work in the second process, and end it."""
     global _listener
     _listener = pipe
     try:
-        if interruptible:
-            signal.signal(signal.SIGINT, _interrupt)
+        for number in interrupts:
+            signal.signal(number, _interrupt)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         end_with_parent(parent)
         work()
@@ -144,31 +144,32 @@ def _work(
     except KeyboardInterrupt:
         end_if_supervised()
     finally:
-        if interruptible:  # all is done, and nothing but the interpreter's own end is left
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in interrupts:  # all is done, and only the interpreter's own end is left
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _exit_code(asked: list[int], code: int) -> int:
     """The exit code of the first process, after it has said in one line how the second ended."""
     if asked and os.isatty(2):
         os.write(2, b"\r\x1b[2K\x1b[?25h")  # the bar goes, and the cursor that it hid comes back
-    if code == -signal.SIGINT or (asked[:1] == [signal.SIGINT] and code):
-        code = INTERRUPTED
-    if code == INTERRUPTED:
-        os.write(2, b"locplan: interrupted\n")
-    elif asked and code:
-        code = 128 + asked[0]
-    elif -code in PASSED_ON:  # the terminal sent it to both, and this process had it later
-        code = 128 - code
-    elif code < 0:
+    if not asked and -code in PASSED_ON:
+        asked = [-code]  # the terminal sent it to both, and this process had it later
+    elif not asked and code == INTERRUPTED:
+        asked = [signal.SIGINT]
+    if asked and code:
+        if word := WORDS.get(asked[0]):
+            os.write(2, f"locplan: {word}\n".encode())
+        return 128 + asked[0]
+    if code < 0:
         name = signal.Signals(-code).name
         os.write(2, f"locplan: error: its process was ended by {name}\n".encode())
-        code = 128 - code
+        return 128 - code
     return code
 
 
 def _interrupt(*_: object) -> None:
-    signal.signal(signal.SIGINT, _ignore)  # a second one must not disturb what ends in good order
+    for number in WORDS:
+        signal.signal(number, _ignore)  # a second one must not disturb what ends in good order
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries wrap and report it in many ways
     raise KeyboardInterrupt
 

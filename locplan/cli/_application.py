@@ -14,7 +14,7 @@ from cyclopts.help import DefaultFormatter
 
 from locplan import __version__
 from locplan._util.runs import Run, Setting, running
-from locplan._util.supervision import INTERRUPTED
+from locplan._util.supervision import INTERRUPTED, TERMINATED
 from locplan.cli._types import heading
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def application(*names: str) -> App:
         help_epilogue=(
             f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT}"
             f" for a wrong input, {BEYOND_LIMIT} where a limit of check is exceeded, and"
-            f" {INTERRUPTED} after Ctrl-C."
+            f" {INTERRUPTED} after Ctrl-C and {TERMINATED} after SIGTERM."
         ),
         group_parameters=heading("Options"),
         default_parameter=Parameter(

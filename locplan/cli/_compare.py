@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -87,7 +86,6 @@ class compare(typed.ManyMaps, FieldOptions, Criterion, Compared, Computing, Runn
         if planners:
             comparison.specs_of(planners)
         self.check_output(locplan.Comparison.files)
-        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and clean up
         with progress_bar("runs", "runs") as progress:
             execution = comparison.Execution(
                 **self.given("workers", "time_limit", "patience"),

@@ -11,7 +11,6 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import working
-from locplan._util.supervision import end_if_supervised
 from locplan.cli import _types as typed
 from locplan.cli._options import Cached, CostOptions, Ends, Force, Threads
 from locplan.cli._robot_options import FieldOptions, RobotOptions
@@ -30,8 +29,7 @@ if TYPE_CHECKING:
 class explore(FieldOptions, Ends, CostOptions, Cached, Threads):
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
-    The page is for this machine alone, at the address that is printed. Ctrl-C ends it,
-    with exit code 0.
+    The page is for this machine alone, at the address that is printed. Ctrl-C ends it.
     """
 
     map_file: Annotated[
@@ -73,14 +71,11 @@ class explore(FieldOptions, Ends, CostOptions, Cached, Threads):
         if self.no_browser:
             browse = "open the address above in a browser on this machine; Ctrl-C ends the page"
         with page:
-            try:
-                print(page.address, flush=True)
-                print(f"locplan: {browse}", file=sys.stderr, flush=True)
-                if not self.no_browser:
-                    page.open()
-                page.wait()
-            except KeyboardInterrupt:  # the usual end of this command
-                end_if_supervised(0)
+            print(page.address, flush=True)
+            print(f"locplan: {browse}", file=sys.stderr, flush=True)
+            if not self.no_browser:
+                page.open()
+            page.wait()
 
     def robot_and_field(self) -> tuple[Robot, FieldConfig]:
         """The robot and the settings of the field, which are those of the check on a report."""
