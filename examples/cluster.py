@@ -23,7 +23,7 @@ def main(folder: str = "cluster") -> None:
         field = locplan.load_or_compute(grid, executor=client.get_executor())
     print(f"{field.evaluated.sum():,} cells, {field.saturated_share:.0%} of them saturated")
     Path(folder).mkdir(parents=True, exist_ok=True)
-    field.save(Path(folder) / "places.zarr")
+    field.save(Path(folder) / "places.npz")
     figure = locplan.plotting.field_figure(field)
     locplan.plotting.save_figure(figure, Path(folder) / "places.png")
 

@@ -196,11 +196,6 @@ def test_random_queries_have_a_seed_of_at_least_0():
         random_queries(costs, 2, -1, min_distance=1.0)
 
 
-def test_a_scheduler_is_checked_before_work(run, room, no_work, tmp_path):
-    for arguments in (("field", room), ("compare", room, "-o", tmp_path / "out")):
-        assert "must be an address" in refused(run(*arguments, "--scheduler", "xyz"))
-
-
 def test_a_missing_extra_is_said_before_work(run, room, no_work, monkeypatch, tmp_path):
     def mine(costs, start, goal):
         return None

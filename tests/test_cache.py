@@ -7,17 +7,17 @@ from conftest import random_rooms
 from locplan._util.output import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import (
-    FieldCache,
     FieldConfig,
-    Fused,
     Sad,
-    Scan,
     SearchWindow,
     _cache as cache,
-    _store as store,
+    cache_entries,
+    cache_table,
+    field_path,
+    load_or_compute,
+    load_or_compute_result,
 )
 from locplan.maps import OccupancyGrid
-from locplan.robots import Lidar
 
 QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
 
@@ -28,35 +28,33 @@ def three(tmp_path):
     paths = []
     for days in (1, 2, 3):
         grid = OccupancyGrid(random_rooms((40, 50), seed=days), 0.1, name=f"rooms {days}")
-        store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
-        paths.append(store.field_path(grid, QUICK, tmp_path))
+        load_or_compute(grid, QUICK, cache_dir=tmp_path)
+        paths.append(field_path(grid, QUICK, tmp_path))
         used = time.time() - days * 86400 - 60
-        os.utime(paths[-1] / "zarr.json", (used, used))
+        os.utime(paths[-1], (used, used))
     return paths
 
 
 def names(folder) -> list[str]:
-    return [entry.about["map_name"] for entry in cache.entries(folder)]
+    return [entry.about["map"] for entry in cache_entries(folder)]
 
 
 def test_entries_come_by_their_last_use(three, tmp_path):
     assert names(tmp_path) == ["rooms 1", "rooms 2", "rooms 3"]
-    cache.mark_used(three[1])
+    os.utime(three[1])
     assert names(tmp_path) == ["rooms 2", "rooms 1", "rooms 3"]
 
 
-def test_entries_know_their_size_and_whether_they_are_finished(three, tmp_path):
-    entry = cache.CacheEntry.read(three[0])
-    files = [file for file in three[0].rglob("*") if file.is_file()]
-    assert entry.size == sum(file.stat().st_size for file in files)
-    assert entry.share == 1.0
-    assert abs(entry.computed - time.time()) < 600
-    (three[0] / "covariance/c.0.0.0.0").unlink()
-    assert cache.CacheEntry.read(three[0]).share < 1
+def test_entries_know_their_kind_size_and_share(three, tmp_path):
+    entry = cache_entries(tmp_path)[0]
+    assert entry.path == three[0]
+    assert entry.size == three[0].stat().st_size
+    assert (entry.kind, entry.finished_share) == ("field", 1.0)
+    assert "field rooms 1 sad, disc" in " ".join(cache_table([entry], tmp_path).split())
 
 
 def test_the_least_recently_used_go_first(three, tmp_path):
-    size = sum(cache.CacheEntry.read(path).size for path in three[:2])
+    size = sum(path.stat().st_size for path in three[:2])
     cache.evict(tmp_path, size, three[0])
     assert names(tmp_path) == ["rooms 1", "rooms 2"]
     cache.evict(tmp_path, 1, three[1])
@@ -64,17 +62,17 @@ def test_the_least_recently_used_go_first(three, tmp_path):
 
 
 def test_a_new_field_drives_out_an_old_one(three, tmp_path, monkeypatch):
-    monkeypatch.setenv("LOCPLAN_CACHE_SIZE", str(cache.CacheEntry.read(three[0]).size))
+    monkeypatch.setenv("LOCPLAN_CACHE_SIZE", str(three[0].stat().st_size))
     grid = OccupancyGrid(random_rooms((40, 50), seed=9), 0.1, name="new")
-    store.load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK, cache_dir=tmp_path)
     assert names(tmp_path) == ["new"]
 
 
 def test_what_is_being_computed_stays(three, tmp_path):
     with cache.lock_of(three[1]):
         removed, busy = cache.clear_cache(tmp_path, 0)
-    assert [entry.folder for entry in busy] == [three[1]]
-    assert {entry.folder for entry in removed} == {three[0], three[2]}
+    assert [entry.path for entry in busy] == [three[1]]
+    assert {entry.path for entry in removed} == {three[0], three[2]}
     assert names(tmp_path) == ["rooms 2"]
 
 
@@ -83,11 +81,17 @@ def test_only_what_was_not_used_for_so_long_is_removed(three, tmp_path):
     assert names(tmp_path) == ["rooms 1"]
 
 
-def test_damaged_entries_can_be_seen_and_removed(three, tmp_path):
-    (three[0] / "zarr.json").write_text("{")
-    assert [entry.about for entry in cache.entries(tmp_path)].count({}) == 1
+def test_unreadable_entries_are_listed_and_removed(three, tmp_path):
+    three[0].write_text("{")
+    for suffix in (".parts", ".zarr", ".kept"):
+        (tmp_path / ("0" * 32 + suffix)).mkdir()
+        (tmp_path / ("0" * 32 + suffix) / "zarr.json").write_text("{}")
+    kinds = sorted(entry.kind for entry in cache_entries(tmp_path))
+    assert kinds == ["damaged", "field", "field", *["of an earlier version"] * 2, "unfinished"]
+    assert "6 results" in cache_table(cache_entries(tmp_path), tmp_path)
     cache.clear_cache(tmp_path, 0)
-    assert cache.entries(tmp_path) == []
+    assert cache_entries(tmp_path) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["locks"]
 
 
 def test_leftovers_of_killed_processes_are_removed_but_not_those_of_live_ones(three, tmp_path):
@@ -105,14 +109,13 @@ def test_leftovers_of_killed_processes_are_removed_but_not_those_of_live_ones(th
 
 
 def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
-    for name in (".git", "mine.zarr", f".{'a' * 31}", "a" * 32):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "zarr.json").write_text("{}")
+    for name in ("mine.npz", f"{'a' * 31}.npz", f"{'a' * 32}.csv", "a" * 32):
+        (tmp_path / name).write_text("{}")
         os.utime(tmp_path / name, (0, 0))
     cache.evict(tmp_path, 0, three[0])
     cache.clear_cache(tmp_path, 0)
-    assert len(list(tmp_path.glob("*/zarr.json"))) == 4
-    assert cache.entries(tmp_path) == []
+    assert len([path for path in tmp_path.iterdir() if path.is_file()]) == 4
+    assert cache_entries(tmp_path) == []
 
 
 def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monkeypatch):
@@ -162,20 +165,50 @@ def test_the_folder_is_the_argument_then_the_environment_then_the_users(tmp_path
         cache.cache_folder("~nosuchuser/x")
 
 
-@pytest.mark.parametrize(
-    ("estimator", "told"),
-    [
-        (Sad(), "sad, range 6 "),
-        (Sad.paper(), "sad, quantisation False, range 6, weights inverse-square "),
-        (Scan(Lidar.preset("turtlebot3")), "scan, turtlebot3 "),
-        (Fused(Lidar.preset("turtlebot3")), "fused, turtlebot3 "),
-        (Fused(Lidar(range=6.0)), "fused, range 6 "),
-    ],
-)
-def test_the_list_names_the_lidar_and_the_settings_that_differ(
-    tmp_path, monkeypatch, estimator, told
-):
-    monkeypatch.setenv("COLUMNS", "200")
-    about = {"map_name": "room", "config": FieldConfig(estimator).to_json(), "chunks": 1}
-    entry = cache.CacheEntry(tmp_path, about, 1000, 1, time.time(), time.time())
-    assert f"room {told}" in " ".join(FieldCache(tmp_path, [entry], 10**9).table().split())
+KEY = "0123456789abcdef" * 2
+
+
+def read_number(path):
+    try:
+        return int(path.read_text())
+    except ValueError:
+        raise LocplanError(f"{path}: is damaged") from None
+
+
+def number_in(folder, compute):
+    def save(path, number):
+        path.write_text(str(number))
+
+    return load_or_compute_result(KEY, read_number, compute, save, cache_dir=folder)
+
+
+def test_result_is_computed_once(tmp_path):
+    assert number_in(tmp_path, lambda parts: 7) == 7
+    assert number_in(tmp_path, None) == 7
+
+
+def test_damaged_result_is_computed_again(tmp_path):
+    number_in(tmp_path, lambda parts: 7)
+    (tmp_path / f"{KEY}.npz").write_text("seven")
+    with pytest.warns(cache.CacheWarning, match="is damaged; computed again"):
+        assert number_in(tmp_path, lambda parts: 8) == 8
+    assert number_in(tmp_path, None) == 8
+
+
+def test_parts_of_result_stay_until_it_is_saved(tmp_path):
+    def interrupted(parts):
+        parts.mkdir()
+        (parts / "1").write_text("7")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        number_in(tmp_path, interrupted)
+    assert [entry.kind for entry in cache_entries(tmp_path)] == ["unfinished"]
+    assert number_in(tmp_path, lambda parts: read_number(parts / "1")) == 7
+    assert [entry.path.name for entry in cache_entries(tmp_path)] == [f"{KEY}.npz"]
+
+
+def test_result_without_parts_if_cache_is_a_file(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.warns(cache.CacheWarning, match="cannot be written"):
+        assert number_in(tmp_path / "file", lambda parts: 7 if parts is None else 8) == 7

@@ -236,8 +236,8 @@ def test_our_estimators_are_computed_once_at_each_cell(grid, monkeypatch):
 
 
 def saved(tmp_path, field: locplan.CovarianceField) -> locplan.CovarianceField:
-    field.save(tmp_path / "f.zarr")
-    return locplan.CovarianceField.load(tmp_path / "f.zarr")
+    field.save(tmp_path / "f.npz")
+    return locplan.CovarianceField.load(tmp_path / "f.npz")
 
 
 @pytest.fixture
@@ -261,11 +261,11 @@ def test_a_field_that_could_not_be_loaded_is_not_saved(sound, tmp_path, name, at
     values[name][at] = value
     wrong = locplan.CovarianceField.of(values, sound.grid, sound.config)
     with pytest.raises(FieldError, match=complaint):
-        wrong.save(tmp_path / "wrong.zarr")
+        wrong.save(tmp_path / "wrong.npz")
     for lost in ({"layers": {}}, {"covariance": sound.covariance[1:]}):
         with pytest.raises(FieldError, match="must be an array of shape"):
-            dataclasses.replace(sound, **lost).save(tmp_path / "wrong.zarr")
-    assert [path.name for path in tmp_path.iterdir()] == ["f.zarr"]
+            dataclasses.replace(sound, **lost).save(tmp_path / "wrong.npz")
+    assert [path.name for path in tmp_path.iterdir()] == ["f.npz"]
 
 
 def test_a_field_whose_estimator_could_not_be_made_again_is_not_saved(
@@ -276,10 +276,10 @@ def test_a_field_whose_estimator_could_not_be_made_again_is_not_saved(
 
     namesake = locplan.covariance_field(grid, Namesake(range=1.0))
     with pytest.raises(FieldError, match="field of estimator 'sad' could not be read again; give"):
-        namesake.save(tmp_path / "f.zarr")
+        namesake.save(tmp_path / "f.npz")
     monkeypatch.delitem(ESTIMATORS, "own")
     with pytest.raises(FieldError, match=r"ESTIMATORS\['own'\] = 'test_contract:Own'"):
-        sound.save(tmp_path / "f.zarr")
+        sound.save(tmp_path / "f.npz")
     assert not list(tmp_path.iterdir())
 
 
@@ -304,7 +304,7 @@ def test_estimator_with_version_is_cached_and_read_aloud(grid, tmp_path, caplog)
     np.testing.assert_array_equal(again.covariance, field.covariance)
     locplan.load_or_compute(grid, type("Mine", (Own,), {"version": 4})(), cache_dir=tmp_path)
     assert len(caplog.messages) == 1
-    assert len(list(tmp_path.glob("*.zarr"))) == 2
+    assert len(list(tmp_path.glob("*.npz"))) == 2
 
 
 def test_estimator_without_version_is_not_cached(grid, tmp_path):

@@ -165,8 +165,8 @@ def test_ends_that_noise_moves_far_do_not_leave_their_piece_of_the_map(monkeypat
 
 
 def test_fields_are_saved_cached_and_updated_with_all_they_hold(rooms, ahead, tmp_path):
-    ahead.save(tmp_path / "ahead.zarr")
-    loaded = CovarianceField.load(tmp_path / "ahead.zarr")
+    ahead.save(tmp_path / "ahead.npz")
+    loaded = CovarianceField.load(tmp_path / "ahead.npz")
     assert_same(loaded, ahead)
     assert loaded.config == ahead.config
     for _ in range(2):
@@ -175,17 +175,6 @@ def test_fields_are_saved_cached_and_updated_with_all_they_hold(rooms, ahead, tm
     cells[3:6, 4:7] = 0
     after = dataclasses.replace(rooms, cells=cells)
     assert_same(ahead.update(after), covariance_field(after, ahead.config))
-
-
-def test_xarray_opens_headings_and_layers(ahead, tmp_path):
-    import xarray
-
-    ahead.save(tmp_path / "ahead.zarr")
-    with xarray.open_zarr(tmp_path / "ahead.zarr", consolidated=False) as dataset:
-        assert dataset.covariance.dims == ("y", "x", "heading", "pose_row", "pose_col")
-        assert dataset.heading.values == pytest.approx([0, math.pi / 2, math.pi, 3 * math.pi / 2])
-        for name in ahead.layers:
-            np.testing.assert_array_equal(dataset[name], ahead.layers[name])
 
 
 def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):

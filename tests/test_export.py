@@ -27,7 +27,7 @@ from locplan.export import (
     _registry as registry,
 )
 from locplan.export._charges import mask_density
-from locplan.field import FieldConfig, Sad, covariance_field, load_or_compute
+from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planners import plan
 
@@ -825,13 +825,15 @@ def test_field_writes_numpy_arrays(tmp_path, costs):
     field = covariance_field(costs.grid, FieldConfig(Sad(range=1.0)))
     export.field(tmp_path / "f.npz", field)
     with np.load(tmp_path / "f.npz") as arrays:
-        assert {*arrays} == {"covariance", "u_map", "cells", "resolution", "origin", "config"}
+        assert {*arrays} == {"about", "covariance", "u_map", "cells"}
         np.testing.assert_array_equal(arrays["covariance"], field.covariance)
         u = Costmap.from_field(costs.grid, field).u
         np.testing.assert_array_equal(arrays["u_map"], u)
         np.testing.assert_array_equal(arrays["cells"], costs.grid.cells)
-        assert arrays["origin"].tolist() == [2.0, -1.0, 0.0]
-        assert json.loads(str(arrays["config"]))["estimator"]["range"] == 1.0
+        about = json.loads(str(arrays["about"]))
+        assert about["origin"] == [2.0, -1.0, 0.0]
+        assert about["config"]["estimator"]["range"] == 1.0
+    assert CovarianceField.load(tmp_path / "f.npz").config == field.config
     with pytest.raises(LocplanError, match=r"must end in \.npz"):
         export.field(tmp_path / "f.txt", field)
 

@@ -94,8 +94,11 @@ def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
         (0.6, 0.31, 0.5, None),
     ],
 )
-def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(wins, hollow, depth, kind):
-    found = faults(blocks(), check=lambda _: Solidity(wins, hollow, depth))
+def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
+    wins, hollow, depth, kind, monkeypatch
+):
+    monkeypatch.setattr("locplan.maps._faults.solidity", lambda _: Solidity(wins, hollow, depth))
+    found = faults(blocks())
     assert [each.kind for each in found] == [kind] * (kind is not None)
     assert found.mended == (hollowed(blocks()) if kind == "solid walls" else blocks())
     deep = replace(found, found=(*found, MapFault("deep walls", "")))

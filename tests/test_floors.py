@@ -18,7 +18,7 @@ field.to_xarray()
 costs = locplan.Costmap.blank(grid, robot=0.25)
 plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0), planner="RRT", iterations=2000)
 import cloudpickle, cv2, distributed, pandas, rosbags.typesys, uvicorn
-import starlette.applications, websockets, zarr
+import starlette.applications, websockets
 """
 
 

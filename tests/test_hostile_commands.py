@@ -27,7 +27,7 @@ WRITING = {
     "plan": (*ENDS, "-o", "disk/out"),
     "simulate": (*ENDS, "--drives", "2", "--disc", "1", "-o", "disk/out"),
     "export": ("--to", "ros-map", "-o", "disk/out"),
-    "field": ("--disc", "1", "-o", "disk/out.zarr"),
+    "field": ("--disc", "1", "-o", "disk/out.npz"),
 }
 """A quick line of commands that write a picture, a folder of results or of an export, a field."""
 

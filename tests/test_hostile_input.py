@@ -21,19 +21,19 @@ from locplan.export import formats
 from locplan.field import (
     CacheWarning,
     CovarianceField,
-    FieldCache,
     FieldConfig,
     Fisher,
     Sad,
     Scan,
     SearchWindow,
-    _cache as cache,
+    cache_entries,
+    cache_folder,
+    cache_table,
     covariance_field,
     field_path,
     load_or_compute,
 )
 from locplan.field._compute import standing_cells
-from locplan.field._zarr import _checksum, write
 from locplan.maps import OccupancyGrid, load_map, name_of, save_map
 from locplan.recordings import read_drive
 from locplan.robots import Amcl, Lidar, read_amcl, read_parameters
@@ -218,20 +218,31 @@ def test_scenarios_that_do_not_fit_are_refused(tmp_path, line, fault):
 # --- fields, and their cache ------------------------------------------------------------------
 
 
-GARBAGE = [DEEP, "", "\0", "[]", "null", '{"attributes": []}', '{"attributes": ' + DEEP, "\ud83e"]
+GARBAGE = [DEEP, "", "[]", "null", '{"kind": []}', '{"kind": ' + DEEP]
+
+
+def described(file: Path, text: str) -> None:
+    """Replace the description in a file of a field."""
+    with np.load(file) as arrays:
+        content = dict(arrays)
+    np.savez(file, **content | {"about": np.array(text)})
+
+
+def with_changes(file: Path, **changes: object) -> None:
+    """Change entries of the description in a file of a field."""
+    with np.load(file) as arrays:
+        about = json.loads(str(arrays["about"]))
+    described(file, json.dumps(about | changes))
 
 
 @pytest.mark.parametrize("garbage", GARBAGE)
-def test_a_description_that_is_garbage_is_computed_anew_and_breaks_no_list(
-    tmp_path, garbage, monkeypatch
-):
+def test_description_that_is_garbage_is_computed_again_and_breaks_no_list(tmp_path, garbage):
     cache_files(tmp_path)
-    ours = field_path(GRID, SMALL, tmp_path)
-    (ours / "zarr.json").write_bytes(garbage.encode("utf-8", "surrogatepass"))
-    found = cache.entries(tmp_path)
-    assert sorted(entry.about.get("map_name", "") for entry in found) == ["", "room"]
-    assert "(not of" in FieldCache(tmp_path, found, 10**9).table()
-    with pytest.warns(CacheWarning, match="computed anew"):
+    described(field_path(GRID, SMALL, tmp_path), garbage)
+    found = cache_entries(tmp_path)
+    assert sorted(entry.summary()["map"] for entry in found) == ["", "room"]
+    assert cache_table(found, tmp_path).count("room") == 1
+    with pytest.warns(CacheWarning, match="computed again"):
         field = load_or_compute(GRID, SMALL, cache_dir=tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -239,58 +250,51 @@ def test_a_description_that_is_garbage_is_computed_anew_and_breaks_no_list(
     np.testing.assert_array_equal(field.covariance, again.covariance)
 
 
-def described(folder: Path, **changes: object) -> None:
-    """Change attributes of a field, with a checksum that fits."""
-    whole = json.loads((folder / "zarr.json").read_text())
-    whole["attributes"] |= changes
-    whole["attributes"]["checksum"] = _checksum(whole["attributes"])
-    (folder / "zarr.json").write_text(json.dumps(whole))
-
-
 @pytest.mark.parametrize(
     "changes",
     [
-        {"map_name": ["a", "list"]},
-        {"map_name": None},
-        {"chunks": [4]},
+        {"map": ["a", "list"]},
         {"config": "sad"},
         {"config": []},
-        {"map_shape": 7},
         {"origin": 0.0},
-        {"identity": None},
-        {"format": ["a"] * 1000},
+        {"resolution": "fine"},
+        {"resolution": None},
+        {"kind": ["a"] * 1000},
     ],
 )
-def test_attributes_of_another_kind_are_no_field(tmp_path, changes):
+def test_entries_of_another_kind_are_no_field(tmp_path, changes):
     cache_files(tmp_path)
-    ours = field_path(GRID, SMALL, tmp_path)
-    described(ours, **changes)
-    found = cache.entries(tmp_path)
-    assert [entry.share for entry in found] == [1.0, 1.0]
-    assert FieldCache(tmp_path, found, 10**9).table().count("room") == 1
-    with pytest.raises(FieldError, match="not a covariance field"):
-        CovarianceField.load(ours)
+    file = field_path(GRID, SMALL, tmp_path)
+    with_changes(file, **changes)
+    found = cache_entries(tmp_path)
+    assert [entry.finished_share for entry in found] == [1.0, 1.0]
+    json.dumps([entry.summary() for entry in found])
+    assert cache_table(found, tmp_path)
+    with pytest.raises(LocplanError) as error:
+        CovarianceField.load(file)
+    assert str(file) in str(error.value)
 
 
-def test_settings_in_a_description_that_are_deep_or_long_are_cut_in_the_list(tmp_path):
+def test_long_texts_in_a_description_are_cut_in_the_list(tmp_path):
     cache_files(tmp_path)
-    deep: dict = {"a": 1}
-    for _ in range(400):
-        deep = {"a": deep}
-    described(field_path(GRID, SMALL, tmp_path), config={"estimator": deep, "b": list(range(9999))})
-    text = FieldCache(tmp_path, cache.entries(tmp_path), 10**9).table()
-    assert len(text) < 5000
-    json.dumps(FieldCache(tmp_path, cache.entries(tmp_path), 10**9).summary())
+    with_changes(field_path(GRID, SMALL, tmp_path), map="a" * 9999, summary="b" * 9999)
+    found = cache_entries(tmp_path)
+    assert len(cache_table(found, tmp_path)) < 5000
+    assert len(json.dumps([entry.summary() for entry in found])) < 5000
 
 
-def test_a_map_that_is_larger_than_described_is_not_read(tmp_path):
-    field = made_field()
-    write(tmp_path / "f.zarr", field.values, GRID, SMALL)
-    about = json.loads((tmp_path / "f.zarr/cells/zarr.json").read_text())
-    about["shape"] = [10**6, 10**6]
-    (tmp_path / "f.zarr/cells/zarr.json").write_text(json.dumps(about))
-    with pytest.raises(FieldError, match=r"its map is damaged .*does not fit"):
-        CovarianceField.load(tmp_path / "f.zarr")
+def test_arrays_larger_than_their_limit_are_not_read(tmp_path):
+    file = tmp_path / "f.npz"
+    made_field().save(file)
+    with np.load(file) as arrays:
+        content = dict(arrays)
+    for name in ("covariance", "about"):
+        np.savez_compressed(file, **content | {name: np.zeros(10**7)})
+        tracemalloc.start()
+        with pytest.raises(FieldError, match=r"its arrays take 80 MB, of at most"):
+            CovarianceField.load(file)
+        assert tracemalloc.get_traced_memory()[1] < 10**7
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("text", [DEEP, "[]", '{"outputs": []}', "kind: run\nversion: 1", "\0"])
@@ -386,7 +390,7 @@ def test_a_map_without_an_image_is_an_error_not_the_home_folder(run, tmp_path, i
 
 def test_an_empty_cache_folder_is_refused():
     with pytest.raises(LocplanError, match="the cache folder must be a path, not ''"):
-        cache.cache_folder("")
+        cache_folder("")
 
 
 @pytest.mark.parametrize("reach", [0, 1, 2, 5, 17])

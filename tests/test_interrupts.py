@@ -246,12 +246,12 @@ ENDS = "--start", "1,2", "--goal", "4,3.5"
 def stops() -> list:
     """Where commands stand still, and their arguments."""
     each = [
-        ("locplan.field.Sad.covariances", ("field", "-o", "out.zarr")),
+        ("locplan.field.Sad.covariances", ("field", "-o", "out.npz")),
         (
             "locplan.comparison._workers.Workers.run",
             ("compare", "--min-distance", "2", "-o", "out"),
         ),
-        ("locplan.field._zarr.write", ("field", "-o", "out.zarr")),
+        ("locplan.field._files.write_field", ("field", "-o", "out.npz")),
         (
             "locplan.simulation.Simulator.arguments",
             ("plan", *ENDS, "--no-field", "--lidar", "rplidar-a1", "-o", "out"),

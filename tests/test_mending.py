@@ -8,7 +8,7 @@ from PIL import Image
 from test_faults import blocks
 
 import locplan
-from locplan import load_map, maps, mend, mending, save_map
+from locplan import load_map, maps, mend, save_map
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 
 ROOM = drawn("########", *["#......#"] * 4, "########", resolution=0.5)
@@ -68,34 +68,6 @@ def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
     assert manager == {"autostart": True, "node_names": ["map_amcl_server"]}
     launch = (tmp_path / "localizability.launch.xml").read_text()
     assert '<param name="yaml_filename" value="$(dirname)/map_amcl.yaml"/>' in launch
-
-
-def test_the_check_of_walls_is_paid_once_and_the_cache_lists_and_clears_it(
-    tmp_path, monkeypatch, run
-):
-    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "cache"))
-    save_map(blocks(), tmp_path / "blocks.yaml")
-    assert "locplan mend" in mending.offer(blocks())
-    assert mending.offer(ROOM) is None
-    monkeypatch.setattr("locplan.field._kept.solidity", None)  # not checked again
-    assert "locplan mend" in mending.offer(blocks())
-    assert mending.offer(ROOM) is None
-    code, out, _ = run("info", tmp_path / "blocks.yaml")
-    assert (code, "walls are black inside" in out) == (0, True)
-    _, out, _ = run("cache", "list")
-    assert out.count("check of walls") == 2
-    assert "0 fields and 2 checks of walls" in out
-    for kept in (tmp_path / "cache").glob("*.kept/walls.json"):
-        kept.write_text("[1, 2")  # damaged
-    with pytest.raises(TypeError):
-        mending.offer(ROOM)
-    run("cache", "clear")
-    assert not [*(tmp_path / "cache").glob("*.kept")]
-
-
-def test_the_walls_are_checked_where_the_cache_cannot_be_written(tmp_path):
-    (tmp_path / "file").write_text("")
-    assert "locplan mend" in mending.offer(blocks(), tmp_path / "file")
 
 
 def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):

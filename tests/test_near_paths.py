@@ -12,10 +12,10 @@ from locplan.costs import Costmap, path_metrics
 from locplan.errors import ConfigError, FieldError
 from locplan.field import (
     CovarianceField,
-    FieldCache,
     FieldConfig,
     Fisher,
-    _cache as cache,
+    cache_entries,
+    cache_table,
     covariance_field,
     every_second_point,
     load_or_compute,
@@ -164,18 +164,18 @@ def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coar
     np.testing.assert_array_equal(wider.evaluated, more)
 
 
-def test_the_cache_tells_fields_of_some_points_from_unfinished_ones(grid, coarse, tmp_path):
+def test_cache_lists_finished_share_of_field(grid, whole, coarse, tmp_path):
     load_or_compute(grid, CONFIG, points=coarse.evaluated, cache_dir=tmp_path)
-    (entry,) = cache.entries(tmp_path)
-    assert entry.share is None
-    assert "near paths" in FieldCache(tmp_path, [entry], 10**9).table()
+    (entry,) = cache_entries(tmp_path)
+    assert entry.finished_share == coarse.evaluated.sum() / whole.evaluated.sum()
+    assert f" {entry.finished_share:.0%} " in cache_table([entry], tmp_path)
     load_or_compute(grid, CONFIG, cache_dir=tmp_path)
-    assert {each.share for each in cache.entries(tmp_path)} == {None, 1.0}
+    assert [each.finished_share for each in cache_entries(tmp_path)] == [1.0]
 
 
 def test_a_field_of_some_points_is_not_saved(coarse, tmp_path):
     with pytest.raises(FieldError, match="some of its points only; compute all"):
-        coarse.save(tmp_path / "part.zarr")
+        coarse.save(tmp_path / "part.npz")
     assert not list(tmp_path.iterdir())
 
 
@@ -186,15 +186,15 @@ def test_points_must_be_a_mask_of_the_lattice(grid, points):
 
 
 @pytest.mark.parametrize(
-    ("options", "share"),
+    ("options", "is_whole"),
     [
-        ((), None),
-        (("--planner", "RRTConnect", "--space", "SE2", "--iterations", 500), None),
-        (("--stride", 0.2), 1.0),
+        ((), False),
+        (("--planner", "RRTConnect", "--space", "SE2", "--iterations", 500), False),
+        (("--stride", 0.2), True),
     ],
 )
 def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
-    run, grid, tmp_path, options, share
+    run, grid, tmp_path, options, is_whole
 ):
     save_map(grid, tmp_path / "map.yaml")
     heading = ",0" if "SE2" in options else ""
@@ -203,5 +203,5 @@ def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
     cached = "--cache-dir", tmp_path / "cache"
     code, _, err = run("plan", tmp_path / "map.yaml", *ends, *lidar, *cached, *options)
     assert code == 0, err
-    fields = cache.fields(tmp_path / "cache")
-    assert [cache.CacheEntry.read(each).share for each in fields] == [share]
+    (entry,) = cache_entries(tmp_path / "cache")
+    assert (entry.finished_share == 1.0) == is_whole

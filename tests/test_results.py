@@ -381,26 +381,6 @@ def test_landmarks_are_not_placed_if_the_folder_is_refused(run, room, tmp_path, 
     assert "other.pgm: is no earlier result" in err
 
 
-def test_other_files_in_a_field_are_in_the_way(run, room, tmp_path):
-    field = tmp_path / "f.zarr"
-    assert [run("field", room, "-o", field)[0] for _ in range(2)] == [0, 0]
-    (field / "notes.txt").write_text("mine")
-    code, _, err = run("field", room, "-o", field)
-    assert code == 2
-    assert "notes.txt: is in the way, and not locplan's" in err
-    assert run("field", room, "-o", field, "--force")[0] == 0
-    assert (field / "notes.txt").read_text() == "mine"
-
-
-def test_a_folder_that_is_no_field_is_never_replaced_by_one(run, room, tmp_path):
-    (tmp_path / "mine.zarr").mkdir()
-    (tmp_path / "mine.zarr" / "data").write_text("mine")
-    code, _, err = run("field", room, "-o", tmp_path / "mine.zarr", "--force")
-    assert code == 2
-    assert "mine.zarr: is there, and not as locplan wrote it" in err
-    assert (tmp_path / "mine.zarr" / "data").read_text() == "mine"
-
-
 def test_no_picture_takes_the_place_of_another_maps_image(run, room, tmp_path):
     save_map(load_map(room), tmp_path / "lab.yaml", image_format="png")
     before = (tmp_path / "lab.png").read_bytes()

@@ -48,8 +48,8 @@ def test_run_file_lists_outputs_without_command_in_python(place):
 
 
 def test_run_file_stands_beside_a_written_field(run, place):
-    assert run("field", "hall.yaml", "--stride", "0.5", "-o", "made/field.zarr")[0] == 0
-    about = yaml.safe_load((place / "made/field.zarr.run.yaml").read_text())
+    assert run("field", "hall.yaml", "--stride", "0.5", "-o", "made/field.npz")[0] == 0
+    about = yaml.safe_load((place / "made/field.npz.run.yaml").read_text())
     assert about["settings"]["map"] == "../hall.yaml"
 
 

@@ -45,7 +45,7 @@ SEEN = small_field(locplan.Fisher(Lidar(range=3.0, field_of_view_deg=180.0, beam
 
 def again(made, folder):
     """What is read of the file, or the folder, that something is saved in."""
-    suffix = {"Path": ".csv", "Robot": ".yaml", "CovarianceField": ".zarr", "Costmap": ".npz"}
+    suffix = {"Path": ".csv", "Robot": ".yaml", "CovarianceField": ".npz", "Costmap": ".npz"}
     target = folder / f"it{suffix.get(type(made).__name__, '')}"
     made.save(target)
     return type(made).load(target)

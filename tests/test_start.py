@@ -4,26 +4,14 @@ import gc
 import subprocess
 import sys
 import threading
-import tracemalloc
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-import zarr
 from conftest import drawn
-from google_crc32c import value as crc32c
-from numcodecs.zstd import Zstd
 
 from locplan import __main__ as program, cli
 from locplan._util import progress
-from locplan.field import (
-    FieldConfig,
-    Sad,
-    _tiles as tiles,
-    _zarr as field_files,
-    field_path,
-    load_or_compute,
-)
+from locplan.field import FieldConfig, Sad, load_or_compute
 
 CONFIG = FieldConfig(Sad(range=0.5))
 
@@ -31,70 +19,18 @@ CONFIG = FieldConfig(Sad(range=0.5))
 @pytest.fixture
 def folder(tmp_path):
     grid = drawn("#" * 40, *["#" + "." * 38 + "#"] * 30, "#" * 40, resolution=0.1)
-    field = load_or_compute(grid, CONFIG, cache_dir=tmp_path)
-    return SimpleNamespace(
-        path=field_path(grid, CONFIG, tmp_path), field=field, grid=grid, cache=tmp_path
-    )
+    load_or_compute(grid, CONFIG, cache_dir=tmp_path)
+    return SimpleNamespace(grid=grid, cache=tmp_path)
 
 
-def read(folder):
-    shape = tiles.field_shapes(folder.grid, CONFIG)["covariance"]
-    return tiles.read_array(folder.path / "covariance", shape)
-
-
-def test_chunks_are_read_as_zarr_reads_them(folder):
-    values, damaged = read(folder)
-    assert not damaged
-    assert np.isfinite(values).any()
-    np.testing.assert_array_equal(values, zarr.open_array(folder.path / "covariance", mode="r")[:])
-    cells, damaged = tiles.read_array(folder.path / "cells", folder.grid.shape, "uint8")
-    np.testing.assert_array_equal(cells, folder.grid.cells)
-    edge = field_files._edge(folder.grid, CONFIG)
-    assert tiles.chunk_of(folder.path / "covariance", values.shape)[:2] == (edge, edge)
-
-
-def test_absent_and_damaged_chunks_are_nan_and_the_latter_counted(folder):
-    (chunk, *_) = sorted(folder.path.glob("covariance/c.*"))
-    content = chunk.read_bytes()
-    chunk.unlink()
-    values, damaged = read(folder)
-    assert np.isnan(values).all()
-    assert not damaged
-    body = Zstd().encode(bytes(10**8))  # zeros, much more than the chunk's
-    bomb = body + crc32c(body).to_bytes(4, "little")
-    for wrong in (content[:-1], content[:-1] + bytes([content[-1] ^ 1]), b"", bomb):
-        chunk.write_bytes(wrong)
-        tracemalloc.start()
-        values, damaged = read(folder)
-        assert tracemalloc.get_traced_memory()[1] < 10**7
-        tracemalloc.stop()
-        assert damaged == 1
-        assert np.isnan(values).all()
-    chunk.write_bytes(content)
-    assert read(folder)[1] == 0
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [('"float64"', '"float32"'), ('"little"', '"big"'), ('"zstd"', '"gzip"'), ('"NaN"', "0.0")],
-)
-def test_arrays_of_another_kind_are_not_read(folder, old, new):
-    about = folder.path / "covariance" / "zarr.json"
-    text = about.read_text()
-    assert old in text
-    about.write_text(text.replace(old, new))
-    with pytest.raises(ValueError, match="does not fit"):
-        read(folder)
-
-
-def test_a_cached_field_is_read_without_numba_and_zarr(folder):
+def test_cached_field_is_read_without_numba(folder):
     code = (
         "import sys, numpy as np, locplan;"
         "from locplan.field import FieldConfig, Sad, load_or_compute;"
         f"cells = np.array({folder.grid.cells.tolist()}, np.uint8);"
         "grid = locplan.OccupancyGrid(cells, 0.1);"
         f"load_or_compute(grid, FieldConfig(Sad(range=0.5)), cache_dir={str(folder.cache)!r});"
-        "print(sorted({'numba', 'zarr', 'matplotlib'} & set(sys.modules)))"
+        "print(sorted({'numba', 'matplotlib'} & set(sys.modules)))"
     )
     made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert made.stdout.strip() == "[]", made.stderr

@@ -6,7 +6,6 @@ import itertools
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import naive
 import numpy as np
@@ -437,12 +436,12 @@ def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run):
         trajectory_of(drive, GRID, cache_dir=tmp_path, progress=stop)
     asked = "--cache-dir", tmp_path
     (entry,) = json.loads(run("cache", "list", "--json", *asked)[1])
-    assert (entry["map"], entry["finished_share"]) == (GRID.name, 0.0)
+    assert (entry["kind"], entry["finished_share"]) == ("unfinished", None)
     trajectory_of(drive, GRID, cache_dir=tmp_path)
     (entry,) = json.loads(run("cache", "list", "--json", *asked)[1])
-    assert entry["finished_share"] == 1.0
-    assert {"trajectory.npz", "about.json"} == {e.name for e in Path(entry["folder"]).iterdir()}
-    assert "0 fields and 1 trajectory" in run("cache", "list", *asked)[1]
+    about = entry["kind"], entry["map"], entry["details"], entry["finished_share"]
+    assert about == ("trajectory", GRID.name, drive.source.file, 1.0)
+    assert "1 result," in run("cache", "list", *asked)[1]
     assert "removed 1" in run("cache", "clear", *asked)[1]
     assert json.loads(run("cache", "list", "--json", *asked)[1]) == []
 

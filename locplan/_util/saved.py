@@ -19,10 +19,11 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from locplan._util.arrays import read_arrays, write_arrays
 from locplan._util.checks import file_path, shown
 from locplan._util.files import check_target
 from locplan._util.output import replacing
-from locplan._util.reading import STAMP, check_stamp, opened, parsed_json, read_bytes, stamp
+from locplan._util.reading import STAMP, check_stamp, parsed_json, read_bytes, stamp
 from locplan.errors import LocplanError
 
 MAX_SAVED_BYTES = 2**32
@@ -304,46 +305,27 @@ def _read(file: Path) -> Any:
     try:
         if file.suffix == ".json":
             return parsed_json(read_bytes(file, MAX_SAVED_BYTES).decode("utf-8"))
-        with opened(file, MAX_SAVED_BYTES) as content:
-            return _read_arrays(content)
+        return _tree_of_arrays(read_arrays(file, MAX_SAVED_BYTES))
     except OSError as error:
         raise LocplanError(f"{file}: cannot be read ({error.strerror or error})") from None
-    except Exception:  # a damaged archive fails in as many ways as it has parts
+    except (LookupError, TypeError, ValueError):
         return None
 
 
 def _write_arrays(file: Path, content: Any) -> None:
-    import zipfile
-
-    arrays: list[NDArray[Any]] = []
+    arrays: dict[str, NDArray[Any]] = {}
 
     def named(array: NDArray[Any]) -> dict[str, int]:
-        arrays.append(array)
-        return {ARRAY: len(arrays) - 1}
+        number = len(arrays)
+        arrays[str(number)] = array
+        return {ARRAY: number}
 
     about = np.array(json.dumps(content, default=named, allow_nan=False))
-    # Level 1 takes a third of the usual level's time, and a tenth more room.
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for name, array in [(ABOUT, about), *((str(n), each) for n, each in enumerate(arrays))]:
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
+    write_arrays(file, {ABOUT: about, **arrays})
 
 
-def _read_arrays(content: Any) -> Any:
-    import zipfile
-    from io import BytesIO
+def _tree_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Any:
+    def entries(tree: dict[str, Any]) -> Any:
+        return arrays[str(int(tree[ARRAY]))] if tree.keys() == {ARRAY} else tree
 
-    with zipfile.ZipFile(content) as archive:
-        if sum(each.file_size for each in archive.infolist()) > MAX_SAVED_BYTES:
-            raise ValueError("too much")
-
-        def array_of(name: object) -> NDArray[Any]:
-            # All is unpacked first: a header that promises more than there is takes no room.
-            data = BytesIO(archive.read(f"{name}.npy"))
-            array: NDArray[Any] = np.lib.format.read_array(data, allow_pickle=False)
-            return array
-
-        def entries(tree: dict[str, Any]) -> Any:
-            return array_of(int(tree[ARRAY])) if tree.keys() == {ARRAY} else tree
-
-        return parsed_json(str(array_of(ABOUT)), entries)
+    return parsed_json(str(arrays[ABOUT]), entries)

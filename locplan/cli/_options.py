@@ -11,10 +11,9 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -32,13 +31,6 @@ if TYPE_CHECKING:
     from locplan import Costmap, CovarianceField, FieldConfig, OccupancyGrid, Robot
     from locplan._util.output import Results
     from locplan.recordings import Recording
-
-    class Compute(Protocol):
-        """A function that gives the field of a map, or its values at some lattice points."""
-
-        def __call__(
-            self, grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
-        ) -> CovarianceField: ...
 
 
 @typed.option_group("Computing")
@@ -73,43 +65,25 @@ class Cached(typed.Options):
 class Computing(Cached, Threads):
     """The resources for fields, and their cache."""
 
-    scheduler: Annotated[
-        str | None,
-        Parameter(metavar="tcp://HOST:PORT"),
-        typed.checked(lambda scheduler: locplan.field.check_scheduler(scheduler)),
-    ] = None
-    """Dask cluster that computes the field."""
-
-    @contextmanager
-    def fields_of(self, config: FieldConfig, *, whole: bool = False) -> Iterator[Compute]:
-        """A function that gives the field of a map, all of it if `whole`."""
-        scheduler = self.scheduler
-        with locplan.field.executor_of(scheduler) if scheduler else nullcontext() as executor:
-
-            def compute(
-                grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
-            ) -> CovarianceField:
-                started = time.perf_counter()
-                with progress_bar(f"field of {grid.name}", "cells") as progress:
-                    field = locplan.load_or_compute(
-                        grid,
-                        config,
-                        points=None if whole else points,
-                        cache_dir=self.cache_dir,
-                        threads=self.threads,
-                        executor=executor,
-                        progress=progress,
-                    )
-                took = time.perf_counter() - started
-                LOG.info("field of %s: %.1f s, %s", grid.name, took, config)
-                return field
-
-            yield compute
-
-    def field_of(self, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
-        """The field of one map."""
-        with self.fields_of(config) as compute:
-            return compute(grid)
+    def field_of(
+        self,
+        grid: OccupancyGrid,
+        config: FieldConfig,
+        points: NDArray[np.bool_] | None = None,
+    ) -> CovarianceField:
+        """The field of a map, or its values at some lattice points."""
+        started = time.perf_counter()
+        with progress_bar(f"field of {grid.name}", "cells") as progress:
+            field = locplan.load_or_compute(
+                grid,
+                config,
+                points=points,
+                cache_dir=self.cache_dir,
+                threads=self.threads,
+                progress=progress,
+            )
+        LOG.info("field of %s: %.1f s, %s", grid.name, time.perf_counter() - started, config)
+        return field
 
 
 @typed.option_group("Costs")

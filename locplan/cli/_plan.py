@@ -19,6 +19,10 @@ from locplan.errors import ConfigError
 from locplan.planners import names
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from locplan import CovarianceField, OccupancyGrid
     from locplan.planners import Planner
     from locplan.robots import Robot
 
@@ -144,10 +148,13 @@ class plan(
         settings = self.given("seed", "threads", locplan.simulation.ChoiceSettings)
         settings["time_limit"] = self.driving_time  # --time-limit is that of OMPL's planners
         settings["filter_map"] = self.load_filter_map(grid)
-        with (
-            self.fields_of(config, whole=self.stride is not None) as compute,
-            later_progress_bar("driving the candidates", "drives") as progress,
-        ):
+
+        def compute(
+            grid: OccupancyGrid, points: NDArray[np.bool_] | None = None
+        ) -> CovarianceField:
+            return self.field_of(grid, config, None if self.stride else points)
+
+        with later_progress_bar("driving the candidates", "drives") as progress:
             choice = locplan.choose(
                 grid,
                 self.start,

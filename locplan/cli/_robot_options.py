@@ -138,7 +138,7 @@ class FilterMap(RobotOptions):
         self._warn_of_masks()
         own = [locplan.load_map(self.filter_map)] if self.filter_map else [*grids]
         for each in own:
-            if offered := locplan.mending.offer(each, getattr(self, "cache_dir", None)):
+            if offered := locplan.mending.offer(each):
                 warnings.warn(locplan.maps.MapWarning(offered), stacklevel=2)
         if self.filter_map is None:
             return None

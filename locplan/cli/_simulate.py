@@ -74,18 +74,17 @@ class simulate(
         grids = self._grids()
         every = self._every(grids, drives=self.drives or 100)
         self._check_folder(grids)
-        with self.fields_of(config) as compute:
-            costmaps = (self.costmap(grid, compute(grid), robot) for grid in grids)
-            if self.random is not None:
-                routes = [self._at_random(each, robot, every) for each in costmaps]
-                self.finish(locplan.simulation.RoutesOnMaps(tuple(routes)))
-            elif simulated := self._along_paths(grids[0], costmaps, robot, every):
-                if named is None:
-                    assumed = f"{robot.known_lidar.title}; name yours with --lidar"
-                    print(f"robot: no lidar named, one assumed: {assumed}", file=sys.stderr)
-                self.finish(simulated)
-            else:
-                self.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
+        costmaps = (self.costmap(grid, self.field_of(grid, config), robot) for grid in grids)
+        if self.random is not None:
+            routes = [self._at_random(each, robot, every) for each in costmaps]
+            self.finish(locplan.simulation.RoutesOnMaps(tuple(routes)))
+        elif simulated := self._along_paths(grids[0], costmaps, robot, every):
+            if named is None:
+                assumed = f"{robot.known_lidar.title}; name yours with --lidar"
+                print(f"robot: no lidar named, one assumed: {assumed}", file=sys.stderr)
+            self.finish(simulated)
+        else:
+            self.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
 
     def _every(self, grids: list[OccupancyGrid], **count: int) -> dict[str, Any]:
         """What is said to each recipe."""
@@ -94,7 +93,7 @@ class simulate(
     def _replay(self) -> None:
         """Run the filter on a recorded drive."""
         of_paths = "path", "start", "goal", "random", "min_distance", "closed", "replan"
-        unread = *of_paths, "scheduler", "cache_dir", *FIELD
+        unread = *of_paths, "cache_dir", *FIELD
         self.refuse("with --drive", *unread, shared.CostOptions)
         self.check_output(locplan.recordings.Replay.files)
         grid, recording = self.on_map(self.maps)

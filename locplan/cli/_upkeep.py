@@ -18,7 +18,7 @@ from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan import OccupancyGrid, Robot
+    from locplan import CovarianceField, OccupancyGrid, Robot
 
 
 @typed.command(
@@ -90,15 +90,14 @@ class info(typed.OneMap, RobotOptions):
 
 
 @typed.command(
-    "field lab.yaml -o lab.zarr",
+    "field lab.yaml -o lab.npz",
     "field lab.yaml --lidar turtlebot4 --picture heading_std -o heading.png",
 )
 class field(typed.ManyMaps, FieldOptions, shared.Computing, shared.Output):
     """Compute how uncertain a pose match is all over a map, or over many."""
 
     output: Annotated[Path | None, typed.Target, typed.under("Output")] = None
-    """File for the field (.zarr, or .npz for numpy) or a picture of it (.png, .pdf, .svg); of many
-    maps a folder."""
+    """File for the field (.npz) or a picture of it (.png, .pdf, .svg); of many maps a folder."""
     picture: Annotated[str | None, typed.under("Output", metavar="SCALAR")] = None
     """Scalar that is drawn: e, position_std, position_rms, heading_std, ambiguity or entropy; by
     default what degeneracy is made of."""
@@ -107,12 +106,15 @@ class field(typed.ManyMaps, FieldOptions, shared.Computing, shared.Output):
         _, config = self.robot_and_field()
         output = self.output
         jobs = locplan.export.field_jobs(self.maps, output, self.picture, config, force=self.force)
-        with self.fields_of(config) as compute:
-            if len(jobs) == 1:
-                summary = locplan.field.FieldSummary.of(jobs[0].run(compute))
-                self.show(plain(summary), summary.table(), output)
-                return 0
-            runs = list(locplan.export.run_field_jobs(jobs, compute))
+
+        def compute(grid: OccupancyGrid) -> CovarianceField:
+            return self.field_of(grid, config)
+
+        if len(jobs) == 1:
+            summary = locplan.field.FieldSummary.of(jobs[0].run(compute))
+            self.show(plain(summary), summary.table(), output)
+            return 0
+        runs = list(locplan.export.run_field_jobs(jobs, compute))
         failed = [run for run in runs if run.error]
         table = locplan.export.field_runs_table(runs)
         written = [output] if len(failed) < len(runs) else []
@@ -121,21 +123,23 @@ class field(typed.ManyMaps, FieldOptions, shared.Computing, shared.Output):
 
 
 cache = typed.named("cache", "cache list", "cache clear --older-than 30")
-cache.help = "List, clear or find the fields, trajectories and checks of walls computed before."
+cache.help = "List, clear or find the fields and trajectories computed before."
 
 Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
 
 
 @cache.command(name="list")
 def list_(*, cache_dir: shared.CacheDir = None, json: shared.Json = False) -> None:
-    """List the cached fields, trajectories and checks of walls, the last used first."""
-    found = locplan.field.FieldCache.of(cache_dir)
-    shared.show(json, found.summary(), found.table())
+    """List the cached fields and trajectories, the last used first."""
+    folder = locplan.field.cache_folder(cache_dir)
+    entries = locplan.field.cache_entries(folder)
+    table = locplan.field.cache_table(entries, folder)
+    shared.show(json, [entry.summary() for entry in entries], table)
 
 
 @cache.command
 def clear(*, older_than: Days = 0.0, cache_dir: shared.CacheDir = None) -> None:
-    """Remove cached fields, trajectories and checks of walls, but for those being computed.
+    """Remove cached fields and trajectories, except those that are being computed.
 
     Parameters
     ----------

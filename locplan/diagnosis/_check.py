@@ -25,7 +25,6 @@ from locplan.field import (
     FieldConfig,
     Fused,
     equipped,
-    kept_solidity,
     load_or_compute,
 )
 from locplan.maps import MapSource, OccupancyGrid, check_grid, faults, read_map
@@ -123,7 +122,7 @@ def check(
     steps = {
         name: scaled(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
     }
-    map_faults = faults(grid, source, check=kept_solidity)
+    map_faults = faults(grid, source)
     map_faults.refuse_mask()
     told(in_short.faults(map_faults))
     reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].routes, seed)

@@ -16,14 +16,13 @@ from locplan._util.progress import working
 from locplan._util.saved import plain
 from locplan._util.tables import table
 from locplan.errors import LocplanError
-from locplan.export._plain_files import NUMPY_SUFFIX, field
+from locplan.export._plain_files import field
 from locplan.field import (
     FIELD_SUFFIX,
     SCALARS,
     CovarianceField,
     FieldConfig,
     FieldSummary,
-    check_field_target,
 )
 from locplan.maps import OccupancyGrid, find_maps, load_map, name_of
 
@@ -35,7 +34,7 @@ class FieldJob:
     map_file: Path
     """The map's file."""
     output: Path | None = None
-    """File of the field (.zarr, .npz) or of a picture of it (.png, .pdf, .svg); None for none."""
+    """File of the field (.npz) or of a picture of it (.png, .pdf, .svg); None for none."""
     scalar: str | None = None
     """Scalar that a picture shows; by default what degeneracy is made of."""
     folder: Output | None = None
@@ -54,12 +53,8 @@ class FieldJob:
             return self.folder.check()
         if self.scalar or suffix in PICTURES:
             check_target(self.output, *PICTURES)
-        elif suffix == NUMPY_SUFFIX:
-            check_target(self.output, NUMPY_SUFFIX)
-        elif suffix == FIELD_SUFFIX:
-            check_field_target(self.output, force=self.force)
         else:
-            check_target(self.output, FIELD_SUFFIX, NUMPY_SUFFIX, *PICTURES)
+            check_target(self.output, FIELD_SUFFIX, *PICTURES)
         Output(self.output, "field", self.force, is_file=True).check()
 
     def run(
@@ -86,8 +81,6 @@ class FieldJob:
 
     def _write(self, file: Path, computed: CovarianceField) -> None:
         if file.suffix.lower() == FIELD_SUFFIX:
-            computed.save(file, force=self.force)
-        elif file.suffix.lower() == NUMPY_SUFFIX:
             field(file, computed)
         else:
             from locplan import plotting
@@ -136,14 +129,14 @@ def field_jobs(
         one_of("the picture", scalar, [*SCALARS, *(each.name for each in config.estimator.layers)])
     files = find_maps(*maps)
     if len(files) == 1:
-        job = FieldJob(files[0], output, scalar, force=force)
+        job = FieldJob(files[0], output, scalar)
         job.check()
         return [job]
     if output is None:
         jobs = [FieldJob(file, None, scalar) for file in files]
         jobs[0].check()
         return jobs
-    if output.suffix in (FIELD_SUFFIX, NUMPY_SUFFIX, *PICTURES):
+    if output.suffix in (FIELD_SUFFIX, *PICTURES):
         raise LocplanError(f"{output}: of {len(files)} maps; name a folder, for a file each")
     homes: dict[str, Path] = {}
     for file in files:
@@ -152,7 +145,7 @@ def field_jobs(
             raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
     suffix = ".png" if scalar else FIELD_SUFFIX
     folder, targets = Output(output, "fields", force), [f"{name}{suffix}" for name in homes]
-    folder.check(*targets if scalar else [])
+    folder.check(*targets)
     return [
         FieldJob(file, output / target, scalar, folder, force)
         for file, target in zip(files, targets, strict=True)

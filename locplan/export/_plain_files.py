@@ -69,14 +69,10 @@ def path(
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-NUMPY_SUFFIX = ".npz"
-
-
 def field(path: str | os.PathLike[str], computed: CovarianceField) -> None:
-    """Write a field for ``numpy.load``, which needs no locplan.
+    """Write a field, as `CovarianceField.save`, with the degeneracy "u_map" of the map's cells.
 
-    It has "covariance" on the lattice, the degeneracy "u_map" and the levels "cells" of the map's
-    cells, "resolution", "origin" and "config" (JSON). "u_map" merges several headings by their mean
+    ``numpy.load`` reads it without locplan. "u_map" merges several headings by their mean
     information.
 
     Parameters
@@ -91,15 +87,4 @@ def field(path: str | os.PathLike[str], computed: CovarianceField) -> None:
     LocplanError
         If the suffix is another, or the file cannot be written.
     """
-    file = FilePath(path)
-    check_target(file, NUMPY_SUFFIX)
-    with replacing(file) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(
-            stream,
-            covariance=computed.covariance,
-            u_map=Costmap.from_field(computed.grid, computed).u,
-            cells=computed.grid.cells,
-            resolution=computed.grid.resolution,
-            origin=computed.grid.origin,
-            config=json.dumps(computed.config.to_json()),
-        )
+    computed.save(path, others={"u_map": Costmap.from_field(computed.grid, computed).u})

@@ -1,15 +1,14 @@
 from . import templates as templates
 from ._cache import (
     CacheEntry as CacheEntry,
-    FieldCache as FieldCache,
+    CacheWarning as CacheWarning,
+    cache_entries as cache_entries,
     cache_folder as cache_folder,
+    cache_table as cache_table,
     clear_cache as clear_cache,
+    load_or_compute_result as load_or_compute_result,
 )
-from ._compute import (
-    check_scheduler as check_scheduler,
-    executor_of as executor_of,
-    finished_chunks as finished_chunks,
-)
+from ._compute import finished_chunks as finished_chunks
 from ._config import (
     SHORT_LIDAR as SHORT_LIDAR,
     FieldConfig as FieldConfig,
@@ -27,14 +26,13 @@ from ._covariance import (
 )
 from ._estimator import Estimator as Estimator, Layer as Layer, MapPart as MapPart
 from ._field import CovarianceField as CovarianceField
-from ._kept import kept as kept, kept_solidity as kept_solidity
+from ._files import FIELD_SUFFIX as FIELD_SUFFIX
 from ._lattice import (
     every_second_point as every_second_point,
     points_near as points_near,
 )
 from ._search_window import OffsetLattice as OffsetLattice, SearchWindow as SearchWindow
 from ._store import (
-    CacheWarning as CacheWarning,
     covariance_field as covariance_field,
     field_path as field_path,
     load_or_compute as load_or_compute,
@@ -47,7 +45,6 @@ from ._summary import (
     well_spaced as well_spaced,
 )
 from ._tiles import untouched_points as untouched_points
-from ._zarr import FIELD_SUFFIX as FIELD_SUFFIX, check_field_target as check_field_target
 from .estimators import ESTIMATORS as ESTIMATORS, estimator_class as estimator_class
 from .estimators._beams import (
     NORMAL_REACH as NORMAL_REACH,

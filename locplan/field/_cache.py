@@ -1,102 +1,52 @@
-"""The folder of cached results: its entries, its size limit, its locks, and its table.
+"""The cache of results: one .npz file each, named by the digest of all that decides its values.
 
-Most are fields; others, such as trajectories, checks of walls and drives, have a folder `KEY.kept`
-(`locplan.field._kept`).
+`load_or_compute_result` is the rule that fields and trajectories share. `KEY.npz` is a result.
+`KEY.parts` is the folder of the finished parts of an unfinished one. Files of other names are left
+alone.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import time
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from locplan._util.arrays import read_arrays
 from locplan._util.checks import file_path, shown
 from locplan._util.output import clear_abandoned, temporary_folder
-from locplan._util.reading import parsed_json, read_text
+from locplan._util.reading import MAX_JSON_BYTES, parsed_json
+from locplan._util.saved import ABOUT
 from locplan._util.tables import age, in_bytes, table
 from locplan.errors import ConfigError, LocplanError
-from locplan.field import _zarr as field_files
-from locplan.field._config import FieldConfig
-from locplan.field.estimators import ESTIMATORS, estimator_class
-from locplan.robots import PRESETS, Lidar
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
+T = TypeVar("T")
+
 _UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
-KEPT = ".kept"
-CHECK = "check of walls"
-"""What the check of a map's walls is called in the list of the cache."""
-KINDS = {"field": "fields", "trajectory": "trajectories", CHECK: "checks of walls"}
-KINDS |= {"driven check": "driven checks"}
-"""What entries are, one and several."""
-_FIELD = re.compile("[0-9a-f]{32}" + re.escape(field_files.FIELD_SUFFIX))
-_ENTRY = re.compile(f"{_FIELD.pattern}|[0-9a-f]{{32}}{re.escape(KEPT)}")
-"""Patterns of the names of cached fields, and of all entries; nothing else is touched."""
+RESULT, PARTS = ".npz", ".parts"
+_ENTRY = re.compile(r"[0-9a-f]{32}\.(npz|parts|zarr|kept)")
+"""Pattern of the names of entries; the last two are those of earlier versions."""
+_PATIENCE = 0.3
+"""Interval of reports while another process computes [s]."""
 
 
-@dataclass(frozen=True)
-class CacheEntry:
-    """A cached field, or another kept result."""
-
-    folder: Path
-    """Folder of the field's Zarr group, or of the result's files."""
-    about: dict[str, Any]
-    """The group's attributes, or what the result is; empty if they are damaged."""
-    size: int
-    """Total size of the files [bytes]."""
-    chunks: int
-    """Number of finished chunks, of `about["chunks"]` in all."""
-    computed: float
-    """Time at which the computation began [s since the epoch]."""
-    used: float
-    """Time of the last use [s since the epoch]."""
-
-    @classmethod
-    def read(cls, folder: Path) -> CacheEntry:
-        """Read the entry of a folder, as far as it can be read.
-
-        Parameters
-        ----------
-        folder : path
-            The folder within the cache.
-        """
-        about: dict[str, Any] = {}
-        chunks = field_files.count_chunks(folder)
-        with suppress(LocplanError, ValueError):
-            if folder.suffix == KEPT:
-                what, map_name, finished = parsed_json(read_text(note_of(folder)))
-                about = {"config": {"name": str(what)}, "map_name": str(map_name), "chunks": 1}
-                chunks = int(bool(finished))
-            else:
-                about = field_files.read_attributes(folder)
-        files = [Path(at, name) for at, _, names in os.walk(folder) for name in names]
-        return cls(
-            folder=folder,
-            about=about,
-            size=sum(_status(file)[0] for file in files),
-            chunks=chunks,
-            computed=_status(folder / "covariance" / "zarr.json")[1] or _status(folder)[1],
-            used=_status(note_of(folder))[1],
-        )
-
-    @property
-    def share(self) -> float | None:
-        """Finished share of the field, 0..1; None where it is to have some points only."""
-        if "points" in self.about.get("identity", ()):
-            return None
-        return self.chunks / self.about["chunks"] if self.about.get("chunks") else 1.0
+class CacheWarning(UserWarning):
+    """Warning that the cache cannot be used as intended; the result is right all the same."""
 
 
 def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
-    """The folder of cached fields.
+    """The folder of cached results.
 
     Parameters
     ----------
@@ -128,29 +78,99 @@ def cache_limit() -> int:
     return int(float(match[1]) * _UNITS[match[2]])
 
 
-def entries(folder: Path) -> list[CacheEntry]:
-    """All entries in the folder, the last used first."""
-    return [CacheEntry.read(path) for path in _named(folder, _ENTRY)]
+def load_or_compute_result(
+    key: str,
+    load: Callable[[Path], T | None],
+    compute: Callable[[Path | None], T],
+    save: Callable[[Path, T], None],
+    *,
+    cache_dir: str | os.PathLike[str] | None = None,
+    waiting: Callable[[Path], None] | None = None,
+) -> T:
+    """Load a result from the cache, or compute it and save it there.
+
+    One process computes it, and the others wait and load it. A cache that cannot be written is a
+    warning, and so is a damaged file, which is computed again.
+
+    Parameters
+    ----------
+    key : str
+        Digest of all that decides the result, 32 hexadecimal digits.
+    load : callable
+        Loads the result from a file; None if the file lacks values. A LocplanError if it is
+        damaged.
+    compute : callable
+        Computes the result. It takes the folder for finished parts, which need not exist, or None
+        if the cache cannot be written. Parts from an interrupted computation are there.
+    save : callable
+        Writes the result to a file.
+    cache_dir : path, optional
+        See `cache_folder`.
+    waiting : callable, optional
+        Function that is called with the folder of parts while another process computes.
+    """
+    limit, path = cache_limit(), cache_folder(cache_dir) / f"{key}{RESULT}"
+    parts = path.with_suffix(PARTS)
+    result = None
+    if os.path.lexists(path):
+        with suppress(LocplanError):
+            result = load(path)
+    if result is None:
+        with _alone(path, lambda: waiting(parts) if waiting else None) as writable:
+            if os.path.lexists(path):
+                try:
+                    result = load(path)  # another process may have computed it meanwhile
+                except LocplanError as error:
+                    _warn(f"{error}; computed again")
+            if result is None:
+                result = compute(parts if writable else None)
+                if writable and _is_saved(path, result, save):
+                    shutil.rmtree(parts, ignore_errors=True)
+                    evict(path.parent, limit, path)
+    with suppress(OSError):  # a read-only cache works without a note of the last use
+        os.utime(path)
+    return result
 
 
-def fields(folder: Path) -> list[Path]:
-    """Paths of the cached fields in the folder, the last used first."""
-    return _named(folder, _FIELD)
+def _is_saved(path: Path, result: T, save: Callable[[Path, T], None]) -> bool:
+    """True if the result could be written; the user is warned otherwise."""
+    try:
+        save(path, result)
+    except LocplanError as error:
+        _warn(f"the result is not cached: {error}")
+        return False
+    return True
 
 
-def _named(folder: Path, pattern: re.Pattern[str]) -> list[Path]:
-    with suppress(OSError):  # the folder does not exist
-        found = [folder / name for name in os.listdir(folder) if pattern.fullmatch(name)]
-        return sorted(found, key=lambda path: _status(note_of(path))[1], reverse=True)
-    return []
+@contextmanager
+def _alone(path: Path, waiting: Callable[[], None]) -> Iterator[bool]:
+    """Wait until no other process computes this result; yield whether the cache can be written."""
+    from filelock import Timeout
+
+    lock = None
+    try:
+        lock = lock_of(path)
+        while not lock.is_locked:
+            try:
+                lock.acquire(timeout=_PATIENCE)
+            except Timeout:
+                waiting()
+    except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
+        lock = None
+        reason = getattr(error, "strerror", None) or error
+        _warn(f"the result is not cached: {path.parent} cannot be written ({reason})")
+    try:
+        yield lock is not None
+    finally:
+        if lock:
+            lock.release()
 
 
-def note_of(entry: Path) -> Path:
-    """The file that says what an entry is, and whose time is that of its last use."""
-    return entry / ("about.json" if entry.suffix == KEPT else "zarr.json")
+def _warn(message: str) -> None:
+    warnings.warn(CacheWarning(message), stacklevel=5)
 
 
-def lock_of(field: Path) -> BaseFileLock:
+def lock_of(path: Path) -> BaseFileLock:
     """Lock that a process holds while it computes an entry; the system frees it when that ends.
 
     Lock files are empty and are kept: if one were removed while another process opens it, two
@@ -158,65 +178,167 @@ def lock_of(field: Path) -> BaseFileLock:
     """
     from filelock import FileLock
 
-    locks = field.parent / "locks"
+    locks = path.parent / "locks"
     locks.mkdir(parents=True, exist_ok=True)
-    return FileLock(locks / f"{field.stem}.lock")
+    return FileLock(locks / f"{path.stem}.lock")
 
 
-def remove(field: Path) -> bool:
-    """Remove an entry unless a process holds its lock; return whether it is gone."""
-    from filelock import Timeout
+@dataclass(frozen=True)
+class CacheEntry:
+    """A result in the cache, parts of one, or a leftover of an earlier version."""
 
-    try:
-        with lock_of(field).acquire(blocking=False), temporary_folder(field.parent) as aside:
-            field.rename(aside / field.name)
-    except Timeout:
-        return False
-    except FileNotFoundError:
-        return True  # another process has removed it
-    except OSError as error:
-        raise LocplanError(f"{field}: cannot be removed ({error.strerror or error})") from None
-    return True
+    path: Path
+    """The result's file, or the folder of the parts or the leftover."""
+    size: int
+    """Size of the file, or of the folder's files [bytes]."""
+    used: float
+    """Time of the last use [s since the epoch]."""
+
+    @classmethod
+    def at(cls, path: Path) -> CacheEntry:
+        """Look at the entry at a path.
+
+        Parameters
+        ----------
+        path : path
+            The file or folder within the cache.
+        """
+        files = [_status(file) for file in (path, *_files_in(path))]
+        return cls(path, sum(size for size, _ in files[1:] or files), max(t for _, t in files))
+
+    @cached_property
+    def about(self) -> dict[str, Any]:
+        """Description of the result or of its parts; empty where there is none that can be read."""
+        if self.path.suffix not in (RESULT, PARTS):
+            return {}
+        file = max(_files_in(self.path), default=self.path)
+        try:
+            about = parsed_json(str(read_arrays(file, MAX_JSON_BYTES, (ABOUT,))[ABOUT]))
+            return about if isinstance(about, dict) else {}
+        except (OSError, ValueError, KeyError):
+            return {}
+
+    @property
+    def kind(self) -> str:
+        """Kind of the result; "damaged", "unfinished" or "of an earlier version" otherwise."""
+        otherwise = {RESULT: "damaged", PARTS: "unfinished"}
+        kind = self._text("kind") or otherwise.get(self.path.suffix, "of an earlier version")
+        return f"parts of a {kind}" if self.about and self.path.suffix == PARTS else kind
+
+    @property
+    def finished_share(self) -> float | None:
+        """Finished share, 0..1; None where it is not known."""
+        share = self.about.get("finished_share")
+        if isinstance(share, float) and 0 <= share <= 1:
+            return share
+        return 1.0 if self.about and self.path.suffix == RESULT else None
+
+    def summary(self) -> dict[str, Any]:
+        """The entry, fit for JSON."""
+        return {
+            "file": str(self.path),
+            "kind": self.kind,
+            "map": self._text("map"),
+            "details": self._text("summary") or self._text("drive"),
+            "bytes": self.size,
+            "finished_share": self.finished_share,
+            "used": self.used,
+        }
+
+    def _text(self, name: str) -> str:
+        value = self.about.get(name)
+        return value[:200] if isinstance(value, str) else ""
 
 
-def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list[CacheEntry]]:
-    """Remove cached fields and other results, but for those being computed.
+def cache_entries(folder: Path) -> list[CacheEntry]:
+    """All entries of a cache, the last used first.
 
     Parameters
     ----------
     folder : path
-        The folder of cached fields, see `cache_folder`.
+        The folder, see `cache_folder`.
+    """
+    paths: list[Path] = []
+    with suppress(OSError):  # the folder does not exist
+        paths = [folder / name for name in os.listdir(folder) if _ENTRY.fullmatch(name)]
+    return sorted(map(CacheEntry.at, paths), key=lambda entry: entry.used, reverse=True)
+
+
+def cache_table(entries: Sequence[CacheEntry], folder: Path) -> str:
+    """Table of entries with sizes and times of use, and how full the cache is.
+
+    Parameters
+    ----------
+    entries : sequence of CacheEntry
+        The entries, see `cache_entries`.
+    folder : path
+        The folder, see `cache_folder`.
+    """
+    rows = []
+    for entry in entries:
+        about = entry.summary()
+        share = "–" if about["finished_share"] is None else f"{about['finished_share']:.0%}"
+        names = [about[name] for name in ("kind", "map", "details")]
+        rows.append([*names, in_bytes(entry.size), share, age(entry.used)])
+    total = in_bytes(sum(entry.size for entry in entries))
+    count = f"{len(rows)} {'result' if len(rows) == 1 else 'results'}"
+    last = f"{count}, {total} of at most {in_bytes(cache_limit())}, in {folder}"
+    columns = ["kind", "map", "details", "size", "finished", "last used"]
+    return f"{table(columns, rows)}\n{last}" if rows else last
+
+
+def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list[CacheEntry]]:
+    """Remove cached results, except those that are being computed.
+
+    Parameters
+    ----------
+    folder : path
+        The folder, see `cache_folder`.
     days : float, default 0.0
-        Time for which fields were not used that are removed [days].
+        Time for which results that are removed were not used [days].
 
     Returns
     -------
     removed, busy : list of CacheEntry
-        The fields that were removed, and those that are being computed.
+        The results that were removed, and those that are being computed.
     """
     removed: list[CacheEntry] = []
     busy: list[CacheEntry] = []
-    for entry in entries(folder):
+    for entry in cache_entries(folder):
         if time.time() - entry.used >= days * 86400.0:
-            (removed if remove(entry.folder) else busy).append(entry)
+            (removed if remove(entry.path) else busy).append(entry)
     clear_abandoned(folder)
     return removed, busy
 
 
 def evict(folder: Path, limit: int, keep: Path) -> None:
-    """Remove the least recently used fields, but not `keep`, down to the limit [bytes]."""
-    found = entries(folder)
-    total = sum(entry.size for entry in found)
-    for entry in reversed(found):
-        if total > limit and entry.folder != keep:
+    """Remove the least recently used results, but not `keep`, down to the limit [bytes]."""
+    entries = cache_entries(folder)
+    total = sum(entry.size for entry in entries)
+    for entry in reversed(entries):
+        if total > limit and entry.path != keep:
             with suppress(LocplanError):  # one that cannot be removed is skipped
-                total -= entry.size if remove(entry.folder) else 0
+                total -= entry.size if remove(entry.path) else 0
 
 
-def mark_used(field: Path) -> None:
-    """Note that a field was used just now, if the folder can be written."""
-    with suppress(OSError):  # a read-only cache works without this note
-        os.utime(field / "zarr.json")
+def remove(path: Path) -> bool:
+    """Remove an entry unless a process holds its lock; return True if it is gone."""
+    from filelock import Timeout
+
+    try:
+        with lock_of(path).acquire(blocking=False), temporary_folder(path.parent) as aside:
+            path.rename(aside / path.name)
+    except Timeout:
+        return False
+    except FileNotFoundError:
+        return True  # another process has removed it
+    except OSError as error:
+        raise LocplanError(f"{path}: cannot be removed ({error.strerror or error})") from None
+    return True
+
+
+def _files_in(folder: Path) -> list[Path]:
+    return [Path(at, name) for at, _, names in os.walk(folder) for name in names]
 
 
 def _status(path: Path) -> tuple[int, float]:
@@ -226,114 +348,3 @@ def _status(path: Path) -> tuple[int, float]:
     except OSError:
         return 0, 0.0
     return status.st_size, status.st_mtime
-
-
-@dataclass(frozen=True)
-class FieldCache:
-    """The cached results in a folder, the last used first."""
-
-    folder: Path
-    """The folder."""
-    entries: Sequence[CacheEntry]
-    """The results."""
-    limit: int
-    """Maximum size of the folder [bytes]."""
-
-    @classmethod
-    def of(cls, cache_dir: str | os.PathLike[str] | None = None) -> FieldCache:
-        """Read what a folder holds.
-
-        Parameters
-        ----------
-        cache_dir : path, optional
-            See `cache_folder`.
-        """
-        folder = cache_folder(cache_dir)
-        return cls(folder, entries(folder), cache_limit())
-
-    def summary(self) -> list[dict[str, Any]]:
-        """The results, fit for JSON; times are seconds since the epoch."""
-        return [
-            {
-                "folder": str(entry.folder),
-                "map": entry.about.get("map_name"),
-                "config": entry.about.get("config"),
-                "bytes": entry.size,
-                "finished_share": entry.share,
-                "computed": entry.computed,
-                "used": entry.used,
-            }
-            for entry in self.entries
-        ]
-
-    def table(self) -> str:
-        """The results with sizes and when they were used, and how full the folder is."""
-        rows = [
-            [
-                entry.about.get("map_name", "(not of this version)"),
-                _unusual(entry.about["config"]) if entry.about else "–",
-                in_bytes(entry.size),
-                "near paths" if entry.share is None else f"{entry.share:.0%}",
-                age(entry.used),
-            ]
-            for entry in self.entries
-        ]
-        total = sum(entry.size for entry in self.entries)
-        counts = Counter(map(_kind, self.entries))
-        count = " and ".join(
-            f"{counts[one]} {one if counts[one] == 1 else several}"
-            for one, several in KINDS.items()
-            if counts[one] or one == "field"
-        )
-        last = f"{count}, {in_bytes(total)} of at most {in_bytes(self.limit)}, in {self.folder}"
-        columns = ["map", "config", "size", "finished", "last used"]
-        return f"{table(columns, rows)}\n{last}" if rows else last
-
-
-def _kind(entry: CacheEntry) -> str:
-    """What an entry is, of `KINDS`."""
-    if entry.folder.suffix != KEPT:
-        return "field"
-    name = entry.about.get("config", {}).get("name", "")
-    return name if name in KINDS else "trajectory"
-
-
-def _unusual(config: Mapping[str, Any]) -> str:
-    """The estimator, the lidar's name, and the settings that are not their default ones."""
-    settings = dict(_leaves(config))
-    # Each part of an estimator has a lidar.
-    models = [key for key in settings if f".{key}".endswith(".lidar.model")] or ["lidar.model"]
-    names = [_short(settings.pop(key, "")) for key in ("name", *models)]
-    usual = _usual(*names[:2])
-    changed = [
-        f"{key.removesuffix('.name').rpartition('.')[2]} {_short(v)}"
-        for key, v in settings.items()
-        if usual.get(key, v) != v
-    ]
-    said = [name for name in names if name] + changed
-    return ", ".join(dict.fromkeys(said))  # both parts of fused have the same lidar
-
-
-def _short(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:g}"
-    return value if isinstance(value, str) else shown(value)
-
-
-def _usual(estimator: str, lidar: str) -> dict[str, object]:
-    """The settings of an estimator with a lidar by default; few where either is not known."""
-    kind: Any = estimator_class(estimator if estimator in ESTIMATORS else "sad")
-    sheet = Lidar.preset(lidar) if lidar in PRESETS else Lidar()
-    return dict(
-        _leaves(FieldConfig(kind(sheet) if kind.casts_rays else kind().with_lidar(sheet)).to_json())
-    )
-
-
-def _leaves(settings: Mapping[str, Any], depth: int = 4) -> Iterator[tuple[str, Any]]:
-    """The settings in settings, each by its own name and that of what it is a part of."""
-    for name, value in settings.items():
-        if not isinstance(value, Mapping) or not depth:
-            yield name, value
-            continue
-        prefix = "" if name == "estimator" else f"{name}."
-        yield from ((prefix + inner, leaf) for inner, leaf in _leaves(value, depth - 1))

@@ -1,24 +1,18 @@
-"""Computing a field tile by tile: in threads, in processes, or on a cluster of dask.distributed."""
+"""Computing a field tile by tile: in threads, or by any executor of concurrent.futures."""
 
 from __future__ import annotations
 
-import logging
-import re
-import threading
-import time
 from collections.abc import Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Bools
-from locplan._util.checks import check_threads, shown, usable_memory
+from locplan._util.checks import check_threads, usable_memory
 from locplan._util.progress import ProgressCallback
-from locplan._util.public import needed
 from locplan.errors import FieldError, LocplanError
 from locplan.field import _tiles as tiles
 from locplan.field._config import FieldConfig
@@ -28,98 +22,6 @@ from locplan.field._tiles import Chunk, chunk_edge, chunks_of, known_points
 from locplan.maps import OccupancyGrid
 
 _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
-
-PATIENCE = 10.0
-"""Longest time that the scheduler may take to answer [s]."""
-WORKERLESS = 60.0
-"""Longest time to wait for workers to come back when all are gone [s]."""
-
-
-@contextmanager
-def executor_of(scheduler: str) -> Iterator[Executor]:
-    """Yield an executor on the cluster of a dask scheduler.
-
-    If a worker dies, other workers compute its tiles. The workers need locplan.
-
-    Parameters
-    ----------
-    scheduler : str
-        Address of the scheduler, such as ``tcp://192.168.1.2:8786``.
-
-    Raises
-    ------
-    LocplanError
-        If it is no address, does not answer, or has no workers.
-    """
-    check_scheduler(scheduler)
-    from distributed import Client
-
-    # A client that never connected cannot be closed: only the block below closes one.
-    unclosed: Any = type("UnclosedClient", (Client,), {"__del__": lambda _: None})
-    for name in ("distributed", "distributed.client"):  # our own error reports failures once
-        logging.getLogger(name).setLevel(logging.CRITICAL)
-    client = _connected(unclosed, scheduler)
-    with client:
-        if not client.scheduler_info()["workers"]:
-            raise LocplanError(f"the scheduler {scheduler} has no workers; start some first")
-        executor, over = client.get_executor(), threading.Event()
-        threading.Thread(target=_watch, args=(client, executor, over), daemon=True).start()
-        try:
-            yield executor
-        finally:
-            over.set()
-
-
-def check_scheduler(scheduler: str) -> None:
-    """Check the address of a scheduler without connecting to it.
-
-    Parameters
-    ----------
-    scheduler : str
-        See `executor_of`.
-
-    Raises
-    ------
-    LocplanError
-        If it is no address, or dask is not installed.
-    """
-    host = r"[^\s/:\[\]]+|\[[\da-fA-F:.]+\]"
-    found = re.fullmatch(rf"((tcp|tls|ws|wss)://)?({host}):(?P<port>[0-9]{{1,5}})", scheduler)
-    if not found or not 0 < int(found["port"]) < 2**16:
-        raise LocplanError(
-            f"the scheduler must be an address such as tcp://192.168.1.2:8786, not"
-            f" {shown(scheduler)}"
-        )
-    needed("distributed", "dask", "a scheduler")
-
-
-def _connected(client: Any, scheduler: str) -> Any:
-    """Connect in a thread, since a server that is no scheduler may never finish its answer."""
-    answer: Future[Any] = Future()
-
-    def connect() -> None:
-        try:
-            answer.set_result(client(scheduler, timeout=PATIENCE, set_as_default=False))
-        except Exception as error:  # a wrong server's answer fails in many ways
-            answer.set_exception(error)
-
-    threading.Thread(target=connect, daemon=True).start()
-    try:
-        return answer.result(timeout=PATIENCE + 2)
-    except Exception as error:
-        what = " ".join(str(error).split()).rstrip(".")[:120] or "it may be no dask scheduler"
-        raise LocplanError(f"the scheduler {scheduler} does not answer ({what})") from None
-
-
-def _watch(client: Any, executor: Any, over: threading.Event) -> None:
-    """Cancel the tiles when the cluster has had no worker for `WORKERLESS` seconds."""
-    seen = time.monotonic()
-    while not over.wait(min(2.0, WORKERLESS / 4)):
-        if client.scheduler_info()["workers"]:
-            seen = time.monotonic()
-        elif time.monotonic() - seen > WORKERLESS:
-            executor.shutdown(wait=False)
-            return
 
 
 def standing_cells(
@@ -188,6 +90,7 @@ def computed_chunks(
     estimator = config.estimator
     if not total:
         return
+    tiles.check_tiles(grid, config)
     running: dict[Future[Values], tuple[Chunk, _Points, MapPart]] = {}
     waiting = chunks_of(missing, chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.

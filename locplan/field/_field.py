@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, overload
 
 import numpy as np
@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 
 from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import file_path
-from locplan._util.output import replacing_folder
+from locplan._util.files import check_target
 from locplan._util.progress import ProgressCallback
 from locplan._util.public import Pictured
 from locplan._util.saved import Valued
 from locplan.errors import FieldError
-from locplan.field import _lattice as lattice, _tiles as tiles, _zarr as field_files
+from locplan.field import _files as files, _lattice as lattice, _tiles as tiles
 from locplan.field._compute import finished_chunks
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import Quantity, anchors_of, quantity_of, scalar
@@ -309,28 +309,33 @@ class CovarianceField(Pictured, Valued):
             pass
         return CovarianceField.of(values, grid, self.config)
 
-    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the field with its map and config as a Zarr v3 group.
+    def save(
+        self, path: str | os.PathLike[str], *, others: Mapping[str, Array] | None = None
+    ) -> None:
+        """Write the field with its map and config into a file, for `load`.
+
+        ``numpy.load`` reads it, too: "covariance", the layers, the levels "cells" of the map, and
+        "about", JSON with the map's resolution and origin and the config.
 
         Parameters
         ----------
         path : path
-            The folder, named *.zarr. A field of that name is replaced; any other folder is refused.
-        force : bool, default False
-            Whether a field is replaced even where its folder has other files, which are deleted.
+            The file, named *.npz; one that is there is replaced.
+        others : mapping of str to array, optional
+            Further arrays for other programs.
 
         Raises
         ------
         LocplanError
-            If points are lacking, the estimator is not registered, or the folder is in the way.
+            If points are lacking, the estimator is not registered, or the file cannot be written.
         """
-        field_files.check_readable(self.values, self.grid, self.config)
+        target = file_path("a field", path)
+        check_target(target, files.FIELD_SUFFIX)
+        files.check_readable(self.values, self.grid, self.config)
         if self.lacking.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")
-        ours = partial(field_files.may_be_replaced, force=force)
-        target, suffix = file_path("a field", path), field_files.FIELD_SUFFIX
-        with replacing_folder(target, suffix, ours) as temporary:
-            field_files.write(temporary, self.values, self.grid, self.config)
+        about = files.describe(self.grid, self.config)
+        files.write_field(target, self.values, self.grid, about, others)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
@@ -339,11 +344,6 @@ class CovarianceField(Pictured, Valued):
         Parameters
         ----------
         path : path
-            The folder, named *.zarr.
-
-        Raises
-        ------
-        FieldError
-            If the folder is missing, damaged, or no covariance field.
+            The file; what is missing, damaged or no field is a LocplanError.
         """
-        return cls.of(*field_files.read(file_path("a field", path)))
+        return cls.of(*files.read_field(file_path("a field", path)))

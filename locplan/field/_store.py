@@ -1,42 +1,46 @@
-"""Covariance fields computed anew, or read from the store, which completes unfinished ones.
+"""Covariance fields that are computed, or read from the cache, which completes unfinished ones.
 
-Each field in the store is a Zarr group (`locplan.field._zarr`) in the cache folder, named by a
-digest of all that decides its values. Chunks are written as they are finished, so that a killed run
-loses only those under way. A lock lets only one process at a time compute a field.
+A field in the cache is one file (`locplan.field._files`). A long computation writes finished parts
+next to it every few seconds, so that a killed run loses only the last seconds.
 """
 
 from __future__ import annotations
 
 import logging
 import os
+import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import Executor
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from locplan._kernels.arrays import Bools
-from locplan._util.output import replacing_folder
+from locplan._util.files import make_folder
 from locplan._util.progress import ProgressCallback
-from locplan.errors import FieldError
-from locplan.field import _cache as cache, _tiles as tiles, _zarr as field_files
+from locplan.errors import FieldError, LocplanError
+from locplan.field import _files as files, _tiles as tiles
+from locplan.field._cache import (
+    RESULT,
+    CacheWarning,
+    cache_entries,
+    cache_folder,
+    load_or_compute_result,
+)
 from locplan.field._compute import finished_chunks
 from locplan.field._config import FieldConfig, config_of
-from locplan.field._estimator import Estimator, Values, is_ours
+from locplan.field._estimator import Estimator, Values
 from locplan.field._field import CovarianceField
 from locplan.maps import OccupancyGrid, check_grid
 
 LOG = logging.getLogger(__name__)
-_PATIENCE = 0.3
-"""Interval of checks whether another process has finished [s]."""
-
-
-class CacheWarning(UserWarning):
-    """Warning that the cache cannot be used as intended; the result is right all the same."""
+PART_SECONDS = 2.0
+"""Interval after which finished values are written as a part [s]."""
 
 
 def covariance_field(
@@ -110,14 +114,11 @@ def load_or_compute(
 ) -> CovarianceField:
     """Read the field of a map from the cache, or compute it and put it there.
 
-    Values in the cache are used again: the chunks that an interrupted run has finished and, where
+    Values in the cache are used again: the parts that an interrupted run has finished and, if
     another state of the same map was cached, all values that the edit cannot have changed. While
     another process computes the same field, this one waits.
 
-    An estimator of your own is cached, too, whether or not it is registered. Its field is found by
-    the settings and a digest of the code: its classes, and the functions and values that they name,
-    but not the files that they read, nor what they take from installed libraries. Where there is no
-    such digest, as of a lock or an open file, the field is computed and not cached.
+    The field of a user's estimator is cached if the class declares a `version`.
 
     Parameters
     ----------
@@ -141,60 +142,50 @@ def load_or_compute(
     Warns
     -----
     CacheWarning
-        If the cache cannot be written, holds damaged chunks (which are computed anew), or the
+        If the cache cannot be written, the field's file is damaged (it is computed again), or the
         caller's estimator declares no version.
     """
     check_grid(grid)
     config = config_of(config)
-    limit = cache.cache_limit()
-    needed, in_part = tiles.needed_points(grid, config, points), points is not None
-    about = None
+    needed = None if points is None else tiles.needed_points(grid, config, points)
     try:
-        about = field_files.cached_attributes(grid, config, in_part)
+        about = files.describe(grid, config, cached=True)
     except FieldError as error:
-        _warn(f"the field is not cached: {error}")
-    if about is None:
+        warnings.warn(CacheWarning(f"the field is not cached: {error}"), stacklevel=2)
         return covariance_field(
             grid, config, points=points, threads=threads, executor=executor, progress=progress
         )
-    path = cache.cache_folder(cache_dir) / field_files.name_of(about)
-    found = _Found.at(path, about, grid, config, needed)
-    if not is_ours(config.estimator) and not found.lacking.any():
-        version = about["identity"]["version"]
-        LOG.warning("field of %s: cached, version %s", grid.name, version)
-    if lacking := int(found.lacking.sum()):
-        del found  # saves memory on a large map
-        with _alone(path, lacking, progress) as writable:
-            found = _Found.at(path, about, grid, config, needed)
-            if found.complaint:
-                _warn(f"{found.complaint}; computed anew")
-            found.carry_over()
-            chunks = finished_chunks(
-                found.values, grid, config, threads, executor, progress, needed
-            )
-            with closing(chunks):
-                cached = writable and _attempt(path, found.open)
-                for chunk in chunks:
-                    cached = cached and _attempt(
-                        path, field_files.write_chunks, path, found.values, [chunk]
-                    )
-        if cached:
-            cache.evict(path.parent, limit, path)
-    cache.mark_used(path)
-    if in_part:
-        for array in found.values.values():
+    field = _CachedField(grid, config, about, needed)
+
+    def compute(parts: Path | None) -> Values:
+        values, due = field.values_known(path, parts)
+        chunks = finished_chunks(values, grid, config, threads, executor, progress, due)
+        with closing(chunks):
+            field.write_parts(chunks, values, parts)
+        return values
+
+    key = files.key_of(about)
+    path = cache_folder(cache_dir) / f"{key}{RESULT}"
+    values = load_or_compute_result(
+        key,
+        field.load,
+        compute,
+        field.save,
+        cache_dir=cache_dir,
+        waiting=(lambda parts: field.report(parts, progress)) if progress else None,
+    )
+    if needed is not None:
+        for array in values.values():
             array[~needed] = np.nan
-    return CovarianceField.of(found.values, grid, config)
+    return CovarianceField.of(values, grid, config)
 
 
 def field_path(
     grid: OccupancyGrid,
     config: FieldConfig,
     cache_dir: str | os.PathLike[str] | None = None,
-    *,
-    in_part: bool = False,
 ) -> Path:
-    """Path of a field, or of some of its points, in the cache, whether or not it is there.
+    """Path of a field in the cache, whether or not it is there.
 
     Parameters
     ----------
@@ -204,142 +195,109 @@ def field_path(
         The field's settings.
     cache_dir : path, optional
         See `load_or_compute`.
-    in_part : bool, default False
-        Whether it is the field of some points alone.
 
     Raises
     ------
     FieldError
         If the field cannot be cached; see `load_or_compute`.
     """
-    about = field_files.cached_attributes(grid, config, in_part)
-    return cache.cache_folder(cache_dir) / field_files.name_of(about)
+    key = files.key_of(files.describe(grid, config, cached=True))
+    return cache_folder(cache_dir) / f"{key}{RESULT}"
 
 
 @dataclass(frozen=True)
-class _Found:
-    """The part of a field that the cache holds."""
+class _CachedField:
+    """A field as the cache has it, with all or some of its points."""
 
-    path: Path
-    """Path of the field."""
-    about: dict[str, Any]
-    """Attributes of the field."""
     grid: OccupancyGrid
     """The map."""
     config: FieldConfig
     """The settings."""
-    values: Values
-    """Arrays of the field, NaN where they are not known."""
-    lacking: Bools
-    """Lattice points that are needed and still to be computed, (h, w)."""
-    sound: bool
-    """True if there is a group that chunks can be written to."""
-    complaint: str
-    """Damage that was found, or an empty text."""
+    about: dict[str, Any]
+    """Description of the field."""
+    needed: Bools | None
+    """Lattice points that are needed, (h, w); None for all."""
 
-    @classmethod
-    def at(
-        cls,
-        path: Path,
-        about: dict[str, Any],
-        grid: OccupancyGrid,
-        config: FieldConfig,
-        needed: Bools,
-    ) -> _Found:
-        """Read what a path holds, if it is the field of these attributes."""
-        values, complaint, sound = None, "", False
-        if os.path.exists(path):  # False, too, where the folder cannot be searched
-            try:
-                held = field_files.read_attributes(path)
-                if any(held.get(name) != about[name] for name in field_files.DECISIVE):
-                    raise FieldError(f"{path}: holds another field")
-                values, damaged = field_files.read_values(path, grid, config)
-                # Whatever stands in place of a damaged chunk goes with the group.
-                sound = not damaged and field_files.has_todays_chunks(path, grid, config)
-                if damaged:
-                    complaint = f"{path}: damaged chunks: {damaged}"
-            except FieldError as error:
-                complaint = str(error)
-        if values is None:
-            values = tiles.nothing_known(grid, config)
-        lacking = needed & ~tiles.known_points(values)
-        return cls(path, about, grid, config, values, lacking, sound, complaint)
+    @cached_property
+    def all_points(self) -> Bools:
+        """Lattice points of the whole field, (h, w)."""
+        return self.config.lattice_points(self.grid)
 
-    def carry_over(self) -> None:
-        """Fill in the values that other fields of this map, or another state of it, share."""
-        expected, looked_at = field_files.kind_of(self.about), 0
-        for folder in cache.fields(self.path.parent):
-            lacking = self.lacking & ~tiles.known_points(self.values)
-            if looked_at == 3 or not lacking.any():
+    def load(self, path: Path) -> Values | None:
+        """Read the field from its file; None if points are lacking."""
+        about = self._described(path)
+        if self.needed is None and about.get("finished_share") != 1.0:
+            return None  # some points only
+        values = files.read_values(path, self.grid, self.config)
+        if self.needed is not None and (self.needed & ~tiles.known_points(values)).any():
+            return None
+        if versions := self.about["identity"]["versions"]:
+            LOG.warning("field of %s: cached, version %s", self.grid.name, ", ".join(versions))
+        return values
+
+    def save(self, path: Path, values: Values) -> None:
+        """Write all known values to the field's file."""
+        known = tiles.known_points(values)
+        files.write_points(path, values, known, self._with_share(known), self.grid.cells)
+
+    def values_known(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
+        """Values of the field that the cache has, NaN elsewhere, and the points due for computing.
+
+        They come from the field's own file and parts, and from the fields of other states of the
+        map, where the edits cannot have changed them.
+        """
+        values = tiles.nothing_known(self.grid, self.config)
+        due = self.all_points if self.needed is None else self.needed
+        for file in (path, *sorted(parts.glob(f"*{RESULT}") if parts else ())):
+            with suppress(LocplanError):
+                self._described(file)
+                files.fill_values(values, file, self.grid, self.config, self.all_points)
+        same = 0
+        for entry in cache_entries(path.parent):
+            lacking = due & ~tiles.known_points(values)
+            if same == 3 or not lacking.any():
                 break
-            with suppress(FieldError):  # damaged ones are skipped: this is only a shortcut
-                other = field_files.read_attributes(folder)
-                if folder == self.path or field_files.kind_of(other) != expected:
-                    continue
-                looked_at += 1
-                before = field_files.read_grid(folder, other)
+            if entry.path == path or not all(
+                entry.about.get(name) == self.about[name] for name in ("kind", *files.ALIKE)
+            ):
+                continue
+            with suppress(LocplanError):  # damaged ones are skipped: this is only a shortcut
+                same += 1
+                before = files.read_grid(entry.path, entry.about)
                 useful = lacking & tiles.untouched_points(before, self.grid, self.config)
                 if useful.any():
-                    known, _ = field_files.read_values(folder, self.grid, self.config)
-                    for name, array in known.items():
-                        self.values[name][useful] = array[useful]
+                    files.fill_values(values, entry.path, self.grid, self.config, useful)
+        return values, due
 
-    def open(self) -> None:
-        """Write the chunks carried over, to a new group if there is no sound one."""
-        if self.sound:
-            for partial in self.path.rglob("*.partial"):  # of a process killed while it wrote
-                partial.unlink()
-            known, cell = tiles.known_points(self.values), self.grid.resolution
-            lacking, edge = self.lacking & ~known, tiles.chunk_edge(self.config, cell)
-            carried = tiles.chunks_of(self.lacking & known, edge)
-            whole = [chunk for chunk in carried if not lacking[chunk].any()]
-            try:
-                return field_files.write_chunks(self.path, self.values, whole)
-            except Exception as error:  # damaged descriptions of arrays fail in many ways
-                if isinstance(error, OSError):
-                    raise
-        with replacing_folder(self.path, field_files.FIELD_SUFFIX, lambda _: True) as temporary:
-            # All that is known goes along, since the group that held it may be replaced.
-            field_files.write(temporary, self.values, self.grid, self.config, self.about)
+    def write_parts(self, chunks: Iterable[object], values: Values, parts: Path | None) -> None:
+        """Finish all chunks of the values; every few seconds write the new values as a part."""
+        written, last = tiles.known_points(values), time.monotonic()
+        for _ in chunks:
+            if parts and time.monotonic() - last >= PART_SECONDS:
+                known = tiles.known_points(values)
+                # A full disk shows again when the whole field is written.
+                with suppress(LocplanError):
+                    make_folder(parts)
+                    file = parts / f"{known.sum():012}{RESULT}"
+                    files.write_points(file, values, known & ~written, self._with_share(known))
+                    written = known
+                last = time.monotonic()
 
+    def report(self, parts: Path, progress: ProgressCallback) -> None:
+        """Report how far another process is, by the names of the parts that it has written."""
+        due = int((self.all_points if self.needed is None else self.needed).sum())
+        done = 0
+        with suppress(OSError, ValueError):  # there are none yet
+            done = max(int(Path(name).stem) for name in os.listdir(parts))
+        progress(min(done, due), due)
 
-@contextmanager
-def _alone(path: Path, lacking: int, progress: ProgressCallback | None) -> Iterator[bool]:
-    """Keep other processes from computing this field; yield whether it can be cached at all."""
-    from filelock import Timeout
+    def _described(self, file: Path) -> dict[str, Any]:
+        """The description in a file of this field; a FieldError if it is another field's."""
+        about = files.read_about(file)
+        if any(about.get(name) != self.about[name] for name in files.DECISIVE):
+            raise FieldError(f"{file}: holds another field")
+        return about
 
-    lock = None
-    try:
-        lock = cache.lock_of(path)
-        while not lock.is_locked:
-            try:
-                lock.acquire(timeout=_PATIENCE)
-            except Timeout:
-                if progress:
-                    progress(int(lacking * (cache.CacheEntry.read(path).share or 0.0)), lacking)
-    except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
-        lock = None
-        _warn(f"the field is not cached: {path.parent} cannot be written ({_reason(error)})")
-    try:
-        yield lock is not None
-    finally:
-        if lock:
-            lock.release()
-
-
-def _attempt(path: Path, action: Callable[..., None], *arguments: Any) -> bool:
-    """Run an action on a cached field; return whether it worked, and warn the user if not."""
-    try:
-        action(*arguments)
-    except Exception as error:  # a description damaged meanwhile fails in many ways, too
-        _warn(f"the field is not cached in {path.parent}: {_reason(error)}")
-        return False
-    return True
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
-
-
-def _warn(message: str) -> None:
-    warnings.warn(CacheWarning(message), stacklevel=4)
+    def _with_share(self, known: Bools) -> dict[str, Any]:
+        total = int(self.all_points.sum())
+        return self.about | {"finished_share": float(known.sum() / total) if total else 1.0}

@@ -1,17 +1,10 @@
-"""The arrays of a field over its lattice, the tiles that they are computed and stored in.
-
-`read_array` reads such arrays without zarr, which takes longer to import than they to read. Only
-arrays just as `locplan.field._zarr` writes them are read; the memory that they take is known from
-their shape, whatever their chunks say.
-"""
+"""The arrays of a field over its lattice, and the tiles that they are computed in."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +12,6 @@ import numpy as np
 from locplan._kernels.arrays import Array, Bools, Floats
 from locplan._util.checks import check_memory
 from locplan._util.public import needed
-from locplan._util.reading import MAX_JSON_BYTES, read_bytes
 from locplan.errors import ConfigError, FieldError
 from locplan.field._config import FieldConfig
 from locplan.field._covariance import halo_of
@@ -33,7 +25,7 @@ if TYPE_CHECKING:
 ENGINE = 5
 """Version of the computation; it grows when the same map and config give other values."""
 TILE = 64
-"""Maximum edge length of a tile, which is computed and stored as a whole [lattice points]."""
+"""Maximum edge length of a tile, which is computed as a whole [lattice points]."""
 
 Chunk = tuple[slice, slice]
 """Rows and columns of a rectangle of the lattice."""
@@ -51,7 +43,6 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
 
 def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
     """Arrays of a field, filled with NaN; a ConfigError if it takes too much memory."""
-    check_tiles(grid, config)
     shapes = field_shapes(grid, config)
     total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
     check_memory("the values of the field", total, "set a larger stride or fewer headings")
@@ -98,11 +89,10 @@ def needed_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
-    """Edge length of the square tiles that are finished and stored as a whole [lattice points].
+    """Edge length of the square tiles that are computed as a whole [lattice points].
 
-    A tile takes one thread two seconds at most, roughly. It follows from what the estimator says
-    that a point costs, and not from the machine or the map, so that a computation can be continued
-    elsewhere.
+    A tile takes one thread two seconds at most, roughly, by what the estimator says that a point
+    costs.
     """
     points = 2.0 / (config.headings * config.estimator.seconds(resolution))
     on_map = TILE_CELLS // config.stride_cells(resolution)
@@ -186,75 +176,3 @@ def coordinates(
         about = {"long_name": "of the robot in the world", "units": "rad"}
         found["heading"] = config.heading_angles, about
     return found
-
-
-def chunk_of(folder: Path, shape: tuple[int, ...], kind: str = "float64") -> tuple[int, ...]:
-    """Shape of an array's chunks; one of several errors if it is not as `write` of _zarr has it."""
-    about = json.loads(read_bytes(folder / "zarr.json", MAX_JSON_BYTES))
-    chunk = tuple(about["chunk_grid"]["configuration"]["chunk_shape"])
-    size = math.prod(chunk) * np.dtype(kind).itemsize
-    whole = len(chunk) == len(shape) and all(type(each) is int and each > 0 for each in chunk)
-    if not whole or size > 2**28 or not _as_written(about, shape, kind):
-        raise ValueError(f"its {folder.name} does not fit its own map and config")
-    return chunk
-
-
-def separator_of(kind: str) -> str:
-    """What parts the numbers in the names of chunks, of values and of the map's cells."""
-    return "." if kind == "float64" else "/"
-
-
-def _as_written(about: Any, shape: tuple[int, ...], kind: str) -> bool:
-    """True if an array's description is that of `locplan.field._zarr.write`."""
-    codecs = about["codecs"]
-    return bool(
-        about["zarr_format"] == 3
-        and about["node_type"] == "array"
-        and about["data_type"] == kind
-        and about["shape"] == list(shape)
-        and about["chunk_grid"]["name"] == "regular"
-        and about["chunk_key_encoding"]["name"] == "default"
-        and about["chunk_key_encoding"]["configuration"]["separator"] == separator_of(kind)
-        and about["fill_value"] == ("NaN" if kind == "float64" else 0)
-        and not about["storage_transformers"]
-        and [each["name"] for each in codecs] == ["bytes", "zstd", "crc32c"]  # as applied
-        and codecs[0].get("configuration", {}).get("endian", "little") == "little"
-    )
-
-
-def read_array(folder: Path, shape: tuple[int, ...], kind: str = "float64") -> tuple[Array, int]:
-    """Read a whole array, and count its damaged chunks, which are as the absent ones: NaN or 0.
-
-    One of several errors is raised if it is not as written.
-    """
-    chunk = chunk_of(folder, shape, kind)
-    values = np.full(shape, np.nan if kind == "float64" else 0, kind)
-    damaged = 0
-    counts = [-(-size // each) for size, each in zip(shape, chunk, strict=True)]
-    for index in product(*map(range, counts)):
-        at = [slice(i * each, (i + 1) * each) for i, each in zip(index, chunk, strict=True)]
-        part = values[tuple(at)]
-        try:
-            decoded = _decoded(
-                folder / separator_of(kind).join(map(str, ("c", *index))), chunk, kind
-            )
-            part[...] = decoded[tuple(slice(size) for size in part.shape)]
-        except FileNotFoundError:
-            continue
-        except Exception:  # whatever it holds, it is computed anew
-            damaged += 1
-    return values, damaged
-
-
-def _decoded(file: Path, chunk: tuple[int, ...], kind: str) -> Array:
-    """The values of a chunk; one of several errors if it is damaged."""
-    from google_crc32c import value as crc32c
-    from numcodecs.zstd import Zstd  # type: ignore[import-untyped]
-
-    values = np.empty(chunk, np.dtype(kind).newbyteorder("<"))
-    content = read_bytes(file, 2 * values.nbytes + MAX_JSON_BYTES)
-    body, checksum = content[:-4], content[-4:]
-    if crc32c(body) != int.from_bytes(checksum, "little"):
-        raise ValueError("its checksum is another one")
-    Zstd().decode(body, out=values)  # no byte beyond them, whatever it declares
-    return values

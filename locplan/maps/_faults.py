@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -26,7 +26,7 @@ from locplan.maps._misleading import (
     specks_of,
 )
 from locplan.maps._occupancy import FREE
-from locplan.maps._solid import Solidity, hollowed, inside_of_walls, solidity
+from locplan.maps._solid import hollowed, inside_of_walls, solidity
 from locplan.maps._source import MapSource
 
 
@@ -120,12 +120,7 @@ def faults_report(faults: MapFaults) -> str:
     return "\n".join(f"{each.kind}: {each.sentence}" for each in faults)
 
 
-def faults(
-    grid: OccupancyGrid,
-    source: MapSource | None = None,
-    *,
-    check: Callable[[OccupancyGrid], Solidity] = solidity,
-) -> MapFaults:
+def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
     """Find what misleads: solid walls, painted unknown, specks, thresholds, open edges, masks.
 
     Solid walls are found by simulated scans, in some tenths of a second the first time that a map
@@ -137,8 +132,6 @@ def faults(
         The map.
     source : MapSource, optional
         How its pixels were read, see `read_map`; without it only the cells are looked at.
-    check : callable, default solidity
-        Gives the check of the walls; `locplan.field.kept_solidity` keeps it in the cache.
 
     Returns
     -------
@@ -164,5 +157,5 @@ def faults(
     # No filter has a mask for its map, whose areas are no walls.
     is_mask = any(each.kind == "mask" for each in of_file)
     meant = grid if is_mask else as_meant(grid, source)
-    walls = () if is_mask else (*of_walls(meant, check(meant)), *of_painted(meant))
+    walls = () if is_mask else (*of_walls(meant, solidity(meant)), *of_painted(meant))
     return MapFaults(grid, (*of_file, *walls, *of_cells(meant), *of_origin(grid)), meant)

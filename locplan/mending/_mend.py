@@ -17,7 +17,7 @@ from locplan._util.records import Column, Result, Table
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.export import write_filter_map
-from locplan.field import equipped, kept_solidity
+from locplan.field import equipped
 from locplan.maps import (
     OCCUPIED,
     MapFaults,
@@ -208,7 +208,7 @@ def mend(
     """
     check_drives(drives)
     whole("paths", paths, 1, 1000)
-    robot, found = equipped(robot), faults(grid, source, check=kept_solidity)
+    robot, found = equipped(robot), faults(grid, source)
     found.refuse_mask()
     mended, world = found.mended, found.meant
     file = None if world == grid else source

@@ -1,13 +1,11 @@
-"""The offer to mend a map before anything is driven on it, whose check is paid once a map."""
+"""The offer to mend a map before anything is driven on it."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from locplan.errors import ConfigError
-from locplan.field import kept_solidity
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, solidity
 from locplan.robots import read_parameters
 
 
@@ -26,18 +24,15 @@ def check_concerned(parameters: Path | None) -> None:
         )
 
 
-def offer(grid: OccupancyGrid, cache_dir: str | os.PathLike[str] | None = None) -> str | None:
+def offer(grid: OccupancyGrid) -> str | None:
     """Say in a sentence that a filter gets lost on a map, and that it can be mended; else None.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The filter's map.
-    cache_dir : path, optional
-        Folder of the cache, which keeps the verdict by the map's digest; see
-        `locplan.field.cache_folder`.
     """
-    if not kept_solidity(grid, cache_dir).is_solid:
+    if not solidity(grid).is_solid:
         return None
     return (
         f"{grid.name or 'the map'}: walls are black inside, so that AMCL's particles gain by"

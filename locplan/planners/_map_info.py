@@ -15,7 +15,6 @@ from locplan._util.public import Pictured
 from locplan._util.records import POSITION, Column, Table
 from locplan._util.tables import in_square_metres, table
 from locplan.costs import ROBOT_RADIUS
-from locplan.field import kept_solidity
 from locplan.maps import (
     FREE,
     OCCUPIED,
@@ -289,7 +288,7 @@ def describe_map(
         room_of_cell=room_of_cell,
         pairs=_choose_routes(grid, room_of_cell, rooms, radius),
         warnings=(
-            *(each.sentence for each in faults(grid, source, check=kept_solidity)),
+            *(each.sentence for each in faults(grid, source)),
             *_of_robot(grid, radius, bool(rooms)),
         ),
     )

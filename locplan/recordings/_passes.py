@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats, Singles
+from locplan._util.arrays import read_arrays, write_arrays
 from locplan._util.files import make_folder
 from locplan._util.intervals import random_of
 from locplan._util.output import replacing
@@ -205,18 +205,19 @@ class FilterPass:
         """Save the last block of scans."""
         make_folder(folder)
         with replacing(self._block_file(folder, done)) as file:
-            block = slice(done - BLOCK, done)
-            np.savez(file, clouds=clouds[block], best=best_fits[block])
+            scans = slice(done - BLOCK, done)
+            block = {"clouds": clouds[scans], "best": best_fits[scans]}
+            write_arrays(file, block, plain=block)
 
     def _read_blocks(self, folder: Path | None, clouds: Singles, best_fits: Floats) -> int:
         """Read the blocks of an interrupted pass; return the number of their scans."""
         done = 0
         while folder and (file := self._block_file(folder, done + BLOCK)).is_file():
             try:
-                with file.open("rb") as opened, np.load(opened) as block:
-                    clouds[done : done + BLOCK] = block["clouds"]
-                    best_fits[done : done + BLOCK] = block["best"]
-            except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+                block = read_arrays(file, 2 * clouds[:BLOCK].nbytes)
+                clouds[done : done + BLOCK] = block["clouds"]
+                best_fits[done : done + BLOCK] = block["best"]
+            except (OSError, ValueError, KeyError):
                 break  # a damaged block is computed again
             done += BLOCK
         return done

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 from numpy.typing import ArrayLike
 
 from locplan._util.checks import instance, one_of
 from locplan._util.progress import ProgressCallback
-from locplan.errors import LocplanError
-from locplan.field import kept
+from locplan.field import load_or_compute_result
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._recording import Recording
 from locplan.recordings._smoothing import smooth
@@ -33,9 +32,9 @@ def trajectory_of(
     cache_dir: str | os.PathLike[str] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Trajectory:
-    """The trajectory that `smooth` finds, read from the cache if it was found before.
+    """Return the trajectory that `smooth` finds, from the cache if it was found before.
 
-    A call that was interrupted goes on where it was.
+    An interrupted call resumes.
 
     Parameters
     ----------
@@ -51,23 +50,21 @@ def trajectory_of(
     Raises
     ------
     LocplanError
-        As for `smooth`, or if the cache cannot be written.
+        As for `smooth`.
     """
     instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
     check_grid(grid)
-    key, what = _digest(recording, grid, robot, start, seed), recording.source.file or "a recording"
-    with kept(key, f"trajectory of {what}", grid.name, cache_dir) as folder:
-        file = folder / "trajectory.npz"
-        if file.is_file():
-            with suppress(LocplanError):  # a damaged one is made anew
-                # The names are not in the digest.
-                own = Trajectory.load(file)
-                return replace(own, grid=grid, map=grid.name, drive=recording.source.file)
-        found = smooth(grid, recording, robot, start, folder=folder, seed=seed, progress=progress)
-        found.write(file)
-        for block in folder.glob("pass_*.npz"):
-            block.unlink()
-    return found
+
+    def compute(parts: Path | None) -> Trajectory:
+        return smooth(grid, recording, robot, start, folder=parts, seed=seed, progress=progress)
+
+    def save(file: Path, trajectory: Trajectory) -> None:
+        trajectory.write(file)
+
+    key = _digest(recording, grid, robot, start, seed)
+    trajectory = load_or_compute_result(key, Trajectory.load, compute, save, cache_dir=cache_dir)
+    # The names are not in the digest.
+    return replace(trajectory, grid=grid, map=grid.name, drive=recording.source.file)
 
 
 def referenced(

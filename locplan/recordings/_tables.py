@@ -17,7 +17,6 @@ import json
 import math
 import os
 import re
-import zipfile
 from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
@@ -27,11 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._kernels.arrays import Floats
+from locplan._util.arrays import read_arrays, write_arrays
 from locplan._util.checks import file_path, shown
 from locplan._util.output import replacing
-from locplan._util.reading import numbered_lines, opened, parsed_json
+from locplan._util.reading import numbered_lines, parsed_json
 from locplan._util.saved import made
-from locplan.errors import LocplanError, RecordingError
+from locplan.errors import RecordingError
 from locplan.recordings._logs import Options, Source, check_room
 from locplan.recordings._recording import Recording
 from locplan.robots import Lidar
@@ -66,14 +66,11 @@ def read_npz(path: Path, options: Options) -> Recording:
     options.refuse_others("an .npz file", of_robot=False)
     names = ("ranges", "poses", "times", "odometry", "speeds", "lidar", "source")
     try:
-        arrays = _arrays(path, names)
-    except LocplanError:
-        raise
+        arrays = read_arrays(path, MAX_ARRAY_BYTES, names)
     except OSError as error:
         raise RecordingError(f"cannot be read ({error.strerror or error})") from None
-    except Exception as error:  # a damaged archive fails in as many ways as it has parts
-        reason = str(error)[:200] or type(error).__name__
-        raise RecordingError(f"is damaged, or no .npz file ({reason}); copy it again") from None
+    except ValueError as error:
+        raise RecordingError(f"is damaged, or no .npz file ({error}); copy it again") from None
     missing = [name for name in ("ranges", "poses", "lidar") if name not in arrays]
     if missing:
         raise RecordingError(
@@ -97,22 +94,6 @@ def read_npz(path: Path, options: Options) -> Recording:
     times, odometry = arrays.get("times"), arrays.get("odometry")
     speeds = arrays.get("speeds")
     return Recording(ranges, lidar, arrays["poses"], times, odometry, source, speeds)
-
-
-def _arrays(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """The arrays of these names in a file, as far as there are any."""
-    found = {}
-    with opened(path) as content, zipfile.ZipFile(content) as archive:
-        sizes = {each.filename: each.file_size for each in archive.infolist()}
-        if (total := sum(sizes.get(f"{name}.npy", 0) for name in names)) > MAX_ARRAY_BYTES:
-            most = MAX_ARRAY_BYTES / 1e6
-            raise RecordingError(f"its arrays take {total / 1e6:.0f} MB, of at most {most:.0f} MB")
-        for name in names:
-            if f"{name}.npy" in sizes:
-                # What a header promises beyond the content is never written to, and takes no room.
-                with archive.open(f"{name}.npy") as member:
-                    found[name] = np.lib.format.read_array(member, allow_pickle=False)
-    return found
 
 
 def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
@@ -145,8 +126,7 @@ def _write_npz(drive: Recording, target: Path) -> None:
         "speeds": drive.speeds,
     }
     known: Any = {name: value for name, value in values.items() if value is not None}
-    with open(target, "wb") as file:
-        np.savez_compressed(file, **known)
+    write_arrays(target, known)
 
 
 def read_csv(path: Path, options: Options) -> Recording:

@@ -17,7 +17,7 @@ SERVERS = "localizability.launch.xml"
 ARGUMENTS = {
     "exports": ("", "Folders of `locplan export --to nav2-...`, separated by commas"),
     "map": ("", "Map YAML to serve; leave it out where Nav2's bringup serves the map"),
-    "field": ("", "Field (.npz or .zarr) to watch the robot on; without it no node watches"),
+    "field": ("", "Field (.npz) to watch the robot on; without it no node watches"),
     "params_file": (str(HERE / "config" / "watch.yaml"), "Parameters of the watching node"),
     "rviz": ("true", "Whether to start RViz"),
     "use_sim_time": ("false", "Whether the clock is that of a simulation or a bag"),

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import json
 import math
-import zipfile
 from dataclasses import dataclass
-from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 FREE = 254
 """Level of free cells in a file's "cells"."""
+MAX_BYTES = 2**32
+"""Maximum size of a file's arrays together, unpacked."""
 MIN_VARIANCE = 1e-12
 """Variance that is added before covariances are inverted [m^2, rad^2], as locplan does."""
 
@@ -40,46 +41,25 @@ class FieldFile:
 
     @classmethod
     def load(cls, path: str) -> FieldFile:
-        """Read what ``locplan field MAP.yaml -o`` wrote (.npz or .zarr).
+        """Read a file that ``locplan field MAP.yaml -o FIELD.npz`` wrote.
 
-        Only .zarr needs locplan. A ValueError says what is wrong with a file.
+        A ValueError says what is wrong with a file.
         """
-        if str(path).rstrip("/").endswith(".zarr"):
-            return cls._of_locplan(path)
         try:
-            with np.load(path) as arrays:
-                names = ("covariance", "u_map", "cells", "resolution", "origin", "config")
-                covariance, u, cells, resolution, origin, config = (arrays[n] for n in names)
-            step = float(json.loads(str(config))["stride"])
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            with np.load(path, allow_pickle=False) as arrays:
+                if sum(each.file_size for each in arrays.zip.infolist()) > MAX_BYTES:
+                    raise ValueError(f"its arrays take over {MAX_BYTES / 1e9:.1f} GB")
+                names = ("covariance", "u_map", "cells", "about")
+                covariance, u, cells, text = (arrays[name] for name in names)
+            about = json.loads(str(text))
+            x, y, yaw = (float(value) for value in about["origin"])
+            resolution = float(about["resolution"])
+            stride = max(1, round(float(about["config"]["stride"]) / resolution))
+        except (AttributeError, OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
             raise ValueError(
                 f"{path!r} is no field: {error}; write one by locplan field MAP.yaml -o field.npz"
             ) from error
-        return cls._of(covariance, u, cells, resolution, origin, step)
-
-    @classmethod
-    def _of_locplan(cls, path: str) -> FieldFile:
-        try:
-            import locplan
-        except ImportError as error:
-            raise ValueError(
-                f"{path!r} needs locplan ({error}); write the field as .npz instead"
-            ) from error
-        try:
-            field = locplan.CovarianceField.load(path)
-        except locplan.LocplanError as error:
-            raise ValueError(str(error)) from error
-        grid, u = field.grid, locplan.Costmap.from_field(field.grid, field).u
-        origin, step = grid.origin, field.config.stride
-        return cls._of(field.covariance, u, grid.cells, grid.resolution, origin, step)
-
-    @classmethod
-    def _of(
-        cls, covariance: Any, u: Any, cells: Any, resolution: Any, origin: Any, step: float
-    ) -> FieldFile:
-        x, y, yaw = (float(value) for value in origin)
-        stride = max(1, round(step / float(resolution)))
-        return cls(covariance, u, cells == FREE, float(resolution), (x, y, yaw), stride)
+        return cls(covariance, u, cells == FREE, resolution, (x, y, yaw), stride)
 
     def at(self, x: float, y: float, heading: float | None = None) -> tuple[float, np.ndarray]:
         """Return u and the covariance (d, d) at a world position [m].
