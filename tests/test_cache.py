@@ -87,7 +87,7 @@ def test_unreadable_entries_are_listed_and_removed(three, tmp_path):
         (tmp_path / ("0" * 32 + suffix)).mkdir()
         (tmp_path / ("0" * 32 + suffix) / "zarr.json").write_text("{}")
     kinds = sorted(entry.kind for entry in cache_entries(tmp_path))
-    assert kinds == ["damaged", "field", "field", *["of an earlier version"] * 2, "unfinished"]
+    assert kinds == ["damaged", "field", "field", *["outdated"] * 2, "unfinished"]
     assert "6 results" in cache_table(cache_entries(tmp_path), tmp_path)
     cache.clear_cache(tmp_path, 0)
     assert cache_entries(tmp_path) == []

@@ -406,5 +406,5 @@ def test_field_of_earlier_version_is_not_read(grid, tmp_path, computed):
     assert computed
     assert sorted(entry.kind for entry in cache_entries(tmp_path)) == [
         "field",
-        "of an earlier version",
+        "outdated",
     ]

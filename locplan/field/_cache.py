@@ -220,9 +220,9 @@ class CacheEntry:
 
     @property
     def kind(self) -> str:
-        """Kind of the result; "damaged", "unfinished" or "of an earlier version" otherwise."""
+        """Kind of the result; "damaged", "unfinished" or "outdated" otherwise."""
         otherwise = {RESULT: "damaged", PARTS: "unfinished"}
-        kind = self._text("kind") or otherwise.get(self.path.suffix, "of an earlier version")
+        kind = self._text("kind") or otherwise.get(self.path.suffix, "outdated")
         return f"parts of a {kind}" if self.about and self.path.suffix == PARTS else kind
 
     @property
