@@ -283,7 +283,7 @@ def change_about(draw: Draw, data: bytes) -> bytes:
 def list_cache(file: Path) -> None:
     found = cache_entries(file.parent)
     assert len(found) == 2
-    json.dumps([entry.summary() for entry in found])
+    json.dumps([entry.to_json() for entry in found])
     assert cache_table(found, file.parent).count("\n") >= 3
 
 

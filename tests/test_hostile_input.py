@@ -240,7 +240,7 @@ def test_description_that_is_garbage_is_computed_again_and_breaks_no_list(tmp_pa
     cache_files(tmp_path)
     described(field_path(GRID, SMALL, tmp_path), garbage)
     found = cache_entries(tmp_path)
-    assert sorted(entry.summary()["map"] for entry in found) == ["", "room"]
+    assert sorted(entry.to_json()["map"] for entry in found) == ["", "room"]
     assert cache_table(found, tmp_path).count("room") == 1
     with pytest.warns(CacheWarning, match="computed again"):
         field = load_or_compute(GRID, SMALL, cache_dir=tmp_path)
@@ -268,7 +268,7 @@ def test_entries_of_another_kind_are_no_field(tmp_path, changes):
     with_changes(file, **changes)
     found = cache_entries(tmp_path)
     assert [entry.finished_share for entry in found] == [1.0, 1.0]
-    json.dumps([entry.summary() for entry in found])
+    json.dumps([entry.to_json() for entry in found])
     assert cache_table(found, tmp_path)
     with pytest.raises(LocplanError) as error:
         CovarianceField.load(file)
@@ -277,10 +277,10 @@ def test_entries_of_another_kind_are_no_field(tmp_path, changes):
 
 def test_long_texts_in_a_description_are_cut_in_the_list(tmp_path):
     cache_files(tmp_path)
-    with_changes(field_path(GRID, SMALL, tmp_path), map="a" * 9999, summary="b" * 9999)
+    with_changes(field_path(GRID, SMALL, tmp_path), map="a" * 9999, title="b" * 9999)
     found = cache_entries(tmp_path)
     assert len(cache_table(found, tmp_path)) < 5000
-    assert len(json.dumps([entry.summary() for entry in found])) < 5000
+    assert len(json.dumps([entry.to_json() for entry in found])) < 5000
 
 
 def test_arrays_larger_than_their_limit_are_not_read(tmp_path):

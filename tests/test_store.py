@@ -239,7 +239,7 @@ def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of
     interrupted(grid, tmp_path, 0.6)
     (entry,) = cache_entries(tmp_path)
     assert entry.path.suffix == ".parts"
-    assert (entry.kind, entry.summary()["map"]) == ("parts of a field", "rooms")
+    assert (entry.kind, entry.to_json()["map"]) == ("parts of a field", "rooms")
     assert 0 < entry.finished_share < 1
     done = sum(computed)
     computed.clear()

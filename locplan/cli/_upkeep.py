@@ -134,7 +134,7 @@ def list_(*, cache_dir: shared.CacheDir = None, json: shared.Json = False) -> No
     folder = locplan.field.cache_folder(cache_dir)
     entries = locplan.field.cache_entries(folder)
     table = locplan.field.cache_table(entries, folder)
-    shared.show(json, [entry.summary() for entry in entries], table)
+    shared.show(json, [entry.to_json() for entry in entries], table)
 
 
 @cache.command

@@ -233,13 +233,13 @@ class CacheEntry:
             return share
         return 1.0 if self.about and self.path.suffix == RESULT else None
 
-    def summary(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """The entry, fit for JSON."""
         return {
             "file": str(self.path),
             "kind": self.kind,
             "map": self._text("map"),
-            "details": self._text("summary") or self._text("drive"),
+            "details": self._text("title") or self._text("drive"),
             "bytes": self.size,
             "finished_share": self.finished_share,
             "used": self.used,
@@ -276,7 +276,7 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path) -> str:
     """
     rows = []
     for entry in entries:
-        about = entry.summary()
+        about = entry.to_json()
         share = "–" if about["finished_share"] is None else f"{about['finished_share']:.0%}"
         names = [about[name] for name in ("kind", "map", "details")]
         rows.append([*names, in_bytes(entry.size), share, age(entry.used)])

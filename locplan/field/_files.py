@@ -61,7 +61,7 @@ def describe(grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False) 
                 "headings": config.headings,
                 "versions": declared_versions(estimator) if has_versions else [],
             },
-            "summary": config.summary,
+            "title": config.title,
             "config": config.to_json(),
         }
         described: dict[str, Any] = json.loads(json.dumps(about))

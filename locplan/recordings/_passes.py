@@ -206,7 +206,7 @@ class FilterPass:
         make_folder(folder)
         with replacing(self._block_file(folder, done)) as file:
             scans = slice(done - BLOCK, done)
-            block = {"clouds": clouds[scans], "best": best_fits[scans]}
+            block: dict[str, NDArray[Any]] = {"clouds": clouds[scans], "best": best_fits[scans]}
             write_arrays(file, block, plain=block)
 
     def _read_blocks(self, folder: Path | None, clouds: Singles, best_fits: Floats) -> int:
