@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -42,16 +42,6 @@ def check_target(path: Path, *suffixes: str) -> None:
     if path.is_dir() and path.suffix.lower() in suffixes:
         raise LocplanError(f"{path}: is a folder; name a file in it")
     _check_place(path, *suffixes)
-
-
-def check_folder_target(path: Path, suffix: str | None, ours: Callable[[Path], bool]) -> None:
-    """Raise a LocplanError unless a folder, with this suffix if one is given, can be written there.
-
-    An existing folder may be replaced if `ours` says that locplan has written it.
-    """
-    _check_place(path, *[suffix] if suffix else [])
-    if path.exists() and not ours(path):
-        raise LocplanError(f"{path}: is there, and not as locplan wrote it; choose another name")
 
 
 def check_folder(folder: Path) -> None:

@@ -12,7 +12,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,6 @@ from locplan._util import runs
 from locplan._util.checks import file_path
 from locplan._util.files import (
     check_folder,
-    check_folder_target,
     check_no_input,
     check_target,
     errors_in_one_line,
@@ -137,8 +136,6 @@ class Output:
         """Names of the files that are there, hidden ones aside."""
         if self.is_file:
             names = [self.target.name, self._run_name]
-            if self.target.is_dir():  # a field of many files
-                names[:1] = [f"{self.target.name}/{name}" for name in files_in(self.target)]
             return [name for name in names if os.path.lexists(self._home / name)]
         return files_in(self._home)
 
@@ -182,23 +179,6 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
         new.touch()
         yield new
         os.replace(new, path)
-
-
-@contextmanager
-def replacing_folder(
-    target: str | os.PathLike[str], suffix: str | None, ours: Callable[[Path], bool]
-) -> Iterator[Path]:
-    """Yield a new folder whose files replace those of `target` when the block succeeds."""
-    check_folder_target(file_path("a folder to write", target), suffix, ours)
-    path = Path(os.path.realpath(target))
-    with errors_in_one_line(path), temporary_folder(path.parent) as staging:
-        new = staging / NEW / path.name
-        new.mkdir(parents=True)
-        yield new
-        names = _digests(new)
-        moves = {f"{path.name}/{name}": digest_of(path / name) for name in names}
-        stale = set(files_in(path)) - names.keys()
-        decide(staging, moves, {f"{path.name}/{name}": digest_of(path / name) for name in stale})
 
 
 @contextmanager

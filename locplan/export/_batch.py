@@ -48,13 +48,9 @@ class FieldJob:
             if self.scalar:
                 raise LocplanError(f"name a file for the picture of {self.scalar} with --output")
             return
-        suffix = self.output.suffix.lower()
         if self.folder:
             return self.folder.check()
-        if self.scalar or suffix in PICTURES:
-            check_target(self.output, *PICTURES)
-        else:
-            check_target(self.output, FIELD_SUFFIX, *PICTURES)
+        check_target(self.output, *([] if self.scalar else [FIELD_SUFFIX]), *PICTURES)
         Output(self.output, "field", self.force, is_file=True).check()
 
     def run(
