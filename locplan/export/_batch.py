@@ -125,7 +125,7 @@ def field_jobs(
         one_of("the picture", scalar, [*SCALARS, *(each.name for each in config.estimator.layers)])
     files = find_maps(*maps)
     if len(files) == 1:
-        job = FieldJob(files[0], output, scalar)
+        job = FieldJob(files[0], output, scalar, force=force)
         job.check()
         return [job]
     if output is None:
