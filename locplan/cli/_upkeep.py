@@ -12,7 +12,6 @@ import locplan
 from locplan._util.files import PICTURES, check_target
 from locplan._util.output import Output
 from locplan._util.progress import progress_bar, working
-from locplan._util.saved import plain
 from locplan.cli import _options as shared, _types as typed
 from locplan.cli._robot_options import FieldOptions, RobotOptions
 from locplan.errors import ConfigError
@@ -103,6 +102,8 @@ class field(typed.ManyMaps, FieldOptions, shared.Computing, shared.Output):
     default what degeneracy is made of."""
 
     def __call__(self) -> int:
+        from locplan._util.saved import plain
+
         _, config = self.robot_and_field()
         output = self.output
         jobs = locplan.export.field_jobs(self.maps, output, self.picture, config, force=self.force)
