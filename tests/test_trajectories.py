@@ -18,7 +18,7 @@ from locplan._kernels import least_squares, trajectory as kernels
 from locplan._kernels.particles import BeamScores
 from locplan._util import poses as of_poses
 from locplan.errors import ConfigError, RecordingError
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import (
     Jump,
     Recording,
@@ -263,7 +263,8 @@ def test_a_slip_of_the_wheels_is_named(drive):
     (jump,) = found.jumps
     assert (jump.scan, jump.kind) == (20, "slip")
     assert jump.distance == pytest.approx(2.0, abs=0.15)
-    assert not found.trusted[20]
+    assert not found.trusted[19:23].any()  # scans are 0.35 m apart, and a metre counts
+    assert found.trusted[[18, 24]].all()
     assert off(found, drive).max() < 0.2
     assert "wheels slip 2" in " ".join(found.sentences)
 
@@ -301,6 +302,41 @@ def test_a_displaced_stretch_of_the_map_is_named(drive, found):
     assert named[away].mean() > 0.8
     assert not named[~away].any()
     assert "the map is displaced" in moved.report()
+
+
+def test_smooth_names_map_between_opposite_turns(drive):
+    """Odometry that jumps by a turn, and later back, was right: the map is turned."""
+
+    def turn(moves):
+        moves[19, 2] += 1.0
+        moves[39, 2] -= 1.2
+
+    turned = smooth(GRID, with_odometry(drive, turn))
+    doubts = [row[-1] for row in turned.table().rows]
+    assert all("the map is displaced" in doubt for doubt in doubts[23:39])
+    assert not any("the map is displaced" in doubt for doubt in doubts[:23] + doubts[39:])
+
+
+def test_smooth_trusts_scan_without_fit_between_others(drive):
+    """Odometry leads over a single scan of people around the robot, but not over two."""
+    ranges = drive.ranges.copy()
+    crowd = [30, 50, 51]
+    ranges[crowd, :110] = np.random.default_rng(12).uniform(0.5, 8.0, (3, 110))
+    crowded = smooth(GRID, replace(drive, ranges=ranges), start="log")
+    assert (crowded.fits[crowd] < -0.8).all()
+    assert crowded.trusted[29:32].all()
+    assert off(crowded, drive)[30] < 0.1
+    assert not crowded.trusted[50:52].any()
+
+
+def test_smooth_trusts_no_scan_of_twin_rooms():
+    room = np.full((60, 80), FREE, np.uint8)
+    room[[0, -1]], room[:, [0, -1]] = OCCUPIED, OCCUPIED
+    room[10:20, 30:50], room[35:60, 55:60] = OCCUPIED, OCCUPIED
+    grid = OccupancyGrid(np.hstack([room, room]), 0.1)
+    way = locplan.Path(np.array([[1.0, 2.5], [2.0, 4.0], [5.0, 4.0], [6.5, 2.0]]))
+    drive = record_drive(grid, way, ROBOT, spacing=0.35)
+    assert not smooth(grid, drive).trusted.any()
 
 
 def test_a_robot_whose_log_has_no_odometry_follows_its_poses(drive, found):

@@ -26,7 +26,7 @@ SMOOTH = 19
 """Stream of random numbers of the smoother."""
 PARTICLES, MAX_PARTICLES = 3000, 60_000
 """Number of particles, and the maximum if they fit badly."""
-TRAJECTORIES = 40
+TRAJECTORIES = 16
 """Number of sampled trajectories."""
 BEAMS = 15.0
 """Number of independent beams that a scan counts as when particles compete."""
@@ -102,7 +102,7 @@ class FilterPass:
     """Number of the pass, for its random numbers and files."""
 
     def sample_trajectories(self, folder: Path | None, progress: ProgressCallback) -> Floats:
-        """Run the filter, and sample trajectories from its particles, (40, k, 3).
+        """Run the filter, and sample trajectories from its particles, (16, k, 3).
 
         `folder` keeps intermediate results: an interrupted pass resumes from them.
         """

@@ -18,7 +18,7 @@ from locplan.recordings._smoothing import smooth
 from locplan.recordings._trajectory import SMOOTHED, Trajectory
 from locplan.robots import Robot
 
-VERSION = 3
+VERSION = 4
 """Version of what `smooth` finds, which rises when it finds something else."""
 
 

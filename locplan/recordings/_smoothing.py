@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,17 +46,17 @@ FINE, FINE_BEAMS = 0.1, 150.0
 """Deviation of beams' ends [m], and number of independent beams in a scan, of least squares."""
 SURE_BEAMS = 30.0
 """Number of independent beams in a scan of the covariance: fewer, because maps have faults."""
-REFINED = 16
-"""Number of a filter's sampled trajectories that are refined into candidates."""
-
 UNCERTAIN_STD, UNCERTAIN_TURN = 0.15, math.radians(4)
 """Deviations of position [m] and heading [rad] from which a pose is uncertain."""
-FAR = 0.3
-"""Distance from which two trajectories are at different places [m]."""
-BAD_FIT_BELOW = -0.8
-"""Log-likelihood a beam below which a scan does not fit the map."""
-DISPLACED, DISPLACED_LENGTH = 0.2, 40.0
-"""Least shift and greatest length of a displaced stretch of the map [m]."""
+SCATTER = 0.1
+"""Distance of the proposed trajectories from the likeliest one from which it is ambiguous [m]."""
+BAD_FIT_BELOW, BRIDGED_WAY = -0.8, 2.0
+"""Log-likelihood a beam below which a scan does not fit the map, and way from the scan before it to
+the one after it on which odometry is trusted if these fit [m]."""
+JUMP_WAY = 1.0
+"""Way after a jump on which poses are not trusted [m]."""
+DISPLACED, TURNED, DISPLACED_LENGTH = 0.2, 0.1, 40.0
+"""Least shift [m], least turn [rad] and greatest length [m] of a displaced stretch of the map."""
 
 
 def smooth(
@@ -76,8 +76,8 @@ def smooth(
 
     1. Key scans are chosen: one every 0.3 m or 0.2 rad.
     2. A particle filter runs along the key scans in both directions. It searches the whole map
-       when it is lost. Trajectories are sampled from its particles.
-    3. Some samples are refined by least squares. The likeliest trajectory is joined from them.
+       when it is lost. Trajectories are sampled from its particles and refined by least squares.
+    3. The likeliest trajectory is joined from them.
     4. All other scans follow odometry from the key scans.
     5. All poses are refined together by least squares, in turns with the errors of odometry.
     6. The covariances follow from the least squares and from how well the map fits.
@@ -129,17 +129,15 @@ def smooth(
     drive = _Drive.prepare(grid, recording)
     model = OdometryModel.first(recording.robot(robot).odometry)
     keys = drive.chain_of(drive.choose_key_scans(), model)
-    keys, samples, candidates = _sample_trajectories(
-        drive, keys, first_pose, seed, folder, progress
-    )
+    keys, candidates = _propose_trajectories(drive, keys, first_pose, seed, folder, progress)
     key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest(candidates))
-    is_ambiguous = _find_ambiguous(key_poses, samples, candidates)
+    scatter = _compute_scatter(keys, key_poses, candidates)
     chain, poses, key_of_scan = _follow_odometry(drive, keys, key_poses)
     chain, poses = _refine_all(chain, poses)
     fits = chain.compute_fits(poses[None])[0]
     covariances = _compute_covariances(grid, chain, poses, fits)
     doubts = _find_doubts(
-        chain, poses, covariances, fits, is_ambiguous[key_of_scan], is_bridged[key_of_scan]
+        chain, poses, covariances, fits, scatter[key_of_scan], is_bridged[key_of_scan]
     )
     return _make_trajectory(drive, chain, poses, covariances, doubts, fits)
 
@@ -229,7 +227,7 @@ class _Drive:
         number: int,
         is_backwards: bool = False,
     ) -> Floats:
-        """Sample trajectories (40, k, 3) from a filter that runs along the key scans."""
+        """Sample trajectories (16, k, 3) from a filter that runs along the key scans."""
         ends, ranges = keys.ends[:, ::3], self.recording.ranges[keys.scans]
         ways, deviations = keys.model.expected(keys.moves), keys.model.deviations(keys.moves)
         if is_backwards:
@@ -243,38 +241,41 @@ class _Drive:
         return np.ascontiguousarray(samples[:, ::-1]) if is_backwards else samples
 
 
-def _sample_trajectories(
+def _propose_trajectories(
     drive: _Drive,
     keys: Chain,
     first_pose: Floats | None,
     seed: int,
     folder: Path | None,
     progress: ProgressCallback | None,
-) -> tuple[Chain, Floats, Floats]:
-    """Run the filter along the key scans in both directions.
+) -> tuple[Chain, Floats]:
+    """Sample trajectories from a filter in both directions, and refine them by least squares.
 
-    Returns the key scans with what they tell of odometry, the samples of both passes (80, k, 3),
-    and those of them that were refined (32, k, 3).
+    Returns the key scans with what they tell of odometry, and the trajectories (32, k, 3).
     """
     report_forth, report_back = (scaled(part, 500) for part in parts(progress, [500, 500]))
-    forth = drive.run_filter(keys, first_pose, seed, folder, report_forth, number=0)
-    forth_refined = keys.refine_samples(forth)
-    learned = keys.learn_odometry(keys.find_likeliest(forth_refined))
-    back = drive.run_filter(learned, None, seed, folder, report_back, number=1, is_backwards=True)
+    samples = drive.run_filter(keys, first_pose, seed, folder, report_forth, number=0)
+    forth = keys.refine_samples(samples)
+    learned = keys.learn_odometry(keys.find_likeliest(forth))
+    samples = drive.run_filter(
+        learned, None, seed, folder, report_back, number=1, is_backwards=True
+    )
+    back = learned.refine_samples(samples)
     # If odometry is much worse than assumed, the first pass was too confident: it runs again.
     wider = learned.model.deviations(keys.moves) / keys.model.deviations(keys.moves)
     if np.median(wider[1:], axis=0).max() > 1.3:
-        forth = drive.run_filter(learned, first_pose, seed, folder, report_back, number=2)
-        forth_refined = learned.refine_samples(forth)
-    candidates = np.concatenate([forth_refined, learned.refine_samples(back)])
-    return learned, np.concatenate([forth, back]), candidates
+        samples = drive.run_filter(learned, first_pose, seed, folder, report_back, number=2)
+        forth = learned.refine_samples(samples)
+    return learned, np.concatenate([forth, back])
 
 
-def _find_ambiguous(key_poses: Floats, samples: Floats, candidates: Floats) -> Bools:
-    """Return the mask of key scans at which the filter held other places for likely, too."""
-    is_ambiguous = (_distances(candidates, key_poses) > FAR).any(axis=0)
-    is_ambiguous |= (_distances(samples, key_poses) > FAR).mean(axis=0) >= 0.05
-    return np.asarray(is_ambiguous)
+def _compute_scatter(keys: Chain, key_poses: Floats, candidates: Floats) -> Floats:
+    """Compute the root mean square distance of candidates from the likeliest poses, (k,) [m].
+
+    They are refined until they hardly move any more: what then remains are other places.
+    """
+    refined = np.array([keys.refine(candidate, 10) for candidate in candidates])
+    return np.asarray(np.sqrt(((refined - key_poses)[..., :2] ** 2).sum(axis=2).mean(axis=0)))
 
 
 def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Chain, Floats, Ints]:
@@ -325,20 +326,35 @@ def _find_doubts(
     poses: Floats,
     covariances: Floats,
     fits: Floats,
-    is_ambiguous: Bools,
+    scatter: Floats,
     is_bridged: Bools,
 ) -> Ints:
-    """Return why each pose is not to be trusted, (n,); the last reason that applies counts."""
-    doubts = np.zeros(len(poses), np.int64)
+    """Return why each pose is not to be trusted, (n,); the last reason that applies counts.
+
+    `scatter` is the distance of the proposed trajectories from the likeliest one [m].
+    """
+    doubts, way = np.zeros(len(poses), np.int64), np.cumsum(chain.moves.lengths)
     doubts[chain.find_displaced(poses)] = MAP_MOVED
-    doubts[is_ambiguous] = AMBIGUOUS
-    doubts[(fits < BAD_FIT_BELOW) | is_bridged] = BAD_FIT
+    doubts[scatter > SCATTER] = AMBIGUOUS
+    doubts[_find_misfits(fits, way) | is_bridged] = BAD_FIT
     is_certain = position_axes(covariances)[0] <= UNCERTAIN_STD
     is_certain &= np.sqrt(covariances[:, 2, 2]) <= UNCERTAIN_TURN
     doubts[~is_certain] = UNCERTAIN
     for jump in chain.jumps:
-        doubts[max(0, jump - 1) : jump + 1] = JUMPED
+        end = int(np.searchsorted(way, way[jump] + JUMP_WAY))
+        doubts[max(0, jump - 1) : max(jump + 1, end)] = JUMPED
     return doubts
+
+
+def _find_misfits(fits: Floats, way: Floats) -> Bools:
+    """Return the mask of scans that do not fit the map, but for single ones.
+
+    Odometry leads over a single scan, if those before and after it fit.
+    """
+    is_fitting = np.concatenate([[False], fits >= BAD_FIT_BELOW, [False]])
+    around = np.concatenate([[-np.inf], way, [np.inf]])
+    is_bridged = is_fitting[:-2] & is_fitting[2:] & (around[2:] - around[:-2] <= BRIDGED_WAY)
+    return np.asarray((fits < BAD_FIT_BELOW) & ~is_bridged)
 
 
 def _make_trajectory(
@@ -407,8 +423,8 @@ class Chain:
         return poses
 
     def refine_samples(self, samples: Floats) -> Floats:
-        """Refine some samples of a filter, (16, n, 3)."""
-        return np.array([self.refine(sample, 3) for sample in samples[:REFINED]])
+        """Refine samples of a filter, (s, n, 3)."""
+        return np.array([self.refine(sample, 3) for sample in samples])
 
     def compute_fits(self, candidates: Floats) -> Floats:
         """Compute log-likelihoods a beam at poses (c, n, 3), (c, n); NaN without returns."""
@@ -486,31 +502,56 @@ class Chain:
         """Find where the map seems displaced: between opposite errors of odometry.
 
         A filter that follows a displaced stretch is shifted when it enters it, and shifted back
-        when it leaves it.
+        when it leaves it. If the stretch is turned, odometry jumps at one end at least.
         """
+        way, is_displaced = np.cumsum(self.moves.lengths), np.zeros(len(poses), np.bool_)
+        shifts = itertools.combinations(self._find_shifts(poses, way), 2)
+        # Turns accumulate within the stretch as well, so that a greater rest may remain.
+        for (entry, leaving), rest in itertools.chain(
+            ((pair, 0.5) for pair in shifts), ((pair, 1.0) for pair in self._find_turns(poses))
+        ):
+            begin, end = entry.end, leaving.begin
+            is_near = begin <= end and way[end] - way[begin] < DISPLACED_LENGTH
+            if is_near and math.hypot(*(entry.error + leaving.error)) < rest * min(
+                math.hypot(*entry.error), math.hypot(*leaving.error)
+            ):
+                is_displaced[begin : end + 1] = True
+        return is_displaced
+
+    def _find_shifts(self, poses: Floats, way: Floats) -> list[_Shift]:
+        """Find stretches of up to 4 m without jumps at which odometry is clearly shifted."""
         before = np.zeros((len(poses), 3))
         before[1:, 2] = poses[:-1, 2]
         errors = after_way(before, self.compute_errors(poses))[:, :2]
         errors[list(self.jumps)] = 0.0
         squares = self.model.deviations(self.moves)[:, :2] ** 2
         sums, variances = np.cumsum(errors, axis=0), np.cumsum(squares.mean(axis=1))
-        way, is_displaced = np.cumsum(self.moves.lengths), np.zeros(len(poses), np.bool_)
-        marks = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 1.0)))
-        spans = [span for n in range(1, 5) for span in zip(marks, marks[n:], strict=False)]
-        shifts = []
-        for begin, end in sorted(spans):
-            shift = sums[end] - sums[begin]
-            size = float(np.hypot(*shift))
-            if size > DISPLACED and size**2 > 25 * (variances[end] - variances[begin]):
-                shifts.append((begin, end, shift, size))
-        for entry, leaving in itertools.combinations(shifts, 2):
-            (_, begin, there, size), (end, _, back, other_size) = entry, leaving
-            is_near, rest = way[end] - way[begin] < DISPLACED_LENGTH, np.hypot(*(there + back))
-            if begin <= end and is_near and 2 * rest < min(size, other_size):
-                is_displaced[begin : end + 1] = True
-        return is_displaced
+        marks = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 1.0))).tolist()
+        spans = sorted(span for n in range(1, 5) for span in zip(marks, marks[n:], strict=False))
+        shifts = (_Shift(begin, end, sums[end] - sums[begin]) for begin, end in spans)
+        return [
+            shift
+            for shift in shifts
+            if math.hypot(*shift.error) > DISPLACED
+            and (shift.error**2).sum() > 25 * (variances[shift.end] - variances[shift.begin])
+        ]
+
+    def _find_turns(self, poses: Floats) -> list[tuple[_Shift, _Shift]]:
+        """Find pairs of scans, one of them a jump, at which odometry errs clearly in its turn."""
+        errors = self.compute_errors(poses)[:, 2:]
+        size, deviations = np.abs(errors[:, 0]), self.model.deviations(self.moves)[:, 2]
+        turns = np.flatnonzero((size > TURNED) & (size > 5 * deviations)).tolist()
+        return [
+            (_Shift(first - 1, first, errors[first]), _Shift(second - 1, second, errors[second]))
+            for first, second in itertools.combinations(turns, 2)
+            if first in self.jumps or second in self.jumps
+        ]
 
 
-def _distances(poses: Floats, others: Floats) -> Floats:
-    """Return the distances between positions [m]."""
-    return np.asarray(np.hypot(*np.moveaxis(poses[..., :2] - others[..., :2], -1, 0)))
+class _Shift(NamedTuple):
+    """Successive scans between which odometry errs."""
+
+    begin: int
+    end: int
+    error: Floats
+    """Its error: a distance along x and y [m], or a turn [rad]."""
