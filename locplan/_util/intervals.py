@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -103,6 +104,14 @@ def of_resamples(value: float, samples: Floats) -> Interval:
 def in_percent(interval: Interval) -> str:
     """Text of a share, such as 25% [12%, 40%]."""
     return _with_ends(interval, "{:.0%}".format)
+
+
+def share(rate: Interval) -> str:
+    """Text of a share of drives, such as 34 % [25, 44]; a dash if it is not known."""
+    if math.isnan(rate.value):
+        return "-"
+    value, low, high = (f"{100 * each:.0f}" for each in rate)
+    return f"{value} % [{low}, {high}]"
 
 
 def plain(value: float, digits: int = 2) -> str:

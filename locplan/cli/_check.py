@@ -34,9 +34,10 @@ class check(typed.OneMap, FilterMap, shared.ReferencedOptions, shared.Seeded, sh
 
     check finds faults and weak spots of the map, and simulates the robot with its
     own filter along routes, in open and in closed loop. It simulates each
-    applicable fix on the same routes: the repaired map, other AMCL settings, other
-    paths, landmarks. The last lines name the one thing to do next. With --output
-    check writes the files for it, and a report for the browser.
+    applicable fix on the same routes: the repaired map, two presets of AMCL settings,
+    other paths, landmarks. With --drive, settings must hold when they are replayed over
+    the whole drive. The last lines name the one thing to do next. With --output check
+    writes the files for it, and a report for the browser.
 
     Takes a minute or two.
     """

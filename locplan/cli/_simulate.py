@@ -190,26 +190,26 @@ class simulate(
 class tune(typed.ManyMaps, FilterMap, shared.ReferencedOptions, shared.Seeded, shared.Output):
     """Find settings of AMCL that localize your robot better, and write them as Nav2's parameters.
 
-    A few presets drive along random shortest paths of the map in simulation. The best
-    preset and your settings (--robot, or Nav2's defaults) then drive along other paths.
-    If the preset is better there, and not worse at three times the errors of odometry,
-    a copy of your file with its values is written. Otherwise the copy equals your file.
-    do_beamskip is not simulated, and is off if the laser model changes.
+    Your settings (--robot, or Nav2's defaults) and two presets drive along random shortest
+    paths of the map in simulation, at several levels of disturbance. A preset that is
+    better at the usual level and does no harm at the others is written into a copy of your
+    file. Otherwise the copy equals your file. do_beamskip is not simulated, and is off if
+    the laser model changes.
 
-    With --drive, the presets are replayed on the first half of a recorded drive. The best
-    preset is judged on the second half, and on the whole drive, where it must not be lost
-    in a single replay more. Recorded poses should be better than AMCL's.
+    With --drive, the settings are replayed over the whole recorded drive, 12 times, and
+    the drive decides: no run may be off at the end, and the error may not be larger than
+    with your settings. Recorded poses should be better than AMCL's.
 
     With several maps or drives, one file is written for all of them.
 
-    Takes 10 to 20 s of CPU, or half a minute with a drive of 400 m.
+    Takes half a minute of CPU, or as long with a drive of 400 m.
     """
 
     drive: shared.DriveFiles = ()  # type: ignore[assignment]  # other commands take one
     """Recorded drive: a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ; repeatable, with one map
     for all, or one for each in their order."""
     paths: Annotated[int | None, Parameter(validator=Number(gte=5, lte=1000))] = None
-    """Number of random paths on which the best preset is judged; 16 by default."""
+    """Number of random paths on each map; 16 by default."""
     drives: typed.Pair | None = None
     """Number of drives along each path; 4 by default, and 12 replays of a recorded drive."""
 

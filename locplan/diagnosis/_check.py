@@ -59,6 +59,10 @@ def check(
     decide about the combination. If robots fail with perfect localization, too, the result names
     the passage instead.
 
+    AMCL settings are the presets of `locplan.robots.presets`. Without a recording, a preset is
+    recommended only if it does no harm at any level of disturbance, see
+    `locplan.simulation.levels`. With one, settings are recommended that hold on the recording.
+
     Parameters
     ----------
     grid : OccupancyGrid, str or path
@@ -73,7 +77,7 @@ def check(
         Recorded drives of the robot on this map, whose poses count as true, see
         `locplan.recordings.referenced`. If the map fits, lidar and odometry err in simulation as
         they did in the longest one, the resolution is compared, and places where scans do not fit
-        the map are faults.
+        the map are faults. AMCL settings are replayed over all of them, and must hold on each.
     filter_map : OccupancyGrid, optional
         Map of the robot's filter, such as a repaired one; by default the map itself. A corrected
         map file is then no fix.
@@ -126,7 +130,7 @@ def check(
     map_faults.refuse_mask()
     told(in_short.faults(map_faults))
     reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].routes, seed)
-    drives = recorded(recordings, reading, map_faults, robot, seed, threads)
+    drives = recorded(recordings, reading, map_faults, robot, filter_map, seed, threads)
     for each in drives.said:
         told(each)
     for fault in drives.faults:
@@ -139,7 +143,7 @@ def check(
     site = Site(reading.grid, own, drives.robot, paths, drives.stretch)
     field, costs, spots = _field_and_spots(site, threads, steps["field"])
     told(in_short.spots(spots))
-    trials = FixTrials(site, EFFORTS[effort], seed, threads)
+    trials = FixTrials(site, EFFORTS[effort], drives, seed, threads)
     baseline = trials.drive_baseline(spots, steps["baseline"])
     told(in_short.baseline(baseline.rates))
     results = []
@@ -162,6 +166,7 @@ def check(
         after=after,
         confirmed=confirmed,
         recorded=drives.said,
+        preset_choice=trials.preset_choice,
         site=site,
         fixed_site=apply_fixes(trials.tried, trials.taken, site),
         source=source,

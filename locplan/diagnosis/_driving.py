@@ -81,7 +81,9 @@ class Driver:
         routes = drive_open(self._simulator, self.site.paths, numbers, progress=progress).values()
         log_error = [0.5 * np.log(drives.mean_squares + FLOOR) for drives in routes]
         lost_at = [_lost_at(drives) for drives in routes]
-        return Outcome(np.array(log_error), ~np.isnan(lost_at), np.array(lost_at))
+        off_at_end = [drives.off_at_end for drives in routes]
+        lost = ~np.isnan(lost_at)
+        return Outcome(np.array(log_error), lost, np.array(lost_at), np.array(off_at_end))
 
     def arrivals(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
         """Drive each route steered by the filter's pose; none in a world that is stretched."""

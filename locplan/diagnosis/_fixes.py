@@ -19,13 +19,11 @@ from locplan.landmarks import Pole, place_landmarks, with_objects
 from locplan.maps import OccupancyGrid
 from locplan.planners import plan
 from locplan.robots import Amcl
-from locplan.robots.presets import Changes, amcl_presets, with_changes
-from locplan.simulation import Choice
+from locplan.robots.presets import with_preset
+from locplan.simulation import Choice, PresetChoice
 
 POLES = 3
 """Number of poles that are placed if no other fix helps enough."""
-LEADERS = 3
-"""Number of presets that are driven on after half of the few drives."""
 WALLS, MEND, REACH = "walls", "map", "range"
 SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
 """The kinds of fixes."""
@@ -84,38 +82,38 @@ def fixes(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Fix]:
         far = f"laser_max_range {Amcl().laser_max_range:g}"
         yield Fix(
             *(REACH, "full lidar range", far, "one parameter"),
-            lambda old: _with_filter(old, replace(old.robot.amcl, **full)),
+            lambda old: with_settings(old, replace(old.robot.amcl, **full)),
         )
 
 
-def _with_filter(site: Site, own: Amcl) -> Site:
-    return replace(site, robot=replace(site.robot, filter=own))
-
-
-def preset_settings(site: Site, score: Callable[[Site, bool], float]) -> Fix | None:
-    """Return the preset of AMCL's settings that is best in few drives; None for another filter.
+def with_settings(site: Site, amcl: Amcl) -> Site:
+    """Return a site whose filter has other settings.
 
     Parameters
     ----------
     site : Site
-        The site of the baseline.
-    score : callable
-        Drives a site with half of the few drives, or with all, and returns the score by which
-        sites are ranked; less is better.
+        The site.
+    amcl : Amcl
+        The settings.
     """
-    own = site.robot.filter
-    if not isinstance(own, Amcl):
+    return replace(site, robot=replace(site.robot, filter=amcl))
+
+
+def preset_settings(choice: PresetChoice) -> Fix | None:
+    """Return the fix of the preset to use; None if the user's settings stay.
+
+    Parameters
+    ----------
+    choice : PresetChoice
+        The choice among the presets. If a recording has decided, no simulation contradicts it.
+    """
+    if not choice.is_preset:
         return None
-    fixes = [_settings(name, changes) for name, changes in amcl_presets(own).items()]
-    leaders = sorted(fixes, key=lambda fix: score(fix.apply(site), True))[:LEADERS]
-    return min(leaders, key=lambda fix: score(fix.apply(site), False))
-
-
-def _settings(name: str, changes: Changes) -> Fix:
-    def apply(old: Site) -> Site:
-        return _with_filter(old, with_changes(old.robot.amcl, changes))
-
-    return Fix(SETTINGS, "AMCL settings", name, "a parameter file", apply)
+    return Fix(
+        *(SETTINGS, f"{choice.name} settings", choice.changes, "a parameter file"),
+        lambda old: with_settings(old, with_preset(old.robot.amcl, choice.name)),
+        is_sure=bool(choice.recordings),
+    )
 
 
 def chosen_paths(
@@ -233,7 +231,7 @@ def driver_of(seed: int, threads: int | None) -> DriveOnce:
             missing = range(new[0], new[-1] + 1)
             driven = Driver(site, seed, threads)(missing, progress)
             for place, number in enumerate(missing):
-                known[number] = driven.at(place)
+                known[number] = driven.select(drives=slice(place, place + 1))
         return Outcome.join([known[number] for number in numbers])
 
     return drive

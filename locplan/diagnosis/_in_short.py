@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
-from locplan._util.intervals import Interval
+from locplan._util.intervals import share
 from locplan.diagnosis._rates import DriveRates, FixResult
 from locplan.diagnosis._weak_spots import WeakSpot
 from locplan.maps import MapFaults
 from locplan.simulation import LOST
-
-
-def share(rate: Interval) -> str:
-    """Format a share of drives with its interval, such as 34 % [25, 44]; a dash if unknown."""
-    if math.isnan(rate.value):
-        return "-"
-    value, low, high = (f"{100 * each:.0f}" for each in rate)
-    return f"{value} % [{low}, {high}]"
 
 
 def faults(found: MapFaults) -> str:

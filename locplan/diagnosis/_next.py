@@ -66,7 +66,9 @@ def remaining_text(check: Check) -> str:
     if not check.recommended:
         return ""
     if not any(map(is_better, check.advised)):
-        return "The map file is wrong, though drives do not show that it matters much."
+        if WALLS in check.recommended:
+            return "The map file is wrong, though drives do not show that it matters much."
+        return "A recording shows that the settings help, simulated drives do not."
     if is_rare(check.after.lost):
         return ""
     share = "Most" if check.after.lost.value >= HALF else "Some"
@@ -83,7 +85,8 @@ def _nothing_to_do(check: Check) -> str:
     if cheap:
         now, then = (in_metres(r.error.value) for r in (check.baseline, cheap[0].rates))
         detail = f" ({cheap[0].detail})" if cheap[0].kind == SETTINGS else ""
-        sentences.append(f"{cheap[0].title}{detail} would lower the error from {now} to {then}.")
+        title = f"{cheap[0].title[:1].upper()}{cheap[0].title[1:]}"
+        sentences.append(f"{title}{detail} would lower the error from {now} to {then}.")
     if check.effort == "quick":
         most = 100 * check.baseline.lost.high
         sentences.append(f"--quick may miss a loss of up to {most:.0f} %.")
@@ -133,9 +136,9 @@ def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, st
             shlex.join([word for word in again if word != "--quick"]),
         )
     if check.recorded:
-        drives = [word for word in again if word.startswith("--drive")]
-        command = ["locplan", "tune", map_file, *drives, "-o", "tuned"]
-        return "no fix helps. Tune settings on your own drives:", shlex.join(command)
+        drive = [word for word in again if word.startswith("--drive=")][:1]
+        command = ["locplan", "evaluate", map_file, *drive, "-o", "evaluated"]
+        return "no fix helps. See where the scans do not fit the map:", shlex.join(command)
     return (
         "no fix helps. Record a drive on the site, and check again with --drive drive:",
         "ros2 bag record -o drive /scan /odom /tf /tf_static",

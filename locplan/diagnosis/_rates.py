@@ -12,7 +12,7 @@ import numpy as np
 from locplan._kernels.arrays import Floats
 from locplan._util.intervals import Interval, wilson
 from locplan.costs import Path
-from locplan.diagnosis._fixes import CHEAP, KINDS, WALLS
+from locplan.diagnosis._fixes import CHEAP, KINDS, SETTINGS, WALLS
 from locplan.diagnosis.trials import Outcome
 from locplan.simulation import ARRIVED, FOLLOWER, WORLD, Arrivals
 from locplan.simulation.verdict import BETTER
@@ -23,6 +23,8 @@ MISSED = 0.03
 """The same of closed-loop drives that miss the goal because of localization."""
 LARGE = 0.25
 """Error of a typical drive from which on a fix may lower it though no drive is lost [m]."""
+MODERATE = 0.1
+"""The same of other AMCL settings, which take a parameter file only."""
 NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
@@ -41,6 +43,8 @@ class DriveRates:
     """Share of the open-loop drives that were off by more than 1 m at some time, 0..1."""
     error: Interval
     """Error of a typical open-loop drive: geometric mean of the RMSE of the position [m]."""
+    off_at_end: Interval = NOTHING
+    """Share of the open-loop drives that are off by more than 1 m at the end, 0..1."""
     n_closed: int = 0
     """Number of closed-loop drives."""
     reached: Interval = NOTHING
@@ -153,7 +157,8 @@ def helps(fix: FixResult, baseline: DriveRates) -> bool:
     baseline : DriveRates
         Drives of the baseline.
     """
-    if not baseline.needs_fix and baseline.error.value < LARGE and fix.kind != WALLS:
+    least = MODERATE if fix.kind == SETTINGS else LARGE
+    if not baseline.needs_fix and baseline.error.value < least and fix.kind != WALLS:
         return False
     return fix.keeps_more or (is_better(fix) and fix.kind in CHEAP)
 
@@ -221,6 +226,14 @@ def rates_of(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> DriveRates:
             wilson(float(each.mean()), size) for each in (shares, np.array(misses) / counts)
         )
     n_closed = sum(len(drives.drives) for drives in arrivals.values())
+    drive_set = outcome.drive_set
     return DriveRates(
-        outcome.lost.size, outcome.lost_rate, outcome.error, n_closed, reached, missed, endings
+        n_drives=outcome.lost.size,
+        lost=drive_set.lost_rate,
+        error=drive_set.error,
+        off_at_end=drive_set.off_at_end_rate,
+        n_closed=n_closed,
+        reached=reached,
+        missed=missed,
+        endings=endings,
     )

@@ -1,4 +1,4 @@
-"""What recorded drives say of a map and a robot, before anything is simulated."""
+"""What recorded drives show of a map and a robot, before anything is simulated."""
 
 from __future__ import annotations
 
@@ -6,20 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from locplan._kernels.arrays import Bools
-from locplan._util.intervals import Interval, in_metres, in_percent
+from locplan._util.intervals import Interval, in_percent
 from locplan.diagnosis._reading import Reading
 from locplan.errors import LocplanError
 from locplan.maps import MapFault, MapFaults, OccupancyGrid
 from locplan.recordings import (
     Recording,
     RecordingFaults,
+    ReplayedDrive,
     find_misfits,
     find_recording_faults,
+    find_replay_limit,
     fit_to_map,
     odometry_noise,
     range_fit,
-    replay,
     scan_noise,
+    sparse_notes,
 )
 from locplan.robots import Robot
 
@@ -38,6 +40,8 @@ class Recorded:
     """What they say, in sentences without a full stop."""
     are_sound: tuple[bool, ...] = ()
     """Whether each drive fits the map and is evidence for settings that trust odometry and map."""
+    replays: tuple[ReplayedDrive, ...] = ()
+    """The drives over which settings can be replayed: they fit the map, and have enough scans."""
 
 
 def recorded(
@@ -45,6 +49,7 @@ def recorded(
     reading: Reading,
     known: MapFaults,
     robot: Robot,
+    filter_map: OccupancyGrid | None,
     seed: int,
     threads: int | None,
 ) -> Recorded:
@@ -60,20 +65,32 @@ def recorded(
         Faults of the map.
     robot : Robot
         The robot as given.
-    seed, threads
+    filter_map, seed, threads
         See `locplan.check`.
     """
     grid, said, fitting, ranges = reading.grid, list[str](), [], None
-    faults = list[RecordingFaults]()
+    faults, replays = list[RecordingFaults](), list[ReplayedDrive]()
     for number, each in enumerate(recordings, 1):
         fit = fit_to_map(each, grid)
         ranges = ranges or fit.ranges
         said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
         faults.append(find_recording_faults(each, grid if fit.fits else None))
         said += [f"drive {number}: {text.rstrip('.')}" for text in faults[-1].sentences]
-        if fit.fits:
-            fitting.append(each)
-            said += [f"drive {number}: {text}" for text in _replayed(each, grid, robot, seed)]
+        if not fit.fits:
+            continue
+        fitting.append(each)
+        name = f"drive {number}"
+        if each.odometry is not None and sparse_notes(each, robot.amcl):
+            said.append(
+                f"{name}: it has too few scans to tell how often the filter is lost; record every"
+                " scan"
+            )
+        if limit := find_replay_limit(each):
+            said.append(f"{name}: {limit}")
+        else:
+            replays.append(
+                ReplayedDrive(name, each, grid, robot, filter_map, seed=seed, threads=threads)
+            )
     misfits: tuple[MapFault, ...] = ()
     if fitting:
         ranges = range_fit(grid, fitting)
@@ -90,19 +107,9 @@ def recorded(
     of_ranges = ranges.faults(grid) if ranges else ()
     known = replace(known, meant=grid, found=(*of_ranges, *misfits, *known))
     sound = (each in fitting and own.is_sound for each, own in zip(recordings, faults, strict=True))
-    return Recorded(robot, known, stretch, tuple(said), tuple(sound))
-
-
-def _replayed(drive: Recording, grid: OccupancyGrid, robot: Robot, seed: int) -> list[str]:
-    """How the filter does when it is run on a recorded drive."""
-    if drive.odometry is None:
-        return ["it has no odometry, so that the filter cannot be run on it"]
-    done = replay(drive, grid, robot, runs=10, seed=seed)
-    if done.is_sparse:
-        return ["it has too few scans to tell how the filter does; record every scan"]
-    lost = in_percent(done.drives.lost_rate)
-    error = in_metres(done.drives.typical_rmse.value)
-    return [f"the filter, run on all of it, is usually off by {error}, and by over 1 m in {lost}"]
+    if stretch != 1:  # the poses are in other lengths than those of the map
+        replays = []
+    return Recorded(robot, known, stretch, tuple(said), tuple(sound), tuple(replays))
 
 
 def _calibrated(

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from locplan._util.intervals import Interval
+from locplan._util.intervals import Interval, share
 from locplan._util.output import replacing
 from locplan._util.public import templates_of
 from locplan.diagnosis._figures import SIZE, caption, drawn_part, place_labels
-from locplan.diagnosis._in_short import share
 from locplan.diagnosis._next import next_action, remaining_text
 from locplan.diagnosis._result import Check
 from locplan.diagnosis._text import (
@@ -21,6 +20,7 @@ from locplan.diagnosis._text import (
     headline,
     passage_text,
     problem_text,
+    settings_texts,
     spot_text,
 )
 from locplan.maps import OccupancyGrid
@@ -99,6 +99,7 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
         spots=[spot_text(spot, n_routes) for spot in check.spots if spot.letter],
         passage=passage_text(check.passage) if check.passage else "",
         fixes=fix_rows(check),
+        settings=settings_texts(check),
         remaining=remaining_text(check),
         caption=caption(check),
         action=next_action(check, *about),

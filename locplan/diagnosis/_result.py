@@ -22,6 +22,7 @@ from locplan.diagnosis._rates import DriveRates, FixResult, RouteResult, is_bett
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._weak_spots import CLEAR, WeakSpot
 from locplan.maps import MapFaults, MapSource, OccupancyGrid
+from locplan.simulation import PresetChoice
 from locplan.simulation.verdict import Verdict
 
 
@@ -67,7 +68,9 @@ class Check(Result):
     confirmed: Verdict | None
     """Verdict of these fresh drives; None if nothing is recommended."""
     recorded: tuple[str, ...]
-    """What recorded drives say, in sentences without a full stop."""
+    """What recorded drives show, in sentences without a full stop."""
+    preset_choice: PresetChoice | None
+    """The choice among the presets of AMCL's settings; None if none was tried."""
     site: Site
     """The site of the baseline."""
     fixed_site: Site
@@ -106,6 +109,7 @@ class Check(Result):
         columns = (
             Column("title", title="fix"),
             share("lost", title="lost", value=lambda fix: fix.rates.lost),
+            share("off_at_end", title="off at the end", value=lambda fix: fix.rates.off_at_end),
             share("reached", title="reaches the goal", value=lambda fix: fix.rates.reached),
             Column("ratio", "", "error", interval=True),
             Column("longer", "m", "longer", 1, signed=True),
@@ -162,6 +166,7 @@ class Check(Result):
                 "after": plain(self.after),
                 "confirmed": self.confirmed and plain(self.confirmed),
                 "recorded": list(self.recorded),
+                "settings": self.preset_choice and self.preset_choice.summary(),
                 "next": called("locplan.diagnosis._next:next_action", self, *about)._asdict(),
             }
         )

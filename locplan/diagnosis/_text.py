@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path as Folder
 from typing import Any, NamedTuple
 
-from locplan._util.intervals import Interval, in_metres
+from locplan._util.intervals import Interval, in_metres, share
 from locplan._util.records import Column, Table
+from locplan._util.runs import typed
 from locplan._util.tables import wrapped
 from locplan.diagnosis._driving import Site
-from locplan.diagnosis._in_short import share
+from locplan.diagnosis._fixes import SETTINGS
 from locplan.diagnosis._next import next_action, remaining_text
 from locplan.diagnosis._passages import Passage
 from locplan.diagnosis._rates import DriveRates, RouteResult
@@ -49,7 +50,7 @@ def headline(check: Check) -> tuple[str, ...]:
     rates = check.baseline
     lost = (
         f"Your robot gets lost (error > {LOST:g} m) in {share(rates.lost)} of {rates.n_drives}"
-        " simulated drives."
+        f" simulated drives. It is off at the end in {share(rates.off_at_end)}."
     )
     if not rates.n_closed:
         return (lost,)
@@ -135,7 +136,7 @@ class FixRow(NamedTuple):
     def error(self) -> str:
         """Error, and its change."""
         error = in_metres(self.rates.error.value)
-        return f"{error}  ({self.change})" if self.change else error
+        return f"{error} ({self.change})" if self.change else error
 
 
 def fix_rows(check: Check) -> list[FixRow]:
@@ -164,7 +165,7 @@ def _change(verdict: str, ratio: Interval) -> str:
     """Describe the change of the error if a fix is better, otherwise the verdict."""
     if verdict != BETTER:
         return verdict
-    return f"{100 * (1 - ratio.value):.0f} % less" if ratio.value < 1 else "fewer lost"
+    return f"-{100 * (1 - ratio.value):.0f} %" if ratio.value < 1 else "fewer lost"
 
 
 def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str:
@@ -190,6 +191,7 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
     notes = [*of_map[:located], *check.recorded, *of_map[located:]]
     passage = [passage_text(check.passage)] if check.passage else []
     remaining = wrapped([*filter(None, [remaining_text(check)])])
+    settings = [*wrapped([*settings_texts(check)]), *_replay_table(check)]
     blocks: list[list[str]] = []
     for n_notes, n_spots, n_routes, n_fixes in ROWS:
         spots = [spot_text(spot, len(check.routes)) for spot in check.spots[:n_spots]]
@@ -198,11 +200,52 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
             wrapped([*notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
             [*wrapped([_drives_text(check.baseline)]), *_route_table(check, n_routes)],
             [*_fix_table(check, n_fixes), *remaining],
+            settings,
             last,
         ]
         if sum(map(len, blocks)) + sum(map(bool, blocks)) - 1 <= LINES:
             break
     return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def settings_texts(check: Check) -> tuple[str, ...]:
+    """Return the sentences about the choice of AMCL's settings: what decided.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    """
+    choice = check.preset_choice
+    if choice is None:
+        return ()
+    advice = choice.advise_recording(typed() or ["locplan", "check", "MAP"])
+    is_contradicted = choice.recordings or any(
+        verdict.word == BETTER and name in choice.objections
+        for name, verdict in choice.verdicts.items()
+    )
+    objections = choice.objections.values() if is_contradicted else ()
+    texts = [f"{text[:1].upper()}{text[1:]}." for text in objections]
+    if choice.is_preset and SETTINGS in check.recommended:
+        texts.insert(0, f"{choice.title}.")
+    return (*texts, advice) if advice else tuple(texts)
+
+
+def _replay_table(check: Check) -> list[str]:
+    """Return the lines of the table of settings in simulation and on recordings, if there are."""
+    choice = check.preset_choice
+    if choice is None or not choice.recordings:
+        return []
+    columns = (
+        Column("settings", value=lambda result: result.settings),
+        Column("case", title="drives", value=lambda result: result.case),
+        Column("error", title="error", value=lambda result: in_metres(result.error.value)),
+        Column("lost", title="lost", value=lambda result: _share(result.lost)),
+        Column(
+            "off_at_end", title="off at the end", value=lambda result: _share(result.off_at_end)
+        ),
+    )
+    return _table(columns, "settings", choice.results)
 
 
 def _drives_text(rates: DriveRates) -> str:
@@ -234,11 +277,23 @@ def _map_sizes(site: Site) -> str:
     )
 
 
-def _rate_columns() -> tuple[Column, Column]:
+def _rate_columns() -> tuple[Column, ...]:
     return (
-        Column("lost", title="lost", value=lambda row: share(row.rates.lost)),
-        Column("reached", title="reaches the goal", value=lambda row: share(row.rates.reached)),
+        Column("lost", title="lost", value=lambda row: _share(row.rates.lost)),
+        Column(
+            "off_at_end", title="off at the end", value=lambda row: _share(row.rates.off_at_end)
+        ),
+        Column("reached", title="reaches the goal", value=lambda row: _share(row.rates.reached)),
     )
+
+
+def _share(rate: Interval) -> str:
+    return _unbroken(share(rate))
+
+
+def _unbroken(text: str) -> str:
+    """Return a text that `_table` does not break."""
+    return text.replace(" ", "\u00a0")
 
 
 def _route_table(check: Check, n_rows: int) -> list[str]:
@@ -257,7 +312,7 @@ def _fix_table(check: Check, n_rows: int) -> list[str]:
     columns = (
         Column("fix", value=lambda row: row.title),
         *_rate_columns(),
-        Column("error", title="error", value=lambda row: row.error),
+        Column("error", title="error", value=lambda row: _unbroken(row.error)),
     )
     rows = fix_rows(check)
     title = _count_rows("fix", "fixes", n_rows, len(rows) - 1)
@@ -273,5 +328,5 @@ def _table(columns: Sequence[Column], title: str, records: Sequence[Any]) -> lis
     """Return the lines of a table."""
     name, *others = columns
     table = Table.of([replace(name, title=title), *others], records)
-    lines = [line.rstrip() for line in str(table).splitlines()]
+    lines = [line.rstrip().replace("\u00a0", " ") for line in str(table).splitlines()]
     return [line for line in lines if line.strip(" \u2500")]

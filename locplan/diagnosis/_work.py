@@ -14,7 +14,7 @@ from locplan.costs import Costmap
 from locplan.diagnosis import _fixes
 from locplan.diagnosis._driving import Driver, Site
 from locplan.diagnosis._failures import blame_spots
-from locplan.diagnosis._fixes import CHEAP, KINDS, WALLS, Fix
+from locplan.diagnosis._fixes import CHEAP, KINDS, MEND, REACH, WALLS, Fix
 from locplan.diagnosis._passages import Passage, find_passage
 from locplan.diagnosis._rates import (
     LARGE,
@@ -28,13 +28,21 @@ from locplan.diagnosis._rates import (
     sort_routes,
 )
 from locplan.diagnosis._reading import Reading
+from locplan.diagnosis._recorded import Recorded
+from locplan.diagnosis._settings import choose_settings, is_contradicted
 from locplan.diagnosis._weak_spots import WeakSpot
 from locplan.diagnosis.trials import Outcome, Trial, confirm_fixes, contrast, select_fixes, try_fix
 from locplan.field import CovarianceField
 from locplan.maps import OccupancyGrid
-from locplan.simulation import Arrivals, Choice, choose
+from locplan.robots import Amcl
+from locplan.simulation import (
+    Arrivals,
+    Choice,
+    PresetChoice,
+    choose,
+)
 from locplan.simulation.driver import CHOOSING, FRESH
-from locplan.simulation.verdict import BETTER, RatePair, Verdict, compare
+from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare
 
 FAILING = 16
 """Number of closed-loop drives along a route on which a drive fails."""
@@ -61,12 +69,15 @@ class Effort:
     """Maximum number of confirming drives of a path; 0 tries no other paths."""
     landmarks: bool
     """True if landmarks are tried."""
+    all_levels: bool = False
+    """True if all settings are driven at all levels of disturbance, and not only until one is
+    chosen."""
 
 
 EFFORTS = {
     "quick": Effort(4, 12, 32, 16, 0, False),
     "usual": Effort(6, 24, 96, 48, 16, True),
-    "thorough": Effort(6, 48, 288, 96, 64, True),
+    "thorough": Effort(6, 48, 288, 96, 64, True, all_levels=True),
 }
 
 
@@ -92,15 +103,21 @@ class FixTrials:
         The site of the baseline.
     effort : Effort
         Amount of drives.
+    recorded : Recorded
+        What recorded drives show, over which settings are replayed.
     seed : int
         Seed of all random numbers.
     threads : int or None
         Number of threads.
     """
 
-    def __init__(self, site: Site, effort: Effort, seed: int, threads: int | None) -> None:
+    def __init__(
+        self, site: Site, effort: Effort, recorded: Recorded, seed: int, threads: int | None
+    ) -> None:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
         self.tried: dict[str, Fix] = {}
+        self.preset_choice: PresetChoice | None = None
+        self._recorded = recorded
         self.taken: tuple[str, ...] = ()
         mean_length = sum(path.length for path in site.paths.values()) / len(site.paths)
         share = min(1.0, max(MIN_SHARE, LONG / mean_length))
@@ -174,11 +191,15 @@ class FixTrials:
         first, second = parts(progress, [200, 150])
         fixes = [*_fixes.fixes(self.site, reading, mended)]
         rates, passage = self._baseline.rates, self._baseline.passage
-        if passage and not rates.needs_fix and rates.error.value < LARGE:
+        is_localized = not rates.needs_fix and rates.error.value < LARGE
+        if passage and is_localized:
             # No change of localization gets the robot through.
             fixes = [fix for fix in fixes if fix.kind == WALLS]
-        else:
-            fixes += filter(None, [_fixes.preset_settings(self.site, self._score)])
+        if isinstance(self.site.robot.filter, Amcl) and (
+            self._recorded.replays or not (passage and is_localized)
+        ):
+            self.preset_choice = self._choose_preset()
+            fixes += filter(None, [_fixes.preset_settings(self.preset_choice)])
         results = []
         for fix, step in zip(fixes, parts(first, [1] * len(fixes)), strict=True):
             results.append(self._try(fix))
@@ -194,9 +215,26 @@ class FixTrials:
         if poles := _fixes.landmarks(self.site, self.threads):
             yield self._try(poles)
 
+    def _choose_preset(self) -> PresetChoice:
+        """Choose AMCL's settings; at the usual level they have the drives of all fixes."""
+
+        def drive_usual(amcl: Amcl) -> DriveSet:
+            return self._drive(_fixes.with_settings(self.site, amcl), self._many).drive_set
+
+        return choose_settings(
+            self.site,
+            drive_usual,
+            self._recorded,
+            drives_all=self.effort.all_levels,
+            seed=self.seed,
+            threads=self.threads,
+        )
+
     def _is_still_lost(self, results: Sequence[FixResult]) -> bool:
         """True if drives get lost with the best combination of fixes so far."""
-        return not is_rare(self._drive_together(self._select(results), self._many).lost_rate)
+        return not is_rare(
+            self._drive_together(self._select(results), self._many).drive_set.lost_rate
+        )
 
     def _select(self, results: Sequence[FixResult]) -> tuple[str, ...]:
         """Select the fixes that help together."""
@@ -215,9 +253,8 @@ class FixTrials:
     def _sure(self) -> tuple[str, ...]:
         return tuple(kind for kind, fix in self.tried.items() if fix.is_sure)
 
-    def _score(self, site: Site, first_half: bool = False) -> float:
-        numbers = self._few[: (len(self._few) + 1) // 2] if first_half else self._few
-        return contrast(self._drive(self.site, numbers), self._drive(site, numbers)).score
+    def _score(self, site: Site) -> float:
+        return contrast(self._before_few, self._drive(site, self._few)).score
 
     def _choices(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
@@ -290,6 +327,8 @@ class FixTrials:
         """
         rates = self._baseline.rates
         selected = self._select(results)
+        if self._is_contradicted(selected):
+            selected = self._sure
         if selected:
             combination = confirm_fixes(self._sure, selected, self._drive_together, self._fresh)
             self.taken = combination.kinds
@@ -301,6 +340,13 @@ class FixTrials:
         after = rates_of(combination.after, self._drive_closed(site))
         verdict = compare(combination.before.drive_set, combination.after.drive_set)
         return before, after, _with_reached(verdict, before, after)
+
+    def _is_contradicted(self, kinds: tuple[str, ...]) -> bool:
+        """True if a recorded drive contradicts fixes of the filter's map or range."""
+        if not {REACH, MEND} & {*kinds}:
+            return False
+        fixed = _fixes.apply_fixes(self.tried, kinds, self.site)
+        return is_contradicted(self.site, fixed, self._recorded)
 
     def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> Outcome:
         return self._drive(_fixes.apply_fixes(self.tried, kinds, self.site), numbers)
@@ -328,9 +374,7 @@ def _rates_along(
     outcome: Outcome, row: int, name: str, arrivals: Mapping[str, Arrivals]
 ) -> DriveRates:
     closed = {name: arrivals[name]} if name in arrivals else {}
-    rows = slice(row, row + 1)
-    along = Outcome(outcome.log_error[rows], outcome.lost[rows], outcome.lost_at[rows])
-    return rates_of(along, closed)
+    return rates_of(outcome.select(slice(row, row + 1)), closed)
 
 
 def _with_reached(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:

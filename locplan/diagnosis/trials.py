@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.intervals import Interval, of_mean, wilson
+from locplan._util.intervals import Interval
 from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare, confirm
 
 WORTHWHILE = 0.9
@@ -34,6 +34,8 @@ class Outcome(NamedTuple):
     """True for the drives that were off by over 1 m at some time, (routes, drives)."""
     lost_at: Floats
     """Distance along the route where they first were, else NaN, (routes, drives) [m]."""
+    off_at_end: Bools
+    """True for the drives that are off by over 1 m at the end, (routes, drives)."""
 
     @classmethod
     def join(cls, parts: Sequence[Outcome]) -> Outcome:
@@ -46,31 +48,21 @@ class Outcome(NamedTuple):
         """
         return cls(*(np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True)))
 
-    def at(self, place: int) -> Outcome:
-        """Return the drives at one place, one along each route.
+    def select(self, routes: slice = slice(None), drives: slice = slice(None)) -> Outcome:
+        """Return the drives along some routes and at some places.
 
         Parameters
         ----------
-        place : int
-            The place.
+        routes, drives : slice
+            The routes and places; all by default.
         """
-        places = slice(place, place + 1)
-        return Outcome(self.log_error[:, places], self.lost[:, places], self.lost_at[:, places])
+        at = routes, drives
+        return Outcome(self.log_error[at], self.lost[at], self.lost_at[at], self.off_at_end[at])
 
     @property
     def drive_set(self) -> DriveSet:
         """The drives along all routes as one set."""
-        return DriveSet(self.log_error.ravel(), self.lost.ravel())
-
-    @property
-    def error(self) -> Interval:
-        """Error of a typical drive: the geometric mean [m]."""
-        return Interval(*np.exp(of_mean(self.log_error.ravel())).tolist())
-
-    @property
-    def lost_rate(self) -> Interval:
-        """Share of the drives that were off by over 1 m at some time, 0..1."""
-        return wilson(float(self.lost.mean()), self.lost.size)
+        return DriveSet(self.log_error.ravel(), self.lost.ravel(), self.off_at_end.ravel())
 
 
 class Contrast(NamedTuple):

@@ -44,7 +44,12 @@ from ._recording_faults import (
 )
 from ._reference import referenced as referenced, trajectory_of as trajectory_of
 from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
+from ._replayed_drive import (
+    ReplayedDrive as ReplayedDrive,
+    find_replay_limit as find_replay_limit,
+)
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
 from ._smoothing import smooth as smooth
+from ._tracks import sparse_notes as sparse_notes
 from ._trajectory import Jump as Jump, Trajectory as Trajectory
-from ._tuning import split_drive as split_drive, tune_on_drive as tune_on_drive
+from ._tuning import tune_on_drive as tune_on_drive

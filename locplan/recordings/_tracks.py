@@ -85,17 +85,13 @@ class Tracks:
         random: np.random.Generator,
         ends: Floats,
         arguments: DriveArguments,
-        part: slice = slice(None),
     ) -> tuple[Floats, Floats]:
-        """Errors (n, 3) and covariances (n, 3, 3) of one run on a part of the drive, in the world.
-
-        `ends` are those of the whole drive.
-        """
+        """Errors (n, 3) and covariances (n, 3, 3) of one run, in the world."""
         from locplan._kernels.drives import replay as kernel
 
-        truth, odometry = self.truth[part], self.odometry[part]
+        truth = self.truth
         poses, covariances = np.empty_like(truth), np.empty((len(truth), 3, 3))
-        drive = truth[0].copy(), np.ascontiguousarray(odometry), ends[part]
+        drive = truth[0].copy(), np.ascontiguousarray(self.odometry), ends
         settings = arguments.scores, arguments.start, arguments.filter
         kernel(random, *drive, *settings, poses, covariances)
         errors = poses - truth

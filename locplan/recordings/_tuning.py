@@ -1,43 +1,42 @@
-"""Presets of AMCL replayed on one half of a recording, and the best one on the rest."""
+"""Presets of AMCL tried on a recording: replayed over the whole drive, and simulated on its map."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from locplan._util.checks import check_threads, instance, whole
-from locplan._util.intervals import random_of
-from locplan._util.poses import way_along
 from locplan._util.progress import ProgressCallback
+from locplan.costs import Costmap
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import OccupancyGrid, check_grid
-from locplan.matching import in_batches
 from locplan.recordings._recording import Recording
-from locplan.recordings._tracks import REPLAY, Tracks, sparse_notes
-from locplan.robots import Amcl, Robot
+from locplan.recordings._recording_faults import find_recording_faults
+from locplan.recordings._replayed_drive import (
+    RUNS,
+    ReplayedDrive,
+    find_replay_limit,
+)
+from locplan.recordings._tracks import Tracks, sparse_notes
+from locplan.robots import Robot
 from locplan.simulation import (
     BeamsLeft,
-    Case,
-    Drives,
     Tuning,
-    TuningBench,
     as_list,
     check_drives,
     check_filter_map,
     check_of_one_map,
-    choose_settings,
+    choose_preset,
     number_names,
+    plan_random_paths,
+    simulated_cases,
+    warn_of_settings,
 )
-from locplan.simulation.verdict import DriveSet
+from locplan.simulation.levels import USUAL
 
-Parts = Mapping[tuple[int, ...], slice]
-"""The scans of parts of a drive, by the stream of their random numbers."""
-STRETCHES = 5
-"""Number of stretches of each half of a drive."""
+PATHS, DRIVES = 12, 4
+"""Number of random paths on each map that settings are simulated on, and of drives along each."""
 
 
 def tune_on_drive(
@@ -45,7 +44,7 @@ def tune_on_drive(
     grid: OccupancyGrid | Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
-    drives: int = 12,
+    drives: int = RUNS,
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
@@ -54,24 +53,23 @@ def tune_on_drive(
 ) -> Tuning:
     """Find the preset of AMCL's settings that localizes a robot best on its recorded drive.
 
-    The presets of `locplan.robots.presets` are replayed on the drive's first half, whole and in
-    five stretches. The best preset and the user's settings are then replayed on stretches of the
-    second half, whose verdict decides, and on the whole drive from its beginning. There the preset
-    must err less, and must not be lost in a single replay more. The recorded poses are the
-    reference, so they should not be those of the filter to be tuned.
+    The user's settings and the presets of `locplan.robots.presets` are replayed over the whole
+    drive. The precise preset is used if the recording has no fault, no run is off at the end, the
+    error is no larger than with the user's settings, and the preset is not worse in simulation.
+    Otherwise the safe preset is tried in the same way, and otherwise the user's settings stay. The
+    recorded poses are the ground truth, so they should not be those of the filter to be tuned.
 
     Parameters
     ----------
     recording : Recording or sequence of Recording
-        The drive, with odometry; or several for one parameter file: all count together, and none
-        may contradict.
+        The drive, with odometry; or several for one parameter file: settings must hold on each.
     grid : OccupancyGrid or sequence of OccupancyGrid
         The map; the poses are in its world frame. Of several drives, that of all, or one for each.
     robot : Robot, optional
         The robot with the user's settings of the filter, and with the deviation of the filter's
-        first pose on a stretch; Nav2's defaults without it.
+        first pose; Nav2's defaults without it.
     drives : int, default 12
-        Number of replays of each stretch, and of the whole drive, 2 to 100,000.
+        Number of replays of the whole drive, 2 to 100,000.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, if it differs from `grid`.
     others, seed, threads, progress
@@ -85,7 +83,7 @@ def tune_on_drive(
     Raises
     ------
     RecordingError
-        If the drive has no odometry, is shorter than 30 m, or has too few scans.
+        If the drive has no odometry, or is shorter than 30 m.
     ConfigError
         If a number is out of its range.
 
@@ -114,123 +112,74 @@ def tune_on_drive(
     check_of_one_map(filter_map, grids)
     check_drives(drives)
     whole("seed", seed, 0)
-    workers = check_threads(threads)
+    check_threads(threads)
     names = [drive.source.file or "the drive" for drive in recordings]
-    labels = number_names(names) if names[1:] else [""]
-    pairs = zip(recordings, grids * (len(recordings) // len(grids)), labels, strict=True)
-    replays = [
-        _Replays(
-            Tracks(drive, check_filter_map(filter_map, one)),
-            drive.robot(robot),
-            label,
-            seed,
-            workers,
+    labels = number_names(names)
+    known = recordings[0].robot(robot)
+    drives_on_maps = [
+        ReplayedDrive(label, drive, one, drive.robot(robot), filter_map, drives, seed, threads)
+        for drive, one, label in zip(
+            recordings, grids * (len(recordings) // len(grids)), labels, strict=True
         )
-        for drive, one, label in pairs
     ]
-    known = replays[0].robot
-    notes = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, known.amcl))
-    return choose_settings(
-        TuningBench(
-            [each.choosing for each in replays],
-            [case for each in replays for case in each.judging],
-            drives,
-        ),
-        known,
-        tuple(dict.fromkeys(grids)),
-        filter_map=filter_map,
-        beams_left=min((each.beams_left for each in replays), key=lambda left: left.returned),
-        others=others,
-        recording=", ".join(names),
-        notes=[*notes],
-        seed=seed,
+    for each in drives_on_maps:
+        _check_drive(each)
+    faults = [find_recording_faults(each.recording, each.grid) for each in drives_on_maps]
+    maps = [*dict.fromkeys(grids)]
+    map_labels = number_names([one.name or "map" for one in maps]) if maps[1:] else [""]
+    cases = []
+    for one, label in zip(maps, map_labels, strict=True):
+        paths = plan_random_paths(Costmap.blank(one, robot=known), PATHS, seed)
+        cases += simulated_cases(
+            one,
+            known,
+            paths,
+            [USUAL],
+            drives=DRIVES,
+            label=label,
+            filter_map=filter_map,
+            seed=seed,
+            threads=threads,
+        )
+    choice = choose_preset(
+        known.amcl,
+        cases,
+        [drive.poses for drive in recordings],
+        drives_on_maps,
+        are_recordings_sound=all(fault.is_sound for fault in faults),
         progress=progress,
+    )
+    beams_left = min(map(_beams_left, drives_on_maps), key=lambda left: left.returned)
+    sparse = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, known.amcl))
+    of_faults = [
+        f"{each.name}: {text.rstrip('.')}"
+        for each, fault in zip(drives_on_maps, faults, strict=True)
+        for text in fault.sentences
+    ]
+    return Tuning(
+        grids=tuple(maps),
+        robot=known,
+        choice=choice,
+        beams_left=beams_left,
+        warnings=warn_of_settings(known, choice.settings, beams_left, others),
+        paths=PATHS,
+        drives=DRIVES,
+        seed=seed,
+        recording=", ".join(labels),
+        filter_map=filter_map,
+        notes=(*sparse, *of_faults),
     )
 
 
-@dataclass(frozen=True)
-class _Replays:
-    """Replays of a recording on its map."""
-
-    tracks: Tracks
-    robot: Robot
-    label: str
-    """Name of the recording before that of a case; empty for a single one."""
-    seed: int
-    threads: int
-
-    @property
-    def choosing(self) -> Case:
-        """The stretches of the first half, and all of it."""
-        stretches = split_drive(self.tracks.recording)
-        half = slice(0, stretches[STRETCHES].start)
-        parts: Parts = {(n,): part for n, part in enumerate([*stretches[:STRETCHES], half], 1)}
-        return self._case("first half", parts)
-
-    @property
-    def judging(self) -> list[Case]:
-        """The stretches of the second half, which decide, and the whole drive."""
-        second = split_drive(self.tracks.recording)[STRETCHES:]
-        parts: Parts = {(n,): part for n, part in enumerate(second, STRETCHES + 2)}
-        stretches = self._case("second half", parts)
-        whole_drive = self._case("whole drive", {(): slice(0, len(self.tracks.truth))})
-        return [stretches, replace(whole_drive, decides=False, is_strict=True)]
-
-    @property
-    def beams_left(self) -> BeamsLeft:
-        """Beams that return on the drive."""
-        ends = self.tracks.ends(self.robot.amcl)
-        return BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
-
-    def _case(self, name: str, parts: Parts) -> Case:
-        """Return a case of some parts of the drive by their streams of random numbers.
-
-        Without a stream, replays have the random numbers of `replay`.
-        """
-        lines = [self.tracks.truth[part] for part in parts.values()]
-
-        def drive(amcl: Amcl, numbers: range) -> DriveSet:
-            arguments = self.tracks.arguments(replace(self.robot, filter=amcl))
-            ends = self.tracks.ends(amcl)
-            tasks = [(stream, n) for stream in parts for n in numbers]
-
-            def run(some: NDArray[np.int64]) -> list[NDArray[np.float64]]:
-                errors = []
-                for stream, n in (tasks[place] for place in some):
-                    random = random_of(self.seed, REPLAY, *stream, n)
-                    errors.append(self.tracks.track(random, ends, arguments, parts[stream])[0])
-                return errors
-
-            errors = in_batches(run, len(tasks), self.threads, batch=1)
-            poses, count = self.tracks.recording.poses, len(numbers)
-            return DriveSet.from_drives(
-                Drives(poses[part], np.array(errors[place * count : (place + 1) * count]))
-                for place, part in enumerate(parts.values())
-            )
-
-        return Case(f"{self.label} {name}".strip(), lines, drive)
+def _check_drive(drive: ReplayedDrive) -> None:
+    """Raise a RecordingError if a drive cannot be replayed, or is too short."""
+    Tracks(drive.recording, check_filter_map(drive.filter_map, drive.grid))
+    if limit := find_replay_limit(drive.recording):
+        raise RecordingError(f"{drive.name}: {limit}")
 
 
-def split_drive(recording: Recording) -> list[slice]:
-    """Return the scans of equally long stretches of a drive, one after the other.
-
-    Parameters
-    ----------
-    recording : Recording
-        The drive.
-    """
-    way = way_along(recording.poses)
-    if way[-1] < 30:
-        raise RecordingError(
-            f"the drive is {way[-1]:.1f} m long, and tuning needs 30 m at least; record a longer"
-            " one"
-        )
-    count = 2 * STRETCHES
-    edges = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1))
-    edges[-1] = len(way)
-    if np.diff(edges).min() < 3:
-        raise RecordingError(
-            f"the drive has {len(recording)} scans, too sparse to tune on: stretches of"
-            f" {way[-1] / count:.1f} m have fewer than 3; record more scans"
-        )
-    return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+def _beams_left(drive: ReplayedDrive) -> BeamsLeft:
+    """Return the beams that return on a drive."""
+    tracks = Tracks(drive.recording, check_filter_map(drive.filter_map, drive.grid))
+    ends = tracks.ends(drive.robot.amcl)
+    return BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))

@@ -1,84 +1,82 @@
-"""Presets of AMCL's settings, which `check` and `tune` simulate on the user's map."""
+"""The two presets of AMCL's settings that `check` and `tune` try."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
 from locplan.robots._amcl import MODELS, Amcl
 
-Changes = dict[str, float | str]
-"""Values of AMCL's parameters by their names."""
-ALPHAS: Final = (0.05, 0.1, 0.2)
-"""Noise of odometry that the presets assume. Each is combined with both laser models."""
-SAFE: Final[Changes] = {"update_min_d": 0.1, "update_min_a": 0.1}
-"""More frequent updates of the filter. All else stays as the user has it."""
+SAFE, PRECISE = "safe", "precise"
+"""Names of the presets."""
+UPDATES: Final = {"update_min_d": 0.1, "update_min_a": 0.1}
+"""Motions after which the filter updates with the safe preset [m, rad]."""
+ALPHA: Final = 0.05
+"""Noise of odometry that the precise preset assumes."""
+CHANGES: Final[dict[str, dict[str, Any]]] = {
+    PRECISE: {
+        **dict.fromkeys([f"alpha{n}" for n in range(1, 6)], ALPHA),
+        "laser_model_type": MODELS[1],
+    },
+    SAFE: dict(UPDATES),
+}
+"""Values of AMCL's parameters by preset, in the order in which the presets are tried.
 
-
-def _assume_noise(alpha: float, model: str) -> Changes:
-    return {**dict.fromkeys([f"alpha{n}" for n in range(1, 6)], alpha), "laser_model_type": model}
-
-
-PRECISE: Final[Changes] = _assume_noise(0.05, MODELS[1])
-"""Small errors if odometry and map are sound. A robot that gets lost with it does not return."""
-PRESET_NAMES: Final = tuple({**SAFE, **PRECISE})
+With the safe preset the filter updates more often, and all else stays as the user has it. With the
+precise preset errors are small if odometry and map are sound, but a robot that gets lost does not
+return. Mixtures of both are no safer than the precise one on recorded drives."""
+PRESET_NAMES: Final = tuple({name: None for values in CHANGES.values() for name in values})
 """Names of the parameters that presets change."""
 
 
-def amcl_presets(amcl: Amcl) -> dict[str, Changes]:
-    """Return the changes of each preset that changes a robot's settings, by the preset's name.
+def with_preset(amcl: Amcl, name: str) -> Amcl:
+    """Return a robot's settings with a preset.
 
     Parameters
     ----------
     amcl : Amcl
-        The robot's own settings.
-
-    Examples
-    --------
-    >>> [*amcl_presets(Amcl())][:3]
-    ['update_min_a 0.1, update_min_d 0.1', 'alphas 0.05, likelihood_field_prob', 'alphas 0.05']
+        The robot's settings.
+    name : {"safe", "precise"}
+        The preset.
     """
-    models = dict.fromkeys((MODELS[1], amcl.laser_model_type))
-    changes = [SAFE, *(_assume_noise(alpha, model) for alpha in ALPHAS for model in models)]
-    settings = {describe_changes(amcl, with_changes(amcl, each)): each for each in changes}
-    return {name: each for name, each in settings.items() if name}
+    changes = CHANGES[name]
+    if name == SAFE:  # a filter that updates more often than that keeps its own values
+        changes = {name: min(value, getattr(amcl, name)) for name, value in changes.items()}
+    return replace(amcl, **changes)
 
 
-def with_changes(amcl: Amcl, changes: Changes) -> Amcl:
-    """Return settings with other values of some parameters.
+def amcl_presets(amcl: Amcl) -> dict[str, Amcl]:
+    """Return a robot's settings with each preset that changes them, the precise one first.
 
     Parameters
     ----------
     amcl : Amcl
-        The settings.
-    changes : dict of str to float or str
-        The values by the parameters' names.
-    """
-    return replace(amcl, **changes)  # type: ignore[arg-type]
-
-
-def describe_changes(before: Amcl, after: Amcl) -> str:
-    """Return what differs between two settings, such as `alphas 0.05, likelihood_field_prob`.
-
-    Parameters
-    ----------
-    before, after : Amcl
-        The settings.
+        The robot's settings.
 
     Examples
     --------
-    >>> describe_changes(Amcl(), Amcl(alpha1=0.1, update_min_d=0.1, update_min_a=0.1))
-    'alpha1 0.1, update_min_a 0.1, update_min_d 0.1'
+    >>> [*amcl_presets(Amcl())]
+    ['precise', 'safe']
+    >>> [*amcl_presets(Amcl(update_min_d=0.05, update_min_a=0.1))]
+    ['precise']
     """
-    alphas = {getattr(after, f"alpha{n}") for n in range(1, 6)}
-    texts = []
-    for name in (each.name for each in fields(Amcl)):
-        value = getattr(after, name)
-        if value == getattr(before, name):
-            continue
-        if name == "laser_model_type":
-            texts.append(str(value))
-        else:
-            is_alpha = name.startswith("alpha") and len(alphas) == 1
-            texts.append(f"{'alphas' if is_alpha else name} {value:g}")
-    return ", ".join(dict.fromkeys(texts))
+    settings = {name: with_preset(amcl, name) for name in CHANGES}
+    return {name: preset for name, preset in settings.items() if preset != amcl}
+
+
+def describe_preset(name: str) -> str:
+    """Return the changes of a preset in words.
+
+    Parameters
+    ----------
+    name : {"safe", "precise"}
+        The preset.
+
+    Examples
+    --------
+    >>> describe_preset("safe"), describe_preset("precise")
+    ('update_min_d 0.1, update_min_a 0.1', 'alphas 0.05, likelihood_field_prob')
+    """
+    if name == PRECISE:
+        return f"alphas {ALPHA:g}, {MODELS[1]}"
+    return ", ".join(f"{name} {value:g}" for name, value in UPDATES.items())

@@ -58,23 +58,30 @@ from .choice._choose_many import (
 from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .driver import drive_closed as drive_closed, drive_open as drive_open, route_key as route_key
-from .tuning._bench import Case as Case, JudgedCase as JudgedCase, TuningBench as TuningBench
+from .tuning._choose_preset import (
+    LEVEL_DRIVES as LEVEL_DRIVES,
+    OWN as OWN,
+    Case as Case,
+    CaseResult as CaseResult,
+    PresetChoice as PresetChoice,
+    choose_preset as choose_preset,
+    find_objection as find_objection,
+)
 from .tuning._parameters import (
     BeamsLeft as BeamsLeft,
     check_tunable as check_tunable,
     filter_warnings as filter_warnings,
     is_untuned as is_untuned,
+    warn_of_settings as warn_of_settings,
     write_tuned as write_tuned,
 )
-from .tuning._results import TriedPreset as TriedPreset, Tuning as Tuning
+from .tuning._results import Tuning as Tuning
 from .tuning._simulated_cases import (
-    DisturbanceLevel as DisturbanceLevel,
     plan_random_paths as plan_random_paths,
     simulated_cases as simulated_cases,
 )
 from .tuning._tune import (
     as_list as as_list,
-    choose_settings as choose_settings,
     number_names as number_names,
     tune as tune,
 )

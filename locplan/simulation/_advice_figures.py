@@ -18,7 +18,6 @@ from locplan.simulation._drives import LOST
 from locplan.simulation._figures import MAP_MARKS, draw_places, place_handles
 from locplan.simulation.choice._choice import Choice
 from locplan.simulation.choice._driven import Candidate
-from locplan.simulation.tuning._results import OWN
 
 if TYPE_CHECKING:
     from locplan.simulation.tuning._results import Tuning
@@ -149,39 +148,38 @@ def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
-    """Errors and lost drives of the user's settings and of the best preset, case by case.
+    """Errors of the user's settings and of the presets, and drives off at the end, case by case.
 
     Parameters
     ----------
     tuning : Tuning
         The result of `tune` or `locplan.recordings.tune_on_drive`.
     """
-    figure = plotting.Picture(figsize=(8.6, 4.2), layout="constrained")
-    errors, lost = figure.subplots(1, 2)
-    at = np.arange(len(tuning.cases))
-    for place, name in enumerate((OWN, tuning.candidate_name)):
+    figure = plotting.Picture(figsize=(9.6, 4.2), layout="constrained")
+    errors, off_at_end = figure.subplots(1, 2)
+    results = tuning.choice.results
+    cases = [*dict.fromkeys(result.case for result in results)]
+    for place, name in enumerate(dict.fromkeys(result.settings for result in results)):
         mark = MAP_MARKS[place]
-        error = [(case.baseline_error, case.error)[place] for case in tuning.cases]
-        share = [case.verdict.lost[place] for case in tuning.cases]
-        aside = at + 0.1 * (2 * place - 1)
-        label = textwrap.fill(name, 46, break_on_hyphens=False)
-        _draw_intervals(errors, aside, np.array(error), mark, label)
-        _draw_intervals(lost, aside, 100 * np.array(share), mark, label)
-    for axes in (errors, lost):
-        axes.set_xticks(at, [textwrap.fill(case.name, 16) for case in tuning.cases])
+        of_settings = [result for result in results if result.settings == name]
+        at = np.array([cases.index(result.case) for result in of_settings]) + 0.15 * (place - 1)
+        error = np.array([result.error for result in of_settings])
+        share = np.array([result.off_at_end for result in of_settings])
+        _draw_intervals(errors, at, error, mark, name)
+        _draw_intervals(off_at_end, at, 100 * share, mark, name)
+    for axes in (errors, off_at_end):
+        axes.set_xticks(range(len(cases)), [textwrap.fill(name, 10) for name in cases])
+        axes.tick_params(axis="x", labelsize="small")
         axes.grid(axis="y", color="0.92")
-        axes.margins(x=0.2)
-    errors.set_title("error of a typical drive, 95 %", fontsize="medium")
-    lost.set_title("share of the drives, 95 %", fontsize="medium")
+        axes.margins(x=0.1)
+    errors.set_title("error, 95 %", fontsize="medium")
+    off_at_end.set_title("share of the drives, 95 %", fontsize="medium")
     plotting.make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
-    lost.set_ylabel("lost drives (off by > 1 m) [%]")
-    lost.set_ylim(bottom=-0.04 * lost.get_ylim()[1])
-    figure.key(errors.get_legend_handles_labels()[0], ncols=2)
-    lines = f"stretches of {tuning.recording}" if tuning.recording else "random paths"
-    drives = f"{tuning.drives} {'replays' if tuning.recording else 'drives'} each"
-    lidar = tuning.robot.known_lidar.title
-    figure.title(f"{tuning.conclusion}. {tuning.where}, {lidar}: {tuning.paths} {lines}, {drives}")
+    off_at_end.set_ylabel(f"drives off by > {LOST:g} m at the end [%]")
+    off_at_end.set_ylim(bottom=-0.04 * off_at_end.get_ylim()[1])
+    figure.key(errors.get_legend_handles_labels()[0], ncols=3)
+    figure.title(f"{tuning.conclusion}. {tuning.where}, {tuning.robot.known_lidar.title}")
     return figure
 
 

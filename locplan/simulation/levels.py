@@ -187,7 +187,7 @@ TURNS = Level(
 KINKED_MAP = Level("kinked map", "the map has a kink of 10 deg", kink_deg=10.0)
 """Of the maps of seven robots, one has kinks, of 26 and 36 deg. One of 10 deg suffices: on a map
 that was turned so, settings that trust the map ended lost in 6 of 12 runs."""
-LEVELS = (USUAL, SLIP, STANDSTILL, REVERSAL, TURNS, KINKED_MAP)
+LEVELS: tuple[Level, ...] = (USUAL, SLIP, STANDSTILL, REVERSAL, TURNS, KINKED_MAP)
 """All levels, the usual one first."""
 
 

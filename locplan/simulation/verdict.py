@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from locplan._kernels.arrays import Bools, Floats
-from locplan._util.intervals import Interval, wilson
+from locplan._util.intervals import Interval, of_geometric_mean, wilson
 from locplan.simulation._arrivals import Arrivals
 from locplan.simulation._drives import FLOOR, Drives
 
@@ -37,6 +37,9 @@ The true value passes it at any of up to eight looks with a probability of at mo
 the boundaries of Wang and Tsiatis for drives that double. Their critical value, 2.391, is computed
 by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles of few drives.
 Fewer looks, or a last one that is nearer, err less often."""
+HARM = 0.0125
+"""Probability with which an alternative that is off at the end as often seems to be so more often:
+that of the other tests."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,28 @@ class DriveSet:
             np.concatenate([line.off_at_end for line in lines]),
             np.concatenate([line_ends.reached for line_ends in ends]) if ends else None,
         )
+
+    @property
+    def error(self) -> Interval:
+        """Error of a typical drive: the geometric mean [m]."""
+        return of_geometric_mean(np.exp(self.log_error))
+
+    @property
+    def lost_rate(self) -> Interval:
+        """Share of the drives that were lost, 0..1."""
+        return wilson(float(self.lost.mean()), self.lost.size)
+
+    @property
+    def off_at_end_rate(self) -> Interval:
+        """Share of the drives that are off at the end, 0..1; NaN if that is not known."""
+        if self.off_at_end is None:
+            return Interval(math.nan, math.nan, math.nan)
+        return wilson(float(self.off_at_end.mean()), self.off_at_end.size)
+
+    @property
+    def is_rarely_off(self) -> bool:
+        """True if so few drives are off at the end that no other set can be so less often."""
+        return not _is_off_more_often(np.zeros_like(self.lost), self.off_at_end)
 
     @classmethod
     def join(cls, sets: Sequence[DriveSet]) -> DriveSet:
@@ -124,6 +149,8 @@ class Verdict:
     """True if the alternative loses significantly fewer drives."""
     more_lost: bool
     """True if the alternative loses significantly more drives."""
+    more_off: bool = False
+    """True if the alternative is off at the end in more drives, by a sign test at 1.25 %."""
 
 
 class Look(NamedTuple):
@@ -259,6 +286,7 @@ def compare(
         len(baseline.lost),
         bool(last_look.fewer_lost[0]),
         bool(last_look.more_lost[0]),
+        _is_off_more_often(baseline.off_at_end, alternative.off_at_end),
     )
 
 
@@ -310,6 +338,17 @@ def plan_looks(n_drives: int) -> list[int]:
     ([8, 16, 32, 64], [8, 16, 20])
     """
     return [*itertools.takewhile(lambda count: count < n_drives, LOOKS), n_drives]
+
+
+def _is_off_more_often(baseline: Bools | None, alternative: Bools | None) -> bool:
+    """True if an alternative is off at the end in more drives, by the sign test of the pairs."""
+    if baseline is None or alternative is None:
+        return False
+    from scipy.special import bdtr
+
+    returned = int((baseline & ~alternative).sum())
+    harmed = int((alternative & ~baseline).sum())
+    return bool(bdtr(returned, returned + harmed, 0.5) <= HARM)
 
 
 def _pair_rates(baseline: Bools | None, alternative: Bools | None) -> RatePair | None:

@@ -42,14 +42,14 @@ from locplan.planners import (
     planner_for,
 )
 from locplan.robots import Amcl, Robot
-from locplan.robots.presets import PRECISE, with_changes
+from locplan.robots.presets import PRECISE, with_preset
 from locplan.simulation._arrivals import CLOSED_DRIVES
 from locplan.simulation.verdict import LOOKS
 
 Minimise = Literal["rmse", "lost", "goal-error", "heading"]
 """Quantity that the chosen path has least of."""
 MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
-TUNED = with_changes(Amcl(), PRECISE)
+TUNED = with_preset(Amcl(), PRECISE)
 """The precise preset; the rest is the robot's own."""
 
 
@@ -168,7 +168,7 @@ class ChoiceSettings(Settings):
         """
         if not isinstance(own, Amcl):  # what gains is advised as AMCL's parameters
             return None
-        rival = with_changes(own, PRECISE) if self.rival == TUNED else self.rival
+        rival = with_preset(own, PRECISE) if self.rival == TUNED else self.rival
         return None if rival == own else rival
 
     @property

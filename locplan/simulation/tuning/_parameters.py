@@ -20,6 +20,7 @@ from locplan.robots import (
     Amcl,
     Lidar,
     ParameterWarning,
+    Robot,
     edited_parameters,
     file_and_robot,
     read_amcl,
@@ -133,6 +134,33 @@ def filter_warnings(
         " that miss the walls cost hardly more than those that hit them": far < 2 * sigma,
     }
     return [text for text, present in faults.items() if present]
+
+
+def warn_of_settings(
+    robot: Robot,
+    settings: Amcl,
+    beams_left: BeamsLeft,
+    others: Mapping[str, object] | None = None,
+) -> tuple[str, ...]:
+    """Return warnings about a robot's settings, and about changing them to others.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot with the user's settings.
+    settings : Amcl
+        The settings to use.
+    beams_left : BeamsLeft
+        Number of the compared beams that return.
+    others : mapping, optional
+        Further parameters in the robot's file, such as `do_beamskip`.
+    """
+    own, warnings = robot.amcl, []
+    if settings.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
+        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
+        warnings.append(f"{skips}, and it was not simulated")
+    warnings += filter_warnings(own, robot.known_lidar, others)
+    return (*warnings, *beams_left.warnings())
 
 
 def check_tunable(params: Path | None) -> None:

@@ -4,66 +4,46 @@ from __future__ import annotations
 
 import textwrap
 
-from locplan._util.tables import REPORT_WIDTH, table
-from locplan.simulation.tuning._results import OWN, Tuning
-from locplan.simulation.verdict import BETTER
+from locplan._util.runs import typed
+from locplan._util.tables import REPORT_WIDTH
+from locplan.simulation.tuning._choose_preset import OWN
+from locplan.simulation.tuning._results import Tuning
 
 
 def tuning_report(tuning: Tuning) -> str:
-    """Return the answer, the table of the settings that were judged, the presets and warnings."""
-    better = tuning.verdict == BETTER
+    """Return the answer, the table of all drives, and warnings."""
+    choice = tuning.choice
+    recorded = f" on {tuning.recording}" if tuning.recording else ""
+    hint = choice.advise_recording(typed() or ["locplan", "tune", "MAP"])
     lines = [
-        *(f"note: {note}" for note in tuning.notes),
-        f"{tuning.conclusion}.",
+        *(_wrap(f"note: {note}") for note in tuning.notes),
+        _wrap(f"{tuning.conclusion}."),
+        *([_wrap(hint)] if hint else []),
         "",
         str(tuning.table()),
-        _describe_drives(tuning),
+        _wrap(choice.describe_table(tuning.seed)),
+        *(_wrap(f"{text[:1].upper()}{text[1:]}.") for text in _minor_objections(tuning)),
         "",
-        _presets_table(tuning),
-        "These drives chose the best preset. Those above are fresh ones.",
-        "Presets that were clearly worse stopped early.",
-        "",
-        f"{tuning.robot.known_lidar.title}: {tuning.beams_left}",
+        f"{tuning.robot.known_lidar.title}: {tuning.beams_left}{recorded}",
         *(f"warning: {warning}" for warning in tuning.warnings),
-        *_next_steps(tuning),
     ]
-    if better:
+    if choice.is_preset:
         lines.append("To go back, use your own file again: it stays as it was.")
+    elif tuning.recording:
+        lines.append(
+            _wrap(
+                f"No preset holds on your drive: keep {OWN}. Look at how many scans fit the map"
+                " there (locplan evaluate --drive), and how far odometry drifts (locplan calibrate"
+                " --drive)."
+            )
+        )
     return "\n".join(lines)
 
 
-def _describe_drives(tuning: Tuning) -> str:
-    """Return the sentence on the drives of the first table."""
-    if tuning.recording:
-        text = (
-            f"{tuning.drives} replays of the whole of {tuning.recording} and of each of"
-            f" {tuning.paths} stretches of its second half. The second half decides. On the whole"
-            " drive the preset must not be worse. Errors are against the recorded poses."
-        )
-    else:
-        where = f"of each of {tuning.where}" if tuning.grids[1:] else f"of {tuning.where}"
-        text = (
-            f"{tuning.drives} simulated drives along each of {tuning.paths} random paths {where}."
-            " The usual level decides. With three times the errors of odometry (x3) the preset"
-            " must not be worse."
-        )
+def _minor_objections(tuning: Tuning) -> list[str]:
+    """Return the objections that the conclusion does not name."""
+    return [*tuning.choice.objections.values()] if tuning.choice.is_preset else []
+
+
+def _wrap(text: str) -> str:
     return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
-
-
-def _presets_table(tuning: Tuning) -> str:
-    rows = [
-        [preset.name, f"{preset.error:.3f} m", f"{preset.lost:.0%}", f"{preset.drives}"]
-        for preset in sorted(tuning.tried, key=lambda preset: preset.error)
-    ]
-    return table(["preset", "error", "lost", "drives"], rows)
-
-
-def _next_steps(tuning: Tuning) -> list[str]:
-    """Return the commands to go on with if no preset holds on a recording."""
-    if not (tuning.recording and tuning.contradicting):
-        return []
-    return [
-        f"Nothing that was tried holds on your drive: keep {OWN}. Look at how many scans fit the"
-        " map there (locplan evaluate --drive), and how far odometry drifts (locplan calibrate"
-        " --drive)."
-    ]

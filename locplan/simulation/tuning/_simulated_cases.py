@@ -1,9 +1,10 @@
-"""Cases of tuning on maps: random shortest paths in simulated worlds, at levels of disturbance."""
+"""Cases in which settings are driven: paths in simulated worlds, at levels of disturbance."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,49 +14,21 @@ from locplan.maps import OccupancyGrid
 from locplan.planners import plan, random_queries
 from locplan.robots import Amcl, Robot
 from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import poses_along
 from locplan.simulation.driver import drive_open
-from locplan.simulation.tuning._bench import Case
+from locplan.simulation.levels import USUAL, Level, levels_for, select_paths
+from locplan.simulation.tuning._choose_preset import LEVEL_DRIVES, Case
 from locplan.simulation.verdict import DriveSet
 
-LONGEST = 16.0
+LONGEST = 40.0
 """Length of a path beyond which settings are driven along a part of it [m]."""
-
-
-@dataclass(frozen=True)
-class DisturbanceLevel:
-    """A level of disturbance, relative to that of the robot."""
-
-    name: str
-    """The name, such as x3."""
-    odometry: float
-    """Factor on the drift and the bias of odometry."""
-    clutter: float
-    """Factor on the shares of outliers, of occluded scans and of cells that differ."""
-
-    def apply_to(self, robot: Robot) -> Robot:
-        """Return the robot at this level.
-
-        Parameters
-        ----------
-        robot : Robot
-            The robot with its own odometry and disturbances.
-        """
-        odometry = asdict(robot.odometry)
-        changes = {name: value * self.odometry for name, value in odometry.items()}
-        for name in ("boundary_noise", "outliers", "occlusion"):
-            share = getattr(robot.disturbances, name)
-            # At most half of everything is disturbed, unless the robot's own share is larger.
-            changes[name] = min(share * self.clutter, max(share, 0.5))
-        return robot.changed(changes)
-
-
-USUAL, STRONG = DisturbanceLevel("usual", 1.0, 1.0), DisturbanceLevel("x3", 3.0, 2.0)
-"""The level at which drives decide, and the one at which they may only contradict."""
+DISTANCES = (20.0, 8.0, 4.0, 2.0)
+"""Least distances between the ends of paths, of which the first is taken that the map is large
+enough for [m]. After 2 m of standstill most filters need 10 m or more to return: shorter drives end
+before."""
 
 
 def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
-    """Return shortest paths of random queries, or parts of them, of 8 to 16 m if the map is large.
+    """Return shortest paths of random queries, of 20 to 40 m if the map is large.
 
     Parameters
     ----------
@@ -71,7 +44,7 @@ def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
     ConfigError
         If no two positions of the map that are joined lie 2 m apart.
     """
-    for least in (8.0, 4.0, 2.0):  # the first that the map is large enough for
+    for least in DISTANCES:
         try:
             queries = random_queries(costs, count, seed, min_distance=least)
             break
@@ -88,42 +61,54 @@ def simulated_cases(
     grid: OccupancyGrid,
     robot: Robot,
     paths: Sequence[Path],
+    levels: Sequence[Level],
     *,
-    filter_map: OccupancyGrid | None,
-    label: str,
-    seed: int,
-    threads: int | None,
+    drives: int = 1,
+    label: str = "",
+    filter_map: OccupancyGrid | None = None,
+    stretch: float = 1.0,
+    seed: int = 1,
+    threads: int | None = None,
 ) -> list[Case]:
-    """Return a case for each level of disturbance.
+    """Return a case for each level of disturbance that can affect the paths.
 
     Parameters
     ----------
-    grid, robot, filter_map, seed, threads
+    grid, robot, filter_map, stretch, seed, threads
         See `Simulator`; the robot's filter is replaced by the settings that drive.
     paths : sequence of Path
         The paths.
-    label : str
+    levels : sequence of Level
+        The levels.
+    drives : int, default 1
+        Number of drives along each path at the usual level. At the others there are as many, and 64
+        along all paths at least.
+    label : str, default ""
         Name of the map before that of the level; empty for a single map.
     """
     named = {f"{n}": path for n, path in enumerate(paths, 1)}
-    lines = [poses_along(path, grid) for path in paths]
 
-    def case_at(level: DisturbanceLevel) -> Case:
-        at_level = level.apply_to(robot)
+    def case_at(level: Level) -> Case:
+        is_usual = level == USUAL
+        affected = select_paths(level, named, grid)
+        least = 0 if is_usual else math.ceil(LEVEL_DRIVES / len(affected))
+        numbers = range(max(drives, least))
 
-        def drive(amcl: Amcl, numbers: range) -> DriveSet:
+        def drive(amcl: Amcl) -> DriveSet:
             simulator = Simulator(
                 grid,
-                replace(at_level, filter=amcl),
+                replace(robot, filter=amcl),
                 filter_map=filter_map,
                 seed=seed,
                 threads=threads,
+                stretch=stretch,
             )
-            return DriveSet.from_drives(drive_open(simulator, named, numbers).values())
+            driven = drive_open(simulator, affected, numbers, level=level)
+            return DriveSet.from_drives(driven.values())
 
-        return Case(f"{label} {level.name}".strip(), lines, drive, decides=level is USUAL)
+        return Case(f"{label} {level.name}".strip(), drive, "" if is_usual else level.phrase)
 
-    return [case_at(USUAL), case_at(STRONG)]
+    return [case_at(level) for level in levels_for(paths, grid, levels)]
 
 
 def _cut(path: Path, where: float) -> Path:

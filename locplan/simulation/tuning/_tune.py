@@ -1,4 +1,4 @@
-"""Tuning of AMCL: presets compete in simulated drives, and fresh drives judge the best one."""
+"""Tuning of AMCL: the presets drive at levels of disturbance, and these drives choose one."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from locplan._util.checks import whole
-from locplan._util.progress import ProgressCallback, parts, scaled
+from locplan._util.progress import ProgressCallback
 from locplan.costs import Costmap
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.robots import Robot
-from locplan.robots.presets import amcl_presets, with_changes
 from locplan.simulation._drives import check_drives
 from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import check_of_one_map
-from locplan.simulation.tuning._bench import TuningBench
-from locplan.simulation.tuning._parameters import BeamsLeft, filter_warnings
-from locplan.simulation.tuning._results import TriedPreset, Tuning
+from locplan.simulation._worlds import check_of_one_map, poses_along
+from locplan.simulation.levels import LEVELS, Level
+from locplan.simulation.tuning._choose_preset import choose_preset
+from locplan.simulation.tuning._parameters import BeamsLeft, warn_of_settings
+from locplan.simulation.tuning._results import Tuning
 from locplan.simulation.tuning._simulated_cases import plan_random_paths, simulated_cases
 
 FEWEST_PATHS = 5
-"""Minimum number of paths, or of stretches of a recording: drives along few lines are alike."""
+"""Minimum number of paths: drives along few of them are alike."""
 
 
 def tune(
@@ -29,6 +29,7 @@ def tune(
     *,
     paths: int = 16,
     drives: int = 4,
+    levels: Sequence[Level] = LEVELS,
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
     seed: int = 1,
@@ -37,23 +38,25 @@ def tune(
 ) -> Tuning:
     """Find the preset of AMCL's settings that localizes a robot best on its map.
 
-    The presets of `locplan.robots.presets` drive along random shortest paths, with the errors of
-    odometry that the robot has and three times as large ones. The best preset and the user's
-    settings then drive along other paths. It is to be used if it is better there by the verdict of
-    `locplan.simulation.verdict`, and not worse at three times the errors of odometry.
+    The user's settings and the presets of `locplan.robots.presets` drive along random shortest
+    paths. A preset is to be used if it is better at the usual level of disturbance, and at each
+    other level off at the end no more often, by the verdict of `locplan.simulation.verdict`.
 
     Parameters
     ----------
     grid : OccupancyGrid or sequence of OccupancyGrid
-        The map, or several for one parameter file: all count together, and none may contradict.
+        The map, or several for one parameter file: all count together at the usual level, and a
+        preset must do no harm on any of them.
     robot : Robot, optional
         The robot, such as `Robot.from_nav2` reads; by default one with Nav2's filter and a lidar
         of 6 m that sees all round.
     paths : int, default 16
-        Number of random paths on each map on which the best preset is judged, 5 to 1000. Half as
-        many other paths choose it.
+        Number of random paths on each map, 5 to 1000.
     drives : int, default 4
-        Number of drives along each path that judge, 2 to 100,000.
+        Number of drives along each path, 2 to 100,000. At levels of disturbance all paths of a map
+        have 64 drives at least.
+    levels : sequence of Level, default LEVELS
+        The levels of disturbance, see `locplan.simulation.levels`; the usual one is the first.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, if it differs from `grid`; see `simulate`.
     others : mapping of str to object, optional
@@ -63,7 +66,7 @@ def tune(
     threads : int, optional
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
-        Called with (done, total) in thousandths of the work.
+        Called with (done, total) drives of all settings.
 
     Returns
     -------
@@ -82,8 +85,8 @@ def tune(
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> robot = locplan.Robot().changed({"min_particles": 20, "max_particles": 20})
     >>> result = tune(grid, robot, paths=5, drives=2)
-    >>> result.verdict in ("better", "undecided"), result.winner.min_particles
-    (True, 20)
+    >>> result.winner.max_particles
+    20
     """
     grids = as_list(grid)
     for one in grids:
@@ -95,94 +98,31 @@ def tune(
         Simulator(one, robot, filter_map=filter_map, seed=seed, threads=threads) for one in grids
     ]
     known = simulators[0].robot
-    n_choosing = max(FEWEST_PATHS, paths // 2)
+    ways = [plan_random_paths(Costmap.blank(one, robot=known), paths, seed) for one in grids]
     labels = number_names([one.name or "map" for one in grids]) if grids[1:] else [""]
     shared: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
-    choosing, judging = [], []
-    for one, label in zip(grids, labels, strict=True):
-        ways = plan_random_paths(Costmap.blank(one, robot=known), paths + n_choosing, seed)
-        choosing += simulated_cases(one, known, ways[paths:], label=label, **shared)
-        judging += simulated_cases(one, known, ways[:paths], label=label, **shared)
-    return choose_settings(
-        TuningBench(choosing, judging, drives),
-        known,
-        grids,
-        filter_map=filter_map,
-        beams_left=min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned),
-        others=others,
-        seed=seed,
-        progress=progress,
-    )
-
-
-def choose_settings(
-    bench: TuningBench,
-    robot: Robot,
-    grids: Sequence[OccupancyGrid],
-    *,
-    filter_map: OccupancyGrid | None = None,
-    beams_left: BeamsLeft,
-    others: Mapping[str, object] | None = None,
-    recording: str = "",
-    notes: Sequence[str] = (),
-    seed: int = 1,
-    progress: ProgressCallback | None = None,
-) -> Tuning:
-    """Choose the best preset on a bench, and judge it by the drives of the bench that are left.
-
-    Parameters
-    ----------
-    bench : TuningBench
-        The cases in which settings drive.
-    robot : Robot
-        The robot with the user's settings of the filter.
-    grids : sequence of OccupancyGrid
-        The maps.
-    filter_map, others, seed, progress
-        See `tune`.
-    beams_left : BeamsLeft
-        Number of the compared beams that return.
-    recording : str, default ""
-        Names of the recordings whose stretches are the lines; empty for simulated drives.
-    notes : sequence of str, default ()
-        Limits of the result, next to the warnings.
-
-    Returns
-    -------
-    Tuning
-        The settings to use, and the evidence for them.
-    """
-    own = robot.amcl
-    names = {with_changes(own, each): name for name, each in amcl_presets(own).items()}
-    choosing, judging = parts(progress, [600, 400])
-    best, driven = bench.choose([*names], scaled(choosing, 600))
-    verdict, cases = bench.judge(own, best, scaled(judging, 400))
-    tried = [TriedPreset.from_drives(names[amcl], amcl, driven[amcl]) for amcl in names]
-    costs = bench.beams_per_metre(best) / bench.beams_per_metre(own)
-    warned: tuple[str, ...] = ()
-    if best.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
-        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
-        warned = (f"{skips}, and it was not simulated",)
+    cases = [
+        case
+        for one, of_map, label in zip(grids, ways, labels, strict=True)
+        for case in simulated_cases(
+            one, known, of_map, levels, drives=drives, label=label, **shared
+        )
+    ]
+    lines = [
+        poses_along(path, one) for one, of_map in zip(grids, ways, strict=True) for path in of_map
+    ]
+    choice = choose_preset(known.amcl, cases, lines, progress=progress)
+    beams_left = min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned)
     return Tuning(
         grids=tuple(grids),
-        robot=robot,
-        tried=tuple(tried),
-        candidate=best,
-        cases=cases,
-        candidate_verdict=verdict,
-        beams_ratio=costs,
+        robot=known,
+        choice=choice,
         beams_left=beams_left,
-        warnings=(
-            *warned,
-            *filter_warnings(own, robot.known_lidar, others),
-            *beams_left.warnings(),
-        ),
-        paths=len(bench.judging[0].lines),
-        drives=bench.drives,
+        warnings=warn_of_settings(known, choice.settings, beams_left, others),
+        paths=paths,
+        drives=drives,
         seed=seed,
-        recording=recording,
         filter_map=filter_map,
-        notes=tuple(notes),
     )
 
 
