@@ -413,6 +413,32 @@ def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
     assert (squares < 5.99).mean() >= 0.9
 
 
+@pytest.mark.long
+@pytest.mark.skipif(
+    not (SHARED_DATA / "drives").exists(), reason="the drives are not in this place"
+)
+@pytest.mark.parametrize(
+    ("name", "median", "most"),
+    [
+        ("wean2", 0.008, 0.02),
+        ("mines2", 0.025, 0.08),
+        ("csail", 0.02, 0.075),
+        ("aces", 0.022, 0.07),
+        ("killian_3", 0.02, 0.14),
+        ("intel", 0.018, 0.06),
+    ],
+)
+def test_smooth_finds_dense_drives(name, median, most):
+    folder = SHARED_DATA / "drives"
+    drive = read_drive(folder / f"{name}.log.gz")
+    trajectory = smooth(locplan.load_map(folder / f"{name}.yaml"), drive)
+    error = off(trajectory, drive)
+    assert np.median(error) <= median
+    assert np.quantile(error, 0.95) <= most
+    assert not (error[trajectory.trusted] > 0.3).any()
+    assert trajectory.trusted.mean() >= 0.935
+
+
 # What is kept
 
 
