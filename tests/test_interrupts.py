@@ -1,5 +1,6 @@
 """Ctrl-C: whatever a command is doing, it ends with one line and leaves nothing behind."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -262,14 +263,14 @@ def stops() -> list:
         ("locplan.planners.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
         ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
     ]
-    return few_of(each, 4)  # computing, worker processes, writing and driving
+    numbers = itertools.cycle((signal.SIGINT, signal.SIGTERM))
+    signalled = [(*stop, number) for stop, number in zip(each, numbers, strict=False)]
+    return few_of(signalled, 4)  # computing, worker processes, writing and driving
 
 
-@pytest.mark.parametrize(
-    "stop", stops(), ids=lambda stop: f"{stop[0].rpartition('.')[2]}-{stop[1][0]}"
-)
-def test_every_long_command_ends_where_it_is_and_leaves_nothing(tmp_path, stop):
-    where, arguments = stop
+@pytest.mark.parametrize("stop", stops(), ids=lambda stop: "-".join([stop[1][0], stop[2].name]))
+def test_command_ends_where_it_is_and_leaves_nothing(tmp_path, stop):
+    where, arguments, number = stop
     grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     save_map(grid, tmp_path / "room.yaml")
     before = sorted(each.name for each in tmp_path.iterdir())
@@ -283,7 +284,8 @@ setattr(resolve_name(owner), name, property(stuck) if name == "arguments" else s
 from locplan.__main__ import main
 main()
 """
-    assert ended(begun(tmp_path, code)) == (130, "locplan: interrupted\n")
+    word = "interrupted" if number == signal.SIGINT else "terminated"
+    assert ended(begun(tmp_path, code), number) == (128 + number, f"locplan: {word}\n")
     left = {each.name for each in tmp_path.iterdir()} - {*before, "temporary", "cache"}
     assert left <= ({"out"} if name == "compare" else set())  # its journal
     assert not list((tmp_path / "temporary").iterdir())

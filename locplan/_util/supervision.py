@@ -1,8 +1,9 @@
 """Ctrl-C and SIGTERM within a second: a process that works, and one that outlives it and clears up.
 
-Why not a thread that waits on `signal.set_wakeup_fd`: it needs the interpreter, which others hold.
-It waited up to 3.3 s while numba compiled a kernel, and 2.7 s in the first search of OMPL. In OMPL
-itself it waited at most 0.8 s, since the termination condition is in Python.
+Why not a thread that waits on `signal.set_wakeup_fd`: it needs the interpreter, which numba holds
+for 0.3 s of CPU at a time while it compiles. On a busy machine the thread waited 3.3 s. In OMPL it
+waited at most 0.8 s, since the termination condition is in Python. Foreign code of a user's planner
+may hold the interpreter for any time.
 
 So the first process only waits. It passes a signal on, gives the second one a short time to end in
 good order, kills it otherwise, and clears its temporary folders. If nobody outlives a process that
