@@ -231,6 +231,9 @@ def test_all_files_are_written(compared, tmp_path):
     )
     assert about["planners"]["RRTConnect:iterations=400"] == ["RRTConnect", {"iterations": 400}]
     assert len(about["summaries"]) == 2 * 2 * 2 * 4
+    (contrast, *_) = about["contrasts"]
+    assert contrast["setting"] == {"map": "one", "config": "1 m", "weight": about["weights"][0]}
+    assert contrast["pairs"] > 0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert page.count("<img") == 2
     for text in ("locplan compare", "No planner beats any-angle", "∫u ds [m]", "detour: "):

@@ -127,9 +127,9 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
     assert "\nmine: 5 % cheaper than base [5, 5]\n" in text
     row = rows_of(runs, "base")["mine"]
     assert (row["pairs"], row["cost"], row["baseline_cost"]) == (5, 28.5, 30.0)
-    found = the(contrasts(runs, "base"), planner="mine", measure="cost").summary()
-    assert (found["pairs"], found["median"], found["baseline_median"]) == (5, 28.5, 30.0)
-    assert row["ratio"] == found["value"] == pytest.approx(0.95)
+    contrast = the(contrasts(runs, "base"), planner="mine", measure="cost")
+    assert (contrast.pairs, contrast.ours.median, contrast.theirs.median) == (5, 28.5, 30.0)
+    assert row["ratio"] == contrast.estimate.value == pytest.approx(0.95)
 
 
 def test_a_planner_takes_one_line_of_80_columns(monkeypatch):

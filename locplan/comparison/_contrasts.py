@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from locplan._util.intervals import Interval
-from locplan._util.tables import finite
 from locplan.comparison import _statistics as statistics
 from locplan.comparison._statistics import HIGH_U, MEASURES, Array, Quartiles, Run, Setting
 from locplan.errors import LocplanError
@@ -47,6 +46,8 @@ query with a tenth of a metre counts as little as it matters. Shares have the me
 class Contrast:
     """A planner's measure compared with the baseline's, over the queries that both have solved."""
 
+    derived: ClassVar[tuple[str, ...]] = ("pairs", "sentence")
+
     setting: Setting
     """The map, the field's settings and the weight of the runs."""
     planner: str
@@ -75,13 +76,6 @@ class Contrast:
     def is_sure(self) -> bool:
         """True if there are enough queries for an interval."""
         return self.pairs >= ENOUGH and bool(np.isfinite(self.estimate).all())
-
-    def summary(self) -> dict[str, Any]:
-        """The comparison, fit for JSON."""
-        names = ("planner", "measure", "kind", "pairs", "sentence")
-        about = self.setting._asdict() | {name: getattr(self, name) for name in names}
-        medians = {"median": self.ours.median, "baseline_median": self.theirs.median}
-        return about | finite(self.estimate._asdict() | medians)
 
     @property
     def sentence(self) -> str:

@@ -136,7 +136,7 @@ def settings(comparison: Comparison) -> dict[str, str]:
     )
     found = {name: str(comparison.about[name]) for name in names if name in comparison.about}
     for case in comparison.cases.values():
-        config = json.dumps(case.summary()["config"])
+        config = json.dumps(case.settings and case.settings.to_json())
         made = f"{config}, u of {case.criterion}" if case.criterion else config
         found[f"field of {case.map}, {case.config}"] = made
         found["robot radius"] = f"{case.robot_radius:g} m"

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from locplan._util.output import Results
 from locplan._util.public import called
 from locplan._util.records import Column, Result, Table
+from locplan._util.saved import plain
 from locplan._util.tables import wrapped
 from locplan.comparison import _statistics as statistics
 from locplan.comparison._benchmarks import write_ompl_logs
@@ -52,18 +53,6 @@ class Case:
     def key(self) -> tuple[str, str]:
         """The names of map and settings."""
         return self.map, self.config
-
-    def summary(self) -> dict[str, Any]:
-        """Everything that the case is made of, with a digest of the map's cells."""
-        return {
-            "map": self.map,
-            "digest": self.grid.digest,
-            "field": self.config,
-            "config": None if self.settings is None else self.settings.to_json(),
-            "criterion": self.criterion,
-            "robot_radius": self.robot_radius,
-            "queries": [dataclasses.asdict(query) for query in self.queries],
-        }
 
     def costmap(self) -> tuple[Costmap, CovarianceField | None]:
         """The costmap, of the estimator's own weight, and the field that it is made of."""
@@ -268,11 +257,22 @@ class Comparison(Result):
         """The settings and all statistics, fit for JSON."""
         return {
             **self.about,
-            "cases": [case.summary() for case in self.cases.values()],
+            "cases": [
+                {
+                    "map": case.map,
+                    "digest": case.grid.digest,
+                    "field": case.config,
+                    "config": case.settings and case.settings.to_json(),
+                    "criterion": case.criterion,
+                    "robot_radius": case.robot_radius,
+                    "queries": [dataclasses.asdict(query) for query in case.queries],
+                }
+                for case in self.cases.values()
+            ],
             "baseline": self.baseline,
             "command": self.command,
-            "summaries": [each.summary() for each in self.summaries()],
-            "contrasts": [each.summary() for each in self.contrasts()],
+            "summaries": [_plain(each) for each in self.summaries()],
+            "contrasts": [_plain(each) for each in self.contrasts()],
         }
 
     def write_files(self, folder: Path, *about: Any) -> None:
@@ -297,3 +297,8 @@ class Comparison(Result):
             memory_limit=size / 1e6,  # in MB
             started=datetime.fromisoformat(self.about["began"]),
         )
+
+
+def _plain(figures: Summary | Contrast) -> dict[str, Any]:
+    """Return statistics as plain data, with the map, field and weight by name."""
+    return plain(figures) | {"setting": figures.setting._asdict()}

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from locplan._util.intervals import Interval, wilson
 from locplan._util.records import Column
-from locplan._util.tables import finite
 from locplan.costs import DEGENERATE
 
 Key = TypeVar("Key")
@@ -175,15 +174,6 @@ class Summary:
     """The mean over the queries of the share of seeds that solved them, 0..1."""
     measures: Mapping[str, Quartiles]
     """Median and quartiles over the solved runs, by the names of `MEASURES`."""
-
-    def summary(self) -> dict[str, Any]:
-        """The statistics, fit for JSON."""
-        return {
-            **self.setting._asdict(),
-            **{name: getattr(self, name) for name in ("planner", "runs", "solved")},
-            "success": finite(self.success._asdict()),
-            "measures": {name: finite(each._asdict()) for name, each in self.measures.items()},
-        }
 
 
 def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
