@@ -291,8 +291,9 @@ def test_abandoned_folder_of_others_moves_nothing_outside(tmp_path):
     """A journal may come with files that somebody sent."""
     (tmp_path / "out").mkdir()
     with temporary_folder(tmp_path / "out") as staging:
-        (staging / "new").mkdir()
-        (staging / "new" / "a").write_text("1")
+        (staging / "new" / "link").mkdir(parents=True)
+        for file in (staging / "b", staging / "new" / "link" / "c"):
+            file.write_text("1")
         (tmp_path / "out" / "link").symlink_to(tmp_path)
         output.decide(staging, dict.fromkeys(("../b", "link/c", str(tmp_path / "d"))))
     assert [each.name for each in tmp_path.iterdir()] == ["out"]
