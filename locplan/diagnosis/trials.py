@@ -53,8 +53,10 @@ class Outcome(NamedTuple):
 
         Parameters
         ----------
-        routes, drives : slice
-            The routes and places; all by default.
+        routes : slice, optional
+            The routes; all by default.
+        drives : slice, optional
+            The places of the drives; all by default.
         """
         at = routes, drives
         return Outcome(self.log_error[at], self.lost[at], self.lost_at[at], self.off_at_end[at])

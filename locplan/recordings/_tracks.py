@@ -23,6 +23,13 @@ def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     """A note if the filter updates less often than it would with more scans, and than Nav2's does.
 
     Else settings that update often would make any log a sparse one.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording, with odometry.
+    amcl : Amcl
+        The filter's settings.
     """
     assert recording.odometry is not None
     updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)

@@ -55,8 +55,9 @@ def tune(
     drives : int, default 4
         Number of drives along each path, 2 to 100,000. At levels of disturbance all paths of a map
         have 64 drives at least.
-    levels : sequence of Level, default LEVELS
-        The levels of disturbance, see `locplan.simulation.levels`; the usual one is the first.
+    levels : sequence of Level, optional
+        The levels of disturbance, the usual one first; by default all of
+        `locplan.simulation.levels`.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, if it differs from `grid`; see `simulate`.
     others : mapping of str to object, optional
