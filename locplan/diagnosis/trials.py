@@ -53,9 +53,9 @@ class Outcome(NamedTuple):
 
         Parameters
         ----------
-        routes : slice, optional
+        routes : slice, all by default
             The routes; all by default.
-        drives : slice, optional
+        drives : slice, all by default
             The places of the drives; all by default.
         """
         at = routes, drives

@@ -78,8 +78,8 @@ def drive_open(
         The paths by name.
     numbers : range
         Numbers of the drives.
-    level : Level, optional
-        The level of disturbance, by default the usual one; see `locplan.simulation.levels`.
+    level : Level, by default the usual one
+        The level of disturbance, see `locplan.simulation.levels`.
     route : int, optional
         Key of the route that all paths belong to, see `route_key`; by default each belongs to that
         of its ends.

@@ -217,8 +217,8 @@ def levels_for(
         The paths.
     grid : OccupancyGrid
         The map.
-    levels : sequence of Level, optional
-        The levels to choose from; all by default.
+    levels : sequence of Level, all by default
+        The levels to choose from.
 
     Examples
     --------

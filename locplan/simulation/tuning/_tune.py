@@ -55,7 +55,7 @@ def tune(
     drives : int, default 4
         Number of drives along each path, 2 to 100,000. At levels of disturbance all paths of a map
         have 64 drives at least.
-    levels : sequence of Level, optional
+    levels : sequence of Level, all by default
         The levels of disturbance, the usual one first; by default all of
         `locplan.simulation.levels`.
     filter_map : OccupancyGrid, optional
