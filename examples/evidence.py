@@ -13,14 +13,24 @@ face each other. So 95 % of the comparisons of two right procedures agree; compa
 counted, not queries, of which each has two or five.
 
 Run: python examples/evidence.py [FOLDER [MAP.yaml ...]]
+
+What do settings change for a robot with a fault? The baseline (Nav2's defaults), the safe and the
+precise preset drive at each level of disturbance: 16 simulated drives on two routes of each of
+three maps, and 12 replays of each recording. Three seeds put the faults into the odometry of the
+recordings. The kinked map is a recording's own. RECORDINGS is a folder with the logs and maps of
+`SOUND` and `KINKED`. Without it, the figure shows simulated drives alone. Takes minutes. Finished
+cases stay in levels.json, so that an interrupted run resumes; delete it to measure again.
+
+Run: python examples/evidence.py levels [FOLDER [RECORDINGS]]
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +39,22 @@ from scipy.stats import spearmanr
 import locplan
 from locplan._util.intervals import Interval, of_mean, wilson
 from locplan.field import SHORT_LIDAR
-from locplan.planners import random_queries
+from locplan.planners import describe_map, random_queries
+from locplan.plotting import Picture, save_figure, style
+from locplan.recordings import Recording, read_drive, replay
 from locplan.robots import Amcl, Robot
-from locplan.simulation import Arrivals, Closed, simulate
+from locplan.robots.presets import PRECISE, SAFE, with_preset
+from locplan.simulation import Arrivals, Closed, Drives, Simulator, drive_open, simulate
+from locplan.simulation.levels import (
+    KINKED_MAP,
+    LEVELS,
+    REVERSAL,
+    SLIP,
+    STANDSTILL,
+    TURNS,
+    USUAL,
+    Level,
+)
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}
@@ -47,6 +70,22 @@ MIN_DISTANCE, LONGEST_DISTANCE = 10.0, 40.0
 CLOSED = 40
 """Number of closed-loop drives of each path."""
 SHORTEST, INFLATED, LEADER, CHOSEN = "shortest", "inflated", "winner of the race", "chosen"
+SETTINGS = {"baseline": Amcl()} | {name: with_preset(Amcl(), name) for name in (SAFE, PRECISE)}
+"""The settings that drive at the levels of disturbance."""
+SHOWN_LEVELS = (USUAL, TURNS, SLIP, KINKED_MAP, STANDSTILL, REVERSAL)
+"""The levels from left to right in the figure: those that lose few robots come first."""
+LEVEL_MAPS = ("two_corridors", "office", "warehouse")
+SOUND = ("intel", "aces", "csail", "wean2", "mines2")
+"""Recordings whose odometry and map are sound."""
+KINKED = "killian_3"
+"""Recording whose map has kinks."""
+SOUND_LEVELS = (USUAL, SLIP, STANDSTILL, REVERSAL)
+"""Levels of recordings whose odometry and map are sound."""
+FAULT_SEEDS = (1, 2, 3)
+"""Seeds of the places where odometry of a recording misses motion; each has a third of the runs."""
+REVERSE = 2.0
+"""Distance that a route leads back at the level of reversals, and the least that a recording must
+lead back to count there [m]."""
 
 
 def main(
@@ -297,5 +336,275 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
+# Levels: what settings change at each level of disturbance.
+
+
+@dataclass(frozen=True)
+class Case:
+    """Drives with some settings at one level, on one map or recording."""
+
+    source: str
+    """"simulation" or "recordings"."""
+    place: str
+    """Name of the map or the recording."""
+    level: str
+    settings: str
+    log_error: list[float]
+    """Logarithm of the RMSE of each drive [ln m]."""
+    lost: list[bool]
+    """True for each drive that was off by more than 1 m at some time."""
+    off_at_end: list[bool]
+    """True for each drive that was off by more than 1 m where it ends."""
+
+    @classmethod
+    def from_drives(
+        cls, source: str, place: str, level: Level, settings: str, drives: Sequence[Drives]
+    ) -> Case:
+        return cls(
+            source,
+            place,
+            level.name,
+            settings,
+            np.concatenate([np.log(each.mean_squares) / 2 for each in drives]).round(4).tolist(),
+            np.concatenate([each.lost for each in drives]).tolist(),
+            np.concatenate([each.off_at_end for each in drives]).tolist(),
+        )
+
+
+def show_levels(
+    folder: str = "evidence",
+    recordings: str = "",
+    maps: Sequence[str] = LEVEL_MAPS,
+    drives: int = 16,
+    runs: int = 12,
+) -> None:
+    """Drive with each setting at each level, and draw errors and lost drives."""
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    file = target / "levels.json"
+    cases = [Case(**each) for each in json.loads(file.read_text())] if file.exists() else []
+    known = {(case.source, case.place, case.level, case.settings) for case in cases}
+    for source, place, level, drive in list_cases(recordings, maps, drives, runs):
+        for settings, amcl in SETTINGS.items():
+            if (source, place, level.name, settings) in known:
+                continue
+            case = Case.from_drives(source, place, level, settings, drive(amcl))
+            print(f"{place}, {level.name}, {settings}: {np.exp(np.mean(case.log_error)):.2f} m")
+            cases.append(case)
+            file.write_text(json.dumps([asdict(each) for each in cases]), encoding="utf-8")
+    text = levels_table(cases)
+    print(text)
+    (target / "levels.md").write_text(text + "\n", encoding="utf-8")
+    save_figure(levels_figure(cases), target / "levels.png")
+    print(f"wrote {target / 'levels.png'}, {target / 'levels.md'}")
+
+
+def list_cases(
+    recordings: str, maps: Sequence[str], drives: int, runs: int
+) -> Iterator[tuple[str, str, Level, Callable[[Amcl], list[Drives]]]]:
+    """List source, place and level of each case, and a function that drives with settings."""
+    for name in maps:
+        grid = locplan.load_map(OWN / f"{name}.yaml")
+        paths = find_routes(grid)
+        for level in LEVELS:
+            routes = paths
+            if level is REVERSAL:
+                routes = {name: back_up(path) for name, path in paths.items()}
+            if all(not level.can_affect(path, grid) for path in routes.values()):
+                print(f"{name}: no route can have the fault of the level {level.name}")
+                continue
+
+            def simulate_level(
+                amcl: Amcl,
+                grid: locplan.OccupancyGrid = grid,
+                routes: Mapping[str, locplan.Path] = routes,
+                level: Level = level,
+            ) -> list[Drives]:
+                simulator = Simulator(grid, Robot("turtlebot4", filter=amcl), threads=1)
+                return [*drive_open(simulator, routes, range(drives), level=level).values()]
+
+            yield "simulation", name, level, simulate_level
+    for name in (*SOUND, KINKED) if recordings else ():
+        file = Path(recordings) / f"{name}.log.gz"
+        if not file.exists():
+            print(f"{file}: skipped, there is no such recording")
+            continue
+        recording, grid = read_drive(file), locplan.load_map(file.with_name(f"{name}.yaml"))
+        for level in (KINKED_MAP,) if name == KINKED else SOUND_LEVELS:
+            seeds = FAULT_SEEDS if level.missing else FAULT_SEEDS[:1]
+            disturbed = {seed: disturb(recording, level, seed) for seed in seeds}
+            if not all(disturbed.values()):
+                continue
+
+            def replay_level(
+                amcl: Amcl,
+                grid: locplan.OccupancyGrid = grid,
+                disturbed: Mapping[int, Recording] = disturbed,
+            ) -> list[Drives]:
+                count = runs // len(disturbed)
+                return [
+                    replay(
+                        drive,
+                        grid,
+                        Robot(drive.lidar, filter=amcl),
+                        runs=count,
+                        seed=seed,
+                        threads=1,
+                    ).drives
+                    for seed, drive in disturbed.items()
+                ]
+
+            yield "recordings", name, level, replay_level
+
+
+def find_routes(grid: locplan.OccupancyGrid, count: int = 2) -> dict[str, locplan.Path]:
+    """Return shortest paths between places far apart, the first routes of `locplan check`."""
+    robot = Robot("turtlebot4")
+    costs = locplan.Costmap.blank(grid, robot=robot)
+    paths = {}
+    for pair in describe_map(grid, robot=robot).pairs[:count]:
+        path = locplan.plan(costs, (pair.start.x, pair.start.y), (pair.goal.x, pair.goal.y)).path
+        if path is not None:
+            paths[f"{pair.start.name} to {pair.goal.name}"] = path
+    return paths
+
+
+def back_up(path: locplan.Path) -> locplan.Path:
+    """Return a path that leads back over `REVERSE` after a third, and on again."""
+    fine = path.resampled(0.05, even=True)
+    end, begin = np.searchsorted(fine.distance, [path.length / 3, path.length / 3 - REVERSE])
+    order = [*range(end), *range(end, begin, -1), *range(begin, len(fine.xy))]
+    return locplan.Path(fine.xy[order], np.unwrap(fine.facing)[order])
+
+
+def disturb(recording: Recording, level: Level, seed: int = 1) -> Recording | None:
+    """Return a recording with a level's fault in its odometry; None if it cannot have the fault."""
+    before = recording.odometry
+    after = level.disturb_odometry(before, recording.poses, np.random.default_rng(seed))
+    changed = np.hypot(*(np.diff(after, axis=0) - np.diff(before, axis=0))[:, :2].T).sum()
+    # Lost signs change the motion by twice the distance in reverse.
+    if level is REVERSAL and changed < 2 * REVERSE:
+        return None
+    return replace(recording, odometry=after)
+
+
+@dataclass(frozen=True)
+class LevelResult:
+    """Means over the maps or recordings of settings at one level, with the value of each."""
+
+    error: Interval
+    errors: Sequence[float]
+    lost: Interval
+    off_at_end: Interval
+    off_rates: Sequence[float]
+
+
+def summarize(cases: Sequence[Case]) -> LevelResult:
+    """Return the means over places, with 95 % intervals over the drives of all places."""
+    errors = [of_mean(np.array(case.log_error)) for case in cases]
+    middle = float(np.mean([each.value for each in errors]))
+    half = float(np.sqrt(sum((each.high - each.value) ** 2 for each in errors))) / len(cases)
+    count = sum(len(case.lost) for case in cases)
+    off_rates = [float(np.mean(case.off_at_end)) for case in cases]
+    return LevelResult(
+        exp(Interval(middle, middle - half, middle + half)),
+        np.exp([each.value for each in errors]).tolist(),
+        wilson(float(np.mean([np.mean(case.lost) for case in cases])), count),
+        wilson(float(np.mean(off_rates)), count),
+        off_rates,
+    )
+
+
+def summarize_levels(
+    cases: Sequence[Case], source: str
+) -> dict[str, tuple[int, dict[str, LevelResult]]]:
+    """Return the number of places of each level, and the results of the settings there."""
+    results = {}
+    for level in SHOWN_LEVELS:
+        here = [case for case in cases if (case.source, case.level) == (source, level.name)]
+        places = {case.place for case in here}
+        if places:
+            results[level.name] = (
+                len(places),
+                {
+                    name: summarize([case for case in here if case.settings == name])
+                    for name in SETTINGS
+                },
+            )
+    return results
+
+
+def levels_table(cases: Sequence[Case]) -> str:
+    """Return error, lost and off at the end of each setting at each level."""
+    rows = []
+    for source in dict.fromkeys(case.source for case in cases):
+        for level, (count, results) in summarize_levels(cases, source).items():
+            cells = [
+                f"{each.error.value:.3f} m, {each.lost.value:.0%}, {each.off_at_end.value:.0%}"
+                for each in results.values()
+            ]
+            rows.append([f"{source}, {level} ({count})", *cells])
+    return markdown(["error, lost, off at the end", *SETTINGS], rows)
+
+
+def levels_figure(cases: Sequence[Case]) -> Picture:
+    """Draw errors above shares of lost drives, simulation next to recordings."""
+    sources = list(dict.fromkeys(case.source for case in cases))
+    summaries = [summarize_levels(cases, source) for source in sources]
+    figure = Picture(figsize=(1.5 + 5.2 * len(sources), 5.8), layout="constrained")
+    panels = figure.subplots(
+        2,
+        len(sources),
+        sharex="col",
+        sharey="row",
+        squeeze=False,
+        gridspec_kw={"width_ratios": [max(3, len(each)) for each in summaries]},
+    )
+    colours = dict(zip(SETTINGS, ("0.35", style.BLUE, style.VERMILION), strict=True))
+    for (above, below), source, levels in zip(panels.T, sources, summaries, strict=True):
+        for at, (_, results) in enumerate(levels.values()):
+            for shift, (name, result) in zip((-0.27, 0.0, 0.27), results.items(), strict=True):
+                x, colour = at + shift, colours[name]
+                above.plot(
+                    [x] * len(result.errors), result.errors, "o", color=colour, ms=3, alpha=0.4
+                )
+                above.plot([x - 0.11, x + 0.11], [result.error.value] * 2, color=colour, lw=3)
+                below.bar(x, result.lost.value, 0.23, color=colour, alpha=0.25)
+                below.bar(x, result.off_at_end.value, 0.23, color=colour)
+                if source == "simulation":
+                    above.vlines(x, *result.error[1:], color=colour, lw=1.2)
+                    below.vlines(x, *result.off_at_end[1:], color="black", lw=1)
+                if not at:
+                    below.text(
+                        x,
+                        max(result.lost.value, result.off_at_end.high) + 0.03,
+                        name,
+                        rotation=90,
+                        ha="center",
+                        va="bottom",
+                        color=colour,
+                        fontweight="bold",
+                    )
+        places = "maps" if source == "simulation" else "drives"
+        ticks = [f"{name.replace(' ', chr(10))}\n({count})" for name, (count, _) in levels.items()]
+        above.set_title(f"{source} (number of {places})")
+        below.set_xticks(range(len(ticks)), ticks)
+        above.set_yscale("log")
+        above.yaxis.set_major_formatter("{x:g}")
+        below.set_ylim(0, 1)
+        below.yaxis.set_major_formatter("{x:.0%}")
+        for axes in (above, below):
+            axes.grid(axis="y", alpha=0.3)
+            axes.set_axisbelow(True)
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.tick_params(axis="x", length=0)
+    panels[0, 0].set_ylabel("error of a typical drive [m]")
+    panels[1, 0].set_ylabel("drives lost at some time (light)\nand off at the end (dark)")
+    return figure
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:2], maps=sys.argv[2:])
+    if sys.argv[1:2] == ["levels"]:
+        show_levels(*sys.argv[2:4])
+    else:
+        main(*sys.argv[1:2], maps=sys.argv[2:])

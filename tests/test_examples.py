@@ -1,10 +1,17 @@
 import importlib.util
+import json
+import math
 import shlex
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import SHARED_DATA
+
+import locplan
+from locplan.recordings import Recording
+from locplan.simulation.levels import REVERSAL, STANDSTILL
 
 EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.py"))
 
@@ -49,14 +56,24 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
     assert any((tmp_path / "out").iterdir())
 
 
+def load_example(name, monkeypatch):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES[0].parent / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, name, module)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture
 def gallery(monkeypatch):
     """The gallery as a module."""
-    spec = importlib.util.spec_from_file_location("gallery", EXAMPLES[0].parent / "gallery.py")
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "gallery", module)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("gallery", monkeypatch)
+
+
+@pytest.fixture
+def evidence(monkeypatch):
+    """The program that measures the evidence as a module."""
+    return load_example("evidence", monkeypatch)
 
 
 def test_the_gallery_takes_a_map_whose_path_needs_quotes(gallery):
@@ -85,6 +102,51 @@ def test_the_gallery_shows_each_picture_with_its_command(gallery, tmp_path, caps
     assert "drew paper_e.png" in capsys.readouterr().out
     pictures = [entry.picture for entry in module.ENTRIES]
     assert len(set(pictures)) == len(pictures)
+
+
+def make_case(evidence, settings, log_error, off_at_end, place="hall"):
+    lost = [True] * len(off_at_end)
+    return evidence.Case("simulation", place, "usual", settings, log_error, lost, off_at_end)
+
+
+def test_evidence_levels_weigh_maps_equally(evidence):
+    cases = [
+        make_case(evidence, settings, [math.log(error)] * len(off), off, place)
+        for settings in evidence.SETTINGS
+        for place, error, off in (("hall", 0.1, [True] * 6), ("lab", 0.4, [False] * 18))
+    ]
+    row = evidence.levels_table(cases).splitlines()[-1]
+    assert row.split(" | ")[:2] == ["| simulation, usual (2)", "0.200 m, 100%, 50%"]
+    assert len(evidence.levels_figure(cases).axes) == 2
+
+
+def test_evidence_reversal_goes_back_and_on(evidence):
+    """Otherwise no route of the check could show lost signs."""
+    straight = locplan.Path([[0.0, 0.0], [30.0, 0.0]])
+    path = evidence.back_up(straight)
+    assert path.length == pytest.approx(straight.length + 2 * evidence.REVERSE, abs=0.1)
+    assert REVERSAL.can_affect(path, locplan.load_map(MAP))
+    assert np.ptp(path.heading) == 0
+
+
+def test_evidence_disturbs_what_recordings_can_show(evidence):
+    x = np.r_[0:20:0.25, 20:18.9:-0.25, 19:60:0.25]
+    poses = np.column_stack([x, np.zeros((len(x), 2))])
+    lidar = locplan.Lidar(range=5.0, beams=5)
+    recording = Recording(np.full((len(x), 5), 1.0), lidar, poses, odometry=poses)
+    assert evidence.disturb(recording, REVERSAL) is None  # it reverses over 1 m only
+    disturbed = evidence.disturb(recording, STANDSTILL)
+    missing = poses[-1, 0] - disturbed.odometry[-1, 0]
+    assert missing == pytest.approx(2.0, abs=0.6)
+
+
+@pytest.mark.long
+def test_evidence_levels_resume(evidence, tmp_path, capsys):
+    for expected in (True, False):
+        evidence.show_levels(str(tmp_path), maps=("two_corridors",), drives=1)
+        assert ("two_corridors, slip, safe:" in capsys.readouterr().out) == expected
+    assert len(json.loads((tmp_path / "levels.json").read_text())) == 18
+    assert (tmp_path / "levels.png").stat().st_size > 10_000
 
 
 def test_there_are_examples():
