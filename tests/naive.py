@@ -1264,7 +1264,7 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
     scale = 1 + odometry.distance_bias * random.standard_normal()
     bend = math.radians(odometry.heading_bias_deg) * random.standard_normal()
     turn_scale = 1 + odometry.turn_bias * random.standard_normal()
-    truth, nearest, blocked = [tuple(first)], 0, 0
+    truth, nearest = [tuple(first)], 0
 
     def after(pose, way, aside, turn):
         middle = pose[2] + turn / 2 + aside
@@ -1274,67 +1274,61 @@ def follow(random, path, stops, resolution, robot, discs, first, ticks):
             pose[2] + turn,
         )
 
-    def is_clear(ahead, left, turn):
-        enough, pose = min(0.01, margin(truth[-1])) - 1e-9, truth[-1]
+    def is_clear(ahead, left, turn, reach):
+        enough, pose = min(0.035, margin(truth[-1])) - 1e-9, truth[-1]
         for _ in range(10):
             pose = after(pose, math.hypot(ahead, left) / 10, math.atan2(left, ahead), turn / 10)
+            if math.dist(pose[:2], truth[-1][:2]) > reach:
+                break
             if margin(pose) < enough:
                 return False
         return True
 
     def is_there():
-        at_end = nearest + 40 >= len(path) - 1
+        at_end = nearest + 30 >= len(path) - 1
         return at_end and math.dist(truth[-1][:2], path[-1]) <= robot.goal_tolerance
 
-    def bounded(turn, ahead):
-        limit = min(1.0, abs(ahead) / radius) if radius else math.inf
-        return min(max(turn, -limit), limit)
+    def within(value, limit):
+        return min(max(value, -limit), limit)
 
     gears = [gear for _, _, gear in path]
     path = [each[:2] for each in path]
     while not is_there() and len(truth) < ticks:
         x, y, heading = truth[-1]
         ends = [k for k in range(nearest, len(path)) if gears[k] != gears[nearest]]
-        close = range(nearest, min([nearest + 40, len(path), *ends]))
+        close = range(nearest, min([nearest + 30, len(path), *ends]))
         nearest = min(close, key=lambda k: math.dist(path[k], (x, y)))
         if nearest + 1 < len(path) and gears[nearest + 1] != gears[nearest]:
             nearest += 1
-        gear, carrot, way = gears[nearest], nearest, 0.0
-        while carrot < len(path) - 1 and way < 0.5 and gears[carrot + 1] == gear:
-            way += math.dist(path[carrot], path[carrot + 1])
+        gear, carrot = gears[nearest], nearest
+        while (
+            carrot < len(path) - 1
+            and math.dist(path[carrot], (x, y)) < 0.6
+            and gears[carrot + 1] == gear
+        ):
             carrot += 1
         dx, dy = path[carrot][0] - x, path[carrot][1] - y
+        away = math.hypot(dx, dy)
         aside = wrapped(math.atan2(dy, dx) - heading - (math.pi if gear < 0 else 0.0))
-        pace = min(speed, max(0.1, math.dist(path[-1], (x, y))))
-        pace *= min(1.0, max(0.4, margin(truth[-1]) / 0.1))
+        curvature = 2 * math.sin(within(aside, math.pi / 2)) / max(away, 0.1)
         if sideways:
-            command = pace * math.cos(aside), pace * math.sin(aside), min(max(aside, -1), 1)
-        elif radius:
-            pace *= 1 - min(abs(aside), math.pi / 4) / (math.pi / 2)
-            behind = min(max(aside, -math.pi / 2), math.pi / 2)
-            turn = 2 * pace * math.sin(behind) / max(math.hypot(dx, dy), 0.1)
-            command = gear * pace, 0.0, bounded(turn, pace)
-        elif abs(aside) > math.pi / 4:
+            curvature = 0.0
+        if radius:
+            curvature = within(curvature, 1 / radius)
+        from_walls = margin_at(walls, resolution, stops.shape, [(0.0, 0.0, 0.0)], truth[-1])
+        slow = min(speed, speed * from_walls / 0.6, speed / max(abs(curvature) * 0.9, 1e-9))
+        pace = min(speed, max(slow, 0.25))
+        if carrot == len(path) - 1:
+            pace = min(pace, max(pace * away / 0.6, 0.05))
+        if sideways:
+            command = pace * math.cos(aside), pace * math.sin(aside), within(aside, 1)
+        elif not radius and abs(aside) > math.pi / 4:
             command = 0.0, 0.0, math.copysign(min(1.0, 2 * abs(aside)), aside)
         else:
-            pace *= 1 - abs(aside) / (math.pi / 2)
-            turn = 2 * pace * math.sin(aside) / max(math.hypot(dx, dy), 0.1)
-            command = pace, 0.0, min(max(turn, -1.0), 1.0)
-        slower = [
-            (
-                share * command[0],
-                share * command[1],
-                bounded(command[2] + more, share * command[0]),
-            )
-            for share in (1.0, 0.6, 0.3)
-            for more in (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
-        ]
-        if abs(command[2]) > 0.1 and not radius:
-            slower.append((0.0, 0.0, command[2]))
-        clear = next((each for each in [command, *slower] if is_clear(*each)), None)
-        blocked = blocked + 1 if clear is None else 0
-        assert blocked < 20, "recoveries are not in here"
-        ahead, left, turn = (each / 10 for each in clear or (0.0, 0.0, 0.0))
+            command = gear * pace, 0.0, within(pace * curvature, 1.0)
+        clear = is_clear(*command, away)
+        assert clear, "standstills are not in here"
+        ahead, left, turn = (each / 10 for each in command)
         way, aside = math.hypot(ahead, left), math.atan2(left, ahead)
         drift = odometry.distance_drift * math.sqrt(way) * random.standard_normal()
         noise = random.standard_normal() * math.hypot(

@@ -177,12 +177,60 @@ def test_a_robot_that_is_off_believes_to_be_at_the_goal_and_is_elsewhere():
     assert near.outcome == "arrived"
 
 
-def test_a_robot_that_comes_no_farther_is_stuck_after_three_recoveries():
+class Jumping(Shifted):
+    """A filter whose estimate jumps sideways by some metres after 4 s of perfect odometry."""
+
+    def __init__(self, jump):
+        super().__init__(0.0)
+        self.jump, self.updates = jump, 0
+
+    def scan(self, ranges):
+        self.updates += 1
+        if self.updates == 40:
+            self.pose = np.add(self.pose, (0.0, self.jump, 0.0))
+
+
+@pytest.mark.parametrize(("jump", "is_aborted"), [(1.6, True), (1.4, False)])
+def test_drive_is_aborted_if_estimate_leaves_local_costmap(jump, is_aborted):
+    """RPP cuts the plan at half the local costmap, 1.5 m; without poses it aborts the goal."""
+    path = line((1.5, 2.0), (6.5, 2.0))
+    (found,) = driven(room(), path, exact(Jumping(jump)), 1).drives
+    assert (found.outcome == "aborted") == is_aborted
+    assert (found.seconds == pytest.approx(3.9)) == is_aborted
+    assert is_aborted or found.seconds > 10
+
+
+def test_robot_stands_still_if_arc_meets_wall():
+    """It tries as often as Nav2's default tree: seven failures, each after one clearing."""
+    grid, path = room(wall=True, door=(2.3, 2.5)), line((2.0, 2.4), (6.5, 2.4))
+    (found,) = driven(grid, path, exact(Shifted(0.0)), 1).drives
+    assert (found.outcome, found.standstills) == ("aborted", 14)
+    arrivals = Arrivals((found, dataclasses.replace(found, outcome="arrived", standstills=0)))
+    assert arrivals.standstills == arrivals.summary()["standstills"] == 7.0
+    assert arrivals.aborted.value == arrivals.summary()["aborted"][0] == 0.5
+    step, heading = np.diff(found.truth, axis=0), found.truth[:-1, 2]
+    ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
+    # Two spins by 90 deg, and one retreat by 0.3 m.
+    assert (step[:, 2] > math.pi / 2 / 16 - 1e-9).sum() >= 32
+    assert ahead[ahead < 0].sum() == pytest.approx(-0.3, abs=0.01)
+
+
+def test_robot_stands_still_where_arc_cuts_corner():
+    """The path keeps off the walls, and the arc to a point 0.6 m ahead does not."""
+    grid = room(wall=True, door=(2.2, 2.8))
+    path = line((3.65, 0.8), (3.65, 2.5), (6.5, 2.5))
+    (found,) = driven(grid, path, exact(Shifted(0.0)), 1).drives
+    assert found.standstills > 0
+    wide = room(wall=True, door=(1.9, 3.1))
+    (found,) = driven(wide, path, exact(Shifted(0.0)), 1).drives
+    assert (found.outcome, found.standstills) == ("arrived", 0)
+
+
+def test_robot_whose_estimate_stands_runs_out_of_time():
     (found,) = driven(
         room(), line((2.0, 2.5), (6.0, 2.5)), exact(Shifted(0.0, stands=True)), 1
     ).drives
-    assert found.outcome == "stuck"
-    assert 40 < found.seconds < 60
+    assert found.outcome == "timed out"
 
 
 def test_what_is_not_on_the_path_s_map_is_driven_around():
@@ -202,7 +250,7 @@ def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_on
     grid, path = room(wall=True, door=door), line((2.0, 2.4), (6.5, 2.4))
     robot = Robot(Lidar(range=5.0, beams=60)).changed({"boundary_noise": 0.0})
     found = driven(grid, path, robot, 3)
-    assert set(ends(found)) == {"stuck"}
+    assert set(ends(found)) == {"aborted"}
     assert {each.fault for each in found.drives} == {fault}
     assert found.rate("follower").value == float(fault == "follower")
     assert found.rate("world").value == float(fault == "world")
@@ -269,7 +317,7 @@ def test_a_car_whose_outline_does_not_fit_along_its_path_has_no_way():
     robot = ROBOTS["car"].changed({"boundary_noise": 0.0})
     grid = room(wall=True, door=(2.3, 2.6))  # a disc within its outline fits, 0.3 m wide as it is
     (found,) = driven(grid, line((2.0, 2.45), (6.5, 2.45)), robot, 1).drives
-    assert (found.outcome, found.fault) == ("stuck", "world")
+    assert (found.outcome, found.fault) == ("aborted", "world")
 
 
 def test_a_car_drives_round_what_stands_in_its_path():
@@ -288,7 +336,7 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     found = simulate(grid, paths, robot, drives=2, closed=Closed(drives=3), seed=4)
     assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
     about = found.summary()["arrivals"]
-    assert about["through"]["stuck"][0] == about["through"]["no_way"][0] == 1.0
+    assert about["through"]["aborted"][0] == about["through"]["no_way"][0] == 1.0
     assert about["away"]["drives"] == 3
     assert about["away"]["arrived"][0] == 1.0
     (through, away) = found.table().records()
@@ -300,8 +348,10 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     found.save(tmp_path / "out")
     with (tmp_path / "out" / "arrivals.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["outcome"] for row in rows] == ["stuck"] * 3 + ["arrived"] * 3
+    assert [row["outcome"] for row in rows] == ["aborted"] * 3 + ["arrived"] * 3
     assert float(rows[0]["x"]) < 4.0 < 6.5
+    assert [int(row["standstills"]) for row in rows] == [14] * 3 + [0] * 3
+    assert (through["standstills"], away["standstills"]) == (14.0, 0.0)
     with pytest.raises(LocplanError, match="drives"):
         Closed(drives=1)
     with pytest.raises(ConfigError, match="replan must be"):

@@ -240,7 +240,13 @@ def test_check_reports_how_closed_loop_drives_fail(solid):
     failing = [route for route in solid.routes if route.rates.reached.value < 1]
     assert failing
     for route in failing:
-        assert set(route.rates.endings) <= {"elsewhere", "stuck", "timed out", "follower", "world"}
+        assert set(route.rates.endings) <= {
+            "elsewhere",
+            "aborted",
+            "timed out",
+            "follower",
+            "world",
+        }
         assert sum(route.rates.endings.values()) == len(route.stopped_at)
     reached = 100 * solid.baseline.reached.value
     assert f"In closed loop it reaches the goal in {reached:.0f} %" in solid.report()

@@ -1030,7 +1030,7 @@ def test_the_shortest_path_is_that_of_simulate(grid, fielded):
 def arriving(count, drives=16):
     """Closed-loop drives of which some arrive."""
     here = (0.0, 0.0, 0.0)
-    outcomes = ["arrived"] * count + ["stuck"] * (drives - count)
+    outcomes = ["arrived"] * count + ["aborted"] * (drives - count)
     return Arrivals(tuple(Arrival(each, 1.0, here, here) for each in outcomes))
 
 

@@ -230,7 +230,7 @@ def test_verdict_compares_rates_of_reached_goals():
     def arrivals(*outcomes: str) -> Arrivals:
         return Arrivals(tuple(Arrival(outcome, 1.0, place, place) for outcome in outcomes))
 
-    one = DriveSet.from_drives([drives], [arrivals("arrived", "stuck")])
+    one = DriveSet.from_drives([drives], [arrivals("arrived", "aborted")])
     two = DriveSet.from_drives([drives], [arrivals("arrived"), arrivals("arrived")])
     reached = compare(one, two).reached
     assert (reached.baseline.value, reached.alternative.value) == (0.5, 1.0)

@@ -1,9 +1,12 @@
 """A follower that steers a robot along a path by the pose that its filter believes.
 
-Every tenth of a second it pursues a point half a metre ahead on the path (pure pursuit; R. C.
-Coulter, CMU-RI-TR-92-01, 1992), and looks a second ahead into the true world. Hindered, it asks for
-a new plan; blocked, it waits, backs off and plans again. A car-like robot turns on no less than its
-radius and changes its gear where its path does.
+It does what Nav2 does with its regulated pure pursuit controller (RPP) and its default behaviour
+tree (nav2_regulated_pure_pursuit_controller and navigate_to_pose_w_replanning_and_recovery.xml,
+jazzy). Every tenth of a second the robot takes the arc to a point 0.6 m away on the path. If a
+second of that arc leads into a wall, it stands still, since RPP has no other arc to try. Then it
+recovers and tries again, a limited number of times. The drive is aborted after these, or as soon as
+the estimate jumps so far that no part of the path lies in the local costmap. A car-like robot turns
+on no less than its radius and changes its gear where its path does.
 
 Poses are (x, y, heading) in metres along the columns and rows of the part that is driven in.
 """
@@ -16,34 +19,54 @@ import numpy as np
 from numba import njit
 
 from locplan._kernels.arrays import Floats, Ints, Random
-from locplan._kernels.bodies import Body, Surroundings, margin_at
+from locplan._kernels.bodies import Body, Surroundings, gap_at, margin_at
 from locplan._kernels.drives import Odometry, Tracker, advance, correct, estimate, is_due
 from locplan._kernels.lidar import BeamDisturbances, Lidar, measured_ends
 from locplan._kernels.particles import BeamScores, Filter, wrapped
 
 TICK = 0.1
 """Time between two commands [s]."""
-AHEAD = 0.5
-"""Distance to the point that is pursued [m]."""
+LOOKAHEAD = 0.6
+"""Distance to the point that is pursued [m] (lookahead_dist)."""
 SPOT = np.pi / 4
-"""Angle to that point above which a robot turns on the spot [rad]."""
-SLIGHT, MAX_TURN = 0.1, 1.0
-"""Turning rate below which a blocked robot need not turn, and the maximum [rad/s]."""
+"""Angle to it above which a robot turns on the spot [rad] (rotate_to_heading_min_angle)."""
+MAX_TURN = 1.0
+"""Maximum turning rate [rad/s]."""
+TIGHT, NEAR, APPROACH = 0.9, 0.6, 0.6
+"""Radius of an arc, distance from walls and distance from the goal below which the robot slows down
+[m] (regulated_linear_scaling_min_radius, cost_scaling_dist, approach_velocity_scaling_dist)."""
+MIN_SPEED, MIN_APPROACH = 0.25, 0.05
+"""Minimum speed in tight arcs and near walls, and near the goal [m/s]."""
 LOOK = 10
-"""Number of ticks that the follower looks ahead."""
-MARGIN, NEAR = 0.01, 0.1
-"""Distance from walls that an arc keeps, and below which the robot slows down [m]."""
-REACH = 40
-"""Number of points of the path among which the next one is looked for."""
-PATIENCE, WAIT, BACK, TRIES = 20, 20, 11, 3
-"""Ticks blocked until a recovery, ticks of waiting, of backing off, and number of recoveries."""
-STALL, STALLED = 100, 0.5
-"""Ticks in which the robot must come so far [m]."""
+"""Ticks of the arc that are checked (max_allowed_time_to_collision_up_to_carrot)."""
+MARGIN = 0.035
+"""Distance from walls that an arc keeps [m]: the padding of a footprint, 0.01, and half a cell of
+the local costmap, since a cell in which a scan ends is a wall throughout."""
+HALF_COSTMAP, REACH = 1.5, 30
+"""Half the width of Nav2's local costmap [m], and the number of points of the path in it. RPP looks
+for the nearest point among these, and has no path if it is farther away."""
+SIGHT, ASTRAY = 50, 0.3
+"""Points of the path ahead on which walls are seen, and the distance from the path above which the
+robot plans anew [m]."""
 REPLAN = 10
 """Ticks between two plans."""
-GO, PLAN, ENDED, STUCK, TIMED_OUT = range(5)
+PATIENCE = 3
+"""Ticks that RPP may stand before a wall until it fails (failure_tolerance)."""
+STALL, STALLED = 100, 0.5
+"""Ticks in which the robot must come so far [m] (progress_checker)."""
+RETRIES = 6
+"""Number of recoveries until the goal is aborted (number_of_retries of NavigateRecovery). The tree
+recovers at every second failure; at the others it only clears the local costmap."""
+CLEAR, SPIN, WAIT, BACK = 1, 2, 3, 0
+"""The recoveries in the order of their numbers, by the remainder of 4."""
+RECOVERY_TICKS = 21, 0, 17, 51
+"""Ticks of each: back up by 0.3 m, clear the costmaps, spin by 90 deg, wait for 5 s. The last one
+plans."""
+SPIN_RATE = np.pi / 2 / (16 * TICK)
+"""Turning rate of a spin [rad/s]."""
+GO, PLAN, ENDED, ABORTED, TIMED_OUT = range(5)
 """What a decision says: a command, a plan is needed, or how the drive ended."""
-TICKS, AT, BLOCKED, PLANNED, TRIED, WAITS, BACKS, SINCE = range(8)
+TICKS, AT, BLOCKED, PLANNED, FAILED, RECOVERY, SINCE, STANDSTILLS = range(8)
 """Places in `Trace.counts`."""
 
 
@@ -59,103 +82,111 @@ class Trace(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def is_clear(
-    surroundings: Surroundings, body: Body, pose: Floats, ahead: float, left: float, turn: float
-) -> bool:
-    """Whether a second of a command keeps off the walls, or at least comes no nearer."""
-    x, y, heading = pose
+def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: Trace) -> bool:
+    """True if a second of the command, at most so far [m], keeps off the walls.
+
+    A robot that is too close to a wall may move if it comes no nearer.
+    """
+    ahead, left, turn = trace.command
+    x, y, heading = first = trace.truth[trace.counts[TICKS]]
     enough = margin_at(surroundings, body, x, y, heading, MARGIN)
     for _ in range(LOOK):
         middle = heading + turn * TICK / 2
         cos, sin = np.cos(middle) * TICK, np.sin(middle) * TICK
         x, y = x + cos * ahead - sin * left, y + sin * ahead + cos * left
         heading += turn * TICK
+        if np.hypot(x - first[0], y - first[1]) > reach:
+            return True
         if margin_at(surroundings, body, x, y, heading, enough) < enough - 1e-9:
             return False
     return True
 
 
 @njit(nogil=True, cache=True)
-def carrot_on(path: Floats, x: float, y: float, counts: Ints) -> int:
-    """The point to pursue, up to where the gear changes; writes the nearest one into the counts."""
-    last, nearest, distance = len(path) - 1, counts[AT], np.inf
-    for k in range(counts[AT], min(counts[AT] + REACH, len(path))):
-        if path[k, 2] != path[counts[AT], 2]:
+def nearest_on(path: Floats, x: float, y: float, counts: Ints) -> float:
+    """Return the distance from the path [m], up to where the gear changes; count up to there."""
+    first, nearest, distance = counts[AT], counts[AT], np.inf
+    for k in range(first, min(first + REACH, len(path))):
+        if path[k, 2] != path[first, 2]:
             break
         away = np.hypot(path[k, 0] - x, path[k, 1] - y)
         if away < distance:
             nearest, distance = k, away
-    if nearest < last and path[nearest + 1, 2] != path[nearest, 2]:
+    if nearest + 1 < len(path) and path[nearest + 1, 2] != path[nearest, 2]:
         nearest += 1
     counts[AT] = nearest
-    way, carrot = 0.0, nearest
-    while carrot < last and way < AHEAD and path[carrot + 1, 2] == path[nearest, 2]:
-        way += np.hypot(
-            path[carrot + 1, 0] - path[carrot, 0], path[carrot + 1, 1] - path[carrot, 1]
-        )
+    return float(distance)
+
+
+@njit(nogil=True, cache=True)
+def carrot_on(path: Floats, x: float, y: float, nearest: int) -> int:
+    """Return the index of the point to pursue, up to where the gear changes."""
+    carrot, last = nearest, len(path) - 1
+    while (
+        carrot < last
+        and np.hypot(path[carrot, 0] - x, path[carrot, 1] - y) < LOOKAHEAD
+        and path[carrot + 1, 2] == path[nearest, 2]
+    ):
         carrot += 1
     return int(carrot)
 
 
 @njit(nogil=True, cache=True)
-def bounded(turn: float, ahead: float, body: Body) -> float:
-    """The turning rate nearest to one that the radius of a car-like robot allows at a speed."""
-    limit = min(MAX_TURN, abs(ahead) / body.radius)
-    return min(max(turn, -limit), limit)
+def regulated(speed: float, curvature: float, room: float, left: float) -> float:
+    """Return the speed on an arc at a distance from walls and from the goal [m]."""
+    slow = speed * min(1.0, room / NEAR)
+    if abs(curvature) * TIGHT > 1:
+        slow = min(slow, speed / (abs(curvature) * TIGHT))
+    speed = min(speed, max(slow, MIN_SPEED))
+    return min(speed, max(speed * min(1.0, left / APPROACH), MIN_APPROACH))
 
 
 @njit(nogil=True, cache=True)
-def pursue(path: Floats, body: Body, near: float, trace: Trace) -> None:
-    """Write the command that leads towards the point ahead on the path."""
+def pursue(path: Floats, body: Body, room: float, trace: Trace) -> float:
+    """Write the command that leads to the point ahead on the path; return its distance [m]."""
     x, y, heading = trace.believed[trace.counts[TICKS]]
-    carrot, last = carrot_on(path, x, y, trace.counts), len(path) - 1
+    carrot, last = carrot_on(path, x, y, trace.counts[AT]), len(path) - 1
     gear = path[carrot, 2]
     heading += np.pi * (gear < 0)
     dx, dy = path[carrot, 0] - x, path[carrot, 1] - y
-    away, aside = max(np.hypot(dx, dy), 0.1), wrapped(np.arctan2(dy, dx) - heading)
-    speed = min(body.speed, max(0.1, np.hypot(path[last, 0] - x, path[last, 1] - y)))
-    speed *= min(1.0, max(0.4, near / NEAR))
-    command = trace.command
+    away = np.hypot(dx, dy)
+    aside = wrapped(np.arctan2(dy, dx) - heading)
+    curvature = 2 * np.sin(min(max(aside, -np.pi / 2), np.pi / 2)) / max(away, 0.1)
+    if body.omnidirectional:
+        curvature = 0.0
+    if body.radius > 0:
+        curvature = min(max(curvature, -1 / body.radius), 1 / body.radius)
+    left = np.hypot(path[last, 0] - x, path[last, 1] - y) if carrot == last else np.inf
+    speed, command = regulated(body.speed, curvature, room, left), trace.command
     if body.omnidirectional:
         command[0], command[1] = speed * np.cos(aside), speed * np.sin(aside)
         command[2] = min(max(aside, -MAX_TURN), MAX_TURN)
-        return
-    command[1] = 0.0
-    if body.radius > 0:
-        command[0] = gear * speed * (1 - min(abs(aside), SPOT) / (2 * SPOT))
-        turn = 2 * abs(command[0]) * np.sin(min(max(aside, -np.pi / 2), np.pi / 2)) / away
-        command[2] = bounded(turn, command[0], body)
-        return
-    if abs(aside) > SPOT:
-        command[0], command[2] = 0.0, np.sign(aside) * min(MAX_TURN, 2 * abs(aside))
-        return
-    command[0] = speed * (1 - abs(aside) / (2 * SPOT))
-    command[2] = min(max(2 * command[0] * np.sin(aside) / away, -MAX_TURN), MAX_TURN)
+    elif body.radius == 0 and abs(aside) > SPOT:
+        command[2] = np.sign(aside) * min(MAX_TURN, 2 * abs(aside))
+    else:
+        command[0] = gear * speed
+        command[2] = min(max(speed * curvature, -MAX_TURN), MAX_TURN)
+    return float(away)
 
 
 @njit(nogil=True, cache=True)
-def evade(surroundings: Surroundings, body: Body, trace: Trace) -> bool:
-    """Change the command to the nearest slower one that is clear; False if none is.
+def is_way_free(path: Floats, surroundings: Surroundings, body: Body, trace: Trace) -> bool:
+    """True if the path ahead keeps the margin of an arc from the walls that the robot sees.
 
-    Where no arc is, the robot turns on the spot to the point that it pursues, if it can.
+    The robot puts these walls where the filter's pose has them.
     """
-    pose, command = trace.truth[trace.counts[TICKS]], trace.command
-    ahead, left, turn = command
-    for share in (1.0, 0.6, 0.3):
-        for bend in (0.0, 0.3, -0.3, 0.6, -0.6, 1.0, -1.0):
-            bent = turn + bend
-            if body.radius > 0:
-                bent = bounded(bent, share * ahead, body)
-            if is_clear(surroundings, body, pose, share * ahead, share * left, bent):
-                command[0], command[1], command[2] = share * ahead, share * left, bent
-                return True
-    command[:] = 0.0
-    if body.radius > 0 or abs(turn) <= SLIGHT:
-        return False
-    turns = is_clear(surroundings, body, pose, 0.0, 0.0, turn)
-    if turns:
-        command[2] = turn
-    return turns
+    n, first = trace.counts[TICKS], trace.counts[AT]
+    x, y, heading = trace.truth[n]
+    turn = heading - trace.believed[n, 2]
+    cos, sin = np.cos(turn), np.sin(turn)
+    for k in range(first, min(first + SIGHT, len(path) - 1)):
+        dx, dy = path[k, 0] - trace.believed[n, 0], path[k, 1] - trace.believed[n, 1]
+        along = np.arctan2(path[k + 1, 1] - path[k, 1], path[k + 1, 0] - path[k, 0]) + turn
+        along += np.pi * (path[k + 1, 2] < 0)
+        at = x + cos * dx - sin * dy, y + sin * dx + cos * dy
+        if margin_at(surroundings, body, at[0], at[1], along, MARGIN) < MARGIN - 1e-9:
+            return False
+    return True
 
 
 @njit(nogil=True, cache=True)
@@ -186,42 +217,70 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
     if n + 1 == len(trace.truth):
         return TIMED_OUT
     command[:] = 0.0
-    if counts[WAITS] or counts[BACKS]:
+    if counts[RECOVERY]:
         return recover(path, surroundings, body, trace)
+    away = nearest_on(path, x, y, counts)
+    if away > HALF_COSTMAP:
+        return ABORTED
     before = trace.believed[max(n - STALL, 0)]
-    stalled = n - STALL >= counts[SINCE] and np.hypot(x - before[0], y - before[1]) < STALLED
-    if stalled or counts[BLOCKED] >= PATIENCE:
-        counts[TRIED] += 1
-        counts[BLOCKED], counts[SINCE], counts[WAITS] = 0, n, WAIT
-        return STUCK if counts[TRIED] > TRIES else GO
-    px, py, heading = trace.truth[n]
-    pursue(path, body, margin_at(surroundings, body, px, py, heading, NEAR), trace)
-    clear = is_clear(surroundings, body, trace.truth[n], command[0], command[1], command[2])
-    if n - counts[PLANNED] >= (period if clear else REPLAN):
-        counts[PLANNED] = n
-        return PLAN
+    if n - STALL >= counts[SINCE] and np.hypot(x - before[0], y - before[1]) < STALLED:
+        return fail(counts)
+    tx, ty, _ = trace.truth[n]
+    cell = surroundings.resolution
+    room = gap_at(surroundings.squares, ty / cell, tx / cell, NEAR / cell) * cell
+    carrot_distance = pursue(path, body, room, trace)
+    clear = is_clear(surroundings, body, carrot_distance, trace)
+    if n > counts[PLANNED]:
+        # Nav2 plans once a second. Without need the planner would find the same path again.
+        due = n - counts[PLANNED] >= period
+        if not due and n % REPLAN == 0:
+            due = not clear or away > ASTRAY or not is_way_free(path, surroundings, body, trace)
+        if due:
+            counts[PLANNED] = n
+            return PLAN
     if clear:
         counts[BLOCKED] = 0
         return GO
-    counts[BLOCKED] = 0 if evade(surroundings, body, trace) else counts[BLOCKED] + 1
-    return GO
+    command[:] = 0.0
+    counts[BLOCKED] += 1
+    if counts[BLOCKED] < PATIENCE:
+        return GO
+    counts[STANDSTILLS] += 1
+    return fail(counts)
+
+
+@njit(nogil=True, cache=True)
+def fail(counts: Ints) -> int:
+    """Count a failure of the controller, and begin the recovery that follows."""
+    counts[FAILED] += 1
+    counts[BLOCKED], counts[SINCE] = 0, counts[TICKS]
+    if counts[FAILED] % 2:
+        return GO
+    number = counts[FAILED] // 2
+    if number > RETRIES:
+        return ABORTED
+    counts[RECOVERY] = RECOVERY_TICKS[number % 4]
+    if counts[RECOVERY]:
+        return GO
+    counts[PLANNED] = counts[TICKS]
+    return PLAN
 
 
 @njit(nogil=True, cache=True)
 def recover(path: Floats, surroundings: Surroundings, body: Body, trace: Trace) -> int:
-    """Wait, or back off where that is clear, and plan again at last."""
-    counts, n = trace.counts, trace.counts[TICKS]
-    if counts[WAITS]:
-        counts[WAITS] -= 1
-        counts[BACKS] = 0 if counts[WAITS] else BACK
-        return GO
-    counts[BACKS] -= 1
-    if counts[BACKS] == 0:
-        counts[PLANNED] = counts[SINCE] = n
+    """Spin, wait, or back up if that is clear, and plan again at last."""
+    counts, command = trace.counts, trace.command
+    counts[RECOVERY] -= 1
+    if counts[RECOVERY] == 0:
+        counts[PLANNED] = counts[SINCE] = counts[TICKS]
         return PLAN
-    back = -body.retreat * path[counts[AT], 2]
-    if is_clear(surroundings, body, trace.truth[n], back, 0.0, 0.0):
-        trace.command[0] = back
+    kind = counts[FAILED] // 2 % 4
+    if kind == SPIN and body.radius == 0:
+        command[2] = SPIN_RATE
+    elif kind == BACK:
+        command[0] = -body.retreat * path[counts[AT], 2]
+    if not is_clear(surroundings, body, np.inf, trace):
+        command[:] = 0.0
     return GO
 
 

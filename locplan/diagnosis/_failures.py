@@ -15,10 +15,10 @@ from locplan._kernels.arrays import Floats, Ints
 from locplan.costs import Path
 from locplan.diagnosis._weak_spots import CLEAR, WeakSpot, gathered, is_within, points_of
 from locplan.simulation import (
+    ABORTED,
     ARRIVED,
     ELSEWHERE,
     FOLLOWER,
-    STUCK,
     TIMED_OUT,
     WORLD,
     Arrivals,
@@ -30,7 +30,7 @@ TOGETHER = 2.0
 """Distance within which closed-loop drives stop at one place [m]."""
 STOPS = {
     ELSEWHERE: "stop in the wrong place",
-    STUCK: "get stuck",
+    ABORTED: "are aborted",
     TIMED_OUT: "run out of time",
     FOLLOWER: "fail with perfect localization, too",
 }

@@ -54,7 +54,7 @@ class DriveRates:
     """Share of those that do not, and would with perfect localization, 0..1; NaN without any."""
     endings: Mapping[str, int] = field(default_factory=dict)
     """Number of the closed-loop drives that do not reach the goal by how they end: "elsewhere",
-    "stuck", "timed out", or with perfect localization, too, "follower" or "world"."""
+    "aborted", "timed out", or with perfect localization, too, "follower" or "world"."""
 
     @property
     def has_failure(self) -> bool:

@@ -19,7 +19,7 @@ from locplan.diagnosis._passages import Passage
 from locplan.diagnosis._rates import DriveRates, RouteResult
 from locplan.diagnosis._result import Check
 from locplan.diagnosis._weak_spots import ROUND, WeakSpot
-from locplan.simulation import ELSEWHERE, FOLLOWER, LOST, STUCK, TIMED_OUT, WORLD
+from locplan.simulation import ABORTED, ELSEWHERE, FOLLOWER, LOST, TIMED_OUT, WORLD
 from locplan.simulation.verdict import BETTER
 
 LINES = 25
@@ -37,7 +37,7 @@ ROWS = (
 """Numbers of notes, weak spots, routes and fixes, of which the output has the first that fit."""
 FAILS = {
     ELSEWHERE: "stops in the wrong place",
-    STUCK: "gets stuck",
+    ABORTED: "is aborted",
     TIMED_OUT: "runs out of time",
     FOLLOWER: "fails with perfect localization, too",
     WORLD: "finds no way to the goal",

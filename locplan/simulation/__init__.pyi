@@ -1,10 +1,10 @@
 from . import driver as driver, levels as levels, verdict as verdict
 from ._advice_figures import choice_figure as choice_figure, tuning_figure as tuning_figure
 from ._arrivals import (
+    ABORTED as ABORTED,
     ARRIVED as ARRIVED,
     ELSEWHERE as ELSEWHERE,
     FOLLOWER as FOLLOWER,
-    STUCK as STUCK,
     TIMED_OUT as TIMED_OUT,
     WORLD as WORLD,
     Arrival as Arrival,

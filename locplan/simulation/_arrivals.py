@@ -18,8 +18,9 @@ from locplan._util.saved import Valued
 from locplan.costs import Path
 from locplan.simulation._drives import check_drives, rate_column
 
-ARRIVED, ELSEWHERE, STUCK, TIMED_OUT = "arrived", "elsewhere", "stuck", "timed out"
-"""How a drive ends; elsewhere, the robot believes to be at the goal, and is not."""
+ARRIVED, ELSEWHERE, ABORTED, TIMED_OUT = "arrived", "elsewhere", "aborted", "timed out"
+"""How a drive ends; elsewhere, the robot believes to be at the goal, and is not. Aborted, it
+stood still too often, or its estimate jumped too far from the path."""
 NEAR_GOAL = 0.5
 """Distance from the goal within which a robot reaches it [m]."""
 FOLLOWER: str = "follower"
@@ -68,13 +69,15 @@ class Arrival(Valued):
     """One closed-loop drive."""
 
     outcome: str
-    """How it ended: arrived, elsewhere, stuck or timed out."""
+    """How it ended: arrived, elsewhere, aborted or timed out."""
     seconds: float
     """Duration [s]."""
     end: Place
     """True pose at the end, in the world [m, m, rad]."""
     believed_end: Place
     """The filter's pose at the end, in the world [m, m, rad]."""
+    standstills: int = 0
+    """Number of times that the robot stood still because its way led into a wall."""
     stops: tuple[Place, ...] = ()
     """True poses at which the robot stood for 2 s or more, at most one in half a metre."""
     leaves: tuple[Place, ...] = ()
@@ -88,7 +91,9 @@ class Arrival(Valued):
     """The filter's poses, (n, 3), in the world [m, m, rad]."""
 
     @classmethod
-    def of(cls, outcome: str, truth: Poses, believed: Poses, path: Path) -> Arrival:
+    def of(
+        cls, outcome: str, truth: Poses, believed: Poses, path: Path, standstills: int = 0
+    ) -> Arrival:
         """A drive that ended.
 
         Parameters
@@ -99,6 +104,8 @@ class Arrival(Valued):
             The true and the filter's poses every 0.1 s, in the world [m, m, rad].
         path : Path
             The path that was followed.
+        standstills : int, default 0
+            Number of its standstills.
         """
         from scipy.spatial import cKDTree
 
@@ -115,7 +122,8 @@ class Arrival(Valued):
         end, believed_end = _placed((truth[-1], believed[-1]))
         places = _placed(stops), _placed(truth[begins])
         seconds = (len(truth) - 1) * TICK
-        return cls(outcome, seconds, end, believed_end, *places, truth=truth, believed=believed)
+        ends = end, believed_end, standstills
+        return cls(outcome, seconds, *ends, *places, truth=truth, believed=believed)
 
     @property
     def places(self) -> tuple[tuple[str, tuple[Place, ...]], ...]:
@@ -164,14 +172,24 @@ class Arrivals(Valued):
         """Share of the drives that arrive, 0..1, with its 95 % interval."""
         return self.rate(ARRIVED)
 
+    @property
+    def aborted(self) -> Interval:
+        """Share of the drives that are aborted, 0..1, with its 95 % interval."""
+        return self.rate(ABORTED)
+
+    @property
+    def standstills(self) -> float:
+        """Mean number of standstills before a wall per drive."""
+        return float(np.mean([drive.standstills for drive in self.drives]))
+
     def rate(self, what: str) -> Interval:
         """Share of the drives with this outcome or this fault, 0..1, with its 95 % interval.
 
         Parameters
         ----------
         what : str
-            "elsewhere" (the robot believes to be at the goal, and is not), "stuck", "timed out"; or
-            "follower" (it fails with perfect localization, too), "world" (no way to the goal).
+            "elsewhere" (the robot believes to be at the goal, and is not), "aborted", "timed out";
+            or "follower" (it fails with perfect localization, too), "world" (no way to the goal).
         """
         found = sum(what in (each.outcome, each.fault) for each in self.drives)
         return wilson(found / len(self.drives), len(self.drives))
@@ -183,14 +201,15 @@ class Arrivals(Valued):
         return Table(columns, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
 
     def summary(self) -> dict[str, object]:
-        """Shares of the drives by their ends, fit for JSON."""
-        return {"drives": len(self.drives), **{e.name: list(e.of(self)) for e in ARRIVING}}
+        """Standstills per drive, and shares of the drives by their ends, fit for JSON."""
+        shares = {column.name: list(column.of(self)) for column in SHARES}
+        return {"drives": len(self.drives), "standstills": self.standstills, **shares}
 
 
 ENDINGS = {
     ARRIVED: ("arrived", "arrives, steered by its filter"),
     ELSEWHERE: ("elsewhere", "stops at a wrong place"),
-    STUCK: ("stuck", "gets stuck"),
+    ABORTED: ("aborted", "is aborted"),
     TIMED_OUT: ("timed_out", "runs out of time"),
     FOLLOWER: ("follower_fails", "fails with perfect localization, too"),
     WORLD: ("no_way", "has no way in its world"),
@@ -202,7 +221,13 @@ def _rate(what: str) -> Column:
     return rate_column(*ENDINGS[what], lambda found: found.rate(what))
 
 
-ARRIVING: tuple[Column, ...] = tuple(map(_rate, ENDINGS))
+SHARES: tuple[Column, ...] = tuple(map(_rate, ENDINGS))
+"""Columns of the shares of drives by their ends."""
+ARRIVING: tuple[Column, ...] = (
+    SHARES[0],
+    Column("standstills", title="standstills before a wall, per drive", digits=1),
+    *SHARES[1:],
+)
 """Columns of `Arrivals`."""
 
 
@@ -211,16 +236,21 @@ def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
     columns = (
         *map(Column, ("path", "drive", "outcome")),
         Column("seconds", "s"),
+        Column("standstills"),
         Column("fault"),
         *POSE,
         *(Column(f"believed_{each.name}", each.unit) for each in POSE),
     )
     rows = (
-        (name, n, each.outcome, each.seconds, each.fault, *each.end, *each.believed_end)
+        (name, n, *_ending(each), *each.end, *each.believed_end)
         for name, found in arrivals.items()
         for n, each in enumerate(found.drives)
     )
     return Table(columns, tuple(rows))
+
+
+def _ending(drive: Arrival) -> tuple[Any, ...]:
+    return drive.outcome, drive.seconds, drive.standstills, drive.fault
 
 
 def faults_of(*arrivals: Arrivals) -> str:

@@ -22,11 +22,11 @@ from locplan.costs import Path
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, own_axes
 from locplan.robots import Robot
 from locplan.simulation._arrivals import (
+    ABORTED,
     ARRIVED,
     ELSEWHERE,
     FOLLOWER,
     NEAR_GOAL,
-    STUCK,
     TIMED_OUT,
     WORLD,
     Arrival,
@@ -38,7 +38,7 @@ from locplan.simulation._worlds import Stage
 
 PATIENCE = 60.0, 3.0
 """Maximum time of a drive: so long [s], and so many times that of its path."""
-RETREAT = 0.3
+RETREAT = 0.15
 """Speed of backing off [m/s]."""
 
 
@@ -163,13 +163,14 @@ class ClosedLoop:
                 way = np.insert(new, 2, 1.0, axis=1)
             trace.counts[follower.AT] = 0
         n = int(trace.counts[follower.TICKS]) + 1
-        outcome = {follower.STUCK: STUCK, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
+        outcome = {follower.ABORTED: ABORTED, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
         near = max(NEAR_GOAL, 2 * self.body.tolerance)
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)
         truth, believed = (after_way(origin, each[:n]) for each in (trace.truth, trace.believed))
-        return Arrival.of(outcome, truth, believed, self.paths[name])
+        standstills = int(trace.counts[follower.STANDSTILLS])
+        return Arrival.of(outcome, truth, believed, self.paths[name], standstills)
 
     def _way(self, name: str) -> tuple[Floats, Floats]:
         """The way of a path as the follower takes it, with headings where the robot is a car, and

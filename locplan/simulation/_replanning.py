@@ -84,7 +84,7 @@ class Replanner:
     def way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
         """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
 
-        It joins the path within some metres where that is shortest, or else later. The path stays
+        It joins the path within some metres where that is cheapest, or else later. The path stays
         where no way is found.
         """
         from locplan._kernels.search import bordered_half, shortest_costs
@@ -107,7 +107,7 @@ class Replanner:
         flat = (points[able] + 1) @ (columns, 1)
         cost = np.full(len(way), np.inf)
         cost[able] = resolution * costs[flat]
-        cost += along[-1] - along
+        cost += _cost_to_end(way, along, points, density)
         soon = np.where(along <= JOIN[1], cost, np.inf)
         best = int(np.argmin(soon if np.isfinite(soon).any() else cost))
         if not np.isfinite(cost[best]):
@@ -170,6 +170,15 @@ class Replanner:
         rows, cols = np.nonzero(stops)
         xy = (np.column_stack([cols + low[1], rows + low[0]]) + 0.5) * resolution
         return at_heading_0(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
+
+
+def _cost_to_end(way: Floats, along: Floats, points: Ints, density: Floats) -> Floats:
+    """Cost of the rest of a way from each of its points; a metre costs 1 outside of the density."""
+    price = np.ones(len(way))
+    inside = _within(points, density.shape)
+    price[inside] = np.minimum(density[tuple(points[inside].T)], LEAVING)
+    steps = np.diff(along) * (price[1:] + price[:-1]) / 2
+    return np.append(np.cumsum(steps[::-1])[::-1], 0.0)
 
 
 def geared(poses: Poses) -> Floats:

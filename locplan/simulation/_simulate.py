@@ -20,7 +20,7 @@ from locplan.costs import Costmap, Path, about_costs
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
 from locplan.robots import Robot
-from locplan.simulation._arrivals import ARRIVING, Arrivals, Closed, ends_of
+from locplan.simulation._arrivals import ARRIVING, SHARES, Arrivals, Closed, ends_of
 from locplan.simulation._drives import DRIVEN, Drives, check_drives, contrasts, profiles
 from locplan.simulation._simulator import Simulator
 from locplan.simulation._worlds import about_filter
@@ -102,7 +102,11 @@ def simulation_report(simulation: Simulation) -> str:
     if arrivals := simulation.arrivals:
         about += f", and the ends of {len(next(iter(arrivals.values())).drives)} more"
         # Ends that no drive has are not worth a line.
-        none = [each.heading for each in ARRIVING[1:] if not any(map(each.of, arrivals.values()))]
+        none = [
+            share.heading
+            for share in SHARES[1:]
+            if not any(share.of(each).value for each in arrivals.values())
+        ]
         rows = [row for row in rows if row[0] not in none]
     return f"{table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
 

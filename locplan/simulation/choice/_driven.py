@@ -160,8 +160,9 @@ def _of_rate(column: Column) -> Column:
 
 
 def _of_arrivals(column: Column) -> Column:
-    def value(each: Candidate) -> Interval:
-        return column.of(each.arrivals) if each.arrivals else NOTHING
+    def value(each: Candidate) -> Any:
+        missing = NOTHING if column.interval else math.nan
+        return column.of(each.arrivals) if each.arrivals else missing
 
     return dataclasses.replace(column, title=None, value=value)
 
