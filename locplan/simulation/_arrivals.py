@@ -109,7 +109,7 @@ class Arrival(Valued):
         """
         from scipy.spatial import cKDTree
 
-        from locplan._kernels.follower import TICK
+        from locplan._kernels.pursuit import TICK
 
         off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > APART
         wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.

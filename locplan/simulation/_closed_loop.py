@@ -137,23 +137,23 @@ class ClosedLoop:
     def _is_clear(self, path: Path, world: Any) -> bool:
         """Whether the outline keeps the follower's distance from a world's walls along a path."""
         from locplan._kernels.bodies import margin_at
-        from locplan._kernels.follower import MARGIN
+        from locplan._kernels.pursuit import MARGIN
 
         path = path.resampled(POINTS / 2)
         poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
         return all(margin_at(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
 
     def _driven(self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool) -> Arrival:
-        from locplan._kernels import follower
+        from locplan._kernels import follower, pursuit
 
         random = random_of(self.simulator.seed, CLOSED, *drive)
         way, first = self._way(name)
         length = self.paths[name].length
-        ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / follower.TICK
+        ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / pursuit.TICK
         trace = self._trace(random, first, round(ticks))
         follow = self._follower(random, world, trace, perfect)
         while (decision := follow(way)) == follower.PLAN:
-            n, at = trace.counts[follower.TICKS], trace.counts[follower.AT]
+            n, at = trace.counts[pursuit.TICKS], trace.counts[pursuit.AT]
             way = way[at:]
             where = trace.truth[n], trace.believed[n], world
             if self._is_car:
@@ -161,15 +161,15 @@ class ClosedLoop:
             else:
                 new = self.planner.way(way[:, :2], *where)
                 way = np.insert(new, 2, 1.0, axis=1)
-            trace.counts[follower.AT] = 0
-        n = int(trace.counts[follower.TICKS]) + 1
+            trace.counts[pursuit.AT] = 0
+        n = int(trace.counts[pursuit.TICKS]) + 1
         outcome = {follower.ABORTED: ABORTED, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
         near = max(NEAR_GOAL, 2 * self.body.tolerance)
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)
         truth, believed = (after_way(origin, each[:n]) for each in (trace.truth, trace.believed))
-        standstills = int(trace.counts[follower.STANDSTILLS])
+        standstills = int(trace.counts[pursuit.STANDSTILLS])
         return Arrival.of(outcome, truth, believed, self.paths[name], standstills)
 
     def _way(self, name: str) -> tuple[Floats, Floats]:
@@ -185,7 +185,7 @@ class ClosedLoop:
 
     def _trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
         """An empty trace, with this drive's biases of odometry."""
-        from locplan._kernels.follower import Trace
+        from locplan._kernels.pursuit import Trace
 
         odometry = self.simulator.arguments.odometry
         deviations = [odometry.distance_bias, odometry.heading_bias, odometry.turn_bias]
@@ -197,7 +197,8 @@ class ClosedLoop:
     def _follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
         """A function that follows a way until a plan is needed, or the drive has ended."""
         from locplan._kernels.drives import begin
-        from locplan._kernels.follower import TICK, follow
+        from locplan._kernels.follower import follow
+        from locplan._kernels.pursuit import TICK
 
         arguments, sensing = self.simulator.arguments, random.spawn(1)[0]
         first = way_between(self.frame, trace.truth[0])

@@ -93,7 +93,8 @@ class OwnLoop:
 
     def follow(self, way: Any, surroundings: Any, body: Any, period: int, perfect: bool) -> int:
         """Drive until a plan is needed or the drive has ended."""
-        from locplan._kernels.follower import GO, TICKS, act, believe, decide
+        from locplan._kernels.follower import GO, act, believe, decide
+        from locplan._kernels.pursuit import TICKS
 
         trace, arguments = self.trace, self.arguments
         while True:
