@@ -182,7 +182,8 @@ def test_defaults_are_told_as_they_are():
             for name in names.split(", "):
                 default = parameters[name.strip("*")].default
                 told = text.replace('"', "'").strip("`").replace("_", "")
-                known = repr(default), getattr(default, "__name__", "")
+                constants = [name for name, value in vars(place.module).items() if value is default]
+                known = [repr(default), getattr(default, "__name__", ""), *constants]
                 if told not in [each.replace("_", "") for each in known]:
                     wrong.append((place.name, name, text, default))
     assert wrong == []
