@@ -226,7 +226,7 @@ def test_output_is_short_and_names_all_fixes(
     for each in (solid, two_corridors_at_its_worst, fine):
         text = each.report(tmp_path)
         lines = text.splitlines()
-        assert len(lines) <= 25
+        assert len(lines) <= (32 if columns == "80" else 25)  # narrow tables fold
         assert "..." not in text
         assert max(len(line) for line in lines if str(tmp_path) not in line) <= int(columns)
         assert ("Weak spot A" in text) == bool(each.spots)
