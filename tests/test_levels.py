@@ -69,7 +69,7 @@ def test_disturbed_odometry_equals_plain_loop(level):
     odometry = poses + np.random.default_rng(5).normal(0, 0.002, poses.shape)
     disturbed = level.disturb_odometry(odometry, poses, np.random.default_rng(1))
     length = 0.05 * (len(poses) - 1)
-    begin = np.random.default_rng(1).random() * (length / 3 - 2)
+    begin = np.random.default_rng(1).random() * (2 * length / 3 - 2)
     x, y, _ = odometry[0]
     for n in range(1, len(poses)):
         share = 1.0
@@ -93,7 +93,7 @@ def test_missing_motion_lies_before_the_end(length, count):
         x = STANDSTILL.disturb_odometry(poses, poses, random)[:, 0]
         stands = np.flatnonzero(np.diff(x) == 0)
         assert len(stands) * 0.05 == pytest.approx(2.0 * count, abs=0.06 * count)
-        assert poses[stands[-1], 0] <= length - min(2 * length / 3, 30.0) + 0.05
+        assert poses[stands[-1], 0] <= length - min(length / 3, 45.0) + 0.05
 
 
 def test_sign_is_kept_where_odometry_moves_forward():
@@ -132,17 +132,17 @@ def test_level_rejects_bad_value(changes, message):
 
 
 def test_drives_at_level_differ_from_fault_on():
-    """Before the fault, a drive has the same world, odometry and filter as at the usual level."""
+    """Before the fault, a drive has the same world, odometry and filter as without the fault."""
     simulator = Simulator(corridor(), ROBOT, threads=1)
-    usual = drive_open(simulator, {"a": STRAIGHT}, range(6))["a"]
+    no_fault = Level("no fault", "", missing=1e-12)
+    usual = drive_open(simulator, {"a": STRAIGHT}, range(6), level=no_fault)["a"]
     stopped = drive_open(simulator, {"a": STRAIGHT}, range(6), level=STANDSTILL)["a"]
-    same = (stopped.errors == usual.errors).all(axis=2)
+    assert stopped.poses[-1, :2] == pytest.approx(stopped.poses[0, :2])  # it drives back
+    same = np.isclose(stopped.errors, usual.errors, atol=1e-6).all(axis=2)
     first = same.argmin(axis=1)
-    assert all(
-        alike[:n].all() and not alike[n:].all() for alike, n in zip(same, first, strict=True)
-    )
+    assert not same[:, -1].any()
     assert len(set(first.tolist())) == 6
-    assert stopped.distance[first].max() <= stopped.length / 3 - 1.9
+    assert stopped.distance[first].max() <= 2 * stopped.length / 3 - 1.9
     assert usual.position_error.max() < 1 < stopped.position_error.max(axis=1).min()
 
 

@@ -88,6 +88,19 @@ def _turning(poses: Poses) -> Poses:
     return divided_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
 
 
+def add_way_back(poses: Poses) -> Poses:
+    """Return poses that lead on to the first one: the robot turns around, and drives back.
+
+    Parameters
+    ----------
+    poses : (n, 3) array
+        Poses x, y, heading [m, m, rad].
+    """
+    way_back = poses[::-1].copy()
+    way_back[:, 2] += math.pi
+    return _turning(np.concatenate([poses, way_back]))
+
+
 DRIVE, WORLD, FAULTS = 0, 2, 7
 """Streams of random numbers of drives, of their worlds, and of their levels' faults."""
 MARGIN = 2.0

@@ -23,7 +23,7 @@ from locplan.simulation._arrivals import Arrivals
 from locplan.simulation._closed_loop import ClosedLoop
 from locplan.simulation._drives import Drives
 from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import poses_along, turned
+from locplan.simulation._worlds import add_way_back, poses_along, turned
 from locplan.simulation.levels import USUAL, Level, select_paths
 
 CHOOSING, FRESH = 10_000, 20_000
@@ -67,8 +67,8 @@ def drive_open(
 ) -> dict[str, Drives]:
     """Drive each path with the drives of some numbers, exactly along the path.
 
-    Drive n has the same world and the same errors of odometry at all levels; the level's fault is
-    added.
+    Drive n has the same world at all levels. At a level, paths and settings of a filter have the
+    same random numbers, so that their n-th drives are pairs.
 
     Parameters
     ----------
@@ -90,7 +90,8 @@ def drive_open(
     -------
     dict of str to Drives
         The drives along each path by its name, without the paths that the level's fault cannot
-        affect. With a kink, errors are those on the filter's map.
+        affect. With a kink, errors are those on the filter's map. With missing motion, drives lead
+        to the goal and back.
 
     Raises
     ------
@@ -101,7 +102,7 @@ def drive_open(
         name: poses_along(path, simulator.grid, f"path {name}") for name, path in paths.items()
     }
     paths = select_paths(level, paths, simulator.grid)
-    poses = {name: poses[name] for name in paths}
+    poses = {name: add_way_back(poses[name]) if level.leads_back else poses[name] for name in paths}
     size = len(numbers) * sum(each.size for each in poses.values()) * ARRAYS * 8
     check_memory(f"{len(numbers)} drives of {len(paths)} paths", size, "drive fewer")
     errors = {name: np.empty((len(numbers), *each.shape)) for name, each in poses.items()}

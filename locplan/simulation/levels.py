@@ -20,10 +20,10 @@ from locplan.maps import OccupancyGrid
 from locplan.robots import Odometry
 from locplan.simulation._kinks import find_kink
 
-RECOVERY = 30.0
-"""Distance before the end of a drive without faults of odometry [m], at most two thirds of it.
-Nav2's defaults need it to return after a standstill: 10 m in small rooms, 30 m in corridors. With
-less, a drive is off at the end because it ends too early."""
+RECOVERY = 45.0
+"""Distance before the end of a drive without faults of odometry [m], at most a third of it. Drives
+with missing motion lead to the goal and back, so that a filter has time to return, as on a long
+recorded drive. Without the way back, even Nav2's defaults often end off."""
 REVERSES = 0.25
 """Distance in reverse from which a path counts as one that reverses [m]."""
 NO_ERRORS = Odometry(
@@ -137,11 +137,16 @@ class Level:
         """Return the steps at which motion is missing, (n - 1,), for distances (n,)."""
         length = float(distance[-1])
         count = max(1, round(length / self.once_per))
-        part = (length - min(RECOVERY, 2 * length / 3)) / count
+        part = (length - min(RECOVERY, length / 3)) / count
         begins = part * np.arange(count) + max(0.0, part - self.over) * random.random(count)
         middle = (distance[1:] + distance[:-1]) / 2
         passed = middle[:, None] - begins
         return np.asarray(((passed >= 0) & (passed < self.over)).any(axis=1))
+
+    @property
+    def leads_back(self) -> bool:
+        """True if drives lead to the goal and back, so that a filter has time to recover."""
+        return self.missing > 0
 
     def can_affect(self, path: Path, grid: OccupancyGrid) -> bool:
         """Return whether a drive along a path can have this level's fault.
