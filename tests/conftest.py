@@ -14,7 +14,7 @@ import pytest
 from kernel_cache import keep_kernels
 
 from locplan.cli import main
-from locplan.field import FieldConfig
+from locplan.field import FieldConfig, Sad, save_config
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -55,6 +55,14 @@ def run(monkeypatch, capsys):
         return code, out, err
 
     return call
+
+
+@pytest.fixture
+def small_field(tmp_path_factory) -> Path:
+    """Settings of a field for --field that is quick to compute: the paper's disc of 1 m."""
+    file = tmp_path_factory.mktemp("settings") / "small.json"
+    save_config(file, FieldConfig(Sad(range=1.0)))
+    return file
 
 
 class InlineWorkers:

@@ -135,7 +135,7 @@ def test_commands_refuse_what_is_out_of_bounds_before_work(
         (("field", ""), "an argument is empty"),
         (("field", "MAP", "-o", ""), "-o is empty"),
         (("field", "MAP", "--picture="), "--picture is empty"),
-        (("field", "MAP", "--cache-dir", " "), "--cache-dir is empty"),
+        (("field", "MAP", "--field", " "), "--field is empty"),
         (("plan", "MAP", "--start", "", "--goal", "1,1"), "--start is empty"),
     ],
 )
@@ -148,7 +148,7 @@ def test_an_empty_argument_is_an_error_and_not_the_folder_here(
 
 def test_brackets_and_long_words_are_refused_in_one_short_line(run, room):
     for word in ("[" * 5000, "x" * 5000, "{" * 5000, "a\nb"):
-        for arguments in (("plan", word), ("field", room, "--estimator", word), (word,)):
+        for arguments in (("plan", word), ("field", room, "--field", word), (word,)):
             assert len(refused(run(*arguments))) < 600
 
 
@@ -156,7 +156,7 @@ def test_warnings_of_libraries_are_not_shown_but_logged(run, room, monkeypatch):
     def noisy(*_, **__):
         np.float64(1e308) * 10
 
-    monkeypatch.setattr("locplan.cli._options.show", noisy)
+    monkeypatch.setattr("locplan.cli.groups.Output.show", noisy)
     code, _, err = run("field", room)
     assert (code, err) == (0, "")
     code, _, err = run("-v", "field", room)

@@ -53,7 +53,7 @@ def test_check_has_nothing_to_do_for_tuned_robot(fine):
     assert fine.fixed_site is fine.site or fine.fixed_site.paths == fine.site.paths
     high = 100 * fine.baseline.lost.high
     text = " ".join(fine.report().split())
-    assert f"Nothing to do. --quick may miss a loss of up to {high:.0f} %." in text
+    assert f"Nothing to do. --effort quick may miss a loss of up to {high:.0f} %." in text
 
 
 @pytest.mark.parametrize("columns", [58, 64, 71, 80])
@@ -417,7 +417,7 @@ def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
 def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
     save_map(room(), tmp_path / "room.yaml")
     (tmp_path / "stations.csv").write_text("name,x,y\ndoor,1,1\ndesk,7,1\n")
-    command = [sys.executable, "-m", "locplan", "check", "room.yaml", "--quick"]
+    command = [sys.executable, "-m", "locplan", "check", "room.yaml", "--effort=quick"]
     options = ["--stations", "stations.csv", "--set", "range=6", "-o", "report"]
     options += ["--lidar", "turtlebot3", "--fail-if", "faults <= 0"]
     done = subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True)

@@ -851,7 +851,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
 @pytest.mark.long
 def test_the_command_gives_what_python_gives(run, box, grid):
     more = "--price", "0.2", "--seed", "4", "--json"
-    code, out, _ = run("plan", box, *ENDS, *SETTINGS, *more, "--estimator", "scan")
+    code, out, _ = run("plan", box, *ENDS, *SETTINGS, *more, "--field", "scan")
     assert code == 0
     lidar = Lidar(range=3.0)
     config = FieldConfig(Scan(lidar), stride=0.5)
@@ -894,7 +894,7 @@ def test_plan_prints_next_command(
         choice = with_arrivals(choice, 8, 8)
     monkeypatch.setattr("locplan.choose", lambda *_, **__: choice)
     folder = ("-o", tmp_path / "out") * output
-    code, out, _ = run("plan", box, *ENDS, "--no-field", "--set", "range=3", *folder)
+    code, out, _ = run("plan", box, *ENDS, "--set", "range=3", *folder)
     assert code == 0
     assert out.startswith(choice.answer[0][:60])
     first, *more = next_commands(out)
@@ -908,15 +908,6 @@ def test_plan_names_lidar_option_if_lidar_is_unknown(run, box):
     assert code == 0
     assert out.startswith("Untested: ")
     assert next_commands(out)[0][-1] == "--lidar=turtlebot4"
-
-
-def test_without_a_field_no_candidate_needs_one(run, box):
-    settings = [each for each in SETTINGS if each not in ("--stride", "0.5")]
-    code, out, _ = run("plan", box, *ENDS, *settings, "--no-field", "--json")
-    assert code == 0
-    assert not any(each["name"].startswith("aware") for each in json.loads(out)["candidates"])
-    bad = run("plan", box, *ENDS, *settings, "--no-field", "--weight", "3")
-    assert "--weight is not read with --no-field" in refused(bad)
 
 
 def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
@@ -938,10 +929,10 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
         ((*ENDS, "--path", "wall.csv"), "candidate wall: leaves the free cells"),
         ((*ENDS, "--path", "far.csv"), "'far' has its goal"),
         ((*ENDS, "--path", "grid.csv", "--planner", "grid"), "rename it"),
-        ((*ENDS, "--planner", "fastest"), "--planner must be one of"),
+        ((*ENDS, "--planner", "fastest"), "planner must be one of"),
         ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'"),
         ((*ENDS, "--price", "-1"), "price must be at least 0"),
-        ((*ENDS, "--preset", "paper"), "--estimator sad"),
+        ((*ENDS, "--field", "paper"), "--field must be one of"),
         ((*ENDS, "--budget", "2", "--via", "6,5"), "a budget is for planner 'grid', without via"),
     ],
 )

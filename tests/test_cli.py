@@ -12,11 +12,13 @@ import pytest
 from conftest import SHARED_DATA, drawn, few_of, refused
 
 import locplan
-from locplan import CovarianceField, FieldConfig, LocplanError, load_map, save_map
+from locplan import CovarianceField, FieldConfig, Lidar, LocplanError, Scan, load_map, save_map
 from locplan.cli import COMMANDS
 from locplan.field import save_config
 from locplan.maps import environments
 from locplan.planners import ParetoFront
+
+ENDS = "--start", "1,1", "--goal", "2,2"
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
 
 
 def test_json_is_json(run, room):
-    code, out, _ = run("field", room, "--json", "--preset", "paper")
+    code, out, _ = run("field", room, "--json", "--field", "sad-paper")
     assert code == 0
     about = json.loads(out)
     assert about["cells_evaluated"] == load_map(room).free.sum()
@@ -88,7 +90,7 @@ def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(ru
 
 
 def test_usage_errors_are_one_line(run, room):
-    for arguments in (("plan", room), ("field",), ("field", room, "--disc", "6m"), ("fly",)):
+    for arguments in (("plan", room), ("field",), ("field", room, "--stride", "6m"), ("fly",)):
         assert "--help" in refused(run(*arguments))
 
 
@@ -133,12 +135,17 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--disc", "-1"), "range must be a positive number of m"),
         (("--set", "range=-1"), "range must be a positive number of m"),
         (("--set", "rnge=8"), "a robot has no setting 'rnge'; it has footprint, margin"),
         (("--set", "range"), "--set must be NAME=VALUE"),
         (("--robot", "none.yaml"), "none.yaml: there is no such file"),
-        (("--preset", "best"), "--preset must be one of"),
+        (
+            ("--field", "best"),
+            "--field must be one of sad, fisher, scan, fused, sad-paper, or a file",
+        ),
+        (("--field", "fishr"), "did you mean 'fisher'?"),
+        (("--field", "none.json"), "none.json: cannot be read"),
+        (("--field", "none.npz"), "none.npz: not a covariance field"),
         (("--stride", "nan"), "stride"),
         (("--threads", "0"), "threads"),
         (("-o", "field.txt"), "must end in .npz, .png"),
@@ -172,13 +179,13 @@ def test_info_writes_files_of_built_in_map(run, tmp_path):
     assert (tmp_path / "mine" / "hall.yaml").read_text() == "mine"
 
 
-def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch):
+def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch, small_field):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run("info", "two_corridors")
     assert code == 0
     assert "locplan plan two_corridors --start" in out
-    ends = "--start", "2,3", "--goal", "38,3", "--no-field"
-    assert run("plan", "two_corridors", *ends, "-o", "planned")[0] == 0
+    ends = "--start", "2,3", "--goal", "38,3", "--field", small_field
+    assert run("plan", "two_corridors", *ends, "--stride", "1", "-o", "planned")[0] == 0
     assert "map: two_corridors\n" in (tmp_path / "planned" / "run.yaml").read_text()
     assert "did you mean two_corridors?" in refused(run("plan", "two_coridors", *ends))
     built_in = ", ".join(environments.names())
@@ -288,26 +295,26 @@ def test_a_folder_without_maps_is_refused(run, tmp_path):
     assert "is a folder without any map" in refused(run("field", tmp_path))
 
 
-def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path):
+def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path, monkeypatch, small_field):
     folder = tmp_path / "cache"
-    here = "--cache-dir", folder
-    assert run("cache", "path", *here)[1].strip() == str(folder)
-    assert run("cache", "list", *here)[1].startswith("0 results, 0 B of at most 5 GB")
-    run("field", room, "--disc", "3", *here)
-    out = " ".join(run("cache", "list", *here)[1].split())
+    monkeypatch.setenv("LOCPLAN_CACHE", str(folder))
+    assert run("cache", "path")[1].strip() == str(folder)
+    assert run("cache", "list")[1].startswith("0 results, 0 B of at most 5 GB")
+    run("field", room, "--field", small_field)
+    out = " ".join(run("cache", "list")[1].split())
     assert "field room sad, disc" in out
     assert "100%" in out
-    (about,) = json.loads(run("cache", "list", "--json", *here)[1])
+    (about,) = json.loads(run("cache", "list", "--json")[1])
     assert (about["kind"], about["map"], about["finished_share"]) == ("field", "room", 1.0)
-    assert run("cache", "clear", "--older-than", "1", *here)[1].startswith("removed 0")
-    run("field", room, "--estimator", "fisher", *here)
-    out = " ".join(run("cache", "list", *here)[1].split())
+    assert run("cache", "clear", "--older-than", "1")[1].startswith("removed 0")
+    run("field", room, "--field", "fisher")
+    out = " ".join(run("cache", "list")[1].split())
     assert "room fisher" in out
     (folder / ("0" * 32 + ".zarr")).mkdir()  # of an earlier version
-    listed = json.loads(run("cache", "list", "--json", *here)[1])
+    listed = json.loads(run("cache", "list", "--json")[1])
     assert sorted(each["kind"] for each in listed) == ["field", "field", "outdated"]
-    assert run("cache", "clear", *here)[1].startswith("removed 3")
-    assert run("cache", "list", *here)[1].startswith("0 results")
+    assert run("cache", "clear")[1].startswith("removed 3")
+    assert run("cache", "list")[1].startswith("0 results")
 
 
 def test_plans_can_have_limits_and_waypoints(run, room):
@@ -359,12 +366,13 @@ def test_plan_front_prints_and_writes_front(run, room, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--time-limit", "0"), "--time-limit"),
         (("--goal", "99,99"), "outside the map"),
         (("--goal", "4,3.5,90"), "no headings"),
         (("--drives", "4"), "--drives is not read with --front"),
         (("--planner", "grid"), "--planner is not read with --front"),
         (("--weight", "4"), "--weight is not read with --front"),
+        (("--longest", "2"), "--longest is not read with --front"),
+        (("--minimise", "lost"), "--minimise is not read with --front"),
     ],
 )
 def test_plan_front_refuses_wrong_options(run, room, arguments, told):
@@ -375,11 +383,9 @@ def test_plan_front_refuses_wrong_options(run, room, arguments, told):
 def test_ompls_planners_are_at_hand(run, room, tmp_path):
     folder = tmp_path / "out"
     ends = "--start", "1,1,90", "--goal", "4,3.5,0"
-    options = "--space", "Dubins", "--turning-radius", "0.3", "--iterations", "400"
-    code, out, _ = run(
-        "plan", room, *ends, *options, "--planner", "RRTstar", "--setting", "range=1.5",
-        "--set", "footprint=0.05", "-o", folder,
-    )  # fmt: skip
+    planner = "RRTstar:space=Dubins,turning_radius=0.3,iterations=400,settings.range=1.5"
+    arguments = "--planner", planner, "--set", "footprint=0.05", "-o", folder
+    code, out, _ = run("plan", room, *ends, *arguments)
     assert code == 0
     assert out.startswith("Untested: ")
     assert "paths with headings" in " ".join(out.split()).lower()
@@ -395,43 +401,48 @@ def test_ompls_planners_are_at_hand(run, room, tmp_path):
 
 def test_planners_that_take_any_path_say_so(run, room):
     ends = "--start", "1,1", "--goal", "4,3.5"
-    code, out, _ = run("plan", room, *ends, "--planner", "RRT", "--improve")
+    code, out, _ = run("plan", room, *ends, "--planner", "RRT:improve=true")
     assert code == 0
     assert "any path, since its planner minimises nothing" in out
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("planner", "message"),
     [
-        (("--planner", "RRTstar", "--setting", "range"), "--setting must be NAME=VALUE"),
-        (("--planner", "RRTstar", "--setting", "rang=1"), "no setting 'rang'; it has:"),
-        (("--planner", "FMT", "--space", "Dubins", "--turning-radius", "1"), "cannot plan in"),
-        (("--planner", "RRTstar", "--space", "SE2"), "start must be x, y [m] and a heading"),
-        (("--planner", "grid", "--time-limit", "1"), "no option 'time_limit'"),
-        (("--space", "Dubins"), "no option 'space'"),
+        ("RRTstar:range", "'range' must be NAME=VALUE"),
+        ("RRTstar:settings.rang=1", "no setting 'rang'; it has:"),
+        ("FMT:space=Dubins,turning_radius=1", "cannot plan in"),
+        ("RRTstar:space=SE2", "start must be x, y [m] and a heading"),
+        ("grid:time_limit=1", "no option 'time_limit'"),
+        ("any-angle:space=Dubins", "no option 'space'"),
     ],
 )
-def test_what_ompls_planners_cannot_do_is_one_line(run, room, options, message):
-    assert message in refused(run("plan", room, "--start", "1,1", "--goal", "4,3.5", *options))
+def test_what_ompls_planners_cannot_do_is_one_line(run, room, planner, message):
+    ends = "--start", "1,1", "--goal", "4,3.5"
+    assert message in refused(run("plan", room, *ends, "--planner", planner))
 
 
-def test_the_help_names_all_planners(run):
-    from locplan.planners import names
-
-    _, out, _ = run("plan", "--help")
-    assert all(name in out for name in names())
+def test_plan_gives_seed_to_random_planner(run, room):
+    ends = "--start", "1,1", "--goal", "4,3.5", "--planner", "RRT:iterations=200"
+    first, same, other = (
+        json.loads(run("plan", room, *ends, "--seed", seed, "--json")[1])["candidates"][-1]
+        for seed in (1, 1, 2)
+    )
+    assert first["path"] == same["path"]
+    assert first["path"] != other["path"]
 
 
 def test_fields_that_know_the_sensor(run, room, tmp_path):
-    sensor = "--estimator", "scan", "--headings", "4", "--set", "field_of_view_deg=180"
-    sensor += "--set", "range=3", "--set", "footprint=0.05"
+    save_config(tmp_path / "scan.json", FieldConfig(Scan(Lidar(range=6.0, beams=90)), headings=4))
+    sensor = "--field", tmp_path / "scan.json", "--set", "field_of_view_deg=180"
+    sensor += "--set", "range=3", "--set", "footprint=0.05", "--lidar", "turtlebot4"
     code, out, _ = run("field", room, *sensor, "-o", tmp_path / "f.npz")
     assert code == 0
-    assert "scan, lidar, 3 m, 180°, 4 headings" in " ".join(out.split())
+    assert "scan, turtlebot4, 3 m, 180°, 4 headings" in " ".join(out.split())
     field = CovarianceField.load(tmp_path / "f.npz")
     assert field.covariance.shape[2] == 4
     ends = "--start", "1,1", "--goal", "4,3.5", "--drives", "0"
-    code, out, _ = run("plan", room, *ends, *sensor, "--criterion", "ambiguity")
+    code, out, _ = run("plan", room, *ends, *sensor)
     assert code == 0
     for scalar in ("ambiguity", "position_std"):
         picture = tmp_path / f"{scalar}.png"
@@ -443,19 +454,16 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
 def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_path):
     _, out, _ = run("field", room, "--lidar", "utm-30lx")
     assert "fused, utm-30lx, 30 m, 270°, 8 headings" in " ".join(out.split())
-    _, out, _ = run("field", room, "--lidar", "turtlebot3", "--estimator", "sad", "--disc", "3")
+    _, out, _ = run("field", room, "--lidar", "turtlebot3", "--field", "sad", "--set", "range=3")
     assert "sad, disc, exponential, turtlebot3, 3 m" in " ".join(out.split())
     _, out, _ = run("field", room)
     assert "no lidar named: the paper's disc, 6 m assumed" in " ".join(out.split())
     ends = "--start", "1,1", "--goal", "4,3", "--drives", "2", "--set", "footprint=0.05"
     for estimator in ("scan", "sad"):
-        lidar = "--lidar", "tim571", "--estimator", estimator, "--headings", "2"
-        options = (*ends, *lidar[: 4 if estimator == "sad" else 6], "--stride", "1")
+        options = (*ends, "--lidar", "tim571", "--field", estimator, "--stride", "1")
         about = json.loads(run("simulate", room, *options, "--json")[1])
         seen = about["robot"]["lidar"]
         assert (seen["model"], seen["beams"]) == ("tim571", 811)
-    _, _, err = run("field", room, "--config", "missing.json", "--lidar", "tim571")
-    assert "missing.json: cannot be read" in err
 
 
 @pytest.mark.long
@@ -466,8 +474,7 @@ def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
     said = "no weak spot for this lidar"
     for lidar, none in (("tim571", True), ("turtlebot4", False)):
         monkeypatch.setattr("locplan.field.estimators._beams.SHARP", 0.8 if none else 0.01)
-        named = "--lidar", lidar, "--headings", "2"
-        named = named if none else named[:2]
+        named = "--lidar", lidar
         assert (said in run("field", tmp_path / "small.yaml", *named)[1]) == none
         assert (said in run("plan", tmp_path / "small.yaml", *ends, *named)[1]) == none
 
@@ -498,17 +505,11 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--estimator", "scan", "--disc", "4"), "--disc is for --estimator sad, not for scan"),
-        (("--lidar", "utm-30lx", "--template", "disc"), "--template is for --estimator sad"),
         (("--lidar", "kinect"), "lidar must be one of rplidar-a1"),
-        (("--estimator", "icp"), "estimator must be one of sad, fisher, scan"),
-        (("--estimator", "fisher", "--preset", "paper"), "--preset is for --estimator sad"),
-        (("--estimator", "scan", "--template", "disc"), "--template is for --estimator sad"),
         (
-            ("--estimator", "fisher", "--set", "field_of_view_deg=0"),
+            ("--field", "fisher", "--set", "field_of_view_deg=0"),
             "field_of_view_deg must be a positive number",
         ),
-        (("--estimator", "scan", "--headings", "-1"), "headings must be a whole number"),
     ],
 )
 def test_impossible_sensors_are_refused(run, room, options, message):
@@ -522,9 +523,10 @@ def test_impossible_sensors_are_refused(run, room, options, message):
         ("path", "out.yaml"),
     ],
 )
-def test_export_writes_every_format(run, room, tmp_path, to, name):
+def test_export_writes_every_format(run, room, tmp_path, to, name, small_field):
+    field = "--field", small_field
     ends = ("--start", "1,1", "--goal", "4,1") if to in ("path", "nav2-routes") else ()
-    code, out, err = run("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, *ends)
+    code, out, err = run("export", room, "--to", to, "-o", tmp_path / name, *field, *ends)
     assert code == 0, err
     assert to in out
     assert (tmp_path / name).exists()
@@ -533,20 +535,29 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         ["room.yaml", "room.pgm", name, *runs]
     )
     code, out, _ = run(
-        *("export", room, "--to", to, "-o", tmp_path / name, "--disc", 2, "--json", *ends)
+        *("export", room, "--to", to, "-o", tmp_path / name, *field, "--json", *ends)
     )
     assert json.loads(out)["to"] == to
+
+
+def test_export_takes_planner_of_nav2(run, room, tmp_path, small_field):
+    field = "--field", small_field, "--nav2-planner", "smac-hybrid"
+    code, out, _ = run("export", room, "--to", "nav2-keepout", *field, "-o", tmp_path / "mask")
+    assert code == 0
+    assert re.search("planner +smac-hybrid", out)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (("--to", "nav2"), "--to must be one of nav2-keepout"),
-        (("--to", "ros-map", "--planner", "smac2d"), "--planner is for --to nav2-keepout"),
+        (
+            ("--to", "ros-map", "--nav2-planner", "smac2d"),
+            "--nav2-planner is for --to nav2-keepout, not for ros-map",
+        ),
         (("--to", "ros-map", "--slowest", "0.5"), "--slowest is for --to nav2-speed"),
         (("--to", "nav2-speed", "--slowest", "5"), "slowest must be 0.01 to 1"),
-        (("--to", "nav2-keepout", "--planner", "teb"), "planner must be one of"),
-        (("--to", "nav2-keepout", "--planner-param", "inf"), "must be a positive number"),
+        (("--to", "nav2-keepout", "--nav2-planner", "teb"), "planner must be one of"),
         (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
         (("--to", "nav2-keepout", "--robot", "none.yaml"), "none.yaml: there is no such file"),
         (("--to", "path"), "needs one --path CSV, or"),
@@ -555,7 +566,8 @@ def test_export_writes_every_format(run, room, tmp_path, to, name):
         (("--to", "path", "--path", "none.csv"), "none.csv: cannot be read"),
         (("--to", "path", "--path", "none.csv", "-o", "p.txt"), "none.csv: cannot be read"),
         (("--to", "nav2-routes"), "needs paths"),
-        (("--to", "nav2-speed", "-o", "no/such/x"), "does not exist"),
+        (("--to", "path", *ENDS, "-o", "no/such/x.csv"), "does not exist"),
+        (("--to", "nav2-speed", "-o", "room.yaml"), "room.yaml"),
     ],
 )
 def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arguments, message):
@@ -577,14 +589,12 @@ def test_the_help_of_every_command_has_headings_and_an_example(run):
         assert re.search(rf"^│ {command} +[A-Z]", out, re.MULTILINE), command
         code, own, _ = run(command, "--help")
         assert code == 0
-        assert f"Example\n  locplan {command}" in own
+        assert f"Examples\n  locplan {command}" in own
         assert "─ Output ─" in own
     _, out, _ = run("plan", "-h")
-    at = [
-        out.index(f"─ {title} ─") for title in ("Robot", "Planner", "Costs", "Field", "Computing")
-    ]
-    assert at == sorted(at)
-    assert "--field.disc" not in out
+    titles = "Arguments", "Options", "Robot", "Computation", "Output"
+    places = [out.index(f"─ {title} ─") for title in titles]
+    assert places == sorted(places)
 
 
 def test_slips_get_a_hint(run, room):
@@ -608,64 +618,32 @@ def test_helps_fill_their_lines(run):
             lines = [line.strip("│").rstrip() for line in panel.splitlines() if line[:1] == "│"]
             indents = {len(line) - len(line.lstrip()) for line in lines}
             assert len({indent for indent in indents if indent > 8}) <= 1, (command, lines)
-        examples = out.split("Example\n")[-1]
-        assert all(len(line) <= 80 for line in examples.splitlines()), command
+        examples = out.split("Examples\n")[-1]
+        assert all(len(line) <= 100 for line in examples.splitlines()), command
 
 
 def test_a_command_is_a_module_and_a_line(run, monkeypatch):
     source = """
-from locplan.cli._types import command
+from locplan.cli.application import command
 @command("hello you")
 def hello(name: str) -> int:
     "Greet somebody."
     print("hello", name)
     return 3
 """
-    module = types.ModuleType("locplan.cli._hello")
+    module = types.ModuleType("locplan.cli.hello")
     exec(source, module.__dict__)
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr(
-        "locplan.cli._application.COMMANDS", COMMANDS | {"hello": ("Start", "_hello")}
-    )
+    monkeypatch.setattr("locplan.cli.application.COMMANDS", COMMANDS | {"hello": "Start"})
     assert run("hello", "world") == (3, "hello world\n", "")
     assert "Greet somebody." in run("--help")[1]
-
-
-def test_a_class_is_a_command_with_the_options_of_its_bases_and_its_own(run, room, monkeypatch):
-    source = """
-from locplan.cli._options import Output, Seeded
-from locplan.cli._types import OneMap, Pair, command, under
-from typing import Annotated
-@command("measure lab.yaml")
-class measure(OneMap, Seeded, Output):
-    "Measure a map."
-    depth: float | None = None
-    walls: Pair | None = None
-    deep: Annotated[bool, under("Field")] = False
-    def __call__(self):
-        self.refuse("without --deep", *[] if self.deep else ["depth"])
-        print(self.map_file.name, self.given("walls", Seeded), self.given("depth", Output))
-"""
-    module = types.ModuleType("locplan.cli._measure")
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    exec(source, module.__dict__)
-    known = COMMANDS | {"measure": ("Start", "_measure")}
-    monkeypatch.setattr("locplan.cli._application.COMMANDS", known)
-    assert run("measure", room)[:2] == (0, "room.yaml {'seed': 1} {}\n")
-    given = run("measure", room, "--walls", "2", "--seed", "0", "--deep", "--depth", "0", "--json")
-    assert given[1] == "room.yaml {'walls': 2, 'seed': 0} {'depth': 0.0, 'json': True}\n"
-    assert "--depth is not read without --deep" in refused(run("measure", room, "--depth", "1"))
-    panels = {each.split()[1]: each for each in run("measure", "--help")[1].split("╭")[1:]}
-    assert [*panels] == ["Arguments", "Options", "Simulation", "Field", "Computing", "Output"]
-    assert "--depth" in panels["Options"]
-    assert "--deep " in panels["Field"]
 
 
 def test_helps_import_no_heavy_library():
     code = (
         "import sys\n"
         "from locplan.cli import main\n"
-        "from locplan.cli._application import COMMANDS\n"
+        "from locplan.cli.application import COMMANDS\n"
         "for words in ['--version'], ['--help'], *([name, '--help'] for name in COMMANDS):\n"
         "    sys.argv = ['locplan', *words]\n"
         "    try: main()\n"
@@ -682,7 +660,7 @@ def test_only_the_command_that_runs_is_imported():
         "import sys; sys.argv = ['locplan', '-v', 'cache', 'path']\n"
         "from locplan.cli import main\n"
         "try: main()\n"
-        "except SystemExit: print([n for n in ('_plan', '_export', '_compare')"
+        "except SystemExit: print([n for n in ('plan', 'export', 'compare')"
         " if 'locplan.cli.' + n in sys.modules])"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -704,7 +682,7 @@ def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
     assert code == 0
     assert str(tmp_path / "plan") in out
     script = (tmp_path / "plan").read_text()
-    for word in (*COMMANDS, "robot", "cache-dir", "InformedRRTstar"):
+    for word in (*COMMANDS, "robot", "nav2-planner", "smac-hybrid"):
         assert word in script
     assert "csh" in refused(run("--install-completion", "--shell", "csh"))
 
@@ -731,7 +709,10 @@ def test_values_may_begin_with_a_minus_sign(run, room, start):
         (("plan", "MAP", "--strat", "1,1", "--goal", "2,2"), "Did you mean --start"),
         (("cache", "path", "now"), "unexpected: now"),
         (("fly",), 'Unknown command "fly"'),
-        (("field", "MAP", "--template", "ring"), "--template must be one of disc, visible, not"),
+        (
+            ("plan", "MAP", *ENDS, "--minimise", "time"),
+            "--minimise must be one of rmse, lost, goal-error",
+        ),
     ],
 )
 def test_usage_errors_say_what_would_be_right(run, words, message):
@@ -742,14 +723,15 @@ def test_usage_errors_say_what_would_be_right(run, words, message):
 
 def test_choices_are_those_of_the_library(run, room):
     from locplan.export import formats, keepout_mask
-    from locplan.field import SCALARS, Scan
+    from locplan.field import ESTIMATORS, SCALARS
 
     options = get_type_hints(formats()["nav2-keepout"].options)
     names, _ = get_args(options["planner"])
     with pytest.raises(LocplanError, match=f"planner must be one of {', '.join(get_args(names))},"):
         keepout_mask(locplan.Costmap.blank(load_map(room)), planner="other")
-    help = run("plan", "--help")[1]
+    help = run("field", "--help")[1]
     assert all(name in help for name in (*SCALARS, *(layer.name for layer in Scan.layers)))
+    assert all(name in help for name in ESTIMATORS)
 
 
 def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
@@ -782,7 +764,8 @@ def test_what_fails_leaves_no_folder(run, tmp_path, command):
         "field room.yaml -o link/room.png",
         "info room.yaml -o room.png",
         "export room.yaml --to path --path p.csv -o p.csv",
-        "calibrate room.yaml --drive c.npz --robot c.json -o c.json",
+        "plan choice.yaml --start 1,2 --goal 4,3 --field c.json -o .",
+        "recording c.npz room.yaml -o c.npz",
         "plan choice.yaml --start 1,2 --goal 4,3 -o .",
     ],
 )
@@ -838,14 +821,9 @@ def test_the_lidar_that_is_assumed_is_said(run, room):
 @pytest.mark.parametrize(
     ("command", "more", "message"),
     [
-        ("trajectory", ("--drive", "x.csv", "--start", "nan,0,0"), "X,Y,DEG with a heading in deg"),
         ("simulate", ("--start", "2,nan", "--goal", "4,3.5"), "--start must be X,Y in metres"),
         ("simulate", ("--start", "1,2", "--goal", "1,2"), "start and goal are one place"),
-        (
-            "plan",
-            ("--start", "1,2", "--goal", "4,3", "--driving-time", "-1"),
-            "--driving-time must",
-        ),
+        ("simulate", ("--path", "p.csv", "--min-distance", "2"), "--min-distance is not read"),
     ],
 )
 def test_a_message_names_the_option_as_it_is_typed(run, room, command, more, message):
@@ -871,3 +849,93 @@ def test_paths_of_one_name_are_called_by_their_folders(run, room, tmp_path):
     assert "b/01-shortest" in out
     twice = refused(run("simulate", room, *given, "--path", files[0], *arguments))
     assert "two --path files are called a/01-shortest; rename one" in twice
+
+
+def test_field_option_takes_computed_field(run, room, tmp_path, monkeypatch):
+    """A field in a file is not computed again, and is refused on another map."""
+    config = FieldConfig(locplan.Sad(range=1.0), stride=0.5)
+    field = locplan.covariance_field(load_map(room), config)
+    monkeypatch.setattr(CovarianceField, "load", lambda _: field)
+    monkeypatch.setattr("locplan.load_or_compute", None, raising=False)
+    (tmp_path / "lab.npz").write_bytes(b"")
+    option = "--field", tmp_path / "lab.npz"
+    about = json.loads(run("plan", room, "--start", "1,2", "--goal", "4,3.5", *option, "--json")[1])
+    assert about["about"]["config"]["estimator"]["range"] == 1.0
+    wide = drawn("#" * 12, *["#" + "." * 10 + "#"] * 8, "#" * 12, resolution=0.5)
+    save_map(wide, tmp_path / "wide.yaml")
+    error = refused(run("export", tmp_path / "wide.yaml", "--to", "ros-map", *option))
+    assert "lab.npz is of another map (room); compute it of wide with locplan field" in error
+    error = refused(run("field", room, *option, "--stride", "0.3"))
+    assert "--stride is not read with a computed field" in error
+
+
+def test_field_option_rejects_field_of_other_lidar(run, room, tmp_path, monkeypatch):
+    config = FieldConfig(Scan(Lidar(range=3.0, beams=30, model="mine")), stride=1.0)
+    field = locplan.covariance_field(load_map(room), config)
+    monkeypatch.setattr(CovarianceField, "load", lambda _: field)
+    (tmp_path / "lab.npz").write_bytes(b"")
+    plan = "plan", room, "--start", "1,2", "--goal", "4,3.5", "--field", tmp_path / "lab.npz"
+    assert "lab.npz is of another lidar (mine, 3 m" in refused(run(*plan, "--lidar", "turtlebot4"))
+    code, out, err = run(*plan, "--drives", "0", "--json")
+    assert code == 0, err
+    assert json.loads(out)["robot"]["lidar"]["model"] == "mine"
+
+
+def test_field_option_takes_settings(run, room, small_field):
+    about = json.loads(run("field", room, "--field", small_field, "--stride", "0.5", "--json")[1])
+    assert about["config"]["estimator"]["range"] == 1.0
+    assert about["config"]["stride"] == 0.5
+    lidar = "--lidar", "turtlebot3", "--set", "range=2"
+    about = json.loads(run("field", room, "--field", small_field, *lidar, "--json")[1])
+    assert about["config"]["estimator"]["range"] == 2.0
+
+
+def test_info_lists_settings_of_robot(run, tmp_path):
+    code, out, _ = run("info", "--settings", "--lidar", "turtlebot4", "--json")
+    values = {row["setting"]: row["value"] for row in json.loads(out)}
+    assert code == 0
+    assert (values["range"], values["alpha1"], values["max_particles"]) == ("12.0", "0.2", "2000")
+    locplan.Robot("turtlebot4").changed({"alpha1": 0.05}).save(tmp_path / "robot.yaml")
+    files = "--robot", tmp_path / "robot.yaml", "--set", "max_particles=900"
+    rows = json.loads(run("info", "--settings", *files, "--json")[1])
+    changed = {row["setting"]: row["value"] for row in rows}
+    assert (changed["alpha1"], changed["max_particles"]) == ("0.05", "900")
+    assert "no setting 'alpha9'" in refused(run("info", "--settings", "--set", "alpha9=1"))
+    assert "name a map, or list the robot's settings with --settings" in refused(run("info"))
+
+
+def test_settings_that_info_lists_can_be_set(run):
+    words = {"True": "true", "False": "false", "None": "null"}
+    rows = json.loads(run("info", "--settings", "--lidar", "turtlebot4", "--json")[1])
+    pairs = [(each["setting"], words.get(each["value"], each["value"])) for each in rows]
+    options = [f"--set={name}={value}" for name, value in pairs if value != "-"]  # without a value
+    code, out, err = run("info", "--settings", "--lidar", "turtlebot4", *options, "--json")
+    assert code == 0, err
+    assert json.loads(out) == rows
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_one_line_per_option(run, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "100")
+    _, out, _ = run(command, "--help")
+    lines = [line for line in out.splitlines() if line.startswith("│")]
+    wrapped = [line for line in lines if not re.match(r"│ [* ]*(--?\w|[A-Z]{3,}|[a-z]+ )", line)]
+    assert wrapped == []
+    assert ";" not in out
+    assert len(out.splitlines()) <= 60
+
+
+def test_commands_and_options_are_few(run):
+    from locplan.cli.application import OPTIONS, application
+
+    counts = {}
+    for command in set(COMMANDS) - {"cache"}:
+        arguments = application(command)[command].assemble_argument_collection()
+        counts[command] = sum(
+            OPTIONS in each.parameter.group or not each.parameter.group
+            for each in arguments
+            if each.names[0].startswith("--") and "." not in each.names[0]
+        )
+    assert len(COMMANDS) == 14
+    assert max(counts.values()) <= 14, counts
+    assert sum(counts.values()) <= 110

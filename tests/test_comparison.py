@@ -378,7 +378,7 @@ def test_a_time_limit_is_for_those_who_take_one():
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
+def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys, small_field):
     from locplan.cli import main
 
     def run(*arguments):
@@ -388,7 +388,15 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
         return stop.value.code, *capsys.readouterr()
 
     save_map(rooms(), tmp_path / "rooms.yaml")
-    common = (tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--random", 3, "--disc", 1)
+    common = (
+        tmp_path / "rooms.yaml",
+        "-o",
+        tmp_path / "out",
+        "--random",
+        3,
+        "--field",
+        small_field,
+    )
     common += ("--min-distance", 2, "--stride", 0.4, "--workers", 1)
     common += ("--set", "footprint=0.1", "--set", "margin=0")
     code, out, err = run(*common, "--weight", 0, "--weight", 4)
@@ -413,7 +421,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys):
     code, out, err = run(*common, "--planner", "nobody")
     assert (code, out, err.count("\n")) == (2, "", 1)
     code, _, err = run(*common, "--queries", "none.csv")
-    assert "exclude one another" in err
+    assert "exclude each other" in err
     one = tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--queries", "none.csv"
     for option in ("--seed", "--min-distance"):
         code, _, err = run(*one, option, 3)

@@ -8,15 +8,13 @@ import math
 
 import numpy as np
 import pytest
-from conftest import refused
 from made_drives import LIDAR, recorded
 from small_drive import FILE, MAP
 
-from locplan import Costmap, load_map, plan, save_map
+from locplan import Costmap, load_map, plan
 from locplan._kernels.drives import odometry_along
 from locplan._kernels.particles import move
 from locplan._util import intervals as of_intervals, poses as of_poses
-from locplan.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import environments
 from locplan.recordings import Recording, calibrate_drive, odometry_noise, scan_noise
@@ -269,44 +267,6 @@ def test_a_drive_without_odometry_calibrates_the_rest(grid, drive):
     assert "no odometry" in " ".join(found.notes)
 
 
-def run(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr("sys.argv", ["locplan", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr()
-    return ended.value.code, said.out, said.err
-
-
-@pytest.fixture
-def files(tmp_path, grid, drive):
-    save_map(grid, tmp_path / "map.yaml")
-    drive.every(3).save(tmp_path / "drive.npz")
-    return tmp_path
-
-
-def test_one_file_of_settings_goes_to_every_command(files, monkeypatch, capsys):
-    target = files / "robot.json"
-    code, out, _ = run(
-        *(monkeypatch, capsys, "calibrate", files / "map.yaml", "--drive", files / "drive.npz"),
-        *("--set", "min_particles=100", "--set", "max_particles=200", "-o", target),
-    )
-    assert code == 0
-    for said in ("outliers", "alpha1", "deg/√m", "95 %"):
-        assert said in out
-    about = json.loads(target.read_text())
-    robot = Robot.load(target)
-    assert robot.filter == Amcl(min_particles=100, max_particles=200)
-    assert robot.summary() == about["robot"]
-    assert robot.lidar.beams == LIDAR.beams
-    path = ["--start", "2,3", "--goal", "6,3", "--drives", "2", "--json"]
-    used = ["--stride", "0.8", "--robot", target, "--set", "occlusion=0.5"]
-    used += ["--cache-dir", files / "cache"]
-    code, out, err = run(monkeypatch, capsys, "simulate", files / "map.yaml", *path, *used)
-    assert code == 0, err
-    simulated = json.loads(out)
-    assert simulated["robot"] == robot.changed({"occlusion": 0.5}).summary()
-
-
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -325,29 +285,5 @@ def test_wrong_files_of_settings_are_one_clear_line(tmp_path, content, said):
 def test_older_files_of_settings_are_refused(tmp_path):
     file = tmp_path / "older.json"
     file.write_text(json.dumps({"config": {}, "amcl": {"alpha1": 0.1}}))
-    with pytest.raises(ConfigError, match=r"older\.json: has no entry \"robot\"; .* calibrate"):
+    with pytest.raises(ConfigError, match=r"older\.json: has no entry \"robot\"; .* anew"):
         Robot.load(file)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (["--lidar", "rplidar-a1"], "--lidar is not read with --drive"),
-    ],
-)
-def test_options_that_a_drive_has_no_use_for_are_refused(files, monkeypatch, capsys, given, said):
-    drive = ["--drive", files / "drive.npz", "-o", files / "robot.json", *given]
-    code, _, err = run(monkeypatch, capsys, "calibrate", files / "map.yaml", *drive)
-    assert code == 2
-    assert said in err
-
-
-def test_only_with_force_a_file_in_the_way_is_replaced(run, files, calibrated, monkeypatch):
-    monkeypatch.setattr("locplan.recordings.calibrate_drive", lambda *_, **__: calibrated)
-    target = files / "robot.json"
-    target.write_text("mine")
-    calibrate = ("calibrate", files / "map.yaml", "--drive", files / "drive.npz", "-o", target)
-    assert "robot.json: is no earlier result of this command" in refused(run(*calibrate))
-    assert run(*calibrate, "--force")[0] == 0
-    assert Robot.load(target) == calibrated.robot
-    assert run(*calibrate)[0] == 0  # over what calibrate wrote

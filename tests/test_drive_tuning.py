@@ -71,7 +71,7 @@ def test_settings_that_fail_on_recording_are_kept(tuned, tmp_path):
     refused = dataclasses.replace(tuned, choice=kept)
     assert refused.changes == {}
     assert refused.conclusion == "Keep your settings: runs end lost"
-    assert "locplan calibrate --drive" in " ".join(refused.report().split())
+    assert "locplan recording FILE MAP" in " ".join(refused.report().split())
     refused.save(tmp_path / "out")
     assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == POOR
 
@@ -103,7 +103,7 @@ def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch,
     save_map(grid, tmp_path / "map.yaml")
     drive.save(tmp_path / "drive.npz")
     few = ["--set", "min_particles=20", "--set", "max_particles=40", "--drives", "2"]
-    command = ["tune", tmp_path / "map.yaml", "--drive", tmp_path / "drive.npz", *few]
+    command = ["tune", tmp_path / "map.yaml", "--recording", tmp_path / "drive.npz", *few]
 
     def run(*more):
         monkeypatch.setattr("sys.argv", ["locplan", *map(str, command), *map(str, more)])
@@ -118,8 +118,8 @@ def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch,
     for more, fault in ((["--paths", "8"], "--paths"), (["--set", "range=5"], "--set range")):
         code, said = run(*more)
         assert code == 2
-        assert f"{fault} is not read with --drive" in said.err
+        assert f"{fault} is not read with --recording" in said.err
     command[1:2] = [tmp_path / "map.yaml"] * 3
-    code, said = run("--drive", tmp_path / "drive.npz")
+    code, said = run("--recording", tmp_path / "drive.npz")
     assert code == 2
-    assert "2 drives, 3 maps" in said.err
+    assert "2 recordings, 3 maps" in said.err

@@ -206,10 +206,10 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ((), "give one of --path"),
-        (("--start", "2,3"), "give one of --path"),
-        (("--start", "2,3", "--random", "3"), "give one of --path"),
-        (("--goal", "2,3", "--path", "a.csv"), "give one of --path"),
+        ((), "give one of --path, --start with --goal, --random, and --recording"),
+        (("--start", "2,3"), "--start and --goal belong together"),
+        (("--start", "2,3", "--random", "3"), "belong together"),
+        (("--goal", "2,3", "--path", "a.csv"), "belong together"),
         ((*ENDS, "--random", "3"), "give one of --path"),
         ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'; it has footprint,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
@@ -217,7 +217,7 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
         ((*ENDS, "--set", "max_particles=3"), "must not exceed max_particles"),
         ((*ENDS, "--lidar", "sonar"), "--lidar must be one of rplidar-a1"),
         ((*ENDS, "--robot", "none.yaml"), "none.yaml: there is no such file"),
-        ((*ENDS, "--config", "none.json"), "none.json: cannot be read"),
+        ((*ENDS, "--field", "none.json"), "none.json: cannot be read"),
         ((*ENDS, "--weight", "-1"), "weight"),
         (("--start", "0,0.1", "--goal", "6,9"), "start"),
         (("--path", "none.csv"), "none.csv: cannot be read"),
@@ -235,4 +235,5 @@ def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reas
 def test_a_path_of_several_maps_is_refused(run, map_file, tmp_path):
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
     several = map_file, tmp_path / "other.yaml"
-    assert "name one of these 2, or give --random" in refused(run("simulate", *several, *ENDS))
+    error = refused(run("simulate", *several, *ENDS))
+    assert "one path is of one map: name one of these 2, or --random" in error

@@ -43,7 +43,7 @@ def checked(tmp_path_factory):
     """The folder of a check on a solid map, as the command writes it."""
     folder = tmp_path_factory.mktemp("checked")
     save_map(blocks(), folder / "blocks.yaml")
-    words = ["check", folder / "blocks.yaml", "--quick", "-o", folder / "report"]
+    words = ["check", folder / "blocks.yaml", "--effort=quick", "-o", folder / "report"]
     words += ["--set=range=6", "--set=beams=120"]
     subprocess.run([sys.executable, "-m", "locplan", *map(str, words)], check=True)
     return folder / "report"

@@ -21,7 +21,7 @@ from locplan.errors import LocplanError
 from locplan.explorer import Explorer
 from locplan.maps import OCCUPIED, OccupancyGrid
 
-ARGUMENTS = ("--disc", "1", "--stride", "0.4", "--no-browser")
+ARGUMENTS = ("--stride", "0.4", "--no-browser")
 
 
 AS_IN_A_TERMINAL = (
@@ -85,12 +85,12 @@ def test_the_command_serves_until_ctrl_c(map_file):
     ]
 
 
-def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_path):
+def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_path, small_field):
     seen = {}
     monkeypatch.setattr(Explorer, "wait", lambda self: seen.update(page=self))
     monkeypatch.setattr(Explorer, "open", lambda self: seen.update(open=True))
-    given = ["--set=footprint=0.1", "--set=margin=0", "--set=alpha1=0.05", "--disc=1.5"]
-    given += ["--start=1,2", "--goal=3,2", "--via=-0.5,2", "--weight=7", "--criterion=heading_std"]
+    given = ["--set=footprint=0.1", "--set=margin=0", "--set=alpha1=0.05", f"--field={small_field}"]
+    given += ["--start=1,2", "--goal=3,2", "--via=-0.5,2", "--weight=7"]
     given += ["--threads=1", "--force", "-o", tmp_path / "out"]
     code, out, err = run("explore", map_file, *given)
     assert code == 0
@@ -98,12 +98,11 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     session = seen["page"].session
     assert out == f"{seen['page'].address}\n"
     assert seen["open"]
-    assert session.config.estimator.range == 1.5
+    assert session.config.estimator.range == 1.0
     assert session.default_weight == 7
     assert session.robot.radius == 0.1
     assert (session.opening.start, session.opening.goal) == ((1.0, 2.0), (3.0, 2.0))
     assert session.opening.via == ((-0.5, 2.0),)
-    assert session.opening.criterion == "heading_std"
     assert session.robot.filter.alpha1 == 0.05
     assert session.opening.folder == tmp_path / "out"
     assert session.opening.force
@@ -114,13 +113,14 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     ("arguments", "fault"),
     [
         (("--port", "70000"), "port must be"),
+        (("--port", "80.5"), "--port must be a whole number"),
+        (("--json",), "--json is not read by explore"),
         (("--start", "1"), "--start must be"),
         (("--set", "footprint=40"), "a robot of radius 40.05 m has no room on this map"),
         (("--start", "400,120"), "start 400,120 lies outside the map, which reaches from"),
         (("--goal", "400,120"), "goal 400,120 lies outside the map"),
         (("--via", "1,2", "--via", "1,-9"), "waypoint 2 1,-9 lies outside the map"),
         (("--weight", "-1"), "weight must be"),
-        (("--criterion", "x"), "criterion must be"),
         (("--lidar", "x"), "--lidar must be one of"),
     ],
 )

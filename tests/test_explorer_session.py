@@ -595,7 +595,7 @@ def test_maps_are_saved_under_the_folder_only(tmp_path):
     (tmp_path / "out" / "other.pgm").write_bytes(b"mine")
     with pytest.raises(LocplanError, match="there already"):
         answer(session, "save", name="other")
-    with pytest.raises(LocplanError, match="--folder"):
+    with pytest.raises(LocplanError, match="--output"):
         answer(session_of(rooms()), "save", name="room")
 
 

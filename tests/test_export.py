@@ -849,19 +849,17 @@ from locplan.export import ExportSummary, Format
 
 @dataclass(frozen=True)
 class ToyOptions:
-    digits: int = 3
-    """The number of digits is 3 by default."""
-    step: float = 1.0
-    """The step is no step."""
+    step: float = 0.001
+    """The step of the number."""
 
     def __post_init__(self):
-        if self.digits < 1:
-            raise ConfigError(f"digits must be 1 or more, not {self.digits}")
+        if not self.step > 0:
+            raise ConfigError(f"step must be above 0, not {self.step}")
 
 
 def write(target, job, options):
-    most = round(float(job.field.e[job.field.evaluated].max()), options.digits)
-    target.write_text(f"{most}")
+    most = float(job.field.e[job.field.evaluated].max())
+    target.write_text(f"{round(most / options.step)}")
     return ExportSummary({"most": most}, (("greatest e", str(most)),))
 
 
@@ -873,22 +871,19 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     (tmp_path / "toy_format.py").write_text(TOY)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(registry, "MODULES", [*registry.MODULES, "toy_format"])
-    for name in ("locplan.cli._export", "toy_format"):
+    for name in ("locplan.cli.export", "toy_format"):
         monkeypatch.setitem(sys.modules, name, None)  # so that it is forgotten at last
         monkeypatch.delitem(sys.modules, name)
     save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     _, out, _ = run("export", "--help")
-    text = " ".join(out.replace("│", " ").split())
-    assert "toy (.txt, the greatest e)" in text
-    assert "--digits INT The number of digits is 3 by default (toy)." in text
-    assert "by default they are its corners (path). The step is no step (toy)." in text
+    assert "ros-map, path, toy." in " ".join(out.replace("│", " ").split())
     ask = "export", tmp_path / "bay.yaml", "--to", "toy"
     monkeypatch.chdir(tmp_path)
-    code, out, err = run(*ask, "--digits", 1)
+    code, out, err = run(*ask, "--step", 0.5)
     assert (code, err) == (0, "wrote bay-toy.txt\n")
-    assert len((tmp_path / "bay-toy.txt").read_text().split(".")[1]) == 1
-    assert f"greatest e  {(tmp_path / 'bay-toy.txt').read_text()}" in out
-    assert "digits must be 1 or more" in refused(run(*ask, "--digits", 0))
+    most = float(re.search(r"greatest e +(\S+)", out)[1])
+    assert int((tmp_path / "bay-toy.txt").read_text()) == round(most / 0.5)
+    assert "step must be above 0" in refused(run(*ask, "--step", 0))
     for extra in (("--frame", "odom"), ("--start", "1,1", "--goal", "1,2")):
         message = refused(run(*ask, *extra))
         assert re.search(f"{extra[0]} is for --to .*path.*, not for toy", message)

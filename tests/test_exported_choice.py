@@ -179,7 +179,7 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
     grid = driven.costs.grid
     save_map(grid, tmp_path / "lab.yaml")
     tuned_better(taking(driven, AWARE)).save(tmp_path / "planned")
-    line = "export", tmp_path / "lab.yaml", "--cache-dir", tmp_path / "cache"
+    line = "export", tmp_path / "lab.yaml"
     line += "--choice", tmp_path / "planned", "--to"
     (tmp_path / "nav2.yaml").write_text(
         "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.3}}}\n"
@@ -209,7 +209,7 @@ def test_command_exports_choices_as_routes(run, tmp_path, driven):
     ):
         choice.save(tmp_path / "planned" / name)
     Path([(2.0, 3.0), (6.0, 3.0)]).save(tmp_path / "mine.csv")
-    line = "export", tmp_path / "lab.yaml", "--cache-dir", tmp_path / "cache", "--to"
+    line = "export", tmp_path / "lab.yaml", "--to"
     routes = *line, "nav2-routes", "--path", tmp_path / "mine.csv", "--choice"
     code, out, _ = run(*routes, tmp_path / "planned", "-o", tmp_path / "r", "--json")
     assert code == 0

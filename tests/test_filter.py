@@ -330,7 +330,7 @@ def rmse_simulated(about):
 COMMANDS = {
     "simulate": (("--path", "through.csv"), rmse_simulated),
     "plan": (
-        ("--start", "2,4", "--goal", "9,2", "--no-field"),
+        ("--start", "2,4", "--goal", "9,2", "--stride", "0.8"),
         lambda about: about["candidates"][0]["driven"]["error"][0],
     ),
 }

@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 import pytest
 from conftest import drawn, refused
 
-from locplan import save_map
+from locplan import Lidar, save_map
 from locplan.cli import COMMANDS
-from locplan.cli._application import application
+from locplan.cli.application import application
+from locplan.recordings import Recording
 
 ENDS = "--start", "0.6,0.6", "--goal", "2.0,0.8"
 NEEDED = {
@@ -22,12 +24,14 @@ NEEDED = {
     "export": ("--to", "ros-map"),
 }
 """What a command refuses to run without, but for its map."""
+FIRST = {"recording": "drive.npz"}
+"""First argument of commands that do not begin with a map."""
 WRITING = {
     "info": ("-o", "disk/out.png"),
     "plan": (*ENDS, "-o", "disk/out"),
-    "simulate": (*ENDS, "--drives", "2", "--disc", "1", "-o", "disk/out"),
+    "simulate": (*ENDS, "--drives", "2", "--stride", "1", "-o", "disk/out"),
     "export": ("--to", "ros-map", "-o", "disk/out"),
-    "field": ("--disc", "1", "-o", "disk/out.npz"),
+    "field": ("--stride", "1", "-o", "disk/out.npz"),
 }
 """A quick line of commands that write a picture, a folder of results or of an export, a field."""
 
@@ -40,7 +44,7 @@ def inputs(command: str) -> list[Any]:
     return [
         each
         for each in app.assemble_argument_collection()
-        if each.names != ("*",) and not {"-o", "--cache-dir", "--json"} & {*each.names}
+        if each.names != ("*",) and not {"-o", "--json"} & {*each.names}
     ]
 
 
@@ -60,20 +64,21 @@ def room(tmp_path, monkeypatch) -> str:
     monkeypatch.chdir(tmp_path)
     save_map(drawn("#" * 12, *["#" + "." * 10 + "#"] * 8, "#" * 12, resolution=0.25), "room.yaml")
     Path("empty").mkdir()
+    Recording(np.ones((3, 4)), Lidar(range=10.0, beams=4), np.zeros((3, 3))).save("drive.npz")
     return "room.yaml"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_command_refuses_missing_file_folder_and_nan(run, room, command):
     arguments = inputs(command)
-    given = NEEDED.get(command, ())
+    given, first = NEEDED.get(command, ()), FIRST.get(command, room)
     for argument in arguments:
         name = argument.name
         if argument.index is not None:
             words = [(bad, *given) for bad in ("absent", "empty")] if takes(argument, Path) else []
         else:
             bad = ["absent", "empty"] * takes(argument, Path) + ["nan"] * takes(argument, float)
-            words = [(room, *given, name, each) for each in bad]
+            words = [(first, *given, name, each) for each in bad]
         for line in words:
             refused(run(command, *line))
 

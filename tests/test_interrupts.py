@@ -255,7 +255,7 @@ def stops() -> list:
         ("locplan.field._files.write_field", ("field", "-o", "out.npz")),
         (
             "locplan.simulation.Simulator.arguments",
-            ("plan", *ENDS, "--no-field", "--lidar", "rplidar-a1", "-o", "out"),
+            ("plan", *ENDS, "--stride", "1", "--lidar", "rplidar-a1", "-o", "out"),
         ),
         ("locplan.plotting._picture.Picture.savefig", ("field", "-o", "out.png")),
         ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),

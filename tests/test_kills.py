@@ -23,21 +23,22 @@ pytestmark = [
 ENDS = "--start", "1,3", "--goal", "4,3"
 COMMANDS = {
     "plan": ("plan", "room.yaml", *ENDS, "--stride", "0.5", "-o", "out", "--weight"),
-    "front": ("plan", "room.yaml", *ENDS, "--front", "-o", "out", "--criterion", "e", "--disc"),
-    "simulate": ("simulate", "room.yaml", *ENDS, "-o", "out", "--drives", "2", "--disc"),
-    "mask": ("export", "room.yaml", "--to", "nav2-keepout", "-o", "out", "--disc"),
-    "path": ("export", "room.yaml", "--to", "path", *ENDS, "-o", "path.csv", "--disc"),
-    "field": ("field", "room.yaml", "-o", "field.npz", "--disc"),
-    "picture": ("field", "room.yaml", "-o", "field.png", "--disc"),
-    "pictures": ("field", "room.yaml", "other.yaml", "--picture", "e", "-o", "out", "--disc"),
+    "front": ("plan", "room.yaml", *ENDS, "--front", "-o", "out", "--stride"),
+    "simulate": ("simulate", "room.yaml", *ENDS, "-o", "out", "--drives", "2", "--stride"),
+    "mask": ("export", "room.yaml", "--to", "nav2-keepout", "-o", "out", "--stride"),
+    "path": ("export", "room.yaml", "--to", "path", *ENDS, "-o", "path.csv", "--stride"),
+    "field": ("field", "room.yaml", "-o", "field.npz", "--stride"),
+    "picture": ("field", "room.yaml", "-o", "field.png", "--stride"),
+    "pictures": ("field", "room.yaml", "other.yaml", "--picture", "e", "-o", "out", "--stride"),
     "info": ("info", "room.yaml", "-o", "info.png", "--set", "range=5", "--lidar"),
     "check": (
-        *("check", "room.yaml", "--quick", "--lidar", "turtlebot3", "--set", "range=6"),
+        *("check", "room.yaml", "--effort=quick", "--lidar", "turtlebot3", "--set", "range=6"),
         *("-o", "out", "--seed"),
     ),
 }
 """Commands, each of which takes one of `VALUES` last."""
-VALUES = {"info": ("turtlebot3", "turtlebot4")}
+BY_STRIDE = [name for name, words in COMMANDS.items() if words[-1] == "--stride"]
+VALUES = {"info": ("turtlebot3", "turtlebot4"), **dict.fromkeys(BY_STRIDE, ("0.4", "0.5"))}
 RUN = """
 import os, signal, sys
 sys.path[:0] = {path!r}

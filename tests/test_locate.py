@@ -428,7 +428,7 @@ def test_what_lies_around_the_robot_is_shown_beside_a_large_map(located):
 
 
 def test_the_command_locates_one_scan_and_all(run, tmp_path):
-    ask = "locate", MAP, "--drive", FILE
+    ask = "locate", MAP, "--recording", FILE
     code, out, err = run(*ask, "--scan", 40, "--json", "-o", tmp_path / "one")
     about = json.loads(out)
     assert code == 0
@@ -453,22 +453,23 @@ def test_the_command_takes_the_scan_at_a_time_near_a_path(run, tmp_path):
     timed = replace(drive, times=np.arange(len(drive)) * 0.5)
     timed.save(tmp_path / "timed.npz")
     Path(drive.poses[35:45, :2]).save(tmp_path / "route.csv")
-    ask = "locate", MAP, "--drive", tmp_path / "timed.npz"
+    ask = "locate", MAP, "--recording", tmp_path / "timed.npz"
     near = "--near-path", tmp_path / "route.csv", "--within", 1
     code, out, _ = run(*ask, "--at", 20.1, "--json", *near)
     about = json.loads(out)
     assert code == 0
     assert about["recorded"]["x"] == pytest.approx(drive.poses[40, 0])
     assert about["recorded"]["distance"] < 0.3
-    assert "--at must lie within the drive's" in refused(run(*ask, "--at", 1e6))
+    assert "--at must lie within the recording's" in refused(run(*ask, "--at", 1e6))
     assert "--every is not read with --scan" in refused(run(*ask, "--scan", 1, "--every", 2))
+    assert "--every is not read with --at" in refused(run(*ask, "--at", 1, "--every", 2))
     assert "--at is not read with --scan" in refused(run(*ask, "--scan", 1, "--at", 2))
     assert "--within is not read without --near-path" in refused(run(*ask, "--within", 2))
-    assert "--scan must be below the drive's" in refused(run(*ask, "--scan", 99999))
-    assert "name a recorded drive with --drive" in refused(run("locate", MAP))
+    assert "--scan must be below the recording's" in refused(run(*ask, "--scan", 99999))
+    assert "name a recording with --recording" in refused(run("locate", MAP))
     replace(drive, times=None).save(tmp_path / "untimed.npz")
-    untimed = "locate", MAP, "--drive", tmp_path / "untimed.npz", "--at", 3
-    assert "the drive has no times; choose by --scan" in refused(run(*untimed))
+    untimed = "locate", MAP, "--recording", tmp_path / "untimed.npz", "--at", 3
+    assert "the recording has no times; choose by --scan" in refused(run(*untimed))
 
 
 def real_logs():

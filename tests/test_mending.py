@@ -76,9 +76,9 @@ def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
     words = "--start", "0.8,0.8", "--goal", "3,0.8", "--drives", "2", "--lidar", "turtlebot3"
     simulate = "simulate", tmp_path / "blocks.yaml", *words
     code, _, err = run(*simulate)
-    assert (code, err.count("run locplan mend first")) == (0, 1)
+    assert (code, err.count("run locplan repair first")) == (0, 1)
     code, _, err = run(*simulate, "--filter-map", tmp_path / "hollow.yaml")
-    assert (code, err.count("mend")) == (0, 0)
+    assert (code, err.count("repair")) == (0, 0)
 
 
 def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended, tmp_path, run):
@@ -88,16 +88,16 @@ def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended
     save_map(blocks(), tmp_path / "blocks.yaml")
     beam = tmp_path / "beam.yaml"
     beam.write_text(yaml.safe_dump({"amcl": {"ros__parameters": {"laser_model_type": "beam"}}}))
-    words = "mend", tmp_path / "blocks.yaml", "--robot", beam, "--lidar", "turtlebot3"
+    words = "repair", tmp_path / "blocks.yaml", "--robot", beam, "--lidar", "turtlebot3"
     assert "not concerned" in refused(run(*words))
 
 
 def test_wrong_numbers_are_refused(tmp_path, run):
     save_map(ROOM, tmp_path / "room.yaml")
-    assert "drives" in refused(run("mend", tmp_path / "room.yaml", "--drives", "1"))
-    assert "paths" in refused(run("mend", tmp_path / "room.yaml", "--paths", "0"))
+    assert "drives" in refused(run("repair", tmp_path / "room.yaml", "--drives", "1"))
+    assert "paths" in refused(run("repair", tmp_path / "room.yaml", "--paths", "0"))
     save_map(ROOM, tmp_path / "speed_mask.yaml")
-    mask = "mend", tmp_path / "speed_mask.yaml", "-o", tmp_path / "mended"
+    mask = "repair", tmp_path / "speed_mask.yaml", "-o", tmp_path / "mended"
     assert "plan on the map that it belongs to" in refused(run(*mask))
     assert not (tmp_path / "mended").exists()
 
@@ -107,7 +107,7 @@ def test_mend_says_what_the_file_shows(tmp_path, run):
     pixels[20:30, 20:40] = 253
     pixels[[0, -1]] = pixels[:, [0, -1]] = 50
     lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
-    code, out, _ = run("mend", lab)
+    code, out, _ = run("repair", lab)
     assert (code, "costmap: this is a costmap, not a map" in out) == (0, True)
 
 
@@ -123,7 +123,7 @@ def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
     pixels = np.full((60, 80), 254, np.uint8)
     pixels[[0, -1]] = pixels[:, [0, -1]] = pixels[20:24, 20:60] = 110
     lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
-    words = "mend", lab, "--paths", "2", "--drives", "2", "-o", tmp_path / "mended"
+    words = "repair", lab, "--paths", "2", "--drives", "2", "-o", tmp_path / "mended"
     code, out, _ = run(*words)
     assert (code, "plan on map.yaml, which has free_thresh 0.196" in out) == (0, True)
     read = load_map(tmp_path / "mended" / "map.yaml")
@@ -168,7 +168,7 @@ def test_unknown_that_is_read_as_free_is_mended_and_where_none_can_drive_it_is_s
     pixels[5:11, 5:11] = 0
     pixels[6:10, 6:10] = 254
     lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.25")
-    code, out, _ = run("mend", lab)
+    code, out, _ = run("repair", lab)
     assert (code, "no wall is another" in out) == (0, True)
     assert "no verdict by drives: lab: has no cell where the robot fits" in out
     found = mend(*maps.read_map(lab)[:1], source=maps.read_map(lab)[1])

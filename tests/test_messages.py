@@ -147,7 +147,7 @@ def test_command_line_names_options_as_typed(run, tmp_path, options, said):
         bag.scan(BEGIN, lidar, np.ones(7))
     room = OccupancyGrid(np.full((20, 20), 254), resolution=0.1)
     save_map(room, tmp_path / "room.yaml")
-    assert said in refused(run("trajectory", tmp_path / "room.yaml", "--drive", path, *options))
+    assert said in refused(run("recording", path, tmp_path / "room.yaml", *options))
 
 
 def test_command_line_names_lidar_option_if_urdf_has_no_sensor(run, tmp_path):

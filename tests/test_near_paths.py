@@ -189,19 +189,19 @@ def test_points_must_be_a_mask_of_the_lattice(grid, points):
     ("options", "is_whole"),
     [
         ((), False),
-        (("--planner", "RRTConnect", "--space", "SE2", "--iterations", 500), False),
+        (("--planner", "RRTConnect:space=SE2,iterations=500"), False),
         (("--stride", 0.2), True),
     ],
 )
 def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
-    run, grid, tmp_path, options, is_whole
+    run, grid, tmp_path, monkeypatch, options, is_whole
 ):
     save_map(grid, tmp_path / "map.yaml")
-    heading = ",0" if "SE2" in options else ""
+    heading = ",0" if "--planner" in options else ""
     ends = "--start", f"2,3{heading}", "--goal", f"38,3{heading}"
-    lidar = "--lidar", "rplidar-a1", "--set", "range=3", "--estimator", "fisher", "--drives", 0
-    cached = "--cache-dir", tmp_path / "cache"
-    code, _, err = run("plan", tmp_path / "map.yaml", *ends, *lidar, *cached, *options)
+    lidar = "--lidar", "rplidar-a1", "--set", "range=3", "--field", "fisher", "--drives", 0
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "cache"))
+    code, _, err = run("plan", tmp_path / "map.yaml", *ends, *lidar, *options)
     assert code == 0, err
     (entry,) = cache_entries(tmp_path / "cache")
     assert (entry.finished_share == 1.0) == is_whole

@@ -168,7 +168,7 @@ def test_plan_command_prints_note_of_sad_once(run, tmp_path):
     save_map(grid, tmp_path / "room.yaml")
     options = "--start", "0.8,0.8", "--goal", "3.2,2.2", "--lidar", "lds-01", "--stride", "0.8"
     for drives in ((), ("--drives", 0)):
-        _, out, _ = run("plan", tmp_path / "room.yaml", *options, "--estimator", "sad", *drives)
+        _, out, _ = run("plan", tmp_path / "room.yaml", *options, "--field", "sad", *drives)
         assert " ".join(out.split()).count("the field with locplan.Fused(robot.lidar)") == 1
     _, out, _ = run("plan", tmp_path / "room.yaml", *options, "--drives", 0)
     assert "locplan.Fused(robot.lidar)" not in out

@@ -10,7 +10,7 @@ import math
 import naive
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, refused
+from conftest import SHARED_DATA
 from matplotlib.collections import LineCollection
 from scipy.stats import spearmanr
 from small_drive import FILE, MAP
@@ -314,24 +314,6 @@ def test_the_reference_of_real_lasers_is_reproduced():
     assert spearmanr(np.concatenate(ours), np.concatenate(theirs))[0] > 0.96
 
 
-def test_the_command_compares_fields_with_a_drive(run, tmp_path, drive, coarse_fit):
-    ask = "evaluate", MAP, "--drive", FILE
-    code, out, err = run(*ask, "--every", 12, "--json", "-o", tmp_path / "out")
-    about = json.loads(out)
-    assert (code, about["scans"]) == (0, math.ceil(len(drive) / 12))
-    assert err.endswith(f"wrote {tmp_path / 'out'}\n")
-    assert "two_corridors" not in about["map"]
-    assert "--every is not read without --drive" in refused(run("evaluate", MAP, "--every", 3))
-    for command in ("evaluate", "calibrate"):
-        assert "name a recorded drive with --drive" in refused(run(command, MAP))
-    two = MAP.parent / "two_corridors.yaml"
-    assert "--drive is of one map, not of 2" in refused(run(*ask[:2], two, *ask[2:]))
-    fault = refused(run("evaluate", two, *ask[2:], "--every", 12))
-    assert "does not fit" in fault
-    assert "--align 0,0,0 goes on as it is" in fault
-    assert "is not there" in refused(run("evaluate", MAP, "--drive", tmp_path / "none.npz"))
-
-
 def test_a_field_that_hardly_ranks_the_scans_is_not_recommended(found):
     weak = dataclasses.replace(found, predicted={"sad": found.predicted["sad"]})
     assert "says where" not in weak.verdict[0]
@@ -362,13 +344,3 @@ def test_where_most_scans_do_not_fit_nothing_is_concluded(found):
     assert (
         "scans do not fit the map at their poses: check how the lidar is mounted" in bad.verdict[0]
     )
-
-
-def test_a_shifted_drive_is_refused_with_the_way_back(run, tmp_path, drive, coarse_fit):
-    drive.every(10).moved(1.5, -0.8, math.radians(4)).save(tmp_path / "shifted.npz")
-    ask = "evaluate", MAP, "--drive", tmp_path / "shifted.npz"
-    fault = refused(run(*ask))
-    move = fault.partition("(--align ")[2].partition(")")[0]
-    code, out, _ = run(*ask, f"--align={move}", "--json")
-    assert code == 0
-    assert json.loads(out)["estimators"]["scan"]["spearman"][0] > 0.5

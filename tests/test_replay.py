@@ -191,7 +191,7 @@ def test_a_verdict_begins_with_lost_runs(replayed):
     assert "lost first after 0 m, near " in lost.verdict
     assert "tune" not in lost.verdict  # these settings are not Nav2's, so they may be what it found
     untuned = dataclasses.replace(lost, robot=dataclasses.replace(lost.robot, filter=Amcl()))
-    assert untuned.verdict.endswith("locplan tune --drive looks for settings that hold.")
+    assert untuned.verdict.endswith("locplan tune --recording looks for settings that hold.")
 
 
 def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
@@ -264,7 +264,7 @@ def run(monkeypatch, capsys, *arguments):
 
 def test_the_command_replays_a_drive(files, monkeypatch, capsys):
     settings = ["--set", "max_particles=300", "--set", "min_particles=100"]
-    common = ["simulate", files / "map.yaml", "--drives", "2", *settings, "--drive"]
+    common = ["simulate", files / "map.yaml", "--drives", "2", *settings, "--recording"]
     code, out, _ = run(
         monkeypatch, capsys, *common, files / "drive.npz", "-o", files / "out", "--json"
     )
@@ -290,41 +290,41 @@ def test_the_command_replays_a_drive(files, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["--start", "1,2"], "--start is not read with --drive"),
-        (["--weight", "3"], "--weight is not read with --drive"),
-        (["--lidar", "rplidar-a1"], "--lidar is not read with --drive"),
-        (["--set", "outliers=0.1"], "outliers is not read with --drive"),
+        (["--start", "1,2", "--goal", "2,2"], "--start is not read with --recording"),
+        (["--field", "scan"], "--field is not read with --recording"),
+        (["--weight", "3"], "--weight is not read with --recording"),
+        (["--lidar", "rplidar-a1"], "--lidar is not read with --recording"),
+        (["--set", "outliers=0.1"], "outliers is not read with --recording"),
     ],
 )
 def test_options_that_a_replay_does_not_read_are_refused(files, monkeypatch, capsys, given, said):
-    command = ["simulate", files / "map.yaml", "--drive", files / "drive.npz", *given]
+    command = ["simulate", files / "map.yaml", "--recording", files / "drive.npz", *given]
     code, _, err = run(monkeypatch, capsys, *command)
     assert code == 2
     assert said in err
 
 
-def test_options_of_drives_are_refused_without_one(files, monkeypatch, capsys):
-    command = ["simulate", files / "map.yaml", "--random", "3", "--every", "2"]
-    assert "--every is not read without --drive" in run(monkeypatch, capsys, *command)[2]
+def test_recording_is_replayed_on_one_map(files, monkeypatch, capsys):
+    maps = files / "map.yaml", files / "other.yaml"
+    maps[1].write_text(maps[0].read_text())
+    code, _, err = run(monkeypatch, capsys, "simulate", *maps, "--recording", files / "drive.npz")
+    assert code == 2
+    assert "a recording is of one map: name one of these 2" in err
 
 
 def test_a_drive_is_replayed_twenty_times_by_default(files, monkeypatch, capsys, coarse_fit):
-    command = ["simulate", files / "map.yaml", "--drive", files / "drive.npz", "--json"]
+    command = ["simulate", files / "map.yaml", "--recording", files / "drive.npz", "--json"]
     assert json.loads(run(monkeypatch, capsys, *command)[1])["runs"] == 20
 
 
 def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, capsys, coarse_fit):
-    command = ["simulate", files / "map.yaml", "--drive", files / "drive.npz", "--drives", "2"]
-    code, _, err = run(monkeypatch, capsys, *command, "--align", "0.0,0.0,0.0")
-    assert (code, "seems shifted" in err) == (0, False)
-    code, _, err = run(monkeypatch, capsys, *command, "--align", "0.0,1.0,0.0")
-    assert (code, "seems shifted" in err) == (0, True)
+    command = ["simulate", files / "map.yaml", "--recording", files / "drive.npz", "--drives", "2"]
     drive = Recording.load(files / "drive.npz").moved(0.0, 1.0, 0.0)
     drive.save(files / "drive.npz")
     code, _, err = run(monkeypatch, capsys, *command)
     assert code == 2
     assert "seems shifted" in err
-    assert "--align" in err
+    assert "find the ground truth with locplan recording --align " in err
 
 
 def test_odometry_that_stands_still_is_refused(grid, drive):

@@ -9,7 +9,7 @@ import pytest
 from locplan.costs import Path
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map
-from locplan.recordings import Recording
+from locplan.recordings import Recording, record_drive
 from locplan.robots import Footprint, Lidar, Robot
 
 OUTLINE = '"[[0.5, 0.3], [0.5, -.3], [-0.5, -0.3], [-0.5, 0.3]]"'
@@ -155,7 +155,7 @@ def test_a_robots_file_is_not_written_over(run, hall):
     before = (hall / "nav2.yaml").read_text()
     ends = "--path", hall / "p.csv", "--to", "path"
     (hall / "p.csv").write_text("x,y\n0.75,0.75\n7.5,0.75\n")
-    given = "--robot", hall / "nav2.yaml", "-o", hall / "nav2.yaml", "--force", "--disc", "1"
+    given = "--robot", hall / "nav2.yaml", "-o", hall / "nav2.yaml", "--force", "--stride", "1"
     code, _, err = run("export", hall / "m.yaml", *ends, *given)
     assert code == 2
     assert "another input; choose another name" in err
@@ -165,18 +165,17 @@ def test_a_robots_file_is_not_written_over(run, hall):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (("--set", "range=8"), "--set range is not read with --drive"),
-        (("--set", "outliers=0.1"), "--set outliers is not read with --drive"),
-        (("--set", "turn_bias=0"), "--set turn_bias is not read with --drive"),
-        (("--lidar", "tim571"), "--lidar is not read with --drive, whose lidar is taken"),
-        (("--set", "start=0.1"), "a robot has no setting 'start'"),
+        (("--set", "range=8"), "--set range is not read with --recording"),
+        (("--set", "outliers=0.1"), "--set outliers is not read with --recording"),
+        (("--set", "turn_bias=0"), "--set turn_bias is not read with --recording"),
+        (("--lidar", "tim571"), "--lidar is not read with --recording, whose lidar is taken"),
     ],
 )
 def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):
     poses = np.linspace((1.0, 1.0, 0.0), (2.0, 1.0, 0.0), 5)
     lidar = Lidar(range=10.0, beams=8)
     Recording(np.full((5, 8), 1.0), lidar, poses).save(hall / "d.npz")
-    drive = "--drive", hall / "d.npz", "--align", "0,0,0"
+    drive = "--recording", hall / "d.npz"
     for command in ("simulate", "tune"):
         code, _, err = run(command, hall / "m.yaml", *drive, *given)
         assert code == 2
@@ -184,10 +183,10 @@ def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):
 
 
 def test_a_robot_that_is_replayed_has_the_recorded_lidar(run, hall):
-    poses = np.linspace((1.0, 1.0, 0.0), (4.0, 1.0, 0.0), 20)
-    lidar = Lidar(range=10.0, beams=8, model="own")
-    Recording(np.full((20, 8), 1.0), lidar, poses).save(hall / "d.npz")
+    robot = Robot(Lidar(range=10.0, beams=30, model="own"))
+    path = Path([(1.0, 0.75), (7.0, 0.75)])
+    record_drive(load_map(hall / "m.yaml"), path, robot).save(hall / "d.npz")
     Robot("tim571").save(hall / "robot.yaml")
-    given = "--drive", hall / "d.npz", "--align", "0,0,0", "--robot", hall / "robot.yaml"
+    given = "--recording", hall / "d.npz", "--robot", hall / "robot.yaml", "--drives", "2"
     _, _, err = run("simulate", hall / "m.yaml", *given)
     assert err.count("robot: own, 10 m") == 1

@@ -55,5 +55,5 @@ def test_run_file_stands_beside_a_written_field(run, place):
 
 def test_an_export_without_an_output_has_its_run_beside_it(run, place, monkeypatch):
     monkeypatch.chdir(place)
-    assert run("export", "hall.yaml", "--to", "path", *ENDS, "--disc", "3")[0] == 0
+    assert run("export", "hall.yaml", "--to", "path", *ENDS, "--stride", "0.5")[0] == 0
     assert (place / "hall-path.csv.run.yaml").exists()

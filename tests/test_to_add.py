@@ -62,7 +62,7 @@ def write(target, job, options):
 FORMATS = (Format("name", "the map's name", write, suffixes=(".txt",)),)
 '''
 COMMAND = '''
-from locplan.cli._types import command
+from locplan.cli.application import command
 
 @command("hello you")
 def hello(name: str) -> int:
@@ -120,12 +120,7 @@ ADDED = {
         *(FORMAT, "export/_registry.py", '"""Modules that have FORMATS'),
         'MODULES.append("locplan.export._name")',
     ),
-    "cli/_hello.py": (
-        COMMAND,
-        "cli/_application.py",
-        '    "info":',
-        '    "hello": ("Start", "_hello"),',
-    ),
+    "cli/hello.py": (COMMAND, "cli/application.py", '    "info":', '    "hello": "Start",'),
     "plotting/_bare.py": (
         *(FIGURE, "plotting/__init__.pyi", "from ._cells"),
         "from ._bare import bare_figure as bare_figure",
@@ -180,9 +175,8 @@ def grown(tmp_path_factory):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("field bay.yaml --estimator everywhere", "the same everywhere"),
-        ("plan --help", "crow"),
-        ("export bay.yaml --to name --estimator everywhere --json", '"name"'),
+        ("field bay.yaml --field everywhere", "the same everywhere"),
+        ("export bay.yaml --to name --field everywhere --json", '"name"'),
         ("hello you", "hello you"),
     ],
 )

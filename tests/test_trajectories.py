@@ -11,7 +11,6 @@ import naive
 import numpy as np
 import pytest
 from conftest import SHARED_DATA
-from drive_bags import read_with, write_drive
 
 import locplan
 from locplan._kernels import least_squares, trajectory as kernels
@@ -489,23 +488,23 @@ def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_pa
     assert 2 * np.arctan2(tum[:, 6], tum[:, 7]) == pytest.approx(found.poses[some, 2], abs=1e-5)
 
 
-def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run):
+def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run, monkeypatch):
     def stop(done, total):
         if done > 0.4 * total:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         trajectory_of(drive, GRID, cache_dir=tmp_path, progress=stop)
-    asked = "--cache-dir", tmp_path
-    (entry,) = json.loads(run("cache", "list", "--json", *asked)[1])
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))
+    (entry,) = json.loads(run("cache", "list", "--json")[1])
     assert (entry["kind"], entry["finished_share"]) == ("unfinished", None)
     trajectory_of(drive, GRID, cache_dir=tmp_path)
-    (entry,) = json.loads(run("cache", "list", "--json", *asked)[1])
+    (entry,) = json.loads(run("cache", "list", "--json")[1])
     about = entry["kind"], entry["map"], entry["details"], entry["finished_share"]
     assert about == ("trajectory", GRID.name, drive.source.file, 1.0)
-    assert "1 result," in run("cache", "list", *asked)[1]
-    assert "removed 1" in run("cache", "clear", *asked)[1]
-    assert json.loads(run("cache", "list", "--json", *asked)[1]) == []
+    assert "1 result," in run("cache", "list")[1]
+    assert "removed 1" in run("cache", "clear")[1]
+    assert json.loads(run("cache", "list", "--json")[1]) == []
 
 
 def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
@@ -571,45 +570,3 @@ def test_the_drifts_of_odometry_are_not_lost_in_poses_that_saw_it():
     own = ROBOT.odometry
     true = math.hypot(own.heading_drift_deg, own.turn_drift_deg * turned**0.5)
     assert drift == pytest.approx(true, rel=0.25)
-
-
-def test_the_command_tells_where_the_robot_was(drive, tmp_path, run):
-    locplan.save_map(GRID, tmp_path / "places.yaml")
-    drive.save(tmp_path / "drive.npz")
-    asked = "trajectory", tmp_path / "places.yaml", "--drive", tmp_path / "drive.npz"
-    code, out, _ = run(*asked, "--json", "-o", tmp_path / "out")
-    assert code == 0
-    about = json.loads(out)
-    assert about["scans"] == len(drive)
-    assert about["log_off"] < 0.05
-    names = {"trajectory.npz", "trajectory.png", "poses.csv", "poses.tum", "run.yaml"}
-    assert names <= {each.name for each in (tmp_path / "out").iterdir()}
-    _, out, _ = run(*asked)
-    assert f"{len(drive)} scans" in out
-    code, _, err = run(*asked, "--start", "1,2")
-    assert code == 2
-    assert "needs a heading" in err
-
-
-def test_the_command_adds_the_poses_to_a_copy_of_a_bag(drive, tmp_path, run):
-    locplan.save_map(GRID, tmp_path / "places.yaml")
-    bag = write_drive(tmp_path, drive[:40], "mcap")
-    asked = "trajectory", tmp_path / "places.yaml", "--drive", bag
-    (tmp_path / "out" / "with_poses").mkdir(parents=True)
-    mine = tmp_path / "out" / "with_poses" / "metadata.yaml"
-    mine.write_text("mine")
-    code, _, err = run(*asked, "-o", tmp_path / "out")
-    assert (code, mine.read_text()) == (2, "mine")
-    assert "metadata.yaml: is no earlier result" in err
-    mine.unlink()
-    code, out, _ = run(*asked, "-o", tmp_path / "out")
-    assert code == 0
-    assert "with_poses has the trusted poses on /locplan/pose" in out
-    assert json.loads((tmp_path / "out" / "trajectory.json").read_text())["bag"] == "with_poses"
-    code, _, err = run(*asked[:3], mine.parent, "-o", tmp_path / "out")
-    assert (code, "replaces metadata.yaml" in err) == (2, True)
-    named = read_with(mine.parent, pose_topic="/locplan/pose")
-    assert np.median(np.hypot(*(named.poses - drive.poses[:40])[:, :2].T)) < 0.03
-    code, out, _ = run(*asked, "--no-bag", "-o", tmp_path / "plain")
-    assert "with_poses" not in out
-    assert not (tmp_path / "plain" / "with_poses").exists()

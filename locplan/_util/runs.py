@@ -21,6 +21,8 @@ KIND, VERSION = "run", 1
 REMEDY = "name the run.yaml of a folder of results"
 Setting = str | bool | list[str]
 """What was typed for an option: its text, True for a switch, or texts of a repeated one."""
+POSITIONAL = "map", "file"
+"""Names of arguments that are typed without them."""
 _CURRENT: list[Run] = []
 
 
@@ -86,7 +88,7 @@ class Run:
             option = f"--{name.replace('_', '-')}"
             for each in value if isinstance(value, list) else [value]:
                 words.append(
-                    as_argument(str(each)) if name == "map" else option if each is True
+                    as_argument(str(each)) if name in POSITIONAL else option if each is True
                     else f"{option}={each}"
                 )  # fmt: skip
         return words

@@ -18,8 +18,8 @@ from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedC
 from locplan._util.checks import shown, suggestion
 from locplan._util.files import inputs_are_kept
 from locplan._util.supervision import INTERRUPTED, end_if_supervised
-from locplan.cli._application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, launched
 from locplan.cli._wording import options_as_typed
+from locplan.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, launched
 from locplan.errors import LocplanError, one_line
 
 __all__ = ["COMMANDS", "main"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 
-from locplan.cli._application import COMMANDS, application
+from locplan.cli.application import COMMANDS, application
 
 KEYWORD = re.compile(
     r"(?<![\w:.\-/'\"=,<{])([a-z]+(?:_[a-z]+)*)"
@@ -14,14 +14,21 @@ KEYWORD = re.compile(
 """A keyword of Python, with the value behind it if there is one."""
 
 
-def options_as_typed(text: str) -> str:
-    """Return a message with options of the command that runs in place of Python's keywords.
+def options_as_typed(text: str, command: str = "") -> str:
+    """Return a message with options of a command in place of Python's keywords.
 
     Of a word without a value only one with an underscore is taken for a keyword.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+    command : str, default ""
+        The command; by default the one that runs.
     """
     if not re.search(r"[a-z]=|[a-z]_[a-z]", text):
         return text
-    metavars = _options()
+    metavars = _options(command)
 
     def typed(match: re.Match[str]) -> str:
         name, value = match.groups()
@@ -37,9 +44,9 @@ def options_as_typed(text: str) -> str:
     return KEYWORD.sub(typed, text)
 
 
-def _options() -> dict[str, str]:
-    """The names of the options of the command that runs, in Python, and their metavars."""
-    command = next((token for token in sys.argv[1:] if token in COMMANDS), "")
+def _options(command: str) -> dict[str, str]:
+    """Return the names of a command's options in Python, and their metavars."""
+    command = command or next((token for token in sys.argv[1:] if token in COMMANDS), "")
     if not command:
         return {}
     arguments = application(command)[command].assemble_argument_collection()

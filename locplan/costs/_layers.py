@@ -111,7 +111,7 @@ class CostLayers(Pictured):
             return ""
         return (
             "u is made of Sad, which does not simulate the robot's lidar; make the field with"
-            " locplan.Fused(robot.lidar), on the command line --estimator fused"
+            " locplan.Fused(robot.lidar), on the command line --field fused"
         )
 
     @property

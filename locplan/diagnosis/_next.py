@@ -73,7 +73,7 @@ def remaining_text(check: Check) -> str:
         return ""
     share = "Most" if check.after.lost.value >= HALF else "Some"
     get_lost = "still get lost" if check.before.lost.value > 0 else "get lost with the fix"
-    further = " Without --quick, check also tries other paths and poles."
+    further = " With --effort usual, check also tries other paths and poles."
     return f"{share} drives {get_lost}.{further if check.effort == 'quick' else ''}"
 
 
@@ -89,7 +89,7 @@ def _nothing_to_do(check: Check) -> str:
         sentences.append(f"{title}{detail} would lower the error from {now} to {then}.")
     if check.effort == "quick":
         most = 100 * check.baseline.lost.high
-        sentences.append(f"--quick may miss a loss of up to {most:.0f} %.")
+        sentences.append(f"--effort quick may miss a loss of up to {most:.0f} %.")
     return " ".join(sentences)
 
 
@@ -133,14 +133,14 @@ def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, st
     if check.effort == "quick":
         return (
             "no fix helps so far. Try other paths and poles, on three times as many drives:",
-            shlex.join([word for word in again if word != "--quick"]),
+            shlex.join([word for word in again if word != "--effort=quick"]),
         )
     if check.recorded:
-        drive = [word for word in again if word.startswith("--drive=")][:1]
-        command = ["locplan", "evaluate", map_file, *drive, "-o", "evaluated"]
+        drive = [word.partition("=")[2] for word in again if word.startswith("--recording=")]
+        command = ["locplan", "recording", *drive[:1], map_file, "-o", "recording"]
         return "no fix helps. See where the scans do not fit the map:", shlex.join(command)
     return (
-        "no fix helps. Record a drive on the site, and check again with --drive drive:",
+        "no fix helps. Record a drive on the site, and check again with --recording drive:",
         "ros2 bag record -o drive /scan /odom /tf /tf_static",
     )
 

@@ -105,7 +105,7 @@ def save(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     """Save the map under the session's folder, which the command line names."""
     name, folder = ask.text("name", ""), session.opening.folder
     if folder is None:
-        raise ConfigError("name a folder for files with --folder, then maps can be saved")
+        raise ConfigError("name a folder for files with --output, then maps can be saved")
     stem = name.strip().removesuffix(".yaml").strip()
     plain = all(c.isalnum() or c in "-_. " for c in stem)
     if not plain or stem.startswith(".") or not stem.strip(". "):

@@ -46,7 +46,7 @@ def export(session: Session, ask: Ask, work: Work) -> dict[str, object]:
     view = session.view(ask)
     work.progress(0, 1, "writing")
     if folder is None:
-        raise ConfigError("exports need a folder: start the explorer with --folder FOLDER")
+        raise ConfigError("exports need a folder: start the explorer with --output FOLDER")
     format = formats()[to]
     if distro is not None:
         distribution(distro)

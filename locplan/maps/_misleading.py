@@ -275,7 +275,7 @@ def of_painted(grid: OccupancyGrid) -> Iterator[MapFault]:
             "painted unknown",
             f"no cell is unknown, and {inside:.0%} of all are black inside of walls, as if unknown"
             " space were painted black",
-            "save it as unknown, as map_saver does, or take the map that locplan mend makes",
+            "save it as unknown, as map_saver does, or take the map that locplan repair writes",
         )
 
 
@@ -286,7 +286,7 @@ def of_walls(grid: OccupancyGrid, found: Solidity) -> Iterator[MapFault]:
             "solid walls" if found.is_solid else "thick walls",
             f"walls are black inside: a wrong pose explains {found.wins:.0%} of noisy scans better"
             f" than the true one, and {found.wins_hollowed:.0%} with hollow walls",
-            "give AMCL, of ROS 1 or 2, the map that locplan mend makes first, and plan on this one"
+            "give AMCL, of ROS 1 or 2, the map that locplan repair writes, and plan on this one"
             if found.is_solid
             else f"hardly any is over {DEPTH:g} m deep, so that they may be smeared or inflated,"
             " and hollowing may harm; draw the walls from a recorded drive",

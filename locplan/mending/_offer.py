@@ -36,5 +36,5 @@ def offer(grid: OccupancyGrid) -> str | None:
         return None
     return (
         f"{grid.name or 'the map'}: walls are black inside, so that AMCL's particles gain by"
-        " standing in them; run locplan mend first, and give its map_amcl.yaml as --filter-map"
+        " standing in them; run locplan repair first, and give its map_amcl.yaml as --filter-map"
     )

@@ -2,11 +2,9 @@ from ._ambiguous import (
     AmbiguousPlaces as AmbiguousPlaces,
     find_ambiguous_places as find_ambiguous_places,
 )
-from ._bag_copies import BagCopy as BagCopy
 from ._calibration import (
     DriveCalibration as DriveCalibration,
     calibrate_drive as calibrate_drive,
-    check_calibration as check_calibration,
 )
 from ._evaluation import (
     DriveEvaluation as DriveEvaluation,
@@ -51,5 +49,10 @@ from ._replayed_drive import (
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
 from ._smoothing import smooth as smooth
 from ._tracks import sparse_notes as sparse_notes
+from ._study import (
+    RecordingReport as RecordingReport,
+    recording_output as recording_output,
+    study_recording as study_recording,
+)
 from ._trajectory import Jump as Jump, Trajectory as Trajectory
 from ._tuning import tune_on_drive as tune_on_drive

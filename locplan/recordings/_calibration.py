@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from locplan import __version__
-from locplan._util.checks import file_path, instance
-from locplan._util.files import check_target
+from locplan._util.checks import instance
 from locplan._util.intervals import Interval
-from locplan._util.output import Output
 from locplan._util.progress import ProgressCallback
 from locplan._util.tables import finite, table
 from locplan.maps import OccupancyGrid, check_grid
@@ -72,33 +66,6 @@ class DriveCalibration:
         rows += [["note", note, ""] for note in self.notes]
         return str(table(["", "value", "95 %"], rows))
 
-    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> list[Path]:
-        """Write the robot as JSON, for `Robot.load` and every command's ``--robot``.
-
-        Parameters
-        ----------
-        path : path
-            The file, which ends in .json.
-        force : bool, default False
-            True overwrites a file that is no earlier calibration.
-
-        Returns
-        -------
-        list of Path
-            The file.
-
-        Raises
-        ------
-        LocplanError
-            If a file cannot be written, or is in the way.
-        """
-        target = file_path("a calibration's file", path)
-        about = {"robot": self.robot.summary(), "calibration": self.summary()}
-        content = {"locplan": __version__, **about}
-        with check_calibration(target, force=force).writing() as temporary:
-            temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-        return [target]
-
     def summary(self) -> dict[str, object]:
         """Results in numbers, fit for JSON."""
         about: dict[str, object] = {
@@ -115,22 +82,6 @@ def _texts(interval: Interval, unit: str) -> tuple[str, str]:
     factor = 100.0 if unit == "%" else 1.0
     value, low, high = (f"{0 if abs(each) < 2e-5 else factor * each:.3g}" for each in interval)
     return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
-
-
-def check_calibration(path: Path, *, force: bool = False) -> Output:
-    """Return the output of a calibration, checked before long work.
-
-    Parameters
-    ----------
-    path : Path
-        The file of the calibration, which ends in .json.
-    force : bool, default False
-        True overwrites a file that is no earlier calibration.
-    """
-    check_target(path, ".json")
-    output = Output(path, "calibration", force, is_file=True)
-    output.check()
-    return output
 
 
 def calibrate_drive(
@@ -210,7 +161,7 @@ def calibrate_drive(
         changes |= odometry.settings()
         notes.append(
             "these alphas are the odometry's own, and not written as the filter's, whose particles"
-            " must mostly spread more; locplan tune --drive tries larger ones"
+            " must mostly spread more; locplan tune --recording tries larger ones"
         )
     elif recording.odometry is None:
         notes.append("the drive has no odometry: that of simulations stays as it was")

@@ -106,7 +106,7 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         raise RecordingError(
             f"the poses are off by {deviation:.2f} m from where their scans fit {name},"
             f" too much to tell false walls by (at most {BAD_POSES:g} m);"
-            " smooth them (--reference smoothed), or check with locplan trajectory"
+            " find the ground truth with locplan recording FILE MAP -o drive.npz"
         )
     parts = [_beams(grid, each) for each in recordings]
     beams = _Beams(

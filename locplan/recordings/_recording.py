@@ -296,13 +296,13 @@ class Recording:
             }
         )
 
-    def report(self) -> str:
-        """The summary as a table for people."""
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the summary as labels and texts for people."""
         about = self.summary()
         took = "no times" if about["seconds"] is None else f"{about['seconds']:.4g} s"
         returns = f"{about['returns']:.0%} of the beams, median {about['median_range']:.2g} m"
         scans = f"{about['scans']:,} of {about['beams']} beams, {about['spacing']:.2g} m apart"
-        rows = [
+        return [
             ("drive", f"{about['file'] or 'a recording'}: {about['length']:.4g} m, {took}"),
             ("scans", scans),
             ("lidar", about["lidar"]),
@@ -311,7 +311,10 @@ class Recording:
             ("odometry", about["odometry"] or "none"),
             *(("note", note) for note in about["notes"]),
         ]
-        return table([], rows)
+
+    def report(self) -> str:
+        """Return the summary as a table for people."""
+        return table([], self.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the recording; `read_drive` says what is in the file.

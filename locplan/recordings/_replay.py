@@ -185,10 +185,10 @@ class Replay(Result):
             x, y, _ = self.recording.poses[at].tolist()
             said += f" It is lost first after {drives.first_loss:.0f} m, near {x:.1f},{y:.1f}."
         if is_untuned(self.robot.amcl):
-            return f"{said} locplan tune --drive looks for settings that hold."
+            return f"{said} locplan tune --recording looks for settings that hold."
         return (
-            f"{said} Look there: whether the map is right, how few scans fit it (locplan evaluate"
-            " --drive), and how far odometry drifts (locplan calibrate --drive)."
+            f"{said} Look there: whether the map is right, and how far odometry drifts (locplan"
+            " recording FILE MAP)."
         )
 
     @property

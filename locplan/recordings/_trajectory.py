@@ -19,7 +19,6 @@ from locplan._util.tables import finite, table
 from locplan.errors import RecordingError
 from locplan.field import position_axes
 from locplan.maps import OccupancyGrid
-from locplan.recordings._bag_copies import BagCopy
 from locplan.recordings._odometry_model import OdometryModel
 from locplan.recordings._recording import Recording
 from locplan.simulation import LOST
@@ -105,8 +104,6 @@ class Trajectory(Result, Stored):
     """Name of the map."""
     grid: OccupancyGrid | None = field(default=None, compare=False)
     """The map, for the figure; None in what was loaded."""
-    bag: BagCopy | None = field(default=None, compare=False)
-    """The copy of the drive's bag that `save` writes with these poses, if it is to."""
 
     def __repr__(self) -> str:
         return f"Trajectory({len(self)} scans, median deviation {100 * self._median:.1f} cm)"
@@ -159,8 +156,8 @@ class Trajectory(Result, Stored):
         """
         if not self.trusted.any():
             raise RecordingError(
-                f"no pose of the trajectory on {self.map or 'the map'} is to be trusted; is it the"
-                " right map? The log's own poses are taken with --reference log"
+                f"no pose of the trajectory on {self.map or 'the map'} is to be trusted; name the"
+                " map that the drive was recorded on"
             )
         poses = self.poses.copy()
         poses.setflags(write=False)
@@ -223,7 +220,6 @@ class Trajectory(Result, Stored):
                 "stretches": [[each.start, each.stop] for each in self.stretches],
                 "jumps": [vars(each) for each in self.jumps],
                 "log_off": float(np.median(off)) if len(off) else math.nan,
-                "bag": self.bag and self.bag.name,
                 "odometry": of_odometry,
             }
         )
@@ -248,12 +244,16 @@ class Trajectory(Result, Stored):
     def _write(self, folder: Path, *about: Any) -> None:
         self.write(folder / "trajectory.npz")
         self.table().write_csv(folder / "poses.csv")
-        self._write_tum(folder / "poses.tum")
-        if self.bag is not None and self.times is not None:
-            self.bag.write(folder, self.times, self.poses, self.covariances, self.trusted)
+        self.write_tum(folder / "poses.tum")
 
-    def _write_tum(self, file: Path) -> None:
-        """Write the trusted poses as evo and others read them: time, x, y, z, quaternion."""
+    def write_tum(self, file: Path) -> None:
+        """Write the trusted poses as evo and others read them: time, x, y, z, quaternion.
+
+        Parameters
+        ----------
+        file : path
+            The file; one that is there is replaced.
+        """
         some = np.flatnonzero(self.trusted)
         times = np.arange(len(self), dtype=float) if self.times is None else self.times
         half, none = self.poses[some, 2] / 2, np.zeros(len(some))
@@ -262,7 +262,7 @@ class Trajectory(Result, Stored):
 
 
 def trajectory_report(found: Trajectory) -> str:
-    """What was found, how odometry errs, and where a bag has the poses."""
+    """What was found and how odometry errs."""
     rows = [("map", found.map), ("drive", found.drive or "a recording")]
     for n, stretch in enumerate(found.stretches[:SHOWN]):
         at, most = found.poses[stretch.start], np.bincount(found.doubts[stretch]).argmax()
@@ -281,6 +281,4 @@ def trajectory_report(found: Trajectory) -> str:
         said = f"reports ways {ways} and turns {turns}; its straight ways bend by {bend}"
         mount = f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"
         rows += [("odometry", said), ("lidar's mount", mount)]
-    if found.bag is not None:
-        rows.append(("bag", found.bag.sentence))
     return "\n".join([" ".join(found.sentences), table([], rows)])

@@ -93,13 +93,13 @@ def _content_of(
     file, robot = file_and_robot(path)
     content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
     if isinstance(content.get("robot"), dict) and not _has_nodes(content["robot"]):
-        if "version" in content:  # what calibrate wrote has settings of a field besides
+        if "version" in content:  # older files have settings of a field besides
             check_stamp(path, content, "robot", VERSION)
         with errors_at(path):
             settings = _known_settings(content["robot"])
         return {name: each for name, each in settings.items() if not (lidar and name == "lidar")}
     if suffix == ".json":  # a calibration that is older, or one of a field alone
-        raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or calibrate it again')
+        raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or write it anew')
     return ParameterFile(file, content), robot
 
 

@@ -22,7 +22,9 @@ from locplan._util.checks import (
 )
 from locplan._util.files import check_target
 from locplan._util.output import replacing
+from locplan._util.public import field_docs
 from locplan._util.reading import dumped, stamp
+from locplan._util.records import Column, Table
 from locplan.errors import ConfigError
 from locplan.robots._amcl import Amcl, Filter
 from locplan.robots._files import OWN, PARTS, VERSION, made, names_of, outline_of, read_parts
@@ -141,7 +143,7 @@ class Robot(Settings):
         Parameters
         ----------
         *paths : path
-            Files that `save` or ``locplan calibrate`` wrote, parameters of Nav2 (see `from_nav2`),
+            Files that `save` or ``locplan recording`` wrote, parameters of Nav2 (see `from_nav2`),
             or a URDF or SDF with the lidar.
         lidar : Lidar or str, optional
             The lidar, or its name, in place of the files'. A URDF or SDF then needs no sensor.
@@ -303,3 +305,27 @@ def radius_of(robot: Robot | float) -> float:
         If it is neither.
     """
     return robot.radius if isinstance(robot, Robot) else number("robot", robot, 0.0, 1e9)
+
+
+def list_settings(robot: Robot) -> Table:
+    """Return the settings that `Robot.changed` changes, with their values and meanings.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Examples
+    --------
+    >>> rows = list_settings(Robot("turtlebot4")).rows
+    >>> [row[:3] for row in rows if row[1] == "update_min_d"]
+    [('filter', 'update_min_d', '0.25')]
+    """
+    rows = []
+    for part, kind in PARTS.items():
+        settings = robot.amcl if part == "filter" else getattr(robot, part)
+        for name, text in field_docs(kind).items():
+            meaning = text.partition(". ")[0].rstrip(".")
+            rows.append((part, name, str(getattr(settings, name, "-")), meaning))
+    columns = tuple(Column(name, title=name) for name in ("part", "setting", "value", "meaning"))
+    return Table(columns, tuple(rows))

@@ -29,7 +29,7 @@ export function startSharing() {
 	setOptions(byId("distro"), distros.map((distro) => ({ value: distro, label: distro })), distros.includes("jazzy") ? "jazzy" : undefined);
 	byId("export-row").hidden = !can.export;
 	byId("save").hidden = !can.save;
-	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --folder FOLDER.");
+	write("export-note", can.export ? "" : "Exports and saved maps need locplan explore --output FOLDER.");
 }
 
 function sayWhich() {

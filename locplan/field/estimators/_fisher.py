@@ -45,7 +45,7 @@ class Fisher(LidarEstimator):
     """
 
     name: ClassVar[str] = "fisher"
-    remedy: ClassVar[str] = "--estimator scan tells more apart: it also sees repetition"
+    remedy: ClassVar[str] = "--field scan tells more apart: it also sees repetition"
 
     model: Literal["endpoint", "range"] = field(default="endpoint", kw_only=True)
     """Quantity that a beam tells: its end's distance from the surface, or its range (Censi).

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -15,7 +17,6 @@ from cyclopts.help import DefaultFormatter
 from locplan import __version__
 from locplan._util.runs import Run, Setting, running
 from locplan._util.supervision import INTERRUPTED, TERMINATED
-from locplan.cli._types import heading
 
 if TYPE_CHECKING:
     from cyclopts.argument import Argument, ArgumentCollection
@@ -25,24 +26,66 @@ if TYPE_CHECKING:
 SYSTEM_ERROR, WRONG_INPUT, BEYOND_LIMIT = 1, 2, 4
 INSTALL_COMPLETION = "--install-completion"
 COMMANDS = {
-    "check": ("Start", "_check"),
-    "explore": ("Start", "_explore"),
-    "info": ("Start", "_upkeep"),
-    "plan": ("Plan", "_plan"),
-    "compare": ("Plan", "_compare"),
-    "tune": ("Localize", "_simulate"),
-    "simulate": ("Localize", "_simulate"),
-    "trajectory": ("Localize", "_localize"),
-    "evaluate": ("Localize", "_localize"),
-    "calibrate": ("Localize", "_localize"),
-    "locate": ("Localize", "_localize"),
-    "mend": ("The site", "_landmarks"),
-    "landmarks": ("The site", "_landmarks"),
-    "export": ("Hand over", "_export"),
-    "field": ("Upkeep", "_upkeep"),
-    "cache": ("Upkeep", "_upkeep"),
+    "check": "Start",
+    "explore": "Start",
+    "info": "Start",
+    "plan": "Plan",
+    "compare": "Plan",
+    "tune": "Localize",
+    "simulate": "Localize",
+    "recording": "Localize",
+    "locate": "Localize",
+    "repair": "Site",
+    "landmarks": "Site",
+    "export": "Hand over",
+    "field": "Hand over",
+    "cache": "Upkeep",
 }
-"""The heading of each command in the help, and the module that has it by its name."""
+"""The heading of each command in the help. Its module in this package has its name."""
+
+
+def command(*examples: str) -> Callable[[Callable[..., int | None]], App]:
+    """Return a decorator that makes a function a command, with examples for its help."""
+
+    def decorate(function: Callable[..., int | None]) -> App:
+        app = App(name=function.__name__)
+        app.default(function)
+        summary = (inspect.getdoc(function) or "").partition("\nParameters\n---")[0].strip()
+        app.help = "\n".join([summary, "", "Examples", *map(wrap_example, examples)])
+        return app
+
+    return decorate
+
+
+def wrap_example(words: str) -> str:
+    """Return a command as it is typed in a shell; a long one continues after a backslash.
+
+    >>> print(wrap_example("info lab.yaml"))
+      locplan info lab.yaml
+    """
+    lines = textwrap.wrap(
+        f"locplan {words}",
+        96,  # with the backslash 98, for terminals of 100 columns
+        initial_indent="  ",
+        subsequent_indent="      ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return " \\\n".join(lines)
+
+
+OPTIONS = Group("Options", sort_key=0)
+ROBOT = Group("Robot", sort_key=1)
+COMPUTATION = Group("Computation", sort_key=2)
+OUTPUT = Group("Output", sort_key=3)
+"""The headings of the options in a help, in their order."""
+
+
+def format_default(value: Any) -> str | None:
+    """Return a default for the help; None for an option that is off, or has no value."""
+    if value is None or value is False or value == ():
+        return None
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def application(*names: str) -> App:
@@ -60,20 +103,20 @@ def application(*names: str) -> App:
             f" for a wrong input, {BEYOND_LIMIT} where a limit of check is exceeded, and"
             f" {INTERRUPTED} after Ctrl-C and {TERMINATED} after SIGTERM."
         ),
-        group_parameters=heading("Options"),
+        group_parameters=OPTIONS,
         default_parameter=Parameter(
-            negative=(), show_default=False, json_list=False, json_dict=False
+            negative=(), show_default=format_default, json_list=False, json_dict=False
         ),
         suppress_keyboard_interrupt=False,
         exit_on_error=False,
         print_error=False,
         result_action="return_value",
     )
-    of_headings = dict.fromkeys(title for title, _ in COMMANDS.values())  # in their order
-    headings = {title: Group(title, sort_key=n) for n, title in enumerate(of_headings)}
-    for n, (name, (title, module)) in enumerate(COMMANDS.items()):
+    titles = dict.fromkeys(COMMANDS.values())  # in their order
+    headings = {title: Group(title, sort_key=n) for n, title in enumerate(titles)}
+    for n, (name, title) in enumerate(COMMANDS.items()):
         if name in (names or COMMANDS):
-            app.command(f"locplan.cli.{module}:{name}", name=name)
+            app.command(f"locplan.cli.{name}:{name}", name=name)
             # It is imported now, so that the help knows its first sentence.
             app[name].group, app[name].sort_key = headings[title], n
     flags = (Group("Help", sort_key=len(headings)),)
@@ -95,7 +138,7 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
     @app.meta.default
     def launch(
         *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
-        verbose: Annotated[bool, Parameter(alias="-v", group=heading("Output"))] = False,
+        verbose: Annotated[bool, Parameter(alias="-v", group=OUTPUT)] = False,
     ) -> int | None:
         """Run a command.
 
@@ -123,7 +166,7 @@ def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentC
     settings = {
         name.removeprefix("--").replace("-", "_").lower(): each
         for name, each in given.items()
-        if heading("Output") not in (each.parameter.group or ())  # type: ignore[operator]
+        if OUTPUT not in (each.parameter.group or ())  # type: ignore[operator]
     }
     run.settings = {name: _typed(each) for name, each in settings.items()}
     run.files = frozenset(
@@ -162,7 +205,10 @@ def _log_on_stderr(shown: bool) -> Iterator[None]:
 
 
 class Filling(DefaultFormatter):
-    """The usual help, without the line ends and indents that texts have in the source."""
+    """The usual help, without the line ends and indents that texts have in the source.
+
+    Lines of examples stay as they are.
+    """
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
         """Write a group of options or commands."""
@@ -181,4 +227,6 @@ def _fill(description: Any) -> None:
     text = getattr(description, "primary_renderable", None)
     if text is not None:
         paragraphs = text.plain.split("\n\n")
-        text.plain = "\n\n".join(" ".join(each.split()) for each in paragraphs)
+        text.plain = "\n\n".join(
+            each if each.startswith("Examples\n") else " ".join(each.split()) for each in paragraphs
+        )
