@@ -15,7 +15,7 @@ from locplan.cli.groups import Output
 cache = App(name="cache")
 cache.help = "\n".join(
     [
-        "List, clear or find the fields, trajectories and checks of walls computed before.",
+        "List, clear or find the fields and trajectories computed before.",
         "",
         "Examples",
         *map(wrap_example, ["cache list", "cache clear --older-than 30", "cache path"]),
@@ -33,8 +33,10 @@ def list_entries(*, json: Switch = False) -> None:
     json
         Print the list as JSON.
     """
-    entries = locplan.field.FieldCache.of(None)
-    Output(json=json).show(entries.summary(), entries.table())
+    folder = locplan.field.cache_folder(None)
+    entries = locplan.field.cache_entries(folder)
+    table = locplan.field.cache_table(entries, folder)
+    Output(json=json).show([entry.to_json() for entry in entries], table)
 
 
 @cache.command

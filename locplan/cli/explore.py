@@ -11,7 +11,6 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._util.progress import working
-from locplan._util.supervision import end_if_supervised
 from locplan.cli.application import command
 from locplan.cli.arguments import MapFile, Position, Positions, Switch, Whole, refuse
 from locplan.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight
@@ -47,7 +46,7 @@ def explore(
     """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
 
     Serves the page to this machine alone. The page writes only into the output folder.
-    Ctrl-C ends it, with exit code 0.
+    Ctrl-C ends it.
 
     Parameters
     ----------
@@ -96,14 +95,11 @@ def explore(
     if no_browser:
         browse = "open the address above in a browser on this machine; Ctrl-C ends the page"
     with page:
-        try:
-            print(page.address, flush=True)
-            print(f"locplan: {browse}", file=sys.stderr, flush=True)
-            if not no_browser:
-                page.open()
-            page.wait()
-        except KeyboardInterrupt:  # the usual end of this command
-            end_if_supervised(0)
+        print(page.address, flush=True)
+        print(f"locplan: {browse}", file=sys.stderr, flush=True)
+        if not no_browser:
+            page.open()
+        page.wait()
 
 
 def _read_report(

@@ -14,10 +14,12 @@ from locplan._util.progress import working
 from locplan.cli.application import command
 from locplan.cli.arguments import (
     INPUT,
+    InputFile,
     InputFolders,
     MapFile,
     PathFiles,
     Position,
+    Switch,
     check_ends,
     read_paths,
     refuse,
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
 FORMATS = formats()
 WITH_PATHS = [name for name, format in FORMATS.items() if format.paths != "none"]
-FLAGS = {"planner": "nav2-planner"}
+FLAGS = {"set_cost": "set-cost", "planner": "nav2-planner"}
 """Options of the command line that have another name than the format's."""
 FormatName = Annotated[
     str,
@@ -73,6 +75,8 @@ def export(
     slowest: float | None = None,
     frame: str | None = None,
     step: Annotated[float | None, Parameter(metavar="METRES")] = None,
+    graph: InputFile = None,
+    set_cost: Switch = False,
     robot: RobotOptions = RobotOptions(),
     field: FieldOptions = FieldOptions(),
     threads: Threads = None,
@@ -106,6 +110,10 @@ def export(
         Frame of the coordinates. [default: map]
     step
         Maximum distance between the poses of a path, in metres.
+    graph
+        Route graph (GeoJSON) whose edges get our cost, instead of paths.
+    set_cost
+        Write our cost as Nav2's cost of the edges, too.
     """
     from locplan._util.tables import table
 
@@ -124,6 +132,8 @@ def export(
         slowest=slowest,
         frame=frame,
         step=step,
+        graph=graph,
+        set_cost=set_cost or None,
     )
     if choice:
         refuse("with --choice, which has its own", start=start, weight=weight, lidar=robot.lidar)

@@ -48,11 +48,11 @@ from ._replayed_drive import (
 )
 from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
 from ._smoothing import smooth as smooth
-from ._tracks import sparse_notes as sparse_notes
 from ._study import (
     RecordingReport as RecordingReport,
     recording_output as recording_output,
     study_recording as study_recording,
 )
+from ._tracks import sparse_notes as sparse_notes
 from ._trajectory import Jump as Jump, Trajectory as Trajectory
 from ._tuning import tune_on_drive as tune_on_drive

@@ -157,7 +157,7 @@ class PresetChoice:
         return (
             f"Precise settings reach {in_metres(self.untested_error)}, but a robot that gets lost"
             " with them does not return. Test them on a recorded drive:"
-            f" `{shlex.join([*command, '--drive', 'FILE'])}`"
+            f" `{shlex.join([*command, '--recording', 'FILE'])}`"
         )
 
     def table(self) -> Table:

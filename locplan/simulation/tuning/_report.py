@@ -32,9 +32,8 @@ def tuning_report(tuning: Tuning) -> str:
     elif tuning.recording:
         lines.append(
             _wrap(
-                f"No preset holds on your drive: keep {OWN}. Look at how many scans fit the map"
-                " there (locplan evaluate --drive), and how far odometry drifts (locplan calibrate"
-                " --drive)."
+                f"No preset holds on your drive: keep {OWN}. Look at how well the map fits there,"
+                " and how far odometry drifts (locplan recording FILE MAP)."
             )
         )
     return "\n".join(lines)
