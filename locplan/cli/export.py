@@ -41,8 +41,7 @@ FormatName = Annotated[
     Parameter(
         metavar="FORMAT",
         choices=tuple(FORMATS),
-        show_choices=False,
-        help=f"{', '.join(FORMATS)}.",
+        help="Format.",
     ),
 ]
 NavPlanner = Annotated[
