@@ -125,7 +125,7 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     Entry(
         "The best of a sampling-based planner over time",
         "Its J comes down towards any-angle's.",
-        f"locplan plan {{map}} {QUERY} --planner BITstar --time-limit 2 --drives 0 -o sampled",
+        f"locplan plan {{map}} {QUERY} --planner BITstar:time_limit=2 --drives 0 -o sampled",
         "sampled/history.png",
     ),
     Entry(
@@ -167,13 +167,13 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     Entry(
         "Where a scan was taken",
         "Numbers are the likely places, best first.",
-        "locplan locate {driven} --drive {drive} --scan 20 -o located",
+        "locplan locate {driven} --recording {drive} --scan 20 -o located",
         "located/located.png",
     ),
     Entry(
         "Where the scans of a drive were taken",
         "Each scan is located by itself, and compared with its recorded pose.",
-        "locplan locate {driven} --drive {drive} --every 10 -o all_located",
+        "locplan locate {driven} --recording {drive} --every 10 -o all_located",
         "all_located/located.png",
     ),
     Entry(
@@ -204,19 +204,19 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     Entry(
         "A recorded drive, and where it is badly localized",
         "Where the narrow line is as dark as the wide one, the estimator is right.",
-        "locplan evaluate {driven} --drive {drive} --every 4 -o recorded",
+        "locplan evaluate {driven} --recording {drive} --every 4 -o recorded",
         "recorded/drive.png",
     ),
     Entry(
         "AMCL, replayed on the recorded drive",
         "Blue lines beside the dashed one are where the filter was wrong.",
-        "locplan simulate {driven} --drive {drive} --drives 5 -o replayed",
+        "locplan simulate {driven} --recording {drive} --drives 5 -o replayed",
         "replayed/replay.png",
     ),
     Entry(
         "Settings of AMCL, judged on the recorded drive",
         "The best preset is judged on stretches that did not choose it.",
-        "locplan tune {driven} --drive {drive} -o retuned",
+        "locplan tune {driven} --recording {drive} -o retuned",
         "retuned/tuning.png",
     ),
     Entry(
