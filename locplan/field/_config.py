@@ -217,7 +217,7 @@ def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
 
 
 def save_config(path: str | os.PathLike[str], config: FieldConfig) -> None:
-    """Write the settings of a field as JSON, for `load_config` and every command's ``--config``.
+    """Write the settings of a field as JSON, for `load_config` and the option ``--field``.
 
     Parameters
     ----------
