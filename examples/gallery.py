@@ -202,10 +202,21 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
         "ros_map/preview.png",
     ),
     Entry(
+        "A recorded drive, and where the robot was",
+        "Crosses mark doubtful scans, circles mark jumps of odometry.",
+        "locplan recording {drive} {driven} -o recorded",
+        "recorded/recording.png",
+    ),
+    Entry(
         "A recorded drive, and where it is badly localized",
         "Where the narrow line is as dark as the wide one, the estimator is right.",
-        "locplan evaluate {driven} --recording {drive} --every 4 -o recorded",
-        "recorded/drive.png",
+        """python -c "
+import sys, locplan
+from locplan.recordings import evaluate_drive, read_drive
+drive = read_drive(sys.argv[1], every=4)
+evaluate_drive(drive, locplan.load_map(sys.argv[2])).save('evaluated')
+" {drive} {driven}""",
+        "evaluated/drive.png",
     ),
     Entry(
         "AMCL, replayed on the recorded drive",
