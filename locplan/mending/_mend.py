@@ -111,7 +111,7 @@ class Mended(Result):
         columns = (
             Column("filter", title="filter"),
             Column("lost_as_is", title="lost, as is", **share),  # type: ignore[arg-type]
-            Column("lost_mended", title="mended", **share),  # type: ignore[arg-type]
+            Column("lost_mended", title="repaired", **share),  # type: ignore[arg-type]
             Column("rmse_ratio", title="error ratio", interval=True),
             Column("verdict", title="verdict"),
         )
@@ -146,7 +146,7 @@ def mended_report(mended: Mended) -> str:
         return "\n".join([*lines, f"no verdict by drives: {mended.undriven}"])
     lines += [
         str(mended.table()),
-        f"simulated drives in the map {world} [95 %]; error ratio: mended over as is",
+        f"simulated drives in the map {world} [95 %]; error ratio: repaired over as is",
     ]
     return "\n".join(lines)
 
