@@ -210,12 +210,7 @@ save_figure(locplan.plotting.path_figure(plan), 'path.png')
     Entry(
         "A recorded drive, and where it is badly localized",
         "Where the narrow line is as dark as the wide one, the estimator is right.",
-        """python -c "
-import sys, locplan
-from locplan.recordings import evaluate_drive, read_drive
-drive = read_drive(sys.argv[1], every=4)
-evaluate_drive(drive, locplan.load_map(sys.argv[2])).save('evaluated')
-" {drive} {driven}""",
+        "python {examples}/recorded_drive.py evaluated {driven} {drive}",
         "evaluated/drive.png",
     ),
     Entry(
