@@ -876,7 +876,7 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     _, out, _ = run("export", "--help")
-    assert "ros-map, path, toy." in " ".join(out.replace("│", " ").split())
+    assert "ros-map, path, toy]" in " ".join(out.replace("│", " ").split())
     ask = "export", tmp_path / "bay.yaml", "--to", "toy"
     monkeypatch.chdir(tmp_path)
     code, out, err = run(*ask, "--step", 0.5)

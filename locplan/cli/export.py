@@ -36,14 +36,7 @@ FORMATS = formats()
 WITH_PATHS = [name for name, format in FORMATS.items() if format.paths != "none"]
 FLAGS = {"set_cost": "set-cost", "planner": "nav2-planner"}
 """Options of the command line that have another name than the format's."""
-FormatName = Annotated[
-    str,
-    Parameter(
-        metavar="FORMAT",
-        choices=tuple(FORMATS),
-        help="Format.",
-    ),
-]
+FormatName = Annotated[str, Parameter(metavar="FORMAT", choices=tuple(FORMATS), help="Format.")]
 NavPlanner = Annotated[
     Literal["smac2d", "smac-hybrid", "navfn", "thetastar"] | None, Parameter(show_choices=False)
 ]
