@@ -58,8 +58,8 @@ def test_the_name_of_a_lidar_decides_nothing(of):
     plain = dataclasses.replace(named, model="")
     assert of(named) == of(plain)
     assert of(named).identity() == of(plain).identity()
-    assert "tim571" in of(named).summary
-    assert "tim571" not in of(plain).summary
+    assert "tim571" in of(named).title
+    assert "tim571" not in of(plain).title
 
 
 @pytest.mark.parametrize("of", [Sad().with_lidar, Scan, Fisher, Fused])
