@@ -51,7 +51,7 @@ def test_the_page_needs_nothing_else_and_fits_its_window(
 def test_the_rest_is_folded_and_opens(browser: Any, report: Path) -> None:
     page = browser.new_page()
     page.goto(report.as_uri())
-    robot = page.get_by_text("effort quick")
+    robot = page.get_by_text("; effort quick")
     assert not robot.is_visible()
     page.get_by_text("Map, robot and recorded drives", exact=True).click()
     assert robot.is_visible()

@@ -23,7 +23,7 @@ class Own(Estimator):
     name: ClassVar[str] = "own"
     layers: ClassVar[tuple[Layer, ...]] = (Layer("row", "row", "cells", lambda _: (0.0, 9.0)),)
     reach = 1.0
-    summary = "own"
+    title = "own"
     turns = 60.0
 
     def lattice(self, resolution):

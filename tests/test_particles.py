@@ -293,10 +293,12 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         robot,
         here.arguments.lidar.angles,
     )
-    errors = np.empty_like(truth)
+    errors, random = np.empty_like(truth), np.random.default_rng(6)
+    reported = drives.odometry_along(random, truth, here.arguments.odometry)
     drives.drive(
-        np.random.default_rng(6),
+        random,
         truth,
+        reported,
         drives.World(
             empty_squares(world.cells == OCCUPIED),
             RESOLUTION,
@@ -305,7 +307,6 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         here.arguments.scores,
         here.arguments.lidar,
         here.arguments.disturbances,
-        here.arguments.odometry,
         here.arguments.start,
         here.arguments.filter,
         errors,

@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -116,7 +117,14 @@ def test_files_without_a_path_are_refused(tmp_path, text):
 
 @pytest.mark.parametrize("name", ["", " ", "a\0b", "\ud800", None, 3])
 def test_what_can_be_no_file_name_is_refused(name):
-    for read in (Path.load, load_map, load_config, read_queries, CovarianceField.load, Journal):
+    for read in (
+        Path.load,
+        load_map,
+        load_config,
+        read_queries,
+        CovarianceField.load,
+        partial(Journal, settings={}),
+    ):
         with pytest.raises(LocplanError, match="must be a path, not"):
             read(name)
 

@@ -198,7 +198,9 @@ def test_check_reports_faults_and_leaves_them_out(office, drive, monkeypatch):
 
     drives, robot = [with_ways(drive, change) for change in (slip, stand)], drive.robot()
     map_faults = MapFaults(office, (), office)
-    results = [look_at_drives([one], Reading(office), map_faults, robot, 1, 1) for one in drives]
+    results = [
+        look_at_drives([one], Reading(office), map_faults, robot, None, 1, 1) for one in drives
+    ]
     assert [result.are_sound for result in results] == [(True,), (False,)]
     assert any("Odometry and scans disagree" in text for text in results[0].said)
     masks = [None, find_recording_faults(drives[0]).faulty_steps]

@@ -122,7 +122,7 @@ def test_precise_preset_needs_all_levels():
     assert choice.untested_error == pytest.approx(0.05, abs=0.001)
     advice = choice.advise_recording(["locplan", "check", "lab.yaml"])
     assert advice.startswith("Precise settings reach 0.050 m, but a robot that gets lost with them")
-    assert "`locplan check lab.yaml --drive FILE`" in advice
+    assert "`locplan check lab.yaml --recording FILE`" in advice
 
 
 def test_preset_that_harms_at_one_level_is_refused():

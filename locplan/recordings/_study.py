@@ -202,7 +202,7 @@ def study_recording(
     >>> import locplan
     >>> from locplan.recordings import record_drive
     >>> grid = locplan.maps.environments.make("office", resolution=0.1)
-    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 2.0), (8.0, 2.0)).path
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 2.0), (7.5, 1.9)).path
     >>> drive = record_drive(grid, path, locplan.Robot("turtlebot4"))
     >>> study_recording(drive).faults.is_sound
     True

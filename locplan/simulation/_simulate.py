@@ -96,7 +96,7 @@ def simulation_report(simulation: Simulation) -> str:
     """Table of the errors along each path, side by side."""
     head, *rows = simulation.table().turned()
     if len(head) == 2:  # one path has no ratio
-        del rows[len(DRIVEN)]
+        del rows[sum(column.title is not None for column in DRIVEN)]
     count = len(next(iter(simulation.drives.values())).errors)
     about = f"errors of the position, of {count} drives each"
     if arrivals := simulation.arrivals:
