@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from locplan._util.checks import instance
 from locplan._util.intervals import Interval
 from locplan._util.progress import ProgressCallback
-from locplan._util.tables import finite, table
+from locplan._util.tables import table
 from locplan.maps import OccupancyGrid, check_grid
 from locplan.recordings._odometry_noise import MIN_UPDATES, OdometryNoise, odometry_noise
 from locplan.recordings._recording import Recording
@@ -65,16 +64,6 @@ class DriveCalibration:
         ]
         rows += [["note", note, ""] for note in self.notes]
         return str(table(["", "value", "95 %"], rows))
-
-    def summary(self) -> dict[str, object]:
-        """Results in numbers, fit for JSON."""
-        about: dict[str, object] = {
-            "drive": self.recording.summary(),
-            "scans": dataclasses.asdict(self.scans),
-            "odometry": dataclasses.asdict(self.odometry) if self.odometry else None,
-            "notes": list(self.notes),
-        }
-        return finite(about)
 
 
 def _texts(interval: Interval, unit: str) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from locplan._util.checks import check_threads, file_path, instance, whole
 from locplan._util.output import Output, Results
 from locplan._util.progress import ProgressCallback, parts
 from locplan._util.records import Result, Table
+from locplan._util.saved import plain
 from locplan._util.tables import finite, table, wrapped
 from locplan.errors import LocplanError
 from locplan.maps import MapFault, OccupancyGrid, check_grid
@@ -89,7 +90,12 @@ class RecordingReport(Result):
                     {"fault": fault.sentence, "boxes": [list(box) for box in fault.boxes]}
                     for fault in self.map_faults
                 ],
-                "noise": self.calibration and self.calibration.summary(),
+                "noise": self.calibration
+                and {
+                    "scans": plain(self.calibration.scans),
+                    "odometry": self.calibration.odometry and plain(self.calibration.odometry),
+                    "notes": self.calibration.notes,
+                },
                 "replay": self.replay and self.replay.summary(),
                 "robot": self.calibration and self.calibration.robot.summary(),
                 "seed": self.seed,

@@ -200,11 +200,6 @@ class Arrivals(Valued):
         columns = Column("drive"), Column("what"), *POSE
         return Table(columns, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
 
-    def summary(self) -> dict[str, object]:
-        """Standstills per drive, and shares of the drives by their ends, fit for JSON."""
-        shares = {column.name: list(column.of(self)) for column in SHARES}
-        return {"drives": len(self.drives), "standstills": self.standstills, **shares}
-
 
 ENDINGS = {
     ARRIVED: ("arrived", "arrives, steered by its filter"),

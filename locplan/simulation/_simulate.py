@@ -70,7 +70,14 @@ class Simulation(Result):
             **about_filter(self.filter_map),
         }
         if self.arrivals:
-            about["arrivals"] = {name: each.summary() for name, each in self.arrivals.items()}
+            about["arrivals"] = {
+                name: {
+                    "drives": len(arrivals.drives),
+                    "standstills": arrivals.standstills,
+                    **values_of(SHARES, arrivals),
+                }
+                for name, arrivals in self.arrivals.items()
+            }
         return finite(about)
 
     def table(self) -> Table:
