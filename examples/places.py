@@ -36,6 +36,7 @@ from locplan.planners import plan_field
 from locplan.robots import Amcl, Robot, radius_of
 from locplan.simulation import POSE_SPACING, Simulator
 from locplan.simulation._worlds import _facing_ahead as facing_ahead, turned
+from locplan.simulation.levels import USUAL
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 FILTERS = {
@@ -126,7 +127,7 @@ def driven_once(simulator: Simulator, lines: list[Floats]) -> Floats:
     def run(n: int) -> None:
         line = simulator.line(lines[n])
         stage = simulator.stage([line])
-        errors[n] = stage.drive(line, stage.world(0, n), 0, n, simulator.arguments)
+        errors[n] = stage.drive(line, stage.world(0, n), 0, n, simulator.arguments, USUAL)
 
     simulator.in_threads(run, len(lines), None)
     return turned(errors, simulator.filter_map.origin[2])

@@ -564,7 +564,7 @@ def test_the_drifts_of_odometry_are_not_lost_in_poses_that_saw_it():
     way = locplan.Path(np.concatenate([ways[0], *(each[1:] for each in ways[1:])]))
     drive = record_drive(GRID, way, ROBOT, spacing=0.25)
     noise = odometry_noise(smooth(GRID, drive).of(drive), ROBOT.amcl)
-    assert noise.distance_drift.value == pytest.approx(ROBOT.odometry.distance_drift, rel=0.15)
+    assert noise.distance_drift.value == pytest.approx(ROBOT.odometry.distance_drift, rel=0.2)
     turned = noise.turned / way.length
     drift = math.hypot(noise.heading_drift_deg.value, noise.turn_drift_deg.value * turned**0.5)
     own = ROBOT.odometry
