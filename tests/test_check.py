@@ -451,7 +451,7 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
     found = check(grid, robot, stations, [drive], effort="quick", found=told.append)
     assert found.recorded[0].startswith("drive 1: The map fits")
     assert "too few scans" in found.recorded[2]  # of a log of one scan in half a metre
-    assert found.recorded[0] in found.report()
+    assert found.recorded[0] in found.summary()["recorded"]
     (false,) = [each for each in found.faults if each.kind == "false walls"]
     assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
     assert "here the scans do not fit the map" in false.sentence

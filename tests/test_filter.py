@@ -303,10 +303,10 @@ def test_whatever_drives_takes_a_filter_map(tmp_path):
     assert aware[0].rmse[0] < aware[1].rmse[0]
     own = {"paths": 5, "drives": 2}
     results = [tune(grid, EXACT, filter_map=m, **own) for m in (None, grid, old, finer())]
-    tuned = [result.cases[0].baseline_error.value for result in results]
+    tuned = [result.choice.results[0].error.value for result in results]
     assert tuned[0] == tuned[1] < tuned[2]
     assert tuned[3] < tuned[2]
-    assert aware[1].summary()["filter_map"] == {"name": "old", "digest": old.digest}
+    assert aware[1].about["filter_map"] == {"name": "old", "digest": old.digest}
 
 
 @pytest.mark.long
@@ -318,7 +318,11 @@ def test_recorded_drives_are_replayed_on_the_filter_map():
     assert np.array_equal(runs[0].errors, runs[1].errors)
     assert runs[0].drives.rmse.value < runs[2].drives.rmse.value
     tuned = [tune_on_drive(drive, grid, EXACT, drives=2, filter_map=m) for m in (None, old)]
-    assert tuned[0].cases[1].baseline_error.value < tuned[1].cases[1].baseline_error.value
+    errors = [
+        next(row.error.value for row in each.choice.results if row.case in each.choice.recordings)
+        for each in tuned
+    ]
+    assert errors[0] < errors[1]
     assert tuned[1].grids == (grid,)
     assert tuned[1].filter_map is old
 
