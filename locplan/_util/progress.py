@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
-from locplan._kernels import is_compiling
-
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
@@ -20,6 +18,18 @@ COMPILING = "compiling (only once)"
 """What is said while kernels are compiled for numba's cache."""
 ProgressCallback = Callable[[int, int], None]
 """Function that is called with (done, total) as work proceeds."""
+
+
+def is_compiling() -> bool:
+    """Whether another thread compiles a kernel just now; False where that is not known."""
+    try:
+        lock = sys.modules["numba.core.compiler_lock"].global_compiler_lock._lock
+    except (KeyError, AttributeError):  # nothing has imported numba yet
+        return False
+    free = lock.acquire(blocking=False)
+    if free:
+        lock.release()
+    return not free
 
 
 @contextmanager
