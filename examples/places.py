@@ -142,13 +142,13 @@ def approaches(
     get there.
     """
     near, (row, col) = cut_out(costs, cell, length)
-    to_cell = plan_field(near, near.grid.cell_to_world(row, col))
+    to_cell = plan_field(near, near.grid.position(row, col))
     distance = np.where(to_cell.cost <= length, to_cell.cost, -1.0)
     # Paths count as equally long within 0.5 m.
     rows, cols = np.nonzero(distance >= max(distance.max() - 0.5, 0.0))
     drives = []
     for n in random.choice(len(rows), count, replace=len(rows) < count):
-        path = to_cell.path(near.grid.cell_to_world(int(rows[n]), int(cols[n])))
+        path = to_cell.path(near.grid.position(int(rows[n]), int(cols[n])))
         assert path is not None
         drives.append(
             facing_ahead(path, np.linspace(0.0, path.length, round(length / POSE_SPACING) + 1))

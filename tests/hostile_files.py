@@ -241,7 +241,7 @@ def settings(folder: Path) -> None:
 def saved(folder: Path) -> None:
     """A costmap, a plan and a run, as they are saved."""
     COSTS.save(folder / "costs.npz")
-    ends = [GRID.cell_to_world(*np.argwhere(GRID.free)[0].tolist())] * 2
+    ends = [GRID.position(*np.argwhere(GRID.free)[0].tolist())] * 2
     plan(COSTS, *ends, planner=lambda *query: Route(query[1:])).write(folder / "plan.json")
     run = Run("plan", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
     with running(run):

@@ -170,7 +170,7 @@ def test_cut_corners_cross_nothing_either(seed):
 def test_without_obstacles_the_path_is_the_straight_line():
     grid = OccupancyGrid(np.full((260, 640), FREE), 0.05, (3.0, -2.0, 0.4))
     costs = Costmap.blank(grid, robot=0.0)
-    start, goal = grid.cell_to_world(3, 5), grid.cell_to_world(251, 630)
+    start, goal = grid.position(3, 5), grid.position(251, 630)
     result = plan(costs, start, goal, planner="any-angle")
     assert result.metrics.length == pytest.approx(math.dist(start, goal), rel=1e-6)
 
@@ -224,7 +224,7 @@ def test_small_turned_maps_with_thin_walls_are_no_exception(accuracy):
             costs.grid.grid_to_world(r, c) for r, c in (corners[:2] + 0.25, corners[2:] + 11.25)
         ]
         ends = [tuple(map(float, xy)) for xy in ends]
-        if any(np.isinf(density[costs.grid.world_to_cell(*xy)]) for xy in ends):
+        if any(np.isinf(density[costs.grid.cell(xy)]) for xy in ends):
             continue
         on_grid = plan(costs, *ends, planner="grid")
         result = plan(costs, *ends, planner="any-angle", accuracy=accuracy)

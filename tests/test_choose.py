@@ -995,8 +995,8 @@ def test_the_picture_shows_the_part_of_the_map_with_the_candidates():
     part = map_around(large, [Path(xy)])
     assert part.shape == (81, 81)
     (row,), (col,) = np.nonzero(part.cells == OCCUPIED)
-    expected = large.cell_to_world(100, 150)
-    np.testing.assert_allclose(part.cell_to_world(int(row), int(col)), expected, atol=1e-9)
+    expected = large.position(100, 150)
+    np.testing.assert_allclose(part.position(int(row), int(col)), expected, atol=1e-9)
     corners = np.column_stack(large.grid_to_world(np.array([1.0, 399.0]), np.array([1.0, 599.0])))
     assert map_around(large, [Path(corners)]).shape == large.shape
 

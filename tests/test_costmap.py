@@ -59,7 +59,7 @@ def test_corners_that_are_only_touched_do_not_count():
     for far in (0.0, 4.5e6):  # also where the world's coordinates are rounded
         grid = OccupancyGrid(np.full((3, 3), FREE), 0.05, (far, far, 0.3))
         costs = Costmap.from_density(grid, density)
-        diagonal = [grid.cell_to_world(0, 0), grid.cell_to_world(2, 2)]
+        diagonal = [grid.position(0, 0), grid.position(2, 2)]
         metrics = path_metrics(costs, Path(np.array(diagonal)))
         assert metrics.cost == pytest.approx(0.1 * math.sqrt(2), rel=1e-4)
 
@@ -243,7 +243,7 @@ def test_costmap_at_takes_nearest_heading():
     costs = Costmap.from_field(grid, covariance_field(grid, ahead), robot=0.3)
     xy = np.column_stack(grid.grid_to_world(*(np.argwhere(grid.free)[::40] + 0.5).T))
     count = len(costs.u_of_heading)
-    cells = grid.world_to_cell(xy)
+    cells = grid.cell(xy)
     for turn in (0.4, -0.4, count - 0.4):
         heading = (2 + turn) * 2 * np.pi / count
         values = costs.at(np.column_stack([xy, np.full(len(xy), heading)]))
@@ -267,6 +267,22 @@ def test_path_cost_of_several_paths_is_cost_of_each():
         np.testing.assert_array_equal(path_cost(costs, several), alone)
     assert path_cost(costs, array[0].tolist()) == alone[0]
     assert path_cost(costs, np.empty((0, 2, 2))).shape == (0,)
+
+
+def test_path_cost_of_several_paths_takes_each_heading():
+    grid = corridor(6.0, 2.0)
+    ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
+    costs = Costmap.from_field(grid, covariance_field(grid, ahead), robot=0.0)
+    random = np.random.default_rng(5)
+    poses = random.uniform((-2.5, -0.9, -9.0), (2.5, 0.9, 9.0), (60, 3, 3))
+    paths = [Path(line[:, :2], line[:, 2] if n % 3 else None) for n, line in enumerate(poses)]
+    paths.append(Path([[2.0, 0.0]], [1.0]))
+    paths.append(Path([[2.0, 0.0], [2.0, 0.0]]))
+    alone = [path_metrics(costs, path).cost for path in paths]
+    assert path_cost(costs, paths).tolist() == alone
+    assert path_cost(costs, poses)[1] == alone[1]
+    assert np.isfinite(alone).all()
+    assert path_cost(costs, poses)[0] != alone[0]
 
 
 def test_metrics_are_the_integrals_of_the_layers():

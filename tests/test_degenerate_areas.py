@@ -182,7 +182,7 @@ def test_polygons_hold_the_cells_and_are_valid(seed, blur):
     assert np.mean(chosen[found > 0]) >= 0.95
     for n, area in enumerate(areas, start=1):
         check_valid(area)
-        row, col = grid.world_to_cell(*area.middle)
+        row, col = grid.cell(area.middle)
         assert found[row, col] == n
         assert chosen[row, col]
 

@@ -24,13 +24,13 @@ make = functools.cache(environments.make)
 
 def box(grid: OccupancyGrid, x0: float, y0: float, x1: float, y1: float) -> NDArray[np.uint8]:
     """Cells whose centres lie in a box in world metres."""
-    (r0, c0), (r1, c1) = grid.world_to_cell(x0 + 1e-6, y0 + 1e-6), grid.world_to_cell(x1, y1)
+    (r0, c0), (r1, c1) = grid.cell((x0 + 1e-6, y0 + 1e-6)), grid.cell((x1, y1))
     return grid.cells[r0:r1, c0:c1]
 
 
 def mismatch(grid: OccupancyGrid, at: tuple[float, float], d: tuple[float, float]) -> float:
     """Mismatch area [m^2] of the disc of 6 m around a position and the one d metres away."""
-    row, col = grid.world_to_cell(*at)
+    row, col = grid.cell(at)
     reach = round(6 / grid.resolution)
     shift = [round(v / grid.resolution) for v in d]
     pad = reach + max(map(abs, shift))
@@ -50,7 +50,7 @@ def range_to_wall(grid: OccupancyGrid, at: tuple[float, float], heading: float) 
     distance = 0.0
     while True:
         x, y = at[0] + distance * math.cos(heading), at[1] + distance * math.sin(heading)
-        if not grid.free[grid.world_to_cell(x, y)]:
+        if not grid.free[grid.cell((x, y))]:
             return distance
         distance += grid.resolution / 5
 
@@ -69,11 +69,11 @@ def route(grid: OccupancyGrid, *, blocked: tuple[float, float, float, float] | N
 
     cost = np.where(grid.free & (grid.clearance >= ROBOT_RADIUS), 1.0, -1.0)
     if blocked:
-        (r0, c0), (r1, c1) = grid.world_to_cell(*blocked[:2]), grid.world_to_cell(*blocked[2:])
+        (r0, c0), (r1, c1) = grid.cell(blocked[:2]), grid.cell(blocked[2:])
         cost[r0:r1, c0:c1] = -1
     places = environments.landmarks(grid.name)
-    lengths, _ = MCP_Geometric(cost).find_costs([grid.world_to_cell(*places["start"])])
-    return float(lengths[grid.world_to_cell(*places["goal"])]) * grid.resolution
+    lengths, _ = MCP_Geometric(cost).find_costs([grid.cell(places["start"])])
+    return float(lengths[grid.cell(places["goal"])]) * grid.resolution
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -120,7 +120,7 @@ class TestEveryEnvironment:
     def test_a_robot_reaches_every_landmark(self, name: str, resolution: float) -> None:
         grid = make(name, resolution=resolution)
         rooms, _ = ndimage.label(grid.free & (grid.clearance >= ROBOT_RADIUS))
-        found = {rooms[grid.world_to_cell(*at)] for at in environments.landmarks(name).values()}
+        found = {rooms[grid.cell(at)] for at in environments.landmarks(name).values()}
         assert len(found) == 1
         assert found != {0}
 
@@ -187,7 +187,7 @@ class TestHall:
     at = environments.landmarks("hall")
 
     def test_middle_is_far_from_every_wall(self) -> None:
-        assert self.grid.clearance[self.grid.world_to_cell(*self.at["E"])] > 12
+        assert self.grid.clearance[self.grid.cell(self.at["E"])] > 12
 
     def test_open_floor_is_forty_by_thirty_metres(self) -> None:
         x, y = self.at["E"]
@@ -237,7 +237,7 @@ class TestTwoCorridors:
         checked = 0
         for x in np.arange(area[0], area[2], 1.5):
             for y in np.arange(area[1], area[3], 1.1):
-                cell = self.grid.world_to_cell(x, y)
+                cell = self.grid.cell((x, y))
                 if self.grid.free[cell] and self.grid.clearance[cell] >= ROBOT_RADIUS:
                     checked += 1
                     assert min(mismatch(self.grid, (x, y), d) for d in near + far) > 1.5

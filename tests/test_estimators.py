@@ -13,7 +13,7 @@ from conftest import corridor, drawn, few_of, random_rooms
 from naive import rotated
 from scipy.linalg import expm, logm
 
-from locplan.costs import Costmap, Path, path_metrics, profile
+from locplan.costs import Costmap, Path, crossed_cells, path_metrics, profile
 from locplan.costs._layers import HeadingLayers
 from locplan.errors import ConfigError
 from locplan.field import (
@@ -279,7 +279,7 @@ def test_the_papers_places_are_told_apart():
     assert min(e, key=e.get) == "A"
     assert e["B"] > 10 * e["A"]
     ambiguity = field.on_map(field.scalar("ambiguity"), logarithmic=False)
-    there = {name: ambiguity[grid.world_to_cell(*xy)] for name, xy in at.items()}
+    there = {name: ambiguity[grid.cell(xy)] for name, xy in at.items()}
     assert there["D"] > 0.5  # its bays repeat
     assert there["A"] < 0.1
     fisher = covariance_field(grid, FieldConfig(Fisher(Lidar(range=6.0)), stride=0.4))
@@ -287,7 +287,7 @@ def test_the_papers_places_are_told_apart():
     assert scalar(corridor_, "position_std") > 5 * scalar(complex_, "position_std")
     fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=6.0)), stride=0.4))
     costs = Costmap.from_field(grid, fused, robot=0.0)
-    u = {name: costs.u[grid.world_to_cell(*xy)] for name, xy in at.items()}
+    u = {name: costs.u[grid.cell(xy)] for name, xy in at.items()}
     assert u["A"] < 0.1
     assert u["B"] > 0.95
     assert u["D"] > 0.4
@@ -308,7 +308,7 @@ def test_positions_alone_have_two_dimensions(rooms, estimator):
 
 def test_the_covariance_in_between_headings(ahead):
     i, j = np.argwhere(ahead.evaluated)[100]
-    x, y = ahead.grid.cell_to_world(int(i * ahead.stride), int(j * ahead.stride))
+    x, y = ahead.grid.position(int(i * ahead.stride), int(j * ahead.stride))
     for k, heading in enumerate(ahead.config.heading_angles):
         assert ahead.at((x, y, heading), "covariance") == pytest.approx(ahead.covariance[i, j, k])
         turned = ahead.at((x, y, heading - 2 * math.pi), "covariance")
@@ -615,14 +615,18 @@ def test_where_it_faces_decides_how_it_turns_round(headed_costs):
 
 
 def test_paths_by_heading():
-    path = Path(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([0.0, math.pi / 2]))
-    runs = [(k, xy.tolist()) for k, xy in path.by_heading(4)]
-    assert runs == [(0, [[0.0, 0.0], [2.0, 0.0]]), (1, [[2.0, 0.0], [4.0, 0.0]])]
-    back = Path(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([0.1, 2 * math.pi - 0.1]))
-    assert [k for k, _ in back.by_heading(4)] == [0]
-    assert sum(np.hypot(*np.diff(xy, axis=0).T).sum() for _, xy in path.by_heading(7)) == (
-        pytest.approx(4.0)
-    )
+    grid = OccupancyGrid(np.full((1, 2), 254), resolution=3.0)
+    path = Path([[0.0, 0.5], [4.0, 0.5]], [0.0, math.pi / 2])
+    heading, _, col, length = crossed_cells(grid, path, 4)
+    assert heading.tolist() == [0, 1, 1]
+    assert col.tolist() == [0, 0, 1]
+    assert length == pytest.approx([2.0, 1.0, 1.0])
+    back = Path([[0.0, 0.5], [4.0, 0.5]], [0.1, 2 * math.pi - 0.1])
+    assert set(crossed_cells(grid, back, 4)[0].tolist()) == {0}
+    turn = Path([[1.0, 0.5], [1.0, 0.5]], [0.0, -math.pi])
+    heading, _, col, length = crossed_cells(grid, turn, 4)
+    assert (heading.tolist(), col.tolist(), length.tolist()) == ([0, 3, 2], [0, 0, 0], [0, 0, 0])
+    assert crossed_cells(grid, path, 7)[3].sum() == pytest.approx(4.0)
 
 
 def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
@@ -659,7 +663,7 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
 
     i, j = 14, 20
     assert field.evaluated[i, j]
-    pose = np.array([*grid.cell_to_world(i * field.stride, j * field.stride), 0.0])
+    pose = np.array([*grid.position(i * field.stride, j * field.stride), 0.0])
     step = np.array([0.1, 0.1, 0.04])
     jacobian = np.stack(
         [

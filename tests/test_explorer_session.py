@@ -516,7 +516,7 @@ def test_the_points_nearest_to_an_edit_come_first():
     session.listeners.append(lambda event: shown.append(session.field))
     answer(session, "edit", strokes=[{"tool": "pole", "points": [[3.0, 3.0]], "width": 0.3}])
     session.latest.result()
-    centre, stride = np.array(grid.world_to_cell(3.0, 3.0)) / SAD.stride * 0.1, []
+    centre, stride = np.array(grid.cell((3.0, 3.0))) / SAD.stride * 0.1, []
     for before, after in itertools.pairwise(shown):
         new = (before.covariance != after.covariance).any(axis=(-1, -2))
         new = new.any(axis=-1) if new.ndim > 2 else new
@@ -533,7 +533,7 @@ def test_a_stroke_fills_the_cells_whose_centres_it_covers():
     session, points = bare(grid), ((1.0, 1.5), (1.6, 2.0), (1.2, 2.4))
     answer(session, "edit", strokes=[{"tool": "wall", "points": points, "width": 0.3}])
     for row, col in itertools.product(range(20), range(30)):
-        at = np.array(grid.cell_to_world(row, col))
+        at = np.array(grid.position(row, col))
         near = min(
             math.dist(at, np.array(a) + np.clip((at - a) @ d / (d @ d), 0, 1) * d)
             for a, b in itertools.pairwise(points)
@@ -634,14 +634,14 @@ def test_a_place_has_the_covariance_of_the_field(session):
         assert told["axes"] == [pytest.approx(100 * major), pytest.approx(100 * minor)]
         assert told["angle"] == pytest.approx(float(angle))
         assert told["heading_deg"] == pytest.approx(math.degrees(math.sqrt(covariance[2, 2])))
-        cell = session.grid.world_to_cell(x, y)
+        cell = session.grid.cell((x, y))
         assert told["u"] == session.scene.costs.u[cell]
         assert told["clearance"] == session.grid.clearance[cell]
     plain = bare(rooms())
     places = free_places(session, 20, seed=3)
     before = [answer(plain, "at", x=x, y=y)["clearance"] for x, y in places]
     assert "clearance" not in vars(plain.grid)
-    cells = [session.grid.world_to_cell(x, y) for x, y in places]
+    cells = [session.grid.cell((x, y)) for x, y in places]
     assert before == [plain.grid.clearance[cell] for cell in cells]
     assert before == [answer(plain, "at", x=x, y=y)["clearance"] for x, y in places]
     nothing = bare(OccupancyGrid(np.full((4, 4), FREE), 0.1))

@@ -143,7 +143,7 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     above = excess[heavy.grid.clearance[heavy.grid.free] >= 0.45] > conversion.greatest
     assert conversion.saturated_share == pytest.approx(above.mean())
     assert 0 < conversion.saturated_share < 1
-    row, col = heavy.grid.world_to_cell(*conversion.most_saturated)
+    row, col = heavy.grid.cell(conversion.most_saturated)
     assert 10.0 * heavy.u[row, col] > k
     x, y = conversion.most_saturated
     assert f"room for a follower, most around ({x:.2f}, {y:.2f})" in readme_of(tmp_path / "mask")
@@ -189,9 +189,9 @@ def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
     nav2 = yaml.safe_load((folder / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
     at = environments.landmarks("two_corridors")
-    ends = (grid.world_to_cell(*at[end]) for end in ("start", "goal"))
+    ends = (grid.cell(at[end]) for end in ("start", "goal"))
     cells = stacks.smac2d_path(master, *ends, own["cost_travel_multiplier"])
-    assert max(grid.cell_to_world(*cell)[1] for cell in cells) > 9  # the irregular corridor
+    assert max(grid.position(*cell)[1] for cell in cells) > 9  # the irregular corridor
 
 
 def test_what_the_caller_blocks_is_lethal(costs):
@@ -260,8 +260,8 @@ def test_thetastar_realises_j_too(tmp_path):
     step, blocked = own["w_euc_cost"], stacks.theta_star_blocked(master, own["allow_unknown"])
     ends = [costs.cell_of(at[end]) for end in ("start", "goal")]
     cells, _ = stacks.grid_path(step, blocked, *ends, fixed)
-    path = Path(np.array([grid.cell_to_world(*cell) for cell in cells]))
-    centres = [grid.cell_to_world(*cell) for cell in ends]
+    path = Path(np.array([grid.position(*cell) for cell in cells]))
+    centres = [grid.position(*cell) for cell in ends]
     costs = roomy(costs)
     ours = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
     assert path_metrics(costs, path).cost <= 1.01 * ours.metrics.cost
@@ -284,13 +284,13 @@ def planned_by_smac(folder, costs, start, goal):
         costs.cell_of(start),
         costs.cell_of(goal),
     )
-    return Path(np.array([costs.grid.cell_to_world(*cell) for cell in cells]))
+    return Path(np.array([costs.grid.position(*cell) for cell in cells]))
 
 
 def compare_with_smac(folder, costs, start, goal, **settings):
     """J of Smac2D's path on the mask, and of the grid planner's, by the same measure."""
     conversion = export.nav2_keepout(folder, costs, **settings)
-    centres = [costs.grid.cell_to_world(*costs.cell_of(xy)) for xy in (start, goal)]
+    centres = [costs.grid.position(*costs.cell_of(xy)) for xy in (start, goal)]
     path = planned_by_smac(folder, costs, start, goal)
     costs = roomy(costs)
     own = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
@@ -304,7 +304,7 @@ def far_apart(costs, seed):
     for _ in range(200):
         a, b = free[rng.integers(len(free), size=2)]
         if math.dist(a, b) > 0.5 * max(costs.grid.shape):
-            ends = [costs.grid.cell_to_world(*map(int, cell)) for cell in (a, b)]
+            ends = [costs.grid.position(*map(int, cell)) for cell in (a, b)]
             if plan(costs, *ends, planner="grid").status == "solved":
                 return ends
     raise AssertionError("no pair found")

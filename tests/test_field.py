@@ -100,7 +100,7 @@ def test_covariances_are_symmetric_and_positive(field):
 def test_a_corridor_is_least_certain_along_its_axis(angle, preset, ratio):
     # Sampled walls that run obliquely are not quite featureless, and 1/S^2 notices it.
     grid = corridor(24.0, 2.0, angle=angle)
-    row, col = grid.world_to_cell(0.0, 0.0)
+    row, col = grid.cell((0.0, 0.0))
     major, minor, direction = position_axes(covariance_at(grid, row, col, preset()))
     assert major > ratio * minor
     assert abs(np.angle(np.exp(2j * (direction - angle)))) / 2 < 0.03
@@ -192,7 +192,7 @@ def test_a_map_without_free_cells_has_an_empty_field():
 
 def test_interpolation_agrees_with_the_lattice_and_is_bilinear_in_log_e(field):
     i, j = np.argwhere(field.evaluated & field.grid.free[::4, ::4])[100]
-    x, y = field.grid.cell_to_world(int(i) * 4, int(j) * 4)
+    x, y = field.grid.position(int(i) * 4, int(j) * 4)
     np.testing.assert_allclose(field.at((x, y), "covariance"), field.covariance[i, j], rtol=1e-9)
     e_map, cells = field.e_map(), np.argwhere(field.grid.free)[::97]
     xy = np.column_stack(field.grid.grid_to_world(*(cells + 0.5).T))
@@ -226,7 +226,7 @@ def test_field_at_is_mean_of_matrix_logarithms(field):
 
 
 def test_walls_and_outside_have_no_values(field):
-    wall = field.grid.cell_to_world(*np.argwhere(~field.grid.free)[0].tolist())
+    wall = field.grid.position(*np.argwhere(~field.grid.free)[0].tolist())
     for value in field.at([wall, (1e6, 0.0), (-1e8, 1e8)]).values():
         assert np.isnan(value).all()
     assert field.at(np.empty((0, 2)), "e").shape == (0,)

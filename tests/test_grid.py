@@ -13,13 +13,28 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 def test_cells_of_many_positions_are_those_of_each():
     grid = OccupancyGrid(np.full((4, 6), FREE), 0.5, (10.0, 20.0, 0.3))
     xy = np.random.default_rng(2).uniform((8, 18), (14, 24), (40, 2))
-    rows, cols = grid.world_to_cell(xy)
-    assert [*zip(rows, cols, strict=True)] == [grid.world_to_cell(position) for position in xy]
-    single = [grid.contains(*grid.world_to_cell(position)) for position in xy]
+    rows, cols = grid.cell(xy)
+    assert [*zip(rows, cols, strict=True)] == [grid.cell(position) for position in xy]
+    single = [grid.contains(*grid.cell(position)) for position in xy]
     assert grid.contains(rows, cols).tolist() == single
     assert 0 < sum(single) < 40
     with pytest.raises(PoseError, match="pose 3 of the array"):
-        grid.world_to_cell([*xy[:3], (np.nan, 1.0)])
+        grid.cell([*xy[:3], (np.nan, 1.0)])
+
+
+def test_cell_ignores_headings():
+    grid = OccupancyGrid(np.full((4, 6), FREE), 0.5, (10.0, 20.0, 0.3))
+    poses = np.random.default_rng(2).uniform((8, 18, -9), (14, 24, 9), (40, 3))
+    np.testing.assert_array_equal(grid.cell(poses), grid.cell(poses[:, :2]))
+    assert grid.cell(poses[0]) == grid.cell(tuple(poses[0, :2]))
+
+
+def test_position_of_many_cells_is_that_of_each():
+    grid = OccupancyGrid(np.full((4, 6), FREE), 0.5, (10.0, 20.0, 0.3))
+    cells = np.argwhere(grid.free)
+    xy = grid.position(*cells.T)
+    assert xy.tolist() == [list(grid.position(*cell)) for cell in cells.tolist()]
+    np.testing.assert_array_equal(np.column_stack(grid.cell(xy)), cells)
 
 
 def test_row_zero_is_the_lowest_y():
@@ -30,15 +45,15 @@ def test_row_zero_is_the_lowest_y():
         origin=(10.0, 20.0, 0.0),
     )
     assert grid.cells[1, 0] == OCCUPIED
-    assert grid.world_to_cell(10.1, 20.9) == (1, 0)
-    assert grid.cell_to_world(1, 0) == (10.25, 20.75)
+    assert grid.cell((10.1, 20.9)) == (1, 0)
+    assert grid.position(1, 0) == (10.25, 20.75)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, -2.0, np.pi / 2])
 def test_world_and_cells_are_inverse(yaw):
     grid = OccupancyGrid(np.full((7, 9), FREE), 0.1, (3.0, -4.0, yaw))
     for row, col in np.ndindex(grid.shape):
-        assert grid.world_to_cell(*grid.cell_to_world(row, col)) == (row, col)
+        assert grid.cell(grid.position(row, col)) == (row, col)
     x, y = grid.grid_to_world(2.25, 3.75)
     np.testing.assert_allclose(grid.world_to_grid(x, y), (2.25, 3.75))
 
@@ -50,7 +65,7 @@ def test_yaw_turns_the_axes_counter_clockwise():
 
 def test_positions_outside_have_no_cell_of_the_grid():
     grid = OccupancyGrid(np.full((4, 4), FREE), 1.0)
-    assert grid.world_to_cell(-0.1, 5.0) == (5, -1)
+    assert grid.cell((-0.1, 5.0)) == (5, -1)
     assert not grid.contains(5, -1)
 
 
@@ -93,7 +108,7 @@ def test_occupancy_values_of_ros_become_levels():
 def test_positions_that_are_not_finite_have_no_cell():
     grid = OccupancyGrid(np.full((4, 4), FREE), 1.0)
     with pytest.raises(PoseError, match="finite"):
-        grid.world_to_cell(np.inf, 0.0)
+        grid.cell((np.inf, 0.0))
 
 
 def test_cells_are_copied_and_read_only():

@@ -112,7 +112,7 @@ def test_searches_agree_on_real_maps():
         costs = Costmap.from_density(grid, np.where(grid.free, 1 + 2 * u, np.inf))
         cells = np.argwhere(grid.free)
         for pair in rng.integers(len(cells), size=(3, 2)):
-            ends = [grid.cell_to_world(*map(int, cells[n])) for n in pair]
+            ends = [grid.position(*map(int, cells[n])) for n in pair]
             made = [plan(costs, *ends, planner=name) for name in ("astar", "dijkstra", "grid")]
             assert len({one.status for one in made}) == 1
             if made[0].path:

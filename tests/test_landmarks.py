@@ -105,7 +105,7 @@ def test_a_thin_board_lets_no_ray_through(heading):
 
 def test_objects_stand_in_the_world_also_where_the_map_is_turned():
     grid = dataclasses.replace(open_floor(), origin=(3.0, -2.0, 0.7))
-    marked = with_objects(grid, Box(1.0, 0.4), [(*grid.cell_to_world(30, 50), 0.7)])
+    marked = with_objects(grid, Box(1.0, 0.4), [(*grid.position(30, 50), 0.7)])
     rows, cols = np.nonzero((marked.cells == OCCUPIED) & grid.free)
     assert (np.ptp(rows) + 1, np.ptp(cols) + 1) in ((4, 10), (5, 11), (5, 10), (4, 11))
     assert (rows.mean(), cols.mean()) == pytest.approx((30, 50), abs=0.5)

@@ -34,7 +34,7 @@ def covariances(log: Log, estimator: Estimator) -> np.ndarray:
     prepared = estimator.prepare(grid.cells, grid.resolution)
     assert grid.origin[2] == 0.0  # the grid's own axes are the world's
     for x, y, heading in log.poses:
-        row, col = (np.array([index]) for index in grid.world_to_cell(x, y))
+        row, col = (np.array([index]) for index in grid.cell((x, y)))
         part = MapPart(
             grid.cells, row, col, grid.resolution, grid.shape,
             headings=np.array([heading]), prepared=prepared,

@@ -91,7 +91,7 @@ def test_no_motions_of_the_lattice_lead_to_the_goal_at_less_cost(kinematics, see
     cells = rng.permutation(np.argwhere(np.isfinite(costs.density)))[:6]
     outcomes = set()
     for start, goal in itertools.permutations(map(tuple, cells.tolist()), 2):
-        ends = [costs.grid.cell_to_world(*cell) for cell in (start, goal)]
+        ends = [costs.grid.position(*cell) for cell in (start, goal)]
         starts = [(*start, h, g) for h in range(planner.headings) for g in (0, 1)]
         reached = naive.costs_between_states(edges, starts)
         least = min(
@@ -106,7 +106,7 @@ def test_no_motions_of_the_lattice_lead_to_the_goal_at_less_cost(kinematics, see
         assert cost_of(costs, found.path, planner) == pytest.approx(least, rel=1e-6)
         assert LONG.first_collision(costs.grid, found.path) is None
         for pose, cell in zip(found.path.xy[[0, -1]], (start, goal), strict=True):
-            assert costs.grid.world_to_cell(*pose) == cell
+            assert costs.grid.cell(pose) == cell
     assert "solved" in outcomes
 
 
@@ -291,7 +291,7 @@ def test_masks_are_kept_for_the_next_query_and_stay_as_they_are():
     masks = outline_masks(costs.grid, LONG, found)
     before = masks.copy()
     cells = np.argwhere(np.isfinite(costs.density))[[0, -1]].tolist()
-    planner.solve(costs, *(costs.grid.cell_to_world(*cell) for cell in cells))
+    planner.solve(costs, *(costs.grid.position(*cell) for cell in cells))
     same = OccupancyGrid(costs.grid.cells.copy(), costs.grid.resolution, costs.grid.origin)
     assert outline_masks(same, Footprint(LONG.vertices.copy()), found) is masks
     assert np.array_equal(masks, before)
@@ -313,7 +313,7 @@ def test_smoothed_paths_cost_no_more_keep_the_radius_and_meet_no_wall(kinematics
     for seed in range(6):
         costs, planner = cluttered(seed, kinematics, (30, 40)), Lattice(smooth=False)
         cells = np.random.default_rng(seed).permutation(np.argwhere(np.isfinite(costs.density)))[:2]
-        ends = [costs.grid.cell_to_world(*cell) for cell in cells.tolist()]
+        ends = [costs.grid.position(*cell) for cell in cells.tolist()]
         rough = planner.solve(costs, *ends).path
         if rough is None:
             continue

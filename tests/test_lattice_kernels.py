@@ -108,7 +108,7 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     cap *= 1 - lattice.ROUNDING
     terms = graph.terms._replace(cap=cap, goal_headings=(1 << headings) - 1)
     flat, whole = bound.ravel(), graph._replace(terms=terms)
-    at = costs.grid.cell_to_world(*start)
+    at = costs.grid.position(*start)
     cost, last, _ = search.costs_from(at, flat, whole)
     gears = range(terms.gears)
     starts = [(*start, h, g) for h in range(headings) for g in gears]

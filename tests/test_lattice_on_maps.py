@@ -79,9 +79,7 @@ def test_no_query_is_missed_that_its_motions_solve(real_maps, drive):
         rng = np.random.default_rng(seed)
         starts, goals = rng.choice(free, (2, 20)).tolist()
         for start, goal, reached in zip(starts, goals, flooded(costs, starts), strict=True):
-            made = plan(
-                costs, *(grid.cell_to_world(*at) for at in (start, goal)), planner="lattice"
-            )
+            made = plan(costs, *(grid.position(*at) for at in (start, goal)), planner="lattice")
             assert (made.path is not None) == reached[*goal], (name, start, goal, made.note)
             assert made.status in ("solved", "infeasible", "unreachable")
             if made.path is None:

@@ -98,7 +98,7 @@ def test_simulated_scans_are_located_within_5_cm_and_1_degree(kind):
     places = np.argwhere(grid.free & (grid.clearance > 0.4))
     wrong, certain = [], 0
     for row, col in places[random.integers(len(places), size=8)]:
-        pose = *grid.cell_to_world(row, col), random.uniform(-3, 3)
+        pose = *grid.position(row, col), random.uniform(-3, 3)
         ranges = scan_at(grid, LIDAR, *pose) + 0.02 * random.standard_normal(LIDAR.beams)
         found = locate(grid, ranges, LIDAR)
         certain += found.certain

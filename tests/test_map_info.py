@@ -64,7 +64,7 @@ def walled(inside, wall=0, size=12):
 
 
 def room_of(info, place):
-    return info.room_of_cell[info.grid.world_to_cell(place.x, place.y)]
+    return info.room_of_cell[info.grid.cell((place.x, place.y))]
 
 
 def test_rooms_that_are_not_connected_are_numbered_from_the_largest_on():
@@ -127,14 +127,14 @@ def test_places_can_be_driven_between_and_stand_clear():
         length = plan(costs, *ends, planner="grid").metrics.length
         assert length == pytest.approx(pair.distance, abs=0.3)
     for place in info.places:
-        assert grid.clearance[grid.world_to_cell(place.x, place.y)] > 0.35
+        assert grid.clearance[grid.cell((place.x, place.y))] > 0.35
 
 
 def test_places_do_not_depend_on_the_origin_but_for_rounding():
     grid = drawn(*U_TURN, resolution=0.5)
     turned = OccupancyGrid(grid.cells, 0.5, (10.0, -4.0, math.radians(130)))
     infos = [describe_map(each, robot=0.0) for each in (grid, turned)]
-    cells = [{info.grid.world_to_cell(place.x, place.y) for place in info.places} for info in infos]
+    cells = [{info.grid.cell((place.x, place.y)) for place in info.places} for info in infos]
     assert cells[0] == cells[1]
     assert infos[1].extent[0] == pytest.approx(
         10 - 5.5 * math.cos(math.radians(50)) - 3 * 0.766, abs=0.01

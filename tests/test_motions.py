@@ -197,7 +197,7 @@ def test_impossible_spaces_are_refused(space, radius, message):
 
 def test_ends_that_are_nowhere_or_face_nowhere_are_blocked():
     costs = random_costs(0)
-    here = costs.grid.cell_to_world(20, 20)
+    here = costs.grid.position(20, 20)
     for space, radius in (("R2", None), ("SE2", None), ("Dubins", 0.5), ("ReedsShepp", 0.5)):
         motions = Motions(costs, space, radius)
         for bad in ((math.inf, 0, 0), (math.nan, 0, 0), (1e9, 0, 0), (*here, math.nan)):
@@ -219,7 +219,7 @@ def test_headings_far_round_and_turns_of_any_size_end(radius):
 
 def test_poses_must_fit_the_space():
     costs = random_costs(0)
-    here = costs.grid.cell_to_world(5, 5)
+    here = costs.grid.position(5, 5)
     with pytest.raises(PoseError, match="have a heading"):
         Motions(costs).checked((*here, 0.0), "start")
     for pose in (here, (*here, math.nan), (*here, "north"), (*here, 0.0, 1.0)):

@@ -62,7 +62,7 @@ def test_plans_have_the_optimal_length():
     cells = np.where(np.isfinite(density), FREE, OCCUPIED)
     costs = Costmap.blank(OccupancyGrid(cells, 1.0), robot=0.0)
     for start, goal, optimal in read_scenarios(path):
-        ends = [costs.grid.cell_to_world(*cell) for cell in (start, goal)]
+        ends = [costs.grid.position(*cell) for cell in (start, goal)]
         result = plan(costs, *ends, planner="grid")
         assert result.metrics.length == pytest.approx(optimal, abs=0.005)
         assert result.metrics.cost == pytest.approx(optimal, abs=0.005)

@@ -93,7 +93,7 @@ def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, 
 def test_a_covariance_is_read_as_e_is_where_points_are_lacking(grid, coarse):
     e_map = coarse.e_map()[:, :, 1]
     for row, col in np.argwhere(grid.free)[:: grid.free.sum() // 60]:
-        x, y = grid.cell_to_world(int(row), int(col))
+        x, y = grid.position(int(row), int(col))
         e = coarse.at((x, y, CONFIG.heading_angles[1]), "e")
         assert e == pytest.approx(e_map[row, col], rel=1e-6)
 

@@ -126,11 +126,10 @@ def test_equal_maps_are_equal_whatever_their_names(grid):
     assert grid != "two_corridors"
 
 
-def test_positions_are_pairs_or_two_numbers(grid, field):
-    assert grid.world_to_cell((2.0, 3.0)) == grid.world_to_cell(2.0, 3.0)
-    for wrong in ((2.0,), "here", (1.0, 2.0, 3.0), (np.nan, 1.0)):
-        with pytest.raises(PoseError, match="a position must be"):
-            grid.world_to_cell(wrong)
+def test_cell_rejects_other_than_positions(grid):
+    for wrong in ((2.0,), "here", (1.0, 2.0, 3.0, 4.0), (np.nan, 1.0)):
+        with pytest.raises(PoseError, match="pose"):
+            grid.cell(wrong)
 
 
 def test_a_field_is_a_dataset_of_xarray(grid, field):

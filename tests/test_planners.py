@@ -125,7 +125,7 @@ def test_the_path_begins_and_ends_exactly_at_start_and_goal():
     cells = random_rooms((60, 60), seed=21, blocks=4)
     grid = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.4))
     free = np.argwhere(grid.free)
-    start, goal = (grid.cell_to_world(*map(int, cell)) for cell in free[[0, -1]])
+    start, goal = (grid.position(*map(int, cell)) for cell in free[[0, -1]])
     start = (start[0] + 0.02, start[1] - 0.03)
     costs = Costmap.from_density(grid, np.ones(grid.shape))
     result = plan(costs, start, goal, planner="grid")
@@ -233,7 +233,7 @@ def test_the_plan_beside_the_shortest_costs_no_more(planner):
             Costmap.blank(grid, robot=0.0), density=density, u=u, e=u + 0.1, weight=4.0
         )
         free = np.argwhere(grid.free)
-        ends = [grid.cell_to_world(*map(int, free[index])) for index in (0, -1)]
+        ends = [grid.position(*map(int, free[index])) for index in (0, -1)]
         plans = plan_beside_shortest(costs, *ends, planner=planner)
         if plans["shortest"].path:
             shortest, aware = (one.metrics for one in plans.values())

@@ -56,7 +56,7 @@ def test_the_map_lies_where_the_world_has_it(field):
 def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
     costs = Costmap.from_field(field.grid, field, weight=3.0, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
-    ends = [field.grid.cell_to_world(*map(int, free[n])) for n in (0, -1)]
+    ends = [field.grid.position(*map(int, free[n])) for n in (0, -1)]
     found = plan(costs, *ends)
     assert found.status == "solved"
     nothing = Plan("unreachable", "grid", *ends, None, None, 0.0)
@@ -97,7 +97,7 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
 def test_plan_figure_says_what_was_asked(field):
     costs = Costmap.from_field(field.grid, field, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
-    xy = field.grid.cell_to_world(*map(int, free[0]))
+    xy = field.grid.position(*map(int, free[0]))
     limited = plan(costs, xy, xy, max_e=1.0, footprint=[(0.1, 0), (-0.1, 0.1), (-0.1, -0.1)])
     title = plotting.plan_figure(costs, field, {"limited": limited}).axes[0].get_title()
     assert "weight 4" in title

@@ -120,7 +120,7 @@ def test_random_queries_can_be_solved_and_are_spread():
     for query in queries:
         assert math.dist(query.start, query.goal) >= 8.0 - 1e-6
         assert plan(costs, query.start, query.goal).status == "solved"
-    rows = [costs.grid.world_to_cell(*query.start)[0] for query in queries]
+    rows = [costs.grid.cell(query.start)[0] for query in queries]
     assert 3 <= sum(row < 30 for row in rows) <= 9
     ends = np.array([query.start + query.goal for query in queries])
     apart = np.linalg.norm(ends[:, None] - ends[None], axis=2) + 1e9 * np.eye(12)

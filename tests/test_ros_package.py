@@ -207,7 +207,7 @@ def test_the_ellipse_turns_with_the_map(tmp_path):
         field = locplan.covariance_field(turned_room(yaw), Sad(range=1.0))
         export.field(tmp_path / "f.npz", field)
         read = part("field_file").FieldFile.load(str(tmp_path / "f.npz"))
-        x, y = field.grid.cell_to_world(6, 35)
+        x, y = field.grid.position(6, 35)
         axes.append(part("watch").ellipse(read.at(x, y)[1])[2])
     assert axes[0] == pytest.approx(0.0, abs=0.1)
     assert axes[1] - axes[0] == pytest.approx(0.7, abs=1e-6)

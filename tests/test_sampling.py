@@ -417,7 +417,7 @@ def test_a_roadmap_serves_many_queries():
     rows, cols = np.nonzero(np.isfinite(costs.density))
     for _ in range(20):
         chosen = rng.integers(0, len(rows), 2)
-        start, goal = (costs.grid.cell_to_world(int(rows[n]), int(cols[n])) for n in chosen)
+        start, goal = (costs.grid.position(int(rows[n]), int(cols[n])) for n in chosen)
         result = roadmap.plan(start, goal)
         best = plan(costs, start, goal, planner="any-angle").metrics.cost
         assert result.status == "solved"

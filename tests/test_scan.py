@@ -253,7 +253,7 @@ def test_a_quarter_turn_of_the_map_turns_the_covariance():
 def test_a_corridor_is_one_mode_along_its_axis():
     grid = corridor(30.0, 2.0, resolution=0.05)
     window = FieldConfig().estimator.window.on(0.05)
-    row, col = grid.world_to_cell(0.0, 0.0)
+    row, col = grid.cell((0.0, 0.0))
     ends = cast_ends(grid.cells, row, col, all_round(180), 6.0 / 0.05)
     result = run(grid.cells, 0.05, window, [row], [col], ends[None])
     along, across, heading = np.diag(result.covariance[0, 0])

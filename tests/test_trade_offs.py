@@ -33,7 +33,7 @@ def random_costs(seed, shape=(8, 9), blocked=0.25, zeros=0.0) -> Costmap:
 
 
 def far_corner(costs: Costmap) -> tuple[float, float]:
-    return costs.grid.cell_to_world(*(size - 1 for size in costs.grid.shape))
+    return costs.grid.position(*(size - 1 for size in costs.grid.shape))
 
 
 def integral_of(metrics: PathMetrics, objective: str) -> float:
@@ -42,7 +42,7 @@ def integral_of(metrics: PathMetrics, objective: str) -> float:
 
 def front_of(costs: Costmap, **options) -> ParetoFront:
     options = {"time_limit": 600.0, **options}  # however busy the machine is
-    return pareto_front(costs, costs.grid.cell_to_world(0, 0), far_corner(costs), **options)
+    return pareto_front(costs, costs.grid.position(0, 0), far_corner(costs), **options)
 
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
@@ -358,7 +358,7 @@ def test_every_path_of_a_front_is_found_by_its_own_integral(layer, objective):
         origin = ((0.0, 0.0, 0.0), (-31.7, 12.3, 0.7))[seed == 3]
         costs = dataclasses.replace(costs, grid=dataclasses.replace(costs.grid, origin=origin))
         aside = 0.08 * seed * costs.grid.resolution  # within the cell, also where it is turned
-        ends = [np.add(costs.grid.cell_to_world(*cell), (0, aside)) for cell in ((0, 0), (13, 13))]
+        ends = [np.add(costs.grid.position(*cell), (0, aside)) for cell in ((0, 0), (13, 13))]
         ends = [tuple(map(float, xy)) for xy in ends]
         cutting = seed >= 2
         front = pareto_front(costs, *ends, objective=objective, allow_corner_cutting=cutting)

@@ -290,7 +290,7 @@ def test_a_robot_that_was_carried_away_is_found_again(drive):
 
 def test_a_displaced_stretch_of_the_map_is_named(drive, found):
     assert "the map is displaced" not in found.report()
-    row, col = GRID.world_to_cell(*drive.poses[35, :2])
+    row, col = GRID.cell(drive.poses[35, :2])
     box = slice(row - 40, row + 40), slice(col - 40, col + 40)
     cells = GRID.cells.copy()
     cells[box] = np.roll(cells[box], 4, axis=1)

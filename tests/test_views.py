@@ -50,7 +50,7 @@ def limits_of(grid):
 
 
 def between(costs, *cells):
-    return plan(costs, *(costs.grid.cell_to_world(*cell) for cell in cells))
+    return plan(costs, *(costs.grid.position(*cell) for cell in cells))
 
 
 def test_a_plan_that_is_small_on_its_map_is_drawn_large_with_an_inset(costs, field):

@@ -101,22 +101,26 @@ def segment_cost(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cells_along(positions: Floats) -> tuple[Array, Array, Array]:
-    """Cells that a polyline of (n, 2) positions crosses, and its length in each [cells].
+def cells_of_lines(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Array]:
+    """Rows and columns of the cells that lines cross, lengths in them, and numbers of the lines.
 
-    They are in order of travel, one entry per visit. The length in a cell that is only touched
-    is added to the next cell.
+    Cells are in order of travel, one entry per visit. The length [cells] in a cell that is only
+    touched is added to the next cell.
+
+    Parameters
+    ----------
+    begin, end : (n, 2) array
+        Both ends of the lines [cells].
     """
     room = 4
-    for n in range(len(positions) - 1):
-        drow, dcol = positions[n + 1, 0] - positions[n, 0], positions[n + 1, 1] - positions[n, 1]
-        room += int(abs(drow) + abs(dcol)) + 4
-    rows, cols = np.empty(room, np.int64), np.empty(room, np.int64)
+    for n in range(len(begin)):
+        room += int(abs(end[n, 0] - begin[n, 0]) + abs(end[n, 1] - begin[n, 1])) + 4
+    rows, cols, lines = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
     lengths = np.empty(room)
     count = 0
-    for n in range(len(positions) - 1):
-        row0, col0 = positions[n, 0], positions[n, 1]
-        drow, dcol = positions[n + 1, 0] - row0, positions[n + 1, 1] - col0
+    for n in range(len(begin)):
+        row0, col0 = begin[n, 0], begin[n, 1]
+        drow, dcol = end[n, 0] - row0, end[n, 1] - col0
         length = np.hypot(drow, dcol)
         row, col = _first_cell(row0, drow), _first_cell(col0, dcol)
         at = 0.0
@@ -125,6 +129,7 @@ def cells_along(positions: Floats) -> tuple[Array, Array, Array]:
             leave = min(row_at, col_at, 1.0)
             if (leave - at) * length > TOUCH:
                 rows[count], cols[count], lengths[count] = row, col, (leave - at) * length
+                lines[count] = n
                 count += 1
                 at = leave
             if leave >= 1.0:
@@ -133,7 +138,14 @@ def cells_along(positions: Floats) -> tuple[Array, Array, Array]:
                 row += 1 if drow > 0 else -1
             else:
                 col += 1 if dcol > 0 else -1
-    return rows[:count], cols[:count], lengths[:count]
+    return rows[:count], cols[:count], lengths[:count], lines[:count]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def cells_along(positions: Floats) -> tuple[Array, Array, Array]:
+    """Rows and columns of the cells that a polyline crosses, (n, 2), and its lengths in them."""
+    rows, cols, lengths, _ = cells_of_lines(positions[:-1], positions[1:])
+    return rows, cols, lengths
 
 
 @njit(nogil=True, cache=True)

@@ -108,8 +108,8 @@ def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
         )
     if not (grid.contains(start_row, start_col) and grid.contains(goal_row, goal_col)):
         raise LocplanError(f"{path}: line {number}: begins or ends outside its map: {shown(line)}")
-    start = grid.cell_to_world(rows - 1 - start_row, start_col)
-    goal = grid.cell_to_world(rows - 1 - goal_row, goal_col)
+    start = grid.position(rows - 1 - start_row, start_col)
+    goal = grid.position(rows - 1 - goal_row, goal_col)
     return Query(f"scenario {number - 1}", start, goal)
 
 

@@ -10,6 +10,7 @@ from ._costmap import (
     about_costs as about_costs,
     check_costs as check_costs,
 )
+from ._crossing import crossed_cells as crossed_cells
 from ._degeneracy import check_criterion as check_criterion
 from ._layers import (
     CostSettings as CostSettings,
@@ -21,7 +22,6 @@ from ._metrics import (
     PathMetrics as PathMetrics,
     compare_lidars as compare_lidars,
     costs_caption as costs_caption,
-    crossed_cells as crossed_cells,
     lidars_table as lidars_table,
     path_cost as path_cost,
     path_metrics as path_metrics,

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from locplan._kernels.arrays import Floats, Ints
 from locplan.costs._path import Path, numbers_of
 from locplan.errors import LocplanError
 
@@ -49,19 +50,37 @@ def path_from(given: AnyPath) -> Path:
     return Path(poses[:, :2], poses[:, 2] if poses.shape[1] == 3 else None)
 
 
-def paths_from(given: AnyPath | Sequence[AnyPath]) -> tuple[list[Path], bool]:
-    """Return the paths that are given, and whether that is a single one.
+def poses_of_paths(given: AnyPath | Sequence[AnyPath]) -> tuple[Floats, Ints, bool]:
+    """Return the poses of one path or several, their numbers, and whether it is a single path.
 
     Parameters
     ----------
     given : Path, Plan, or (n, 2) or (n, 3) array, or several of them
         One path as of `path_from`; a list of such paths, or an array (m, n, 2) or (m, n, 3).
+
+    Returns
+    -------
+    poses : (k, 3) array
+        Poses of all paths, one path after the other; the heading is NaN if a path has none.
+    sizes : (m,) array
+        Number of poses of each path, at least 1.
+    is_single : bool
+        Whether the caller gave one path and not several.
     """
-    if _are_several(given):
-        several: Any = given
-        return [path_from(each) for each in several], False
-    single: Any = given
-    return [path_from(single)], True
+    is_single = not _are_several(given)
+    several: Any = [given] if is_single else given
+    if isinstance(several, np.ndarray) and several.size:  # checked as one, for speed
+        sizes = np.full(len(several), several.shape[1])
+        return _poses_of(path_from(several.reshape(-1, several.shape[2]))), sizes, False
+    poses = [_poses_of(path_from(path)) for path in several]
+    sizes = np.array([len(part) for part in poses], np.int64)
+    return np.concatenate([np.empty((0, 3)), *poses]), sizes, is_single
+
+
+def _poses_of(path: Path) -> Floats:
+    return np.column_stack(
+        [path.xy, np.nan * path.xy[:, 0] if path.heading is None else path.heading]
+    )
 
 
 def _are_several(given: object) -> bool:

@@ -144,7 +144,7 @@ class CostLayers(Pictured):
         [1.0, 3.0, inf, inf]
         """
         array, is_single = poses_from(poses)
-        there = self.grid.world_to_cell(array)
+        there = self.grid.cell(array)
         inside = self.grid.contains(*there)
         cells = tuple(np.where(inside, index, 0) for index in there)
         values: dict[str, Floats] = {layer: getattr(self, layer)[cells] for layer in LAYERS}
@@ -176,7 +176,7 @@ class CostLayers(Pictured):
             where it can.
         """
         x, y = position(xy, name=role)
-        row, col = self.grid.world_to_cell(x, y)
+        row, col = self.grid.cell((x, y))
         fault = self._fault(row, col)
         if fault is None:
             return row, col
@@ -185,7 +185,7 @@ class CostLayers(Pictured):
         if rows.size:
             there = self.grid.world_to_grid(x, y)
             at = np.argmin((rows + 0.5 - there[0]) ** 2 + (cols + 0.5 - there[1]) ** 2)
-            nearest = self.grid.cell_to_world(int(rows[at]), int(cols[at]))
+            nearest = self.grid.position(int(rows[at]), int(cols[at]))
             decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
             remedy = "the nearest free position is "
             remedy += ",".join(f"{v:.{decimals}f}" for v in nearest)

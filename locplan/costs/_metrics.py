@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Array, Bools, Floats
+from locplan._kernels.arrays import Array, Bools, Floats, Ints
 from locplan._util.progress import ProgressCallback, in_turn
 from locplan._util.records import Column, Table
 from locplan._util.saved import Valued
-from locplan.costs._any_path import AnyPath, path_from, paths_from
+from locplan.costs._any_path import AnyPath, path_from, poses_of_paths
 from locplan.costs._costmap import ROBOT_RADIUS, Costmap
-from locplan.costs._path import Path
-from locplan.errors import LocplanError
+from locplan.costs._crossing import crossed_by_paths, crossed_cells
 from locplan.field import FieldConfig, Fused, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.robots import Lidar, Robot
@@ -89,7 +88,7 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
         share, longest = _stretches(u > DEGENERATE, lengths)
     return PathMetrics(
         length=path.length,
-        cost=_integral(density, lengths),
+        cost=float(_integrals(density, lengths, np.zeros(len(lengths), np.int64))[0]),
         integrated_e=integrated_e,
         integrated_u=float(u @ lengths),
         mean_e=integrated_e / path.length if path.length else float(e[0]),
@@ -130,22 +129,26 @@ def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
     >>> path_cost(costs, lines).tolist()
     [0.5, inf]
     """
-    paths, is_single = paths_from(path)
-    values = np.array([_cost(costs, each) for each in paths], float)
+    poses, sizes, is_single = poses_of_paths(path)
+    values = np.empty(len(sizes))
+    has_heading = ~np.isnan(poses[np.cumsum(sizes) - sizes, 2]) & (costs.u_of_heading is not None)
+    for headed in np.unique(has_heading):
+        chosen = has_heading == headed
+        density = costs.density_of_heading if headed else costs.density[None]
+        part = poses[np.repeat(chosen, sizes)]
+        *at, lengths, number = crossed_by_paths(costs.grid, part, sizes[chosen], len(density))
+        values[chosen] = _integrals(_along(density, at, np.inf), lengths, number)
     return float(values[0]) if is_single else values
 
 
-def _cost(costs: Costmap, path: Path) -> float:
-    density: Any = costs.density[None]
-    if path.heading is not None and costs.u_of_heading is not None:
-        density = costs.density_of_heading
-    *at, lengths = crossed_cells(costs.grid, path, len(density))
-    return _integral(_along(density, at, np.inf), lengths)
+def _integrals(density: Floats, lengths: Floats, number: Ints) -> Floats:
+    """J of paths, by the numbers of the paths that cross cells [m].
 
-
-def _integral(density: Floats, lengths: Floats) -> float:
-    """J of crossed cells [m]; a blocked one costs inf, also where its length is 0."""
-    return float(density @ lengths) if np.isfinite(density).all() else np.inf
+    A blocked cell costs inf, also if its length is 0.
+    """
+    is_blocked = ~np.isfinite(density)
+    sums = np.bincount(number, np.where(is_blocked, 0.0, density) * lengths)
+    return np.where(np.bincount(number, is_blocked) > 0, np.inf, sums)
 
 
 def profile(costs: Costmap, path: AnyPath, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
@@ -176,36 +179,6 @@ def profile(costs: Costmap, path: AnyPath, layer: NDArray[np.floating]) -> tuple
     layers = layer.reshape(-1, *layer.shape[-2:])
     *at, lengths = crossed_cells(costs.grid, path_from(path), len(layers))
     return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layers, at, np.nan)
-
-
-def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Array]:
-    """Headings, rows and columns of the cells that a path crosses, and lengths in them [m].
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-        The map; cells may lie outside it.
-    path : Path
-        The path in the world [m].
-    headings : int, default 1
-        Number of headings, evenly spaced from 0 on; over 1e7 cells are a LocplanError.
-    """
-    from locplan._kernels.rays import cells_along
-
-    parts = []
-    for heading, xy in path.by_heading(headings) if headings > 1 else [(0, path.xy)]:
-        positions = np.column_stack(grid.world_to_grid(*xy.T))
-        if np.abs(np.diff(positions, axis=0)).sum() > 10**7:
-            raise LocplanError(
-                f"the path crosses over {10**7} cells of {grid.resolution:g} m; give a path in"
-                " metres on this map"
-            )
-        row, col, lengths = cells_along(positions)
-        if lengths.size == 0:  # the path has no length
-            row, col = np.floor(positions[:1]).astype(np.int64).T
-            lengths = np.zeros(1)
-        parts.append((np.full_like(row, heading), row, col, lengths * grid.resolution))
-    return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
 def _along(layers: Array, at: Sequence[Array], outside: float) -> Floats:

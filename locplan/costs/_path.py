@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -276,40 +275,6 @@ class Path(Valued):
         else:
             poses = divided_poses(poses, np.diff(self.distance) / spacing - 1e-9)
         return Path(poses[:, :2], None if self.heading is None else poses[:, 2])
-
-    def by_heading(self, count: int) -> Iterator[tuple[int, Floats]]:
-        """Split a path with headings into stretches by the nearest of several even headings.
-
-        Along each line of the path the heading turns evenly, the shorter way.
-
-        Parameters
-        ----------
-        count : int
-            Number of headings, >= 1, evenly spaced from 0 on, as those of a field.
-
-        Yields
-        ------
-        heading : int
-            Index of the nearest heading, 0..count - 1.
-        xy : (k, 2) array
-            World positions of the stretch [m]; the next one begins where it ends.
-        """
-        assert self.heading is not None
-        turns = np.diff(self.heading)
-        turns -= 2 * np.pi * np.round(turns / (2 * np.pi))
-        begin = self.heading[0]
-        heading = np.concatenate([[begin], begin + np.cumsum(turns)]) / (2 * np.pi) * count + 0.5
-        stretch, current = [self.xy[0]], int(np.floor(heading[0]))
-        for n, (before, after) in enumerate(itertools.pairwise(heading)):
-            while int(np.floor(after)) != current:
-                way = 1 if after > before else -1
-                border = current + (way > 0)
-                share = (border - before) / (after - before) if after != before else 1.0
-                stretch.append(self.xy[n] + share * (self.xy[n + 1] - self.xy[n]))
-                yield current % count, np.array(stretch)
-                stretch, current = [stretch[-1]], current + way
-            stretch.append(self.xy[n + 1])
-        yield current % count, np.array(stretch)
 
 
 def numbers_of(values: object, fault: str) -> Floats:

@@ -96,7 +96,7 @@ def degenerate_areas(
             np.stack(grid.grid_to_world(*corners.T[::-1] / QUARTERS), axis=1)
             for corners in polygons[label]
         )
-        middle = grid.cell_to_world(row + low, col + left)
+        middle = grid.position(row + low, col + left)
         about = _deviations_of(covariance) | {"area": float(sizes[label])}
         areas.append(DegenerateArea(outline, tuple(holes), middle, **about))
     return tuple(areas)

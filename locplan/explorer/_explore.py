@@ -239,6 +239,6 @@ def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
     named = {"start": opening.start, "goal": opening.goal}
     named |= {f"waypoint {n}": xy for n, xy in enumerate(opening.via, 1)}
     for role, xy in named.items():
-        if xy is not None and not grid.contains(*grid.world_to_cell(*xy[:2])):
+        if xy is not None and not grid.contains(*grid.cell(xy[:2])):
             # A blank costmap makes the sentence of the planners, with the nearest free place.
             Costmap.blank(grid, robot=opening.robot).cell_of(xy, role)

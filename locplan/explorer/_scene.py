@@ -52,7 +52,7 @@ class Parts:
 
     def label(self, xy: Position) -> int:
         """Number of the part at a world position [m], 0 in blocked cells and outside the map."""
-        cell = self.grid.world_to_cell(*xy[:2])
+        cell = self.grid.cell(xy[:2])
         return int(self.labels[cell]) if self.grid.contains(*cell) else 0
 
     def nearest(self, xy: Position, label: int = 0) -> Position | None:
@@ -66,7 +66,8 @@ class Parts:
         squared = ((cells + 0.5 - (row, col)) ** 2).sum(axis=1)
         if squared.min(initial=np.inf) > reach**2:
             return None
-        return grid.cell_to_world(*cells[squared.argmin()].tolist())
+        row, col = cells[squared.argmin()]
+        return grid.position(int(row), int(col))
 
 
 def snapped(parts: Parts, stops: Sequence[Position], held: int | None = None) -> list[Position]:

@@ -118,7 +118,7 @@ class Searched:
     def free_near(self, xy: Position) -> Position | None:
         """The position, or the centre of a free cell near it; None where there is none [m]."""
         grid, density = self.costs.grid, self.costs.density
-        row, col = grid.world_to_cell(*xy[:2])
+        row, col = grid.cell(xy[:2])
         if grid.contains(row, col) and np.isfinite(density[row, col]):
             return xy
         # A free place has a cell at most two away that is free for its greater part.
@@ -127,7 +127,8 @@ class Searched:
         if not len(near):
             return None
         squared = ((near - (row, col)) ** 2).sum(axis=1)
-        return grid.cell_to_world(*near[squared.argmin()].tolist())
+        row, col = near[squared.argmin()]
+        return grid.position(int(row), int(col))
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,7 +107,7 @@ def _far_apart(session: Session) -> tuple[Any, Any]:
     if pairs:
         return (pairs[0].start.x, pairs[0].start.y), (pairs[0].goal.x, pairs[0].goal.y)
     row, col = np.argwhere(labels == largest)[0].tolist()
-    place = parts.grid.cell_to_world(row, col)
+    place = parts.grid.position(row, col)
     return place, place
 
 
@@ -137,7 +137,7 @@ def at(session: Session, ask: Ask, work: Work) -> dict[str, Any]:
     scene = session.scene
     grid = scene.costs.grid
     about: dict[str, Any] = {"x": x, "y": y, "known": False, "clearance": None}
-    cell = grid.world_to_cell(x, y)
+    cell = grid.cell((x, y))
     if not grid.contains(*cell):
         return about
     about["clearance"] = clearance_at(grid, *cell)

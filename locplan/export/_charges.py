@@ -292,7 +292,7 @@ def keepout_mask(
         counted = costs.grid.clearance >= follower_room(costs.robot_radius)
     values, conversion, saturated = values_for(density, runs, greatest, planner_param, counted)
     if saturated.any():
-        middle = costs.grid.cell_to_world(*_middle(saturated))
+        middle = costs.grid.position(*_middle(saturated))
         conversion = dataclasses.replace(conversion, most_saturated=middle)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal

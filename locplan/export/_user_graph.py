@@ -168,7 +168,7 @@ def measure_graph(
     without a robot's radius. See `annotate_graph` for the errors.
     """
     grid, ids = costs.grid, graph.edge_ids
-    outside = np.flatnonzero(~grid.contains(*grid.world_to_cell(graph.nodes)))
+    outside = np.flatnonzero(~grid.contains(*grid.cell(graph.nodes)))
     if len(outside):
         raise ConfigError(
             f"the map, which reaches from {extent_text(grid)}, does not hold"

@@ -139,7 +139,7 @@ class Corners:
 
 def _is_free(grid: OccupancyGrid, xy: Floats) -> Bools:
     """True for positions (n, 2) in free cells; they may lie outside the map."""
-    rows, cols = grid.world_to_cell(xy)
+    rows, cols = grid.cell(xy)
     inside = grid.contains(rows, cols)
     return np.asarray(inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)])
 

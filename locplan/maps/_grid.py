@@ -7,12 +7,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._kernels.arrays import Bools, Floats
+from locplan._kernels.arrays import Bools, Floats, Ints
 from locplan._util import checks
 from locplan._util.public import Pictured
 from locplan.errors import MapError
@@ -50,12 +50,12 @@ class OccupancyGrid(Pictured):
     Examples
     --------
     >>> grid = OccupancyGrid(np.full((20, 40), FREE), resolution=0.05, origin=(1.0, 2.0, 0.0))
-    >>> grid.world_to_cell(1.12, 2.01)
+    >>> grid.cell((1.12, 2.01))
     (0, 2)
-    >>> grid.cells[grid.world_to_cell(np.array([[1.12, 2.01], [2.9, 2.6]]))].tolist()
+    >>> grid.cells[grid.cell(np.array([[1.12, 2.01], [2.9, 2.6]]))].tolist()
     [254, 254]
-    >>> [round(v, 3) for v in grid.cell_to_world(0, 2)]
-    [1.125, 2.025]
+    >>> grid.position(np.array([0, 3]), np.array([2, 4])).round(3).tolist()
+    [[1.125, 2.025], [1.225, 2.175]]
     """
 
     _drawn_by: ClassVar[str] = "locplan.plotting:map_figure"
@@ -275,15 +275,13 @@ class OccupancyGrid(Pictured):
         cos, sin = math.cos(yaw), math.sin(yaw)
         return x0 + cos * u - sin * v, y0 + sin * u + cos * v
 
-    def world_to_cell(self, x: ArrayLike, y: float | None = None) -> tuple[Any, Any]:
-        """Row and column of the cells at world positions, which may lie outside the grid.
+    def cell(self, xy: ArrayLike) -> tuple[Any, Any]:
+        """Return row and column of the cells at world positions, which may lie outside the grid.
 
         Parameters
         ----------
-        x : float, (x, y), or (n, 2) or (n, 3) array
-            World x [m], one position, or many; headings of an array are not used.
-        y : float, optional
-            World y [m], unless x holds both.
+        xy : (n, 2) or (n, 3) array, or one (x, y) or (x, y, heading)
+            Positions in the world [m]; headings do not count.
 
         Returns
         -------
@@ -293,24 +291,31 @@ class OccupancyGrid(Pictured):
         Raises
         ------
         PoseError
-            If x and y are not finite numbers within 1e8 m.
+            If the positions have another shape, or are not finite numbers within 1e8 m.
         """
-        if y is None and np.ndim(x) == 2:
-            rows, cols = self.world_to_grid(*checks.poses_from(x)[0][:, :2].T)
-            return np.floor(rows).astype(np.int64), np.floor(cols).astype(np.int64)
-        row, col = self.world_to_grid(*checks.position(x, y))
-        return math.floor(row), math.floor(col)
+        positions, is_single = checks.poses_from(xy)
+        row, col = (np.floor(v).astype(np.int64) for v in self.world_to_grid(*positions[:, :2].T))
+        return (int(row[0]), int(col[0])) if is_single else (row, col)
 
-    def cell_to_world(self, row: int, col: int) -> tuple[float, float]:
-        """World x, y [m] of a cell's centre.
+    @overload
+    def position(self, row: int, col: int) -> tuple[float, float]: ...
+    @overload
+    def position(self, row: Ints, col: Ints) -> Floats: ...
+    def position(self, row: Any, col: Any) -> Any:
+        """Return the world positions of the centres of cells, as `cell` backwards.
 
         Parameters
         ----------
-        row, col : int
-            The cell, which may lie outside the grid.
+        row, col : int, or (n,) arrays of int
+            The cells, which may lie outside the grid.
+
+        Returns
+        -------
+        (x, y), or (n, 2) array
+            World coordinates [m].
         """
-        x, y = self.grid_to_world(row + 0.5, col + 0.5)
-        return float(x), float(y)
+        x, y = self.grid_to_world(np.asarray(row) + 0.5, np.asarray(col) + 0.5)
+        return np.column_stack([x, y]) if np.ndim(x) else (float(x), float(y))
 
     def part(self, rows: slice, cols: slice) -> OccupancyGrid:
         """The map's part of some rows and columns, which lies where it lies in the map.
@@ -329,7 +334,7 @@ class OccupancyGrid(Pictured):
         Parameters
         ----------
         row, col : int, or arrays of int
-            The cells, as of `world_to_cell`.
+            The cells, as of `cell`.
         """
         rows, cols = self.shape
         return (row >= 0) & (row < rows) & (col >= 0) & (col < cols)

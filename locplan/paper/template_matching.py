@@ -322,7 +322,7 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> Floats:
 
 def _disc_at(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> tuple[int, int, int]:
     """Row and column of the cell at a position, and the template's radius [cells]."""
-    row, col = grid.world_to_cell(x, y)
+    row, col = grid.cell((x, y))
     if not (grid.contains(row, col) and grid.free[row, col]):
         raise PoseError(f"{x:g},{y:g} is not in the map's free space; name a place that is")
     return row, col, max(1, math.floor(estimator.range / grid.resolution + 1e-9))

@@ -302,7 +302,7 @@ class _Room:
     def distance(self, place: int) -> Floats:
         """Length of the shortest path from a cell to each other, flat [m]."""
         row, col = divmod(place, self._costs.grid.shape[1])
-        xy = self._costs.grid.cell_to_world(row, col)
+        xy = self._costs.grid.position(row, col)
         return plan_field(self._costs, xy).cost.ravel()
 
     def farthest(self, distance: Floats) -> int:
@@ -317,10 +317,10 @@ class _Room:
         deep_row, deep_col = divmod(int(self._place[row, col]), self._factor)
         row = self._top + row * self._factor + deep_row
         col = self._left + col * self._factor + deep_col
-        x, y = self._grid.cell_to_world(row, col)
+        x, y = self._grid.position(row, col)
         for decimals in range(1, 6):
             rounded = round(x, decimals) + 0.0, round(y, decimals) + 0.0
-            cell = self._grid.world_to_cell(rounded)
+            cell = self._grid.cell(rounded)
             if self._grid.contains(*cell) and self._room_of_cell[cell] == self._room:
                 return rounded
         return x, y

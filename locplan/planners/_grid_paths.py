@@ -32,7 +32,7 @@ def straight_line(
     xy = np.array([start[:2], goal[:2]], np.float64)
     cells = np.array([costs.cell_of(start[:2]), costs.cell_of(goal[:2])])
     rows, columns = np.abs(cells[1] - cells[0]).tolist()
-    centres = [costs.grid.cell_to_world(*cell) for cell in cells.tolist()]
+    centres = [costs.grid.position(*cell) for cell in cells.tolist()]
     off = np.hypot(*(xy - centres).T).max() > 1e-9 * costs.grid.resolution
     if not off or (rows and columns and rows != columns):
         return None

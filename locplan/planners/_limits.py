@@ -182,7 +182,7 @@ class Limited(Wrapper):
             return False
         cutting = getattr(self.planner, "allow_corner_cutting", False)
         cost = plan_field(costs, stops[0][:2], allow_corner_cutting=cutting).cost
-        return all(np.isfinite(cost[costs.grid.world_to_cell(*stop[:2])]) for stop in stops)
+        return all(np.isfinite(cost[costs.grid.cell(stop[:2])]) for stop in stops)
 
     def _min_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
         """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""
@@ -199,7 +199,7 @@ class Limited(Wrapper):
 
 def _free(costs: Costmap, stops: Sequence[Position]) -> bool:
     """Return whether the robot can stand at all stops."""
-    return all(np.isfinite(costs.density[costs.grid.world_to_cell(*stop[:2])]) for stop in stops)
+    return all(np.isfinite(costs.density[costs.grid.cell(stop[:2])]) for stop in stops)
 
 
 def _allowed(costs: Costmap, max_e: float) -> Costmap:

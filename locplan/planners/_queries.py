@@ -278,7 +278,7 @@ def random_queries(
     queries = []
     for n, (pair, turns) in enumerate(zip(chosen.reshape(-1, 2, 2), angles, strict=True), 1):
         start, goal = (
-            (*costs.grid.cell_to_world(int(row), int(col)), *turn.tolist())
+            (*costs.grid.position(int(row), int(col)), *turn.tolist())
             for (row, col), turn in zip(pair, turns, strict=True)
         )
         queries.append(Query(f"random {n:0{len(str(count))}}", start, goal))

@@ -102,7 +102,7 @@ class Problem:
         ends_length = ends_integral = 0.0
         for xy in (start, goal):
             cell = costs.cell_of(xy)
-            apart = float(np.hypot(*np.subtract(xy, costs.grid.cell_to_world(*cell))))
+            apart = float(np.hypot(*np.subtract(xy, costs.grid.position(*cell))))
             ends_length += apart
             ends_integral += apart * float(layer[cell])
         per_metre = SCALE / costs.grid.resolution

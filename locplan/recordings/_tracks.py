@@ -67,7 +67,7 @@ class Tracks:
                 " right topic, and was it recorded?"
             )
         x, y, _ = recording.poses[0].tolist()
-        if not grid.contains(*grid.world_to_cell(x, y)):
+        if not grid.contains(*grid.cell((x, y))):
             raise RecordingError(
                 f"the drive begins at {x:.2f},{y:.2f}, off {grid.name or 'the map'}, which reaches"
                 f" from {extent_text(grid)}; is it the right one? See"

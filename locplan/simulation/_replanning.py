@@ -71,7 +71,7 @@ class Replanner:
         costs = Costmap.from_density(seen, density, robot=robot)
         first = (*(believed[:2] - shift).tolist(), float(believed[2]))
         last = (*ahead.xy[join].tolist(), float(near[join, 3]))
-        cells_of_ends = (seen.world_to_cell(*each[:2]) for each in (first, last))
+        cells_of_ends = (seen.cell(each[:2]) for each in (first, last))
         if not all(np.isfinite(costs.density[cell]) for cell in cells_of_ends):
             return way
         found = Lattice().solve(costs, first, last).path

@@ -58,7 +58,7 @@ def test_beside_dijkstra_over_all_states(benchmark, drive):
     seconds, cost = best_of(1, lambda: dijkstra(graph, indices=first))
     reached = cost.reshape(16, *grid.shape).min(axis=0)
     far = [at for at in others if np.isfinite(reached[*at]) and math.dist(at, begin) > 150][:4]
-    ends = [((*grid.cell_to_world(*begin), 0.0), grid.cell_to_world(*at)) for at in far]
+    ends = [((*grid.position(*begin), 0.0), grid.position(*at)) for at in far]
     made = benchmark.pedantic(
         lambda: [plan(costs, *each, planner=planner) for each in ends], rounds=3, warmup_rounds=1
     )

@@ -65,7 +65,7 @@ def costs_of(density: np.ndarray) -> Costmap:
 
 
 def ends_of(costs: Costmap):
-    return [costs.grid.cell_to_world(*cell) for cell in ((0, 0), np.subtract(costs.grid.shape, 1))]
+    return [costs.grid.position(*cell) for cell in ((0, 0), np.subtract(costs.grid.shape, 1))]
 
 
 def best_of(times: int, call):

@@ -94,11 +94,11 @@ def far_apart(costs):
     def farthest(xy):
         cost = cost_to_go.plan_field(costs, xy).cost
         cost = np.where(np.isfinite(cost), cost, -1)
-        return costs.grid.cell_to_world(*map(int, np.unravel_index(cost.argmax(), cost.shape)))
+        return costs.grid.position(*map(int, np.unravel_index(cost.argmax(), cost.shape)))
 
     rows, cols = np.nonzero(np.isfinite(costs.density))
     clear = costs.grid.clearance[rows, cols].argmax()
-    start = farthest(costs.grid.cell_to_world(int(rows[clear]), int(cols[clear])))
+    start = farthest(costs.grid.position(int(rows[clear]), int(cols[clear])))
     return start, farthest(start)
 
 

@@ -133,7 +133,7 @@ class Ompl:
 
         motions = Motions(costs, self.space, self.turning_radius)
         _, part = connected_parts(costs)
-        one, other = (part[costs.grid.world_to_cell(*pose[:2])] for pose in (start, goal))
+        one, other = (part[costs.grid.cell(pose[:2])] for pose in (start, goal))
         if one != other:
             return Found(status="unreachable")  # what no path over the grid joins, no motion does
         for name, pose in (("start", start), ("goal", goal)):
