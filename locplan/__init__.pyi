@@ -17,15 +17,12 @@ from . import (
     simulation as simulation,
     testing as testing,
 )
-from .comparison import Comparison as Comparison, PlannerSpec as PlannerSpec, compare as compare
-from .costs import (
-    Costmap as Costmap,
-    Path as Path,
-    PathMetrics as PathMetrics,
-)
-from .diagnosis import Check as Check, check as check
+from ._util.records import Table as Table
+from .comparison import compare as compare
+from .costs import Costmap as Costmap, Path as Path
+from .diagnosis import check as check
 from .errors import LocplanError as LocplanError
-from .explorer import Explorer as Explorer, explore as explore
+from .explorer import explore as explore
 from .field import (
     CovarianceField as CovarianceField,
     FieldConfig as FieldConfig,
@@ -33,31 +30,21 @@ from .field import (
     Fused as Fused,
     Sad as Sad,
     Scan as Scan,
-    SearchWindow as SearchWindow,
     covariance_field as covariance_field,
     load_config as load_config,
     load_or_compute as load_or_compute,
     save_config as save_config,
 )
-from .landmarks import (
-    Box as Box,
-    Landmarks as Landmarks,
-    Pole as Pole,
-    place_landmarks as place_landmarks,
-)
+from .landmarks import place_landmarks as place_landmarks
 from .maps import OccupancyGrid as OccupancyGrid, load_map as load_map, save_map as save_map
-from .matching import ScanDatabase as ScanDatabase
-from .mending import Mended as Mended, mend as mend
+from .mending import mend as mend
 from .planners import (
-    CostToGo as CostToGo,
     ParetoFront as ParetoFront,
     Plan as Plan,
-    Query as Query,
     pareto_front as pareto_front,
     plan as plan,
-    plan_field as plan_field,
 )
-from .recordings import Location as Location, Trajectory as Trajectory, locate as locate
+from .recordings import locate as locate
 from .robots import Footprint as Footprint, Lidar as Lidar, Robot as Robot
 from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
 

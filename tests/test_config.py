@@ -188,8 +188,8 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
 @pytest.mark.parametrize(
     ("kind", "numbers"),
     [
-        (locplan.Box, (0.6, 0.3)),
-        (locplan.Pole, (0.2,)),
+        (locplan.landmarks.Box, (0.6, 0.3)),
+        (locplan.landmarks.Pole, (0.2,)),
         (FieldConfig, (0.2, 0)),
         (Fisher, (1.0, 0.1, 12.6, 180)),
         (Fused, (1.0,)),

@@ -20,7 +20,7 @@ CONFIGS = {
     "paper": FieldConfig(locplan.Sad.paper(range=1.0), stride=0.3),
     "headings": FieldConfig(locplan.Fisher(LIDAR), stride=0.5, headings=4),
     "flat": FieldConfig(
-        locplan.Sad(range=1.0, window=locplan.SearchWindow(half_rotation_deg=0.0)), stride=0.3
+        locplan.Sad(range=1.0, window=locplan.field.SearchWindow(half_rotation_deg=0.0)), stride=0.3
     ),
 }
 

@@ -14,13 +14,15 @@ import pytest
 from conftest import corridor, drawn, few_of, refused
 
 import locplan
-from locplan import Box, LocplanError, Path, Pole, place_landmarks, save_map
+from locplan import LocplanError, Path, place_landmarks, save_map
 from locplan._kernels import landmarks as kernels, objectives as ways
 from locplan._kernels.rays import cast, empty_squares
 from locplan.errors import ConfigError
 from locplan.field import surface_normals
 from locplan.landmarks import (
+    Box,
     Outcome,
+    Pole,
     Verification,
     cells_under,
     landmarks_figure,

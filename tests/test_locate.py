@@ -14,11 +14,11 @@ from conftest import SHARED_DATA, few_of, refused
 from small_drive import FILE, MAP
 
 import locplan
-from locplan import Lidar, LocplanError, Path, ScanDatabase, load_map, locate
+from locplan import Lidar, LocplanError, Path, load_map, locate
 from locplan._kernels.scan_losses import fits, loss_at, refine, settle
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.matching import Matching, ScanOnMap, make_database
+from locplan.matching import Matching, ScanDatabase, ScanOnMap, make_database
 from locplan.recordings import (
     Recording,
     locate_drive,

@@ -19,7 +19,7 @@ from locplan.robots import Amcl, Robot
 from locplan.simulation import Simulator, simulate
 
 ENDS = (2.0, 3.0), (38.0, 3.0)
-WINDOW = locplan.SearchWindow(half_width=2.0, step=1.0)
+WINDOW = locplan.field.SearchWindow(half_width=2.0, step=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
         plan: "Plan(solved, any-angle, 2,3 to 38,3: ",
         plan.metrics: "PathMetrics(",
         front: "ParetoFront(",
-        locplan.plan_field(costs, ENDS[1]): "CostToGo(two_corridors, to 38,3 m",
+        locplan.planners.plan_field(costs, ENDS[1]): "CostToGo(two_corridors, to 38,3 m",
         drives: "Simulation(two_corridors, a: Drives(2 of 2.00 m, median error ",
         Simulator(grid): "Simulator(two_corridors, lidar, 6 m, 360°; radius 0.2 m, margin 0.05 m; ",
         locplan.export.recommended_ways(costs, {"a": plan.path}): "RecommendedWays(1 of 1 ",
@@ -154,7 +154,7 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
             lambda g, f, c: locplan.plan("lab.yaml", *ENDS),
             "costs must be a Costmap, not 'lab.yaml'",
         ),
-        (lambda g, f, c: locplan.plan_field(g, ENDS[0]), "costs must be a Costmap"),
+        (lambda g, f, c: locplan.planners.plan_field(g, ENDS[0]), "costs must be a Costmap"),
         (lambda g, f, c: locplan.pareto_front(f, *ENDS), "costs must be a Costmap"),
         (lambda g, f, c: Costmap.from_field(f, g), "grid must be an OccupancyGrid"),
         (lambda g, f, c: Costmap.from_field(g, c), "field must be a CovarianceField"),
@@ -208,7 +208,7 @@ def test_recipes_name_each_argument_that_cannot_be(grid, recipe):
     drive = recordings.Recording(np.full((40, 5), 1.0), lidar, poses, odometry=poses)
     sound = {"grid": grid, "recording": drive, "robot": Robot(lidar), "lidar": lidar, "path": path}
     sound |= {"paths": {"a": path}, "start": (2, 3), "goal": (4, 3), "scan": np.ones(5)}
-    sound |= {"kind": locplan.Pole(), "count": 1}
+    sound |= {"kind": locplan.landmarks.Pole(), "count": 1}
     takes = inspect.signature(recipe).parameters
     given = {name: value for name, value in sound.items() if name in takes}
     for name in WRONG.keys() & takes.keys():

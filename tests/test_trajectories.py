@@ -481,7 +481,7 @@ def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_pa
     assert (again.drive, again.map) == ("monday", "lab")
     assert np.array_equal(again.poses, found.poses)
     found.save(tmp_path / "saved")
-    assert locplan.Trajectory.load(tmp_path / "saved") == found
+    assert locplan.recordings.Trajectory.load(tmp_path / "saved") == found
     tum = np.loadtxt(tmp_path / "saved" / "poses.tum", delimiter=" ")  # as evo splits lines
     some = found.trusted
     assert tum[:, 1:3] == pytest.approx(found.poses[some, :2], abs=1e-6)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from test_faults import blocks
 
-from locplan import Lidar, OccupancyGrid, Pole, Robot, mend, place_landmarks
+from locplan import Lidar, OccupancyGrid, Robot, mend, place_landmarks
 from locplan.diagnosis.trials import Outcome, confirm_fixes, contrast, select_fixes, try_fix
-from locplan.landmarks import Outcome as LandmarkDrives, Verification, verify_landmarks
+from locplan.landmarks import Outcome as LandmarkDrives, Pole, Verification, verify_landmarks
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
 from locplan.robots.presets import amcl_presets

@@ -69,7 +69,7 @@ def check(
     fail_if
         Limit, such as "lost > 5%", beyond which the exit code is 4.
     """
-    output.check(locplan.Check.files)
+    output.check(locplan.diagnosis.Check.files)
     if output.output:
         locplan.simulation.check_tunable(robot.nav2_file("amcl"))
     grid = locplan.load_map(map_file)

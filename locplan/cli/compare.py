@@ -92,7 +92,7 @@ def compare(
         locplan.comparison.specs_of(planner)
     compared_robot, config = field.choose(robot.load())
     configs = [config] if ranges is None else [with_range(config, each) for each in ranges]
-    output.check(locplan.Comparison.files)
+    output.check(locplan.comparison.Comparison.files)
     with progress_bar("runs", "runs") as progress:
         execution = locplan.comparison.Execution(
             workers=workers,

@@ -79,7 +79,7 @@ def landmarks(
     kind = locplan.landmarks.parsed_object(object)
     locplan.simulation.check_drives(drives, or_none=True)
     simulated, grid = robot.load_simulated(), locplan.load_map(map_file)
-    output.check(locplan.Landmarks.files)
+    output.check(locplan.landmarks.Landmarks.files)
     with progress_bar("placing landmarks", "objects") as progress:
         result = locplan.place_landmarks(
             grid,

@@ -72,7 +72,7 @@ def locate(
     grid = locplan.load_map(map_file)
     scans = _select_scans(read_recording(recording, needs_poses=False), scan, at, every or 1)
     with working("looking around at all places of the map"):
-        database = locplan.ScanDatabase(grid, scans.lidar)
+        database = locplan.matching.ScanDatabase(grid, scans.lidar)
         _ = database.everywhere
     with progress_bar("locating scans", "scans") as progress:
         result = locplan.recordings.locate_drive(

@@ -1,12 +1,9 @@
 from ._batch import (
-    FieldJob as FieldJob,
-    FieldRun as FieldRun,
     field_jobs as field_jobs,
     field_runs_table as field_runs_table,
     run_field_jobs as run_field_jobs,
 )
 from ._charges import (
-    Conversion as Conversion,
     keepout_mask as keepout_mask,
 )
 from ._costmap import CostmapInflation as CostmapInflation, PlannedPath as PlannedPath
@@ -19,7 +16,6 @@ from ._nav2 import (
 from ._parameter_files import write_merged as write_merged
 from ._parameters import (
     DISTRIBUTIONS as DISTRIBUTIONS,
-    Distribution as Distribution,
     DistroWarning as DistroWarning,
     ParametersChanged as ParametersChanged,
     RobotWarning as RobotWarning,
@@ -27,7 +23,6 @@ from ._parameters import (
 )
 from ._plain_files import field as field, path as path
 from ._recommended import (
-    RecommendedWays as RecommendedWays,
     nav2_routes as nav2_routes,
     recommended_ways as recommended_ways,
 )
@@ -40,4 +35,4 @@ from ._registry import (
 from ._route_graph import RouteGraph as RouteGraph
 from ._servers import write_filter_map as write_filter_map
 from ._user_graph import annotate_graph as annotate_graph, nav2_graph as nav2_graph
-from ._values import YawWarning as YawWarning, percent as percent, ros_map as ros_map
+from ._values import YawWarning as YawWarning, ros_map as ros_map

@@ -1,6 +1,5 @@
 from . import templates as templates
 from ._cache import (
-    CacheEntry as CacheEntry,
     CacheWarning as CacheWarning,
     cache_entries as cache_entries,
     cache_folder as cache_folder,
@@ -14,7 +13,6 @@ from ._config import (
     FieldConfig as FieldConfig,
     config_of as config_of,
     equipped as equipped,
-    lidar_of as lidar_of,
     load_config as load_config,
     save_config as save_config,
 )

@@ -96,7 +96,7 @@ def place_landmarks(
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> route = Path(np.array([[6.0, 3.0], [30.0, 3.0]]))
     >>> robot = locplan.Robot().changed({"laser_model_type": "likelihood_field_prob"})
-    >>> made = place_landmarks(grid, locplan.Pole(0.2), 2, paths=route, robot=robot)
+    >>> made = place_landmarks(grid, locplan.landmarks.Pole(0.2), 2, paths=route, robot=robot)
     >>> made.poses.shape, bool(made.curve[2] < made.curve[1] < made.curve[0])
     ((2, 3), True)
     """

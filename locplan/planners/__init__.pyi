@@ -1,15 +1,11 @@
 from ._any_angle import AnyAngle as AnyAngle, any_angle_path as any_angle_path
 from ._cost_to_go import (
     CostToGo as CostToGo,
-    NamedPlace as NamedPlace,
-    PlacePair as PlacePair,
     farthest_pairs as farthest_pairs,
     plan_field as plan_field,
 )
 from ._grid import (
-    AStar as AStar,
     Bordered as Bordered,
-    Dijkstra as Dijkstra,
     GridPlanner as GridPlanner,
     bordered_index as bordered_index,
     connected_parts as connected_parts,
@@ -19,7 +15,6 @@ from ._map_info import MapInfo as MapInfo, describe_map as describe_map
 from ._pareto import BudgetPlanner as BudgetPlanner, pareto_front as pareto_front
 from ._path_check import (
     PathCheck as PathCheck,
-    PathFault as PathFault,
     check_path as check_path,
     path_faults as path_faults,
 )
@@ -58,7 +53,6 @@ from ._registry import (
 from ._request import (
     AnyPlanner as AnyPlanner,
     FunctionPlanner as FunctionPlanner,
-    Guarded as Guarded,
     innermost as innermost,
     options_of as options_of,
     own_planner as own_planner,
@@ -69,5 +63,4 @@ from ._request import (
 from ._result import ParetoFront as ParetoFront, Plan as Plan
 from ._robot_fit import default_planner as default_planner, needs_lattice as needs_lattice
 from ._smoothing import smoothed as smoothed
-from ._trade_offs import check_front_limits as check_front_limits
 from .ompl._planner import Ompl as Ompl

@@ -1,6 +1,5 @@
 from . import style as style
 from ._cells import (
-    DRAWN_CELLS as DRAWN_CELLS,
     coarse as coarse,
     draw_cells as draw_cells,
     drawn_size as drawn_size,
@@ -27,7 +26,6 @@ from ._maps import (
     draw_path as draw_path,
     end_handles as end_handles,
     faults_figure as faults_figure,
-    field_norm as field_norm,
     save_figure as save_figure,
 )
 from ._picture import (
@@ -49,7 +47,6 @@ from ._plans import (
 )
 from .style import (
     FIELD_COLOURS as FIELD_COLOURS,
-    LIGHT_MAP_COLOURS as LIGHT_MAP_COLOURS,
     MAP_COLOURS as MAP_COLOURS,
     PATH_STYLES as PATH_STYLES,
 )

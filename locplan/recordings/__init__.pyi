@@ -3,12 +3,10 @@ from ._ambiguous import (
     find_ambiguous_places as find_ambiguous_places,
 )
 from ._calibration import (
-    DriveCalibration as DriveCalibration,
     calibrate_drive as calibrate_drive,
 )
 from ._evaluation import (
     DriveEvaluation as DriveEvaluation,
-    estimators_for as estimators_for,
     evaluate_drive as evaluate_drive,
 )
 from ._figures import (
@@ -18,22 +16,19 @@ from ._figures import (
 )
 from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
 from ._locate import locate as locate, locate_drive as locate_drive
-from ._location import LocatedDrive as LocatedDrive, Location as Location, Mode as Mode
+from ._location import LocatedDrive as LocatedDrive, Location as Location
 from ._location_figures import (
     locate_figure as locate_figure,
     located_drive_figure as located_drive_figure,
 )
-from ._logs import Source as Source, Topics as Topics
+from ._logs import Topics as Topics
 from ._matches import (
-    Agreement as Agreement,
     Matches as Matches,
-    at_walls as at_walls,
     match_scans as match_scans,
 )
-from ._misfits import Misfits as Misfits, find_misfits as find_misfits
-from ._odometry_model import OdometryModel as OdometryModel
-from ._odometry_noise import OdometryNoise as OdometryNoise, odometry_noise as odometry_noise
-from ._range_fit import RangeFit as RangeFit, range_fit as range_fit
+from ._misfits import find_misfits as find_misfits
+from ._odometry_noise import odometry_noise as odometry_noise
+from ._range_fit import range_fit as range_fit
 from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
 from ._recording_faults import (
@@ -41,15 +36,14 @@ from ._recording_faults import (
     find_recording_faults as find_recording_faults,
 )
 from ._reference import referenced as referenced, trajectory_of as trajectory_of
-from ._replay import Consistency as Consistency, Replay as Replay, replay as replay
+from ._replay import Replay as Replay, replay as replay
 from ._replayed_drive import (
     ReplayedDrive as ReplayedDrive,
     find_replay_limit as find_replay_limit,
 )
-from ._scan_noise import ScanNoise as ScanNoise, scan_noise as scan_noise
+from ._scan_noise import scan_noise as scan_noise
 from ._smoothing import smooth as smooth
 from ._study import (
-    RecordingReport as RecordingReport,
     recording_output as recording_output,
     study_recording as study_recording,
 )

@@ -15,7 +15,6 @@ from ._lidar import (
     MAX_BEAMS as MAX_BEAMS,
     PRESETS as PRESETS,
     Lidar as Lidar,
-    Preset as Preset,
 )
 from ._nav2 import (
     NOT_SIMULATED as NOT_SIMULATED,
@@ -37,7 +36,6 @@ from ._particles import (
     beam_scores as beam_scores,
     compared_ends as compared_ends,
     filter_settings as filter_settings,
-    score_values as score_values,
 )
 from ._parts import (
     FARTHEST_OBJECT as FARTHEST_OBJECT,

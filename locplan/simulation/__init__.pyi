@@ -48,21 +48,17 @@ from .choice._ask import ChoiceSettings as ChoiceSettings
 from .choice._choice import Choice as Choice
 from .choice._choices import (
     Choices as Choices,
-    MapChoice as MapChoice,
     read_choices as read_choices,
 )
-from .choice._choose import SimulatedChoice as SimulatedChoice, choose as choose
+from .choice._choose import choose as choose
 from .choice._choose_many import (
     choose_many as choose_many,
 )
-from .choice._driven import Candidate as Candidate, Driven as Driven
 from .choice._race import Judgement as Judgement, Scores as Scores, judged as judged
 from .driver import drive_closed as drive_closed, drive_open as drive_open, route_key as route_key
 from .tuning._choose_preset import (
-    LEVEL_DRIVES as LEVEL_DRIVES,
     OWN as OWN,
     Case as Case,
-    CaseResult as CaseResult,
     PresetChoice as PresetChoice,
     choose_preset as choose_preset,
     find_objection as find_objection,
