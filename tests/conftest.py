@@ -17,6 +17,8 @@ from locplan.cli import main
 from locplan.field import FieldConfig, Sad, save_config
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
+GUARD = 600.0
+"""Time after which an answer does not come any more, however busy the machine is [s]."""
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
@@ -112,9 +114,13 @@ def real_maps() -> Path:
     return folder
 
 
-def few_of(values, usual: int = 1) -> list:
-    """Parameters of a test: the first ones as usual, the others where tests may take long."""
-    long = [pytest.param(value, marks=pytest.mark.long) for value in values[usual:]]
+def few_of(values, usual: int = 1, *, are_rows: bool = False) -> list:
+    """Parameters of a test: the first ones by default, the others with `-m long`.
+
+    Rows have a value for each of several arguments.
+    """
+    rows = values[usual:] if are_rows else [(value,) for value in values[usual:]]
+    long = [pytest.param(*row, marks=pytest.mark.long) for row in rows]
     return [*values[:usual], *long]
 
 

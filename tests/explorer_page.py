@@ -21,8 +21,8 @@ from locplan.robots import Lidar
 STATIC = Path(locplan.__file__).parent / "explorer" / "static"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-WAIT = 20_000
-"""Longest time that a test waits for something to appear [ms]."""
+WAIT = 300_000
+"""Time after which something does not appear any more, however busy the machine is [ms]."""
 
 
 HAS_COLOUR = """async (colour) => {

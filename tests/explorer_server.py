@@ -7,6 +7,7 @@ import json
 import re
 from contextlib import contextmanager
 
+from conftest import GUARD
 from websockets.sync.client import ClientConnection, connect
 
 from locplan.explorer import Explorer, Opening, opened
@@ -31,7 +32,7 @@ def served(grid, config, *, framed=False, **opening):
 
 def fetched(server: Server, path: str, method: str = "GET", *, cookie=True, **headers):
     """Status, headers by lower-case name, and content of a response."""
-    link = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+    link = http.client.HTTPConnection("127.0.0.1", server.port, timeout=GUARD)
     sent = {"Host": f"127.0.0.1:{server.port}"}
     if cookie:
         sent["Cookie"] = cookie_of(server) if cookie is True else cookie
@@ -67,7 +68,7 @@ def linked(server: Server, path: str = "/socket", **headers) -> ClientConnection
         additional_headers=sent,
         compression=None,
         proxy=None,
-        open_timeout=30,
+        open_timeout=GUARD,
         close_timeout=5,
         max_size=2**24,
     )
@@ -81,7 +82,7 @@ class Page:
         self.state = self._read()
 
     def _read(self):
-        return json.loads(self.link.recv(timeout=60))
+        return json.loads(self.link.recv(timeout=GUARD))
 
     def send(self, do: str, **values) -> int:
         self.number += 1

@@ -11,11 +11,11 @@ from locplan.field import CovarianceField, FieldConfig, Fisher, load_or_compute
 from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
 from locplan.planners import plan_beside_shortest
-from locplan.robots import Lidar, Robot
+from locplan.robots import Amcl, Lidar, Robot
 
 START, MIDDLE, GOAL = (2.0, 3.0), (20.0, 3.0), (38.0, 3.0)
 LIDAR = Lidar(range=6.0)
-ROBOT = Robot(LIDAR)
+ROBOT = Robot(LIDAR, filter=Amcl(min_particles=100, max_particles=200))
 
 
 @cache
@@ -42,9 +42,9 @@ WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
 def session_of(with_field: bool = True, **opening) -> Session:
     """A session with the corridors' field."""
     grid, field = corridors()
-    session = Session(grid, Opening(field.config, **opening))
+    session = Session(grid, Opening(field.config, **{"robot": ROBOT} | opening))
     if with_field:
-        session.begin(field).result(60)
+        session.begin(field).result()
     return session
 
 

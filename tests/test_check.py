@@ -23,7 +23,8 @@ TUNED = {
     "laser_model_type": "likelihood_field_prob",
 }
 LIDAR = locplan.Lidar(range=6.0, beams=120)
-ROBOT = locplan.Robot(LIDAR).changed(TUNED)
+FEW = {"min_particles": 200, "max_particles": 400}
+ROBOT = locplan.Robot(LIDAR).changed({**TUNED, **FEW})
 
 
 def room():
@@ -34,17 +35,37 @@ def room():
     return OccupancyGrid(cells, 0.05, name="room")
 
 
+UNTUNED = locplan.Robot(LIDAR).changed(FEW)
+AISLES = [((14.05, 15.05), (16.35, 2.95)), ((1.1, 18.9), (13.3, 18.9))]
 CORNERS = {"door": (1.0, 1.0), "desk": (7.0, 1.0), "shelf": (1.0, 5.0)}
 
 
+class Watched:
+    """A check whose findings and progress are kept as they come."""
+
+    def __init__(self):
+        self.findings, self.steps = [], []
+        self.report = check(
+            *(room(), ROBOT.changed(UPDATES), CORNERS),
+            effort="quick",
+            found=self.findings.append,
+            progress=lambda *step: self.steps.append((len(self.findings), *step)),
+        )
+
+
 @pytest.fixture(scope="module")
-def fine():
-    return check(room(), ROBOT.changed(UPDATES), CORNERS, effort="quick")
+def watched():
+    return Watched()
+
+
+@pytest.fixture(scope="module")
+def fine(watched):
+    return watched.report
 
 
 @pytest.fixture(scope="module")
 def solid():
-    return check(blocks(), locplan.Robot(LIDAR), effort="quick")
+    return check(blocks(), UNTUNED, AISLES, effort="quick")
 
 
 def test_check_has_nothing_to_do_for_tuned_robot(fine):
@@ -83,9 +104,10 @@ def test_places_where_the_map_misleads_name_its_fault(solid):
     assert {each.missing for each in alone} == {"the map is wrong (solid walls)"}
 
 
+@pytest.mark.long
 def test_a_mended_map_for_the_filter_is_checked_and_not_advised_again(solid, tmp_path):
     own = solid.fixed_site.filter_map
-    found = check(blocks(), locplan.Robot(LIDAR), effort="quick", filter_map=own)
+    found = check(blocks(), UNTUNED, AISLES, effort="quick", filter_map=own)
     assert found.baseline.lost.high < solid.baseline.lost.low
     assert "map" not in [each.kind for each in found.fixes]
     solid.save(tmp_path / "own")
@@ -103,6 +125,7 @@ def test_cheaper_fix_comes_first_if_losses_are_equal(solid):
     assert solid.recommended[0] == "map"
 
 
+@pytest.mark.long
 def test_lower_error_alone_is_an_option_if_error_is_small():
     """A robot with an error below 0.1 m needs no other settings."""
     changes = {name: 0.2 for name in TUNED if name.startswith("alpha")}
@@ -124,8 +147,8 @@ def test_settings_help_against_scattered_particles(two_corridors_at_its_worst):
 @pytest.fixture(scope="module")
 def two_corridors_at_its_worst():
     grid = environments.make("two_corridors", resolution=0.1)
-    robot = ROBOT.changed({name: 2.0 for name in TUNED if name.startswith("alpha")})
-    return check(grid, robot, effort="quick")
+    robot = ROBOT.changed({name: 1.0 for name in TUNED if name.startswith("alpha")})
+    return check(grid, robot, [((2.0, 3.0), (24.0, 3.0))], effort="quick")
 
 
 def test_losing_route_names_its_weak_spots(solid):
@@ -148,6 +171,7 @@ def test_spots_where_most_drives_fail_come_first(solid, two_corridors_at_its_wor
         assert weight == sorted(weight, reverse=True)
 
 
+@pytest.mark.long
 def test_wide_hall_has_one_letter_on_route():
     cells = np.full((300, 300), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
@@ -169,6 +193,7 @@ def test_weak_spots_are_long_corridors_along_which_no_feature_is(two_corridors_a
     assert first.routes
 
 
+@pytest.mark.long
 def test_weak_spots_lie_where_routes_can_pass():
     """A strip between a drawn frame and the edge of the image is wide and featureless."""
     cells = np.full((100, 240), FREE, np.uint8)
@@ -182,6 +207,7 @@ def test_weak_spots_lie_where_routes_can_pass():
     assert sizes in " ".join(found.report().split())
 
 
+@pytest.mark.long
 def test_fixes_that_do_not_lead_are_stopped():
     robot = ROBOT.changed({**UPDATES, "laser_max_range": 5.9})
     found = check(room(), robot, CORNERS, effort="quick")
@@ -192,6 +218,7 @@ def test_fixes_that_do_not_lead_are_stopped():
     assert math.isnan(longer_range.rates.reached.value)
 
 
+@pytest.mark.long
 def test_full_range_helps_against_limited_one():
     grid = environments.make("two_corridors", resolution=0.1)
     robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).changed(TUNED)
@@ -212,6 +239,7 @@ def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
     assert np.array_equal(written.cells, room().cells)
 
 
+@pytest.mark.long
 def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
     again = check(room(), ROBOT.changed(UPDATES), CORNERS, effort="quick", threads=1)
@@ -220,19 +248,19 @@ def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path,
 
 @pytest.mark.parametrize("columns", ["80", "120"])
 def test_output_is_short_and_names_all_fixes(
-    solid, two_corridors_at_its_worst, fine, monkeypatch, tmp_path, columns
+    solid, two_corridors_at_its_worst, fine, monkeypatch, columns
 ):
     monkeypatch.setenv("COLUMNS", columns)
     for each in (solid, two_corridors_at_its_worst, fine):
-        text = each.report(tmp_path)
+        text = each.report(Path("report"))
         lines = text.splitlines()
         assert len(lines) <= (32 if columns == "80" else 25)  # narrow tables fold
         assert "..." not in text
-        assert max(len(line) for line in lines if str(tmp_path) not in line) <= int(columns)
+        assert max(len(line) for line in lines if "report/" not in line) <= int(columns)
         assert ("Weak spot A" in text) == bool(each.spots)
         for fix in each.fixes:
             assert set(fix.title.split()) <= set(text.split())  # its cell may fold
-        assert each.report(tmp_path).startswith("Your robot gets lost (error > 1 m) in")
+        assert text.startswith("Your robot gets lost (error > 1 m) in")
     assert "repaired map" in solid.report()
 
 
@@ -325,18 +353,12 @@ def test_where_nothing_helps_the_next_action_can_be_done(solid):
     assert driven.report().splitlines()[-1].startswith("  locplan recording ")
 
 
-def test_findings_are_said_as_they_come_and_progress_ends():
-    said, steps = [], []
-    room_of_two = {"door": (1.0, 1.0), "desk": (7.0, 1.0)}
-    check(
-        *(room(), ROBOT, room_of_two),
-        effort="quick",
-        found=said.append,
-        progress=lambda done, total: steps.append((len(said), done, total)),
-    )
-    assert [each.split(":")[0] for each in said[:3]] == ["map", "weak spots", "baseline"]
-    assert [done for _, done, _ in steps] == sorted(done for _, done, _ in steps)
-    assert any(count == 2 for count, _, _ in steps)  # two are said before the drives are done
+def test_check_reports_findings_before_drives_end(watched):
+    kinds = [finding.split(":")[0] for finding in watched.findings[:3]]
+    assert kinds == ["map", "weak spots", "baseline"]
+    done = [step for _, step, _ in watched.steps]
+    assert done == sorted(done)
+    assert any(count == 2 for count, _, _ in watched.steps)
 
 
 def test_check_writes_and_names_files_of_fixes(solid, tmp_path):
@@ -459,6 +481,7 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
     assert np.array_equal(found.site.world.cells, cells)  # which stays as it is
 
 
+@pytest.mark.long
 def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
     drive = locplan.recordings.read_drive(SMALL_DRIVE)
     found = check(room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")

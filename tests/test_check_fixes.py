@@ -14,6 +14,7 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
 
 
+@pytest.mark.long
 def test_threshold_helps_if_unknown_grey_is_free(tmp_path):
     cells = np.full((160, 200), UNKNOWN, np.uint8)
     cells[20:140, 20:180] = room().cells

@@ -242,8 +242,8 @@ PLANNED = {
 @pytest.mark.parametrize(
     ("longest", "reason"),
     [
-        (1.0, r"\d+\.\d m, more than 1 times the shortest"),
         (1.5, r"(nearly )?the same path as '[a-z ]+'"),
+        pytest.param(1.0, r"\d+\.\d m, more than 1 times the shortest", marks=pytest.mark.long),
     ],
 )
 def test_choose_reports_every_dropped_candidate(grid, fielded, tmp_path, longest, reason):
@@ -258,6 +258,7 @@ def test_choose_reports_every_dropped_candidate(grid, fielded, tmp_path, longest
     assert Choice.load(tmp_path).report() == found.report()
 
 
+@pytest.mark.long
 def test_choose_verdict_ignores_length_limit(corridors):
     """The aware path from end to end of the lower corridor is 1.5 times as long as the shortest."""
     robot = Robot(Lidar(range=6.0), filter=Amcl(min_particles=300, max_particles=300))
@@ -544,7 +545,7 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
     assert all(one != two for one, two in first)
 
 
-@pytest.mark.parametrize("minimise", few_of([*MINIMISED]))
+@pytest.mark.parametrize("minimise", few_of([*MINIMISED], 0))
 def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
     found = two_ways(corridors, minimise=minimise, drives=32)
     if minimise != "heading":
@@ -578,6 +579,7 @@ def test_progress_counts_the_drives_up_to_the_greatest_number(grid, costs):
     assert len(done) <= total
 
 
+@pytest.mark.long
 def test_settings_that_gain_more_than_paths_are_named(corridors):
     calm = Amcl(**{f"alpha{n}": 0.02 for n in range(1, 6)}, min_particles=300, max_particles=300)
     noisy = Amcl(**{f"alpha{n}": 1.0 for n in range(1, 6)}, min_particles=300, max_particles=300)
@@ -1120,6 +1122,7 @@ def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest
     assert choice.sentence.startswith("Take the shortest path") == (not taken)
 
 
+@pytest.mark.long
 def test_a_thorough_choice_steers_more_drives(corridors):
     thorough = two_ways(corridors, thorough=True)
     assert [len(e.arrivals.drives) for e in thorough.candidates if e.arrivals] == [40, 40]

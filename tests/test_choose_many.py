@@ -21,9 +21,9 @@ from locplan.simulation.choice import _choose_many as module
 LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60)
 AMCL = Amcl(min_particles=100, max_particles=300)
 QUERIES = (
-    Query("far", (2.0, 3.0), (38.0, 3.0)),
+    Query("far", (2.0, 3.0), (14.0, 3.0)),
     Query("near", (2.0, 3.0), (5.0, 10.0)),
-    Query("back", (30.0, 3.0), (3.0, 10.0)),
+    Query("back", (14.0, 3.0), (3.0, 10.0)),
 )
 ROBOT = Robot(filter=AMCL)
 QUICK = {"robot": ROBOT, "drives": 2}

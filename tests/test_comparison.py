@@ -446,6 +446,7 @@ def nav2(tmp_path):
     return file
 
 
+@pytest.mark.long
 def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
     text = f"simulated choice: drives=2, minimise=lost, robot={nav2}"
     found = locplan.compare(

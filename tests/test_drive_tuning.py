@@ -92,6 +92,7 @@ def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
         tune_on_drive(dataclasses.replace(drive, odometry=None), grid)
 
 
+@pytest.mark.long
 def test_sparse_scans_are_a_warning(grid, drive):
     own = Amcl(min_particles=20, max_particles=20)
     tuned = tune_on_drive(drive.every(5), grid, robot=Robot(filter=own), drives=2)

@@ -32,6 +32,7 @@ from bad_planners import (
     stray,
     trespass,
 )
+from conftest import GUARD, few_of
 
 import locplan
 from locplan.comparison import Execution, PlannerSpec, compare
@@ -65,10 +66,6 @@ def alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
-
-
-GUARD = 300.0
-"""Until then what must come has come, however busy the machine is [s]."""
 
 
 def comes_true(condition) -> bool:
@@ -131,8 +128,16 @@ def test_whoever_gives_no_answer_is_ended():
     assert [run.status for run in runs] == ["hung", "hung"]
     assert {run.note for run in runs} == {"gave no answer within 0.5 s and was ended"}
     assert all(run.wall_seconds >= 0.5 for run in runs)
-    statuses = [run.status for run in made([spin, "grid"], QUERIES[:1], workers=1, patience=0.5)]
-    assert statuses == ["hung", "solved"]
+
+
+def test_run_after_hung_one_is_solved():
+    """The second planner has a limit of its own, so that a busy machine cannot end it too."""
+
+    def unhurried(costs, start, goal, *, time_limit=100.0):
+        return plan(costs, start, goal)
+
+    runs = made([spin, unhurried], QUERIES[:1], workers=1, patience=0.5, time_limit=100.0)
+    assert [run.status for run in runs] == ["hung", "solved"]
 
 
 def test_runs_are_measured_on_the_costmap_of_their_weight():
@@ -178,6 +183,7 @@ def test_seeds_are_for_those_who_take_them(tmp_path):
     assert seeds["RRTstar:iterations=200,seed=9"] == [9]
 
 
+@pytest.mark.long
 def test_seeded_runs_are_the_same_wherever_they_are_made():
     planners = ["RRTstar:iterations=400", "BITstar:iterations=3000", "PRMstar:iterations=100"]
     one, two = (made(planners, seeds=[5, 7], workers=workers) for workers in (1, 2))
@@ -237,6 +243,7 @@ def test_preparation_that_crashes_ends_the_comparison():
         made(broken, workers=1)
 
 
+@pytest.mark.long
 def test_starts_that_fail_count_for_each_worker(tmp_path):
     def fragile(costs, start, goal):
         return plan(costs, start, goal)
@@ -351,7 +358,7 @@ def test_a_torn_journal_loses_its_last_line(tmp_path):
     first = made(["grid", "any-angle"], journal=file)
     whole = file.read_bytes()
     ends = [n for n, byte in enumerate(whole, 1) if byte == ord("\n")]
-    for kept in [0, 9, *(end + cut for end in ends for cut in (-40, -1, 0, 9))]:
+    for kept in [0, 9, *(end + cut for end in ends[::3] for cut in (-40, -1, 0, 9))]:
         file.write_bytes(whole[:kept])
         again = made(["grid", "any-angle"], journal=file)
         assert [untimed(run) for run in again] == [untimed(run) for run in first]
@@ -441,12 +448,15 @@ def descendants(pid: int) -> list[int]:
 
 @pytest.mark.parametrize(
     ("ending", "planner"),
-    [
-        (signal.SIGINT, "slow"),
-        (signal.SIGINT, "spawning"),
-        (signal.SIGTERM, "slow"),
-        (signal.SIGKILL, "slow"),
-    ],
+    few_of(
+        [
+            (signal.SIGINT, "spawning"),
+            (signal.SIGINT, "slow"),
+            (signal.SIGTERM, "slow"),
+            (signal.SIGKILL, "slow"),
+        ],
+        are_rows=True,
+    ),
 )
 def test_an_end_leaves_no_processes(tmp_path, ending, planner):
     process = started(tmp_path / "naps", planner)
@@ -466,13 +476,14 @@ def test_processes_of_a_planner_end_with_its_run(tmp_path, planner):
         PlannerSpec("spawns", FunctionPlanner(planner, {"folder": str(tmp_path)})),
         QUERIES[:1],
         workers=1,
-        patience=2.0,
+        patience=10.0,  # a busy machine starts the child late
     )
     assert run.status == {spawning: "hung", spawn_and_crash: "crashed"}[planner]
     (child,) = map(int, (file.name for file in tmp_path.iterdir()))
     assert comes_true(lambda: not alive(child))
 
 
+@pytest.mark.long
 def test_script_without_main_guard_compares(tmp_path):
     """Workers do not import it again."""
     script = tmp_path / "script.py"

@@ -43,8 +43,10 @@ def checked(tmp_path_factory):
     """The folder of a check on a solid map, as the command writes it."""
     folder = tmp_path_factory.mktemp("checked")
     save_map(blocks(), folder / "blocks.yaml")
+    (folder / "stations.csv").write_text("name,x,y\na,14.05,15.05\nb,16.35,2.95\nc,18.7,8.7\n")
     words = ["check", folder / "blocks.yaml", "--effort=quick", "-o", folder / "report"]
-    words += ["--set=range=6", "--set=beams=120"]
+    words += ["--set=range=6", "--set=beams=120", "--stations", folder / "stations.csv"]
+    words += ["--set=min_particles=200", "--set=max_particles=400"]
     subprocess.run([sys.executable, "-m", "locplan", *map(str, words)], check=True)
     return folder / "report"
 
@@ -53,7 +55,7 @@ def session_on(folder) -> Session:
     report = CheckReport.read(folder)
     grid, config = load_map(report.map_file), config_of(report.robot)
     session = Session(grid, Opening(config, report.robot, report=report))
-    session.begin(load_or_compute(grid, config)).result(60)
+    session.begin(load_or_compute(grid, config)).result()
     return session
 
 

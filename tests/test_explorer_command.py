@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import random_rooms, refused
+from conftest import GUARD, random_rooms, refused
 
 import locplan
 from locplan.errors import LocplanError
@@ -69,14 +69,14 @@ def test_the_command_serves_until_ctrl_c(map_file):
         begin, _, token = address.partition("/?token=")
         port = int(begin.rpartition(":")[2])
         assert begin == f"http://127.0.0.1:{port}"
-        link = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+        link = http.client.HTTPConnection("127.0.0.1", port, timeout=GUARD)
         link.request("GET", "/about", headers={"Cookie": f"locplan-{port}={token}"})
         response = link.getresponse()
         assert response.read()
         assert response.status == 200
         link.close()
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=GUARD)
     assert process.returncode == 130
     assert out == ""
     assert err.splitlines() == [

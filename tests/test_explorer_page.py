@@ -7,6 +7,7 @@ import math
 import re
 
 import pytest
+from conftest import few_of
 from explorer_page import STATIC, Seen, browser_file, corridors, served
 
 from locplan.field import load_or_compute
@@ -69,6 +70,7 @@ def test_the_paths_follow_while_the_goal_is_dragged(visit):
     assert -2 < y < 16
 
 
+@pytest.mark.long
 def test_arrows_move_a_marker_by_4_cells_and_with_shift_by_20(visit):
     seen = visit()
     seen.page.locator(".marker.start").focus()
@@ -137,6 +139,7 @@ def test_a_simulation_is_cancelled_while_the_page_goes_on(visit):
     assert task.count() == 0
 
 
+@pytest.mark.long
 def test_a_goal_within_a_wide_wall_leaves_no_old_path(visit):
     seen = visit()
     metre = (seen.middle(".marker.goal")[0] - seen.middle(".marker.start")[0]) / 36.0
@@ -156,6 +159,7 @@ def test_a_goal_within_a_wide_wall_leaves_no_old_path(visit):
     assert seen.has_drawn(TEAL)
 
 
+@pytest.mark.long
 def test_a_marker_that_is_dragged_out_of_the_window_stays_on_the_map(visit):
     seen = visit()
     seen.drag(".marker.start", -3000, -3000)
@@ -239,7 +243,7 @@ def test_a_simulation_tells_its_verdict_and_draws_bands(visit):
     seen.unfold("simulate-group")
     seen.page.locator("#drives-each").select_option("16")
     seen.page.locator("#simulate").click()
-    seen.page.locator("#simulated-verdict", has_text="drives").wait_for(timeout=60_000)
+    seen.page.locator("#simulated-verdict", has_text="drives").wait_for()
     assert seen.page.locator("#candidates tbody tr, #candidates > tr").count() >= 2
     assert seen.page.locator("#profile-kind").input_value() == "error"
 
@@ -268,6 +272,7 @@ def test_a_wall_is_drawn_undone_and_drawn_again_in_every_tab(visit, server):
     assert server.grid.digest == before
 
 
+@pytest.mark.long
 def test_a_pole_is_put_by_keys(visit):
     seen = visit()
     before = seen.value("map")
@@ -309,6 +314,7 @@ def test_the_page_comes_back_after_a_break(visit, browser, server):
     context.close()
 
 
+@pytest.mark.long
 def test_on_a_large_map_a_drag_searches_ahead_once_and_its_release_goes_on(browser, server):
     context = browser.new_context()
     seen = Seen(context.new_page())
@@ -359,6 +365,7 @@ def test_on_a_large_map_a_drag_searches_ahead_once_and_its_release_goes_on(brows
     context.close()
 
 
+@pytest.mark.long
 def test_a_server_started_anew_is_told_apart_from_one_that_is_silent(browser):
     grid, field = corridors()
     context = browser.new_context()
@@ -374,6 +381,7 @@ def test_a_server_started_anew_is_told_apart_from_one_that_is_silent(browser):
     context.close()
 
 
+@pytest.mark.long
 def test_before_the_field_the_page_says_what_it_knows(visit, browser, server):
     context = browser.new_context()
     seen = Seen(context.new_page())
@@ -404,6 +412,7 @@ def test_before_the_field_the_page_says_what_it_knows(visit, browser, server):
     context.close()
 
 
+@pytest.mark.long
 def test_dark_follows_the_system_until_someone_chooses(visit):
     seen = visit(color_scheme="dark")
     seen.wait('html[data-theme="dark"]')
@@ -413,6 +422,7 @@ def test_dark_follows_the_system_until_someone_chooses(visit):
     seen.wait('html[data-theme="light"]')
 
 
+@pytest.mark.long
 def test_two_fingers_zoom_and_a_long_press_adds_a_waypoint(visit):
     seen = visit(viewport={"width": 390, "height": 780}, has_touch=True, is_mobile=True)
     fingers = seen.page.context.new_cdp_session(seen.page)
@@ -437,6 +447,7 @@ def test_two_fingers_zoom_and_a_long_press_adds_a_waypoint(visit):
     touch("touchEnd")
 
 
+@pytest.mark.long
 def test_the_map_keeps_still_while_the_first_drag_takes_the_hint_away(visit):
     seen = visit(viewport={"width": 390, "height": 780})
     before = seen.page.locator(".marker.start").bounding_box()
@@ -455,7 +466,9 @@ def tall_server(server):
         yield explorer
 
 
-@pytest.mark.parametrize(("width", "height"), [(320, 640), (390, 844), (760, 450), (1280, 720)])
+@pytest.mark.parametrize(
+    ("width", "height"), few_of([(390, 844), (320, 640), (760, 450), (1280, 720)], are_rows=True)
+)
 def test_the_map_lies_beside_all_cards(visit, tall_server, width, height):
     seen = visit(tall_server.address, viewport={"width": width, "height": height})
     seen.wait("#hint", "visible")
@@ -471,6 +484,7 @@ def test_the_map_lies_beside_all_cards(visit, tall_server, width, height):
     assert tools["y"] + tools["height"] <= profile["y"]
 
 
+@pytest.mark.long
 def test_a_turned_map_is_drawn_along_its_own_axes(visit, tmp_path):
     yaw = 0.5
     with served(*corridors(yaw)) as turned:
@@ -487,7 +501,9 @@ def test_a_turned_map_is_drawn_along_its_own_axes(visit, tmp_path):
         seen.page.locator("#readout", has_text="degeneracy").wait_for()
 
 
-@pytest.mark.parametrize(("distro", "minds"), [("kilted", True), ("humble", False)])
+@pytest.mark.parametrize(
+    ("distro", "minds"), few_of([("kilted", True), ("humble", False)], are_rows=True)
+)
 def test_an_export_says_where_it_went_and_what_to_mind(visit, distro, minds):
     seen = visit()
     seen.unfold("share-group")
@@ -498,6 +514,7 @@ def test_an_export_says_where_it_went_and_what_to_mind(visit, distro, minds):
     assert ("Mind the warning" in seen.text("#toast")) == minds
 
 
+@pytest.mark.long
 def test_a_picture_is_saved(visit):
     seen = visit()
     seen.unfold("share-group")
@@ -543,6 +560,7 @@ def test_a_narrow_window_needs_no_sideways_scrolling(visit):
         assert min(box["width"], box["height"]) >= 36
 
 
+@pytest.mark.long
 def test_a_cancelled_computation_leaves_the_field(visit):
     seen = visit()
     before = seen.value("field")
@@ -555,6 +573,7 @@ def test_a_cancelled_computation_leaves_the_field(visit):
     assert seen.value("field") == before
 
 
+@pytest.mark.long
 def test_long_work_says_how_much_time_is_left(browser, server):
     context = browser.new_context()
     seen = Seen(context.new_page())

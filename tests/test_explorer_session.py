@@ -16,7 +16,7 @@ from contextlib import suppress
 import numba
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms
+from conftest import GUARD, drawn, random_rooms
 from explorer_views import Ended, Session, ending_after
 
 import locplan
@@ -703,9 +703,9 @@ def test_settings_end_with_the_session(tmp_path):
 
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(answer, session, "configure", progress, range=2.0)
-        assert begun.wait(30)
+        assert begun.wait(GUARD)
         session.close()
-        assert type(asked.exception(30)).__name__ == "Cancelled"
+        assert type(asked.exception(GUARD)).__name__ == "Cancelled"
 
 
 def test_released_plans_end_within_their_searches(session, monkeypatch):

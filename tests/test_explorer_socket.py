@@ -9,7 +9,7 @@ import random
 import threading
 
 import pytest
-from conftest import random_rooms
+from conftest import GUARD, random_rooms
 from explorer_server import Page, fetched, linked, served
 
 import locplan
@@ -53,7 +53,7 @@ def held(monkeypatch):
 
     def wait(session, ask, work):
         begun.release()
-        assert let_go.wait(30)
+        assert let_go.wait(GUARD)
         work.cancel.check()
         return {"n": ask.whole("n", 0, 100, 0)}
 
@@ -95,7 +95,7 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
 
     def work_on(session, ask, work):
         begun.release()
-        assert let_go.wait(30)
+        assert let_go.wait(GUARD)
         work.progress(1, 2)
         return {"n": ask.whole("n", 0, 100, 0)}
 
@@ -145,7 +145,7 @@ def test_a_page_that_goes_ends_its_work(server, monkeypatch):
 
     def wait(session, ask, work):
         begun.release()
-        assert let_go.wait(30)
+        assert let_go.wait(GUARD)
         if work.cancel.cancelled:
             seen.set()
         return {}
@@ -160,7 +160,7 @@ def test_a_page_that_goes_ends_its_work(server, monkeypatch):
         while len(server.session.listeners) > before + 1:
             Page(link).ask("at", x=0.0, y=0.0)
     let_go.set()
-    assert seen.wait(30)
+    assert seen.wait(GUARD)
 
 
 def test_too_many_waiting_questions_are_refused(server, page, held, monkeypatch):

@@ -84,7 +84,7 @@ def test_without_a_path_there_is_no_verdict_on_one():
     cells = np.full((20, 40), FREE, np.uint8)
     cells[:, 20] = 0
     session = Session(OccupancyGrid(cells, 0.1), Opening(corridors()[1].config))
-    session.begin().result(60)
+    session.begin().result()
     with pytest.raises(ConfigError, match="no path"):
         answered(session, "simulate", start=[0.5, 1.0], goal=[3.5, 1.0])
     session.close()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import GUARD
 from explorer_views import (
     GOAL,
     MIDDLE,
@@ -162,6 +163,7 @@ def test_a_view_that_changes_while_it_is_packed_is_not_shared(own, monkeypatch):
         answered(own, "share", view={"start": list(START), "goal": list(GOAL)})
 
 
+@pytest.mark.long
 def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
     api = pytest.importorskip("playwright.sync_api")
     browser_file = next((f for f in map(Path, CHROMIUMS) if f.exists()), None)
@@ -171,7 +173,7 @@ def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
     name = "</script><img src=x onerror=alert(1)>"
     named = dataclasses.replace(grid, name=name)
     session = Session(named, Opening(field.config))
-    session.begin().result(120)
+    session.begin().result()
     file = shared_file(session, tmp_path)
     asked, faults = [], []
     with api.sync_playwright() as playwright:
@@ -183,7 +185,7 @@ def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
         page.on("console", lambda said: said.type == "error" and faults.append(said.text))
         page.on("dialog", lambda dialog: faults.append("a dialog"))
         page.goto(file.as_uri())
-        page.locator("html[data-state=ready]").wait_for(timeout=60_000)
+        page.locator("html[data-state=ready]").wait_for(timeout=1000 * GUARD)
         page.locator("canvas").first.wait_for()
         shot = page.locator("#stage").screenshot()
         browser.close()

@@ -39,7 +39,7 @@ def exported(folder, *, force=False, grid=None, progress=lambda *_: None, **aske
         if grid is not None:
             session.original = session.grid = grid
             own = dataclasses.replace(corridors()[1], grid=grid)
-            session.begin(own).result(60)
+            session.begin(own).result()
         return answered(session, "export", progress=progress, **(WAY | asked))
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from urllib.request import HTTPCookieProcessor, build_opener
 
 import pytest
+from conftest import GUARD
 from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
@@ -55,7 +56,7 @@ def run_in_terminal(example: Example) -> None:
     with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as page:
         try:
             address = page.stdout.readline().strip()
-            with build_opener(HTTPCookieProcessor()).open(address, timeout=60) as answer:
+            with build_opener(HTTPCookieProcessor()).open(address, timeout=GUARD) as answer:
                 assert b"<title>" in answer.read()
         finally:
             page.send_signal(signal.SIGINT)

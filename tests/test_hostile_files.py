@@ -14,7 +14,7 @@ from hypothesis import given, settings
 
 from locplan.errors import LocplanError
 
-FEW, MANY = 15, 1000
+FEW, MANY = 15, 300
 MAX_LINE = 1050
 """Length of a message [characters] that no error and no warning reaches."""
 

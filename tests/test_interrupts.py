@@ -8,15 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import drawn, few_of
+from conftest import GUARD, drawn, few_of
 
 from locplan import save_map
 from locplan._util.output import temporary_folder
 from locplan._util.supervision import existing
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no fork and no groups")
-GUARD = 600
-"""Time after which a process that does not end fails a test [s]."""
 BEGIN = """
 import ctypes, os, signal, sys, threading
 sys.path[:0] = {path!r}

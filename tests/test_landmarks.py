@@ -134,8 +134,13 @@ def tried(grid, kind, route, robot=DRIVEN, keep_out=None):
     return place_landmarks(grid, kind, 1, paths={"a": route}, robot=robot, keep_out=keep_out)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.6])
-@pytest.mark.parametrize("kind", [Pole(0.3), Box(0.8, 0.3)])
+@pytest.mark.parametrize(
+    ("angle", "kind"),
+    few_of(
+        [(0.6, Box(0.8, 0.3)), (0.0, Box(0.8, 0.3)), (0.0, Pole(0.3)), (0.6, Pole(0.3))],
+        are_rows=True,
+    ),
+)
 def test_places_along_walls_are_clear_of_them_and_turned_as_they_are(angle, kind):
     grid = corridor(12.0, 3.0, angle=angle)
     ends = np.outer([-5.0, 5.0], [math.cos(angle), math.sin(angle)])

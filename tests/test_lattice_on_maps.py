@@ -69,7 +69,7 @@ def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
 @pytest.mark.parametrize("drive", DRIVES)
 def test_no_query_is_missed_that_its_motions_solve(real_maps, drive):
     solved = 0
-    for seed, name in enumerate(["fetch_4_26_15", "rmf_office_scan", "aws_small_house"]):
+    for seed, name in enumerate(["fetch_4_26_15", "aws_small_house"]):
         grid = load_map(next((real_maps / name).glob("*.yaml")))
         robot = Robot(footprint=LONG, margin=0.0, kinematics=DRIVES[drive], goal_tolerance=0.0)
         blank = Costmap.blank(grid, robot=robot)
@@ -88,4 +88,4 @@ def test_no_query_is_missed_that_its_motions_solve(real_maps, drive):
             assert check_path(grid, made.path, robot).drivable
             assert LONG.first_collision(grid, made.path) is None
             assert math.isfinite(made.metrics.cost)
-    assert solved >= 40
+    assert solved >= 26

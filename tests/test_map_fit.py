@@ -131,7 +131,7 @@ def test_one_beam_of_one_scan_is_enough():
     assert 0.0 <= fit.share <= 1.0
 
 
-@pytest.mark.parametrize("name", few_of(NAMES))
+@pytest.mark.parametrize("name", few_of(NAMES, 0)[:3])
 def test_real_logs_fit_their_maps_and_no_others(name, request):
     if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")

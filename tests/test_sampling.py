@@ -81,11 +81,13 @@ def test_they_are_offered_by_their_names():
 DEAR = {(name, "ReedsShepp") for name in ("FMT", "BFMT", "InformedRRTstar", "SORRTstar")}
 DEAR |= {(name, "Dubins") for name in ("InformedRRTstar", "SORRTstar", "BITstar")}
 """Whose curves take up to a second each; every space and planner is tried without them."""
+TRIED = [each for each in ABLE if each not in DEAR]
+USUAL = [each for each in TRIED if each[1] == "R2" or each[0] in ("RRTstar", "RRT")]
 
 
 @pytest.mark.parametrize(
     ("planner", "space"),
-    [pytest.param(*each, marks=[pytest.mark.long] * (each in DEAR)) for each in ABLE],
+    few_of([*USUAL, *(e for e in TRIED if e not in USUAL)], len(USUAL), are_rows=True),
 )
 def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, space):
     start, goal, _ = request(space)
@@ -107,7 +109,14 @@ def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, sp
         assert result.path.heading[[0, -1]] == pytest.approx([start[2], goal[2]])
 
 
-@pytest.mark.parametrize("planner", [name for name in KINDS if KINDS[name].minimises])
+@pytest.mark.parametrize(
+    "planner",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * ("FMT" in name))
+        for name, kind in KINDS.items()
+        if kind.minimises
+    ],
+)
 def test_the_objective_is_really_honoured(planner):
     # Below the block 2.9 m cost eight times as much; above it the way is about 7 m.
     costs = two_ways()
@@ -129,7 +138,7 @@ def test_the_objective_is_really_honoured(planner):
 
 
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
-@pytest.mark.parametrize("planner", few_of(["RRTstar", "PRMstar", "RRT", "BITstar"], 3))
+@pytest.mark.parametrize("planner", few_of(["RRTstar", "RRT", "PRMstar", "BITstar"], 2))
 def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space):
     path = found_on_two_ways(planner, space).path
     steps = np.diff(path.xy, axis=0)
@@ -146,10 +155,15 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
 
 @pytest.mark.parametrize(
     ("planner", "space"),
-    [(name, "R2") for name in KINDS]
-    + [("PRM", "SE2"), ("PRMstar", "Dubins")]
-    + [pytest.param("RRTstar", "Dubins", marks=pytest.mark.long)]
-    + [pytest.param("BITstar", "ReedsShepp", marks=pytest.mark.long)],
+    few_of(
+        [
+            *[("RRTstar", "R2"), ("RRTConnect", "R2"), ("FMT", "R2"), ("PRM", "SE2")],
+            *[("PRMstar", "Dubins"), ("RRTstar", "Dubins"), ("BITstar", "ReedsShepp")],
+            *[(name, "R2") for name in KINDS if name not in ("RRTstar", "RRTConnect", "FMT")],
+        ],
+        5,
+        are_rows=True,
+    ),
 )
 def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
     start, goal, options = request(space)
@@ -206,8 +220,10 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     assert np.mean(detour[informed] <= best[informed] * (1 + 1e-6)) > 0.99
 
 
-@pytest.mark.parametrize("space", few_of(["R2", "SE2"]))
-def test_where_the_straight_line_is_best_the_search_ends(space):
+@pytest.mark.parametrize(
+    ("space", "seeds"), few_of([("R2", 1), ("R2", 5), ("SE2", 5)], are_rows=True)
+)
+def test_where_the_straight_line_is_best_the_search_ends(space, seeds):
     # Then the ellipse has no area; informed samplers must not look for samples in it for ever.
     code = f"""
     import sys; sys.path.insert(0, "tests")
@@ -215,7 +231,7 @@ def test_where_the_straight_line_is_best_the_search_ends(space):
     heading = () if {space!r} == "R2" else (0.1,)
     costs = Costmap.blank(drawn(*["." * 50] * 50))
     for planner in {ANYTIME!r}:
-        for seed in range(1, 6):
+        for seed in range(1, {seeds + 1}):
             for goal in ((40.5, 5.5), (41.3, 33.1), (5.6, 5.5)):
                 result = plan(costs, (5.5, 5.5, *heading), (*goal, *heading), planner=planner,
                               space={space!r}, seed=seed, iterations=1000)

@@ -295,6 +295,7 @@ def test_report_shows_settings_at_all_levels(tuning):
     assert len(about["choice"]["results"]) == len(tuning.choice.results)
 
 
+@pytest.mark.long
 def test_equal_seeds_give_equal_results_on_any_number_of_threads(tuning):
     calls = []
     again = tune(
