@@ -283,8 +283,8 @@ def test_without_drives_or_a_field_the_shortest_is_taken(grid, costs):
 def test_the_settings_that_are_compared_keep_the_robots_own_particles_and_beams():
     own = Amcl(max_particles=700, max_beams=31, alpha1=0.4)
     rival = ChoiceSettings().rival_of(own)
-    assert (rival.max_particles, rival.max_beams, rival.alpha1) == (700, 31, 0.05)
-    assert rival.laser_model_type == "likelihood_field_prob"
+    assert (rival.max_particles, rival.max_beams, rival.alpha1) == (700, 31, 0.4)
+    assert (rival.update_min_d, rival.update_min_a) == (0.1, 0.1)
     assert ChoiceSettings().rival_of(rival) is None
     assert ChoiceSettings(rival=own).rival_of(Amcl()) == own
     assert ChoiceSettings(rival=None).rival_of(own) is None
@@ -624,11 +624,11 @@ def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
     choice = dataclasses.replace(better, settings=settings, rival=rival)
     assert choice.is_tuning_first == is_first
     assert choice.answer[0].startswith("Tune the filter first" if is_first else "Take the detour")
-    assert ("all alphas 0.05 and likelihood_field_prob" in choice.answer[0]) == is_first
+    assert ("safe settings (update_min_d 0.1, update_min_a 0.1)" in choice.answer[0]) == is_first
     assert "shortest, tuned" in choice.report()
 
 
-@pytest.mark.parametrize(("own", "whose"), [(Odometer(), "AMCL, all"), (Amcl(), "all")])
+@pytest.mark.parametrize(("own", "whose"), [(Odometer(), "AMCL, safe"), (Amcl(), "safe")])
 def test_tuning_advice_names_whose_settings(better, own, whose):
     shortest = better.shortest.driven
     rival = dataclasses.replace(
@@ -637,7 +637,7 @@ def test_tuning_advice_names_whose_settings(better, own, whose):
     settings = dataclasses.replace(better.settings, rival=ChoiceSettings().rival)
     robot = Robot(Lidar(range=6.0), filter=own)
     found = dataclasses.replace(better, robot=robot, settings=settings, rival=rival)
-    assert found.advice[0].startswith(f"Tune the filter first: with {whose} alphas 0.05")
+    assert found.advice[0].startswith(f"Tune the filter first: with {whose} settings (")
 
 
 def test_an_unreachable_goal_is_a_result(grid, costs):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from locplan.costs import Costmap
+from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.robots import Amcl, Lidar, Robot, read_amcl
@@ -18,6 +18,7 @@ from locplan.simulation import (
     Drives,
     Tuning,
     choose_preset,
+    cut_path,
     plan_random_paths,
     poses_along,
     simulate,
@@ -57,14 +58,14 @@ def case_of(errors, off=None, name="usual", fault=""):
     """
     driven = []
 
-    def drive(amcl):
+    def drive(amcl, numbers):
         place = [Amcl(), PRECISE_SETTINGS, SAFE_SETTINGS].index(amcl)
         driven.append(place)
         is_off = np.arange(64) < (off or (0, 0, 0))[place]
         spread = np.linspace(0.9, 1.1, 64)
-        return DriveSet(np.log(errors[place] * spread), is_off, is_off)
+        return DriveSet(np.log(errors[place] * spread)[numbers], is_off[numbers], is_off[numbers])
 
-    case = Case(name, drive, fault)
+    case = Case(name, drive, (16, 32, 64) if fault else (64,), fault)
     return case, driven
 
 
@@ -153,8 +154,44 @@ def test_only_deciding_drives_are_driven_if_asked():
     assert choice.name == SAFE
     assert driven == [2]  # the safe preset is never off, whatever the user's settings are
     full = choose(usual, harmful, later)
-    assert (full.name, driven) == (SAFE, [2, 0, 1, 2])
+    assert (full.name, driven) == (SAFE, [2, *[0] * 3, *[1] * 3, *[2] * 3])
     assert len(full.results) == 9
+
+
+@pytest.mark.parametrize(
+    ("off", "name", "driven"),
+    [
+        ((64, 0, 64), PRECISE, [1]),
+        ((64, 1, 64), PRECISE, [1, 1]),
+        ((20, 30, 0), SAFE, [1, 2]),
+        ((20, 30, 1), SAFE, [1, 2, 2]),
+        ((0, 30, 30), OWN, [1, 2, 0]),
+        ((40, 30, 40), SAFE, [1, 2, 0, 2, 0]),
+    ],
+)
+def test_level_ends_as_soon_as_it_is_decided(off, name, driven):
+    """Looks are after 16, 32 and 64 drives; places are those of the settings that drive then."""
+    usual, _ = case_of(BETTER)
+    level, places = case_of(BETTER, off, "slip", "odometry slips")
+    choice = choose(usual, level, drives_all=False)
+    assert (choice.name, places) == (name, driven)
+    drives = {row.settings: row.n_drives for row in choice.results if row.case == "slip"}
+    assert drives[PRECISE] == 16 * driven.count(1)
+
+
+def test_preset_that_loses_more_drives_is_refused():
+    """A smaller error is no reason for it."""
+    usual, _ = case_of(BETTER, (2, 2, 4))
+    assert choose(usual).name == PRECISE
+    usual, _ = case_of(BETTER, (2, 4, 2))
+    choice = choose(usual)
+    assert choice.name == SAFE
+    assert choice.objections[PRECISE] == (
+        "precise settings lose 6 % [2, 15] of the drives, your settings 3 % [1, 11]"
+    )
+    assert choice.untested_error is None
+    usual, _ = case_of(BETTER, (2, 4, 4))
+    assert choose(usual).name == OWN
 
 
 def test_recording_decides_instead_of_levels():
@@ -176,6 +213,7 @@ def test_recording_decides_instead_of_levels():
         ((0.2, 0.06, 0.1), (0.2, 1.2, 0.1), SAFE, "1 of 12 runs are off at the end on drive 1"),
         ((0.2, 0.3, 0.1), None, SAFE, "the error is 0.30 m, 0.20 m with your settings, on drive 1"),
         ((0.2, 0.3, 0.25), None, OWN, "the error is 0.30 m"),
+        ((0.2, 1.2, 0.1), (0.2, 0.2, 0.1), SAFE, "11 of 12 runs are off at the end"),
     ],
 )
 def test_settings_that_fail_on_recording_are_not_used(errors, at_end, name, reason):
@@ -233,6 +271,15 @@ def test_random_paths_are_seeded_and_cut():
     assert others[0].xy.tolist() != paths[0].xy.tolist()
 
 
+def test_cut_path_keeps_headings():
+    """A robot that turns in place, and reverses, does so on the part."""
+    path = Path(np.array([[0, 0], [30, 0], [30, 0], [80, 0]]), np.array([0, 0, np.pi, np.pi]))
+    part = cut_path(path, 0.25)
+    assert part.xy.tolist() == [[10, 0], [30, 0], [30, 0], [50, 0]]
+    assert part.heading.tolist() == [0, 0, np.pi, np.pi]
+    assert cut_path(part, 0.5) is part
+
+
 def test_small_maps_have_shorter_paths():
     cells = np.full((40, 40), FREE, np.uint8)
     room = OccupancyGrid(cells, 0.1, name="room")
@@ -250,7 +297,7 @@ def test_drives_equal_those_of_simulate():
     (usual,) = simulated_cases(grid, robot, paths, [USUAL], drives=2, seed=5, threads=2)
     drives = simulate(grid, {"a": paths[0], "b": paths[1]}, robot, drives=2, seed=5).drives
     expected = DriveSet.from_drives(drives.values())
-    shown = usual.drive(robot.amcl)
+    shown = usual.drive(robot.amcl, range(*usual.looks))
     np.testing.assert_allclose(shown.log_error, expected.log_error)
     assert shown.lost.tolist() == expected.lost.tolist()
 
@@ -260,8 +307,9 @@ def test_levels_have_64_drives_at_least():
     paths = plan_random_paths(Costmap.blank(hall()), 5, 1)
     usual, slip, *_ = simulated_cases(hall(), robot, paths, LEVELS, drives=2, threads=2)
     assert (usual.is_usual, slip.is_usual, slip.name) == (True, False, "slip")
-    assert len(usual.drive(robot.amcl).lost) == 10
-    assert len(slip.drive(robot.amcl).lost) == 65
+    assert len(usual.drive(robot.amcl, range(*usual.looks)).lost) == 10
+    assert slip.looks == (4, 7, 13)
+    assert len(slip.drive(robot.amcl, range(7, 13)).lost) == 30
 
 
 def test_several_maps_have_cases_of_their_own():

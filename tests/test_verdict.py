@@ -237,7 +237,8 @@ class DrawnSite:
         self.errors = 0.4 * random.normal(size=shape[1:]) + spread * random.normal(size=shape)
         self.errors[1:] += np.log(ratios)[:, None, None]
         rates = np.array(lost or [LOST] * shape[0])[:, None, None]
-        self.lost = random.uniform(size=shape) < rates
+        # The same drives are lost, so that no fix of the same rate loses more by count.
+        self.lost = random.uniform(size=shape[1:]) < rates
 
     def drive(self, kinds, numbers):
         """Drive with the best of some fixes, since they do not add up."""
@@ -272,6 +273,12 @@ def test_check_finds_the_fix_that_loses_fewer_drives():
     lost = [0.4, 0.4, 0.05]
     recommended = [DrawnSite([1.0, 1.0], seed, lost).recommend() for seed in range(60)]
     assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
+
+
+def test_check_recommends_no_fix_that_loses_more_drives():
+    """Its error is a third, and it loses more drives, but not significantly."""
+    recommended = [DrawnSite([0.3], seed, [0.0, 0.03]).recommend() for seed in range(60)]
+    assert np.mean([bool(kinds) for kinds in recommended]) <= 0.1
 
 
 class AdditiveSite(DrawnSite):
@@ -414,13 +421,13 @@ def drawn_tuning(ratios, seed):
     shape = len(settings), 64
     errors = 0.4 * random.normal(size=64) + random.normal(0, DEVIATION / math.sqrt(2), shape)
     errors += np.log(ratios)[:, None] - 2
-    lost = random.uniform(size=shape) < LOST
+    lost = random.uniform(size=64) < LOST  # the same drives, so that no preset loses more
 
-    def drive(amcl):
+    def drive(amcl, numbers):
         row = settings.index(amcl)
-        return DriveSet(errors[row], lost[row], lost[row])
+        return DriveSet(errors[row, numbers], lost[numbers], lost[numbers])
 
-    return choose_preset(user_settings, [Case("usual", drive)], [LINE]).name
+    return choose_preset(user_settings, [Case("usual", drive, (64,))], [LINE]).name
 
 
 def test_tune_rarely_recommends_one_of_three_equals():
@@ -447,3 +454,28 @@ def test_verdict_finds_drives_off_at_end_more_often():
 
     assert [has_more(6), has_more(7), has_more(8, 6), has_more(22, 8)] == [False, True, False, True]
     assert not compare(DriveSet(errors, none), DriveSet(errors, none)).more_off
+
+
+def test_drives_are_rarely_off_if_few_are():
+    """At least a fifth would be off in all of so few drives with 3 % at most."""
+
+    def drives_with(n_off, n_drives):
+        is_off = np.arange(n_drives) < n_off
+        return DriveSet(np.zeros(n_drives), is_off, is_off)
+
+    few = [(0, 16), (1, 32), (6, 64)]
+    assert all(drives_with(*counts).is_rarely_off for counts in few)
+    assert not any(drives_with(n_off + 1, n).is_rarely_off for n_off, n in few)
+    assert drives_with(6, 16).can_be_rarely_off(64)
+    assert not drives_with(7, 16).can_be_rarely_off(64)
+
+
+def test_verdict_recommends_nothing_that_loses_more_drives():
+    baseline, alternative = np.zeros((2, 64), bool)
+    alternative[0] = True
+    errors = np.linspace(-0.1, 0.1, 64)
+    sets = DriveSet(errors, baseline), DriveSet(errors - 0.5, alternative)
+    verdict = compare(*sets)
+    assert (verdict.word, verdict.loses_more, verdict.is_recommendable) == (BETTER, True, False)
+    baseline[1] = True
+    assert compare(*sets).is_recommendable

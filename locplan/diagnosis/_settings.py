@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+
+import numpy as np
 
 from locplan.diagnosis._driving import Site
 from locplan.diagnosis._recorded import Recorded
-from locplan.robots import Amcl
 from locplan.simulation import (
     Case,
     PresetChoice,
     choose_preset,
+    cut_path,
     find_objection,
     poses_along,
     simulated_cases,
 )
-from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS, USUAL
-from locplan.simulation.verdict import DriveSet
+from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS
 
 HARMFUL_FIRST = (STANDSTILL, REVERSAL, KINKED_MAP, SLIP, TURNS)
 """The levels at which presets must do no harm. The first harm ends the drives with a preset."""
@@ -25,7 +25,7 @@ HARMFUL_FIRST = (STANDSTILL, REVERSAL, KINKED_MAP, SLIP, TURNS)
 
 def choose_settings(
     site: Site,
-    drive_usual: Callable[[Amcl], DriveSet],
+    usual: Case,
     recorded: Recorded,
     *,
     drives_all: bool,
@@ -35,14 +35,15 @@ def choose_settings(
     """Choose among the user's settings and the presets.
 
     A preset must be better at the usual level, and at every other level off at the end no more
-    often. If there are recorded drives, they decide instead of the other levels.
+    often. There the robot drives at most 40 m of each route. If there are recorded drives, they
+    decide instead of the other levels.
 
     Parameters
     ----------
     site : Site
         The site of the baseline.
-    drive_usual : callable
-        Drives settings along all routes at the usual level.
+    usual : Case
+        The usual level along all routes.
     recorded : Recorded
         What recorded drives show.
     drives_all : bool
@@ -50,10 +51,11 @@ def choose_settings(
     seed, threads
         See `locplan.check`.
     """
+    random = np.random.default_rng(seed)
     levels = simulated_cases(
         site.world,
         site.robot,
-        [*site.paths.values()],
+        [cut_path(path, random.random()) for path in site.paths.values()],
         HARMFUL_FIRST,
         filter_map=None if site.filter_map is site.world else site.filter_map,
         stretch=site.stretch,
@@ -62,7 +64,7 @@ def choose_settings(
     )
     return choose_preset(
         site.robot.amcl,
-        [Case(USUAL.name, drive_usual), *levels],
+        [usual, *levels],
         [poses_along(path, site.world) for path in site.paths.values()],
         recorded.replays,
         are_recordings_sound=all(recorded.are_sound),

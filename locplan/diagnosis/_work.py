@@ -37,12 +37,14 @@ from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl
 from locplan.simulation import (
     Arrivals,
+    Case,
     Choice,
     PresetChoice,
     choose,
 )
 from locplan.simulation.driver import CHOOSING, FRESH
-from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare
+from locplan.simulation.levels import USUAL
+from locplan.simulation.verdict import DriveSet, RatePair, Verdict, compare
 
 FAILING = 16
 """Number of closed-loop drives along a route on which a drive fails."""
@@ -218,12 +220,12 @@ class FixTrials:
     def _choose_preset(self) -> PresetChoice:
         """Choose AMCL's settings; at the usual level they have the drives of all fixes."""
 
-        def drive_usual(amcl: Amcl) -> DriveSet:
-            return self._drive(_fixes.with_settings(self.site, amcl), self._many).drive_set
+        def drive_usual(amcl: Amcl, numbers: range) -> DriveSet:
+            return self._drive(_fixes.with_settings(self.site, amcl), numbers).drive_set
 
         return choose_settings(
             self.site,
-            drive_usual,
+            Case(USUAL.name, drive_usual, (len(self._many),)),
             self._recorded,
             drives_all=self.effort.all_levels,
             seed=self.seed,
@@ -288,7 +290,7 @@ class FixTrials:
         known = (self._few, self._before_few), (self._many, self._before)
         trial = try_fix(partial(self._drive, site), *known)
         # The closed loop is simulated only for fixes that may be recommended.
-        is_candidate = trial.contrast.verdict.word == BETTER
+        is_candidate = trial.contrast.verdict.is_recommendable
         return self._result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
 
     def _result(
@@ -306,6 +308,7 @@ class FixTrials:
             trial.contrast.verdict.ratio,
             (new - old) / len(site.paths),
             trial.contrast.keeps_more,
+            trial.contrast.verdict.loses_more,
         )
 
     def combine(

@@ -73,6 +73,7 @@ from .tuning._parameters import (
 )
 from .tuning._results import Tuning as Tuning
 from .tuning._simulated_cases import (
+    cut_path as cut_path,
     plan_random_paths as plan_random_paths,
     simulated_cases as simulated_cases,
 )

@@ -37,9 +37,9 @@ The true value passes it at any of up to eight looks with a probability of at mo
 the boundaries of Wang and Tsiatis for drives that double. Their critical value, 2.391, is computed
 by tests/benchmarks/power_of_choices.py; a hundredth more is for Student's quantiles of few drives.
 Fewer looks, or a last one that is nearer, err less often."""
-HARM = 0.0125
-"""Probability with which an alternative that is off at the end as often seems to be so more often:
-that of the other tests."""
+OFTEN, RARELY = 0.2, 0.03
+"""Share of drives that is often off at the end, and the probability with which so many or more seem
+to be rarely off: at 64 drives at most six may be off, at 32 one, and at 16 none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +94,32 @@ class DriveSet:
 
     @property
     def is_rarely_off(self) -> bool:
-        """True if so few drives are off at the end that no other set can be so less often."""
-        return not _is_off_more_often(np.zeros_like(self.lost), self.off_at_end)
+        """True if so few drives are off at the end that they surely are not often."""
+        return self.can_be_rarely_off(self.lost.size)
+
+    def can_be_rarely_off(self, n_drives: int) -> bool:
+        """Return whether these and further drives can be rarely off at the end together.
+
+        Parameters
+        ----------
+        n_drives : int
+            Number of all drives.
+        """
+        from scipy.special import bdtr
+
+        n_off = 0 if self.off_at_end is None else int(self.off_at_end.sum())
+        return bool(bdtr(n_off, n_drives, OFTEN) <= RARELY)
+
+    def can_be_off_more_often(self, looks_left: int) -> bool:
+        """Return whether a baseline may exist that is off at the end significantly less often.
+
+        Parameters
+        ----------
+        looks_left : int
+            Number of looks that may follow.
+        """
+        level = _error_probability(looks_left)
+        return _is_off_more_often(np.zeros_like(self.lost), self.off_at_end, level)
 
     @classmethod
     def join(cls, sets: Sequence[DriveSet]) -> DriveSet:
@@ -150,7 +174,17 @@ class Verdict:
     more_lost: bool
     """True if the alternative loses significantly more drives."""
     more_off: bool = False
-    """True if the alternative is off at the end in more drives, by a sign test at 1.25 %."""
+    """True if the alternative is off at the end in significantly more drives."""
+
+    @property
+    def loses_more(self) -> bool:
+        """True if the alternative loses more drives by count, significantly or not."""
+        return self.lost.alternative.value > self.lost.baseline.value
+
+    @property
+    def is_recommendable(self) -> bool:
+        """True if the alternative is better, and loses no more drives by count."""
+        return self.word == BETTER and not self.loses_more
 
 
 class Look(NamedTuple):
@@ -211,9 +245,9 @@ def look(
     n_alternatives : int, default 1
         Number of alternatives of which the best is taken; they share the error probability.
     """
-    from scipy.special import bdtr, ndtr
+    from scipy.special import bdtr
 
-    level = float(ndtr(-CRITICAL * 2 ** (EXPONENT * looks_left))) / n_alternatives
+    level = _error_probability(looks_left) / n_alternatives
     mean, low, high = student_interval(log_ratios, level)
     saved = (baseline_lost & ~alternative_lost).sum(axis=1)
     harmed = (alternative_lost & ~baseline_lost).sum(axis=1)
@@ -286,7 +320,9 @@ def compare(
         len(baseline.lost),
         bool(last_look.fewer_lost[0]),
         bool(last_look.more_lost[0]),
-        _is_off_more_often(baseline.off_at_end, alternative.off_at_end),
+        _is_off_more_often(
+            baseline.off_at_end, alternative.off_at_end, _error_probability(looks_left)
+        ),
     )
 
 
@@ -340,7 +376,14 @@ def plan_looks(n_drives: int) -> list[int]:
     return [*itertools.takewhile(lambda count: count < n_drives, LOOKS), n_drives]
 
 
-def _is_off_more_often(baseline: Bools | None, alternative: Bools | None) -> bool:
+def _error_probability(looks_left: int) -> float:
+    """Return the probability with which a test may err at a look before some others."""
+    from scipy.special import ndtr
+
+    return float(ndtr(-CRITICAL * 2 ** (EXPONENT * looks_left)))
+
+
+def _is_off_more_often(baseline: Bools | None, alternative: Bools | None, level: float) -> bool:
     """True if an alternative is off at the end in more drives, by the sign test of the pairs."""
     if baseline is None or alternative is None:
         return False
@@ -348,7 +391,7 @@ def _is_off_more_often(baseline: Bools | None, alternative: Bools | None) -> boo
 
     returned = int((baseline & ~alternative).sum())
     harmed = int((alternative & ~baseline).sum())
-    return bool(bdtr(returned, returned + harmed, 0.5) <= HARM)
+    return bool(bdtr(returned, returned + harmed, 0.5) <= level)
 
 
 def _pair_rates(baseline: Bools | None, alternative: Bools | None) -> RatePair | None:

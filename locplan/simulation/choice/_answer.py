@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from locplan._util.intervals import Interval
 from locplan.robots import Amcl, Filter
+from locplan.robots.presets import SAFE, describe_preset
 from locplan.simulation._arrivals import FOLLOWER, WORLD
 from locplan.simulation.choice._ask import TUNED, ChoiceSettings
 from locplan.simulation.choice._driven import Candidate, Driven
@@ -316,7 +317,7 @@ def name_tuned_settings(decision: Decision) -> str:
     if rival not in (None, TUNED):
         return rival.title
     own = "" if isinstance(decision.filter, Amcl) else "AMCL, "
-    return f"{own}all alphas 0.05 and likelihood_field_prob"
+    return f"{own}safe settings ({describe_preset(SAFE)})"
 
 
 def list_answer(decision: Decision) -> list[str]:

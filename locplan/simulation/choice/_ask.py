@@ -42,15 +42,15 @@ from locplan.planners import (
     planner_for,
 )
 from locplan.robots import Amcl, Robot
-from locplan.robots.presets import PRECISE, with_preset
+from locplan.robots.presets import SAFE, with_preset
 from locplan.simulation._arrivals import CLOSED_DRIVES
 from locplan.simulation.verdict import LOOKS
 
 Minimise = Literal["rmse", "lost", "goal-error", "heading"]
 """Quantity that the chosen path has least of."""
 MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
-TUNED = with_preset(Amcl(), PRECISE)
-"""The precise preset; the rest is the robot's own."""
+TUNED = with_preset(Amcl(), SAFE)
+"""The safe preset, which needs no recording; the rest is the robot's own."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -107,7 +107,7 @@ class ChoiceSettings(Settings):
     rival: Amcl | None = TUNED
     """Filter that is driven along the shortest path, too, to tell whether settings gain more than
     paths; None drives none, nor is one driven beside a filter that is no AMCL. The default stands
-    for the robot's own filter with all alphas 0.05 and likelihood_field_prob."""
+    for the robot's own filter with the safe preset, see `locplan.robots.presets`."""
 
     def length_handicaps(self, ratios: Sequence[float]) -> Floats:
         """Return what the race adds to the log error of candidates for their lengths.
@@ -168,7 +168,7 @@ class ChoiceSettings(Settings):
         """
         if not isinstance(own, Amcl):  # what gains is advised as AMCL's parameters
             return None
-        rival = with_preset(own, PRECISE) if self.rival == TUNED else self.rival
+        rival = with_preset(own, SAFE) if self.rival == TUNED else self.rival
         return None if rival == own else rival
 
     @property

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -42,9 +44,11 @@ class Case:
 
     name: str
     """Name of the level, behind that of the map if there are several."""
-    drive: Callable[[Amcl], DriveSet]
-    """Drives with settings. Drives in the same place of two sets have the same world and the same
-    random numbers."""
+    drive: Callable[[Amcl, range], DriveSet]
+    """Drives with settings and of some numbers along each path. Drives in the same place of two
+    sets have the same world and the same random numbers."""
+    looks: tuple[int, ...]
+    """Numbers of drives along each path after which a level may be decided, the last one at all."""
     fault: str = ""
     """The fault of the level in words, such as "odometry stands still over 2 m"; empty at the usual
     level. There presets must be better, and at others they must do no harm."""
@@ -127,7 +131,7 @@ class PresetChoice:
             for result in self.results
             if result.case == self.results[0].case
         }
-        is_promising = self.verdicts[PRECISE].word == BETTER
+        is_promising = self.verdicts[PRECISE].is_recommendable
         return errors[PRECISE] if is_promising and errors[PRECISE] < errors[self.name] else None
 
     @property
@@ -238,7 +242,7 @@ def choose_preset(
     PresetChoice
         The settings to use, and the evidence.
     """
-    trial = _PresetTrial(user_settings, cases, recordings, progress)
+    trial = _PresetTrial(user_settings, cases, recordings, drives_all, progress)
     for name in trial.presets:
         trial.compare_at_usual_level(name)
     if drives_all and not recordings:
@@ -264,6 +268,7 @@ class _PresetTrial:
         user_settings: Amcl,
         cases: Sequence[Case],
         recordings: Sequence[RecordedCase],
+        drives_all: bool,
         progress: ProgressCallback | None,
     ) -> None:
         self.presets = amcl_presets(user_settings)
@@ -272,7 +277,8 @@ class _PresetTrial:
         self._usual = [case for case in cases if case.is_usual]
         self._others = [case for case in cases if not case.is_usual]
         self._recordings = recordings
-        self._driven = dict[tuple[str, str], DriveSet]()
+        self._driven = defaultdict[tuple[str, str], list[DriveSet]](list)  # up to each look
+        self._drives_all = drives_all
         self._replayed = dict[tuple[str, str], Drives]()
         self._verdicts = dict[str, Verdict]()
         self._progress = progress
@@ -294,16 +300,27 @@ class _PresetTrial:
 
     def object_at_levels(self, name: str) -> str:
         """Return why simulated drives speak against a preset; empty if they do not."""
-        word = self._verdicts[name].word
-        if word != BETTER:
-            return f"{name} settings are not better than {OWN}: {word}"
+        usual = self._verdicts[name]
+        if usual.word != BETTER:
+            return f"{name} settings are not better than {OWN}: {usual.word}"
+        if usual.loses_more:
+            lost, user_lost = map(share, reversed(usual.lost))
+            return f"{name} settings lose {lost} of the drives, {OWN} {user_lost}"
         for case in self._usual:
             if self._compare(name, case).word == WORSE:
                 return f"{name} settings are worse at {case.name}"
-        for case in self._others:
-            drives = self._drive(name, case)
+        return next(filter(None, (self._find_harm(name, case) for case in self._others)), "")
+
+    def _find_harm(self, name: str, case: Case) -> str:
+        """Return the harm that a preset does at a level; empty if it does none.
+
+        Drives end as soon as that is known.
+        """
+        for n_looks in self._looks_at(case):
+            drives = self._drive(name, case, n_looks)
             if drives.is_rarely_off:
-                continue  # the user's settings need no drives
+                return ""  # the user's settings need no drives
+            n_drives, looks_left = len(drives.lost), len(case.looks) - n_looks
             harm = (
                 f"{name} settings are off at the end in {share(drives.off_at_end_rate)} of the"
                 f" drives if {case.fault}"
@@ -311,11 +328,22 @@ class _PresetTrial:
             if name == PRECISE:
                 # A robot does not return with it. With other settings robots do, but on short
                 # routes not before the end, so that a comparison would show no harm.
-                return harm
-            verdict = self._compare(name, case)
-            if verdict.more_off and verdict.off_at_end:
-                return f"{harm}, {OWN} in {share(verdict.off_at_end.baseline)}"
+                n_all = n_drives * case.looks[-1] // case.looks[n_looks - 1]
+                if not drives.can_be_rarely_off(n_all):
+                    return harm
+            elif n_drives >= LEVEL_DRIVES / 2 or drives.can_be_off_more_often(looks_left):
+                verdict = self._compare(name, case, n_looks)
+                off = verdict.off_at_end
+                if verdict.more_off and off:
+                    return f"{harm}, {OWN} in {share(off.baseline)}"
+                is_half = n_drives >= LEVEL_DRIVES / 2
+                if is_half and off and off.alternative.value <= off.baseline.value:
+                    return ""  # all drives would hardly show that more are off
         return ""
+
+    def _looks_at(self, case: Case) -> Iterator[int]:
+        """Yield the numbers of looks after which a level may be decided."""
+        yield from range(len(case.looks) if self._drives_all else 1, len(case.looks) + 1)
 
     def object_on_recordings(self, name: str) -> str:
         """Return why recorded drives speak against a preset; empty if they do not."""
@@ -352,12 +380,13 @@ class _PresetTrial:
             recordings=tuple(recording.name for recording in self._recordings),
         )
 
-    def _drive(self, name: str, case: Case) -> DriveSet:
-        key = name, case.name
-        if key not in self._driven:
-            self._driven[key] = case.drive(self._settings[name])
+    def _drive(self, name: str, case: Case, n_looks: int | None = None) -> DriveSet:
+        """Return the drives with some settings up to a look, by default all."""
+        parts = self._driven[name, case.name]
+        for first, last in [*itertools.pairwise((0, *case.looks))][len(parts) : n_looks]:
+            parts.append(case.drive(self._settings[name], range(first, last)))
             self._report_step()
-        return self._driven[key]
+        return DriveSet.join(parts[:n_looks])
 
     def _replay(self, name: str, recording: RecordedCase) -> Drives:
         key = name, recording.name
@@ -370,13 +399,14 @@ class _PresetTrial:
         if self._progress:
             self._progress(len(self._driven) + len(self._replayed), self._n_steps)
 
-    def _compare(self, name: str, case: Case) -> Verdict:
-        return compare(self._drive(OWN, case), self._drive(name, case))
+    def _compare(self, name: str, case: Case, n_looks: int | None = None) -> Verdict:
+        sets = (self._drive(each, case, n_looks) for each in (OWN, name))
+        return compare(*sets, looks_left=len(case.looks) - n_looks if n_looks else 0)
 
     def _result(self, name: str, case: Case) -> CaseResult:
-        drives = self._driven[name, case.name]
-        is_compared = name != OWN and (OWN, case.name) in self._driven
-        word = self._compare(name, case).word if is_compared else ""
+        drives = DriveSet.join(self._driven[name, case.name])
+        n_looks = min(len(self._driven.get((each, case.name), ())) for each in (OWN, name))
+        word = self._compare(name, case, n_looks).word if name != OWN and n_looks else ""
         rates = drives.error, drives.lost_rate, drives.off_at_end_rate
         return CaseResult(name, case.name, *rates, len(drives.lost), word)
 
@@ -391,6 +421,9 @@ def find_objection(before: Drives, after: Drives) -> str:
     """
     if after.off_at_end.any():
         return f"{after.off_at_end.sum()} of {len(after.errors)} runs are off at the end"
+    n_lost = [int(drives.lost.sum()) for drives in (before, after)]
+    if n_lost[1] > n_lost[0]:
+        return f"{n_lost[1]} of {len(after.errors)} runs get lost, {n_lost[0]} with {OWN},"
     errors = [drives.rmse.value for drives in (before, after)]
     if errors[1] > errors[0]:
         user_error, error = map(in_metres, errors)

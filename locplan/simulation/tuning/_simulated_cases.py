@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
+from locplan._kernels.arrays import Floats
 from locplan.costs import Costmap, Path
 from locplan.errors import ConfigError
 from locplan.maps import OccupancyGrid
@@ -21,6 +23,8 @@ from locplan.simulation.verdict import DriveSet
 
 LONGEST = 40.0
 """Length of a path beyond which settings are driven along a part of it [m]."""
+LEVEL_LOOKS = (16, 32)
+"""Numbers of drives along all paths together after which a level may be decided."""
 DISTANCES = (20.0, 8.0, 4.0, 2.0)
 """Least distances between the ends of paths, of which the first is taken that the map is large
 enough for [m]. After 2 m of standstill most filters need 10 m or more to return: shorter drives end
@@ -54,7 +58,7 @@ def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
         raise ConfigError(f"{fault}; give a larger map, or a smaller robot")
     random = np.random.default_rng(seed)
     paths = (plan(costs, query.start, query.goal).path for query in queries)
-    return [_cut(path, random.random()) for path in paths if path is not None]
+    return [cut_path(path, random.random()) for path in paths if path is not None]
 
 
 def simulated_cases(
@@ -88,35 +92,57 @@ def simulated_cases(
     """
     named = {f"{n}": path for n, path in enumerate(paths, 1)}
 
+    @cache
+    def simulator_with(amcl: Amcl) -> Simulator:
+        return Simulator(
+            grid,
+            replace(robot, filter=amcl),
+            filter_map=filter_map,
+            seed=seed,
+            threads=threads,
+            stretch=stretch,
+        )
+
     def case_at(level: Level) -> Case:
         is_usual = level == USUAL
         affected = select_paths(level, named, grid)
         least = 0 if is_usual else math.ceil(LEVEL_DRIVES / len(affected))
-        numbers = range(max(drives, least))
+        count = max(drives, least)
+        looks = {min(count, math.ceil(n / len(affected))) for n in LEVEL_LOOKS}
 
-        def drive(amcl: Amcl) -> DriveSet:
-            simulator = Simulator(
-                grid,
-                replace(robot, filter=amcl),
-                filter_map=filter_map,
-                seed=seed,
-                threads=threads,
-                stretch=stretch,
-            )
-            driven = drive_open(simulator, affected, numbers, level=level)
+        def drive(amcl: Amcl, numbers: range) -> DriveSet:
+            driven = drive_open(simulator_with(amcl), affected, numbers, level=level)
             return DriveSet.from_drives(driven.values())
 
-        return Case(f"{label} {level.name}".strip(), drive, "" if is_usual else level.phrase)
+        return Case(
+            f"{label} {level.name}".strip(),
+            drive,
+            (count,) if is_usual else (*sorted(looks - {count}), count),
+            "" if is_usual else level.phrase,
+        )
 
     return [case_at(level) for level in levels_for(paths, grid, levels)]
 
 
-def _cut(path: Path, where: float) -> Path:
-    """Return a part of a path that is not too long; it begins at `where` of the rest, 0..1."""
+def cut_path(path: Path, where: float) -> Path:
+    """Return a part of a path of at most 40 m.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+    where : float
+        Where the part begins: 0 at the start of the path, 1 so that it ends at the goal.
+    """
     spare = path.length - LONGEST
     if spare <= 0:
         return path
     first, last = where * spare, where * spare + LONGEST
-    inner = path.distance[(path.distance > first) & (path.distance < last)]
-    at = np.concatenate([[first], inner, [last]])
-    return Path(np.column_stack([np.interp(at, path.distance, values) for values in path.xy.T]))
+    inner = (path.distance > first) & (path.distance < last)
+
+    def cut(values: Floats) -> Floats:
+        ends = np.interp([first, last], path.distance, values)
+        return np.concatenate([ends[:1], values[inner], ends[1:]])
+
+    heading = None if path.heading is None else cut(np.unwrap(path.heading))
+    return Path(np.column_stack([cut(values) for values in path.xy.T]), heading)
