@@ -14,7 +14,7 @@ from locplan.costs import Costmap
 from locplan.diagnosis import _fixes
 from locplan.diagnosis._driving import Driver, Site
 from locplan.diagnosis._failures import blame_spots
-from locplan.diagnosis._fixes import CHEAP, KINDS, MEND, REACH, WALLS, Fix
+from locplan.diagnosis._fixes import CHEAP, KINDS, MEND, REACH, SETTINGS, WALLS, Fix
 from locplan.diagnosis._passages import Passage, find_passage
 from locplan.diagnosis._rates import (
     LARGE,
@@ -146,17 +146,16 @@ class FixTrials:
             Called with (done, total).
         """
         paths = self.site.paths
-        sizes = len(self._few), len(self._many), len(self._many)
-        steps = parts(progress, [size * len(paths) for size in sizes])
-        self._before_few = self._drive(self.site, self._few, steps[0])
-        self._before = outcome = self._drive(self.site, self._many, steps[1])
+        n_drives = len(self._many) * len(paths)
+        steps = parts(progress, [n_drives, n_drives])
+        self._before = outcome = self._drive(self.site, self._many, steps[0])
         arrivals = self._drive_closed(self.site, self._n_closed)
         # A route with a failure is driven often enough to be ranked.
         for name, lost in zip(paths, outcome.lost, strict=True):
             if lost.any() or (name in arrivals and arrivals[name].failed):
                 self._n_closed[name] = max(FAILING, self._n_closed[name])
         arrivals = self._drive_closed(self.site, self._n_closed)
-        steps[2](1, 1)
+        steps[1](n_drives, n_drives)
         spots, failures = blame_spots(spots, paths, [*outcome.lost_at], arrivals)
         rates = rates_of(outcome, arrivals)
         routes = [
@@ -256,7 +255,8 @@ class FixTrials:
         return tuple(kind for kind, fix in self.tried.items() if fix.is_sure)
 
     def _score(self, site: Site) -> float:
-        return contrast(self._before_few, self._drive(site, self._few)).score
+        before = self._drive(self.site, self._few)
+        return contrast(before, self._drive(site, self._few)).score
 
     def _choices(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
@@ -287,8 +287,13 @@ class FixTrials:
         """Drive with a fix, after a few drives no further if it does not lead."""
         self.tried[fix.kind] = fix
         site = fix.apply(self.site)
-        known = (self._few, self._before_few), (self._many, self._before)
-        trial = try_fix(partial(self._drive, site), *known)
+        if fix.kind == SETTINGS:  # the choice of the preset has driven with it already
+            outcome = self._drive(site, self._many)
+            trial = Trial(contrast(self._before, outcome), outcome, False)
+        else:
+            before_few = self._drive(self.site, self._few)
+            known = (self._few, before_few), (self._many, self._before)
+            trial = try_fix(partial(self._drive, site), *known)
         # The closed loop is simulated only for fixes that may be recommended.
         is_candidate = trial.contrast.verdict.is_recommendable
         return self._result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
