@@ -211,7 +211,7 @@ TEXTS = {
         }
     ),
     "runs.jsonl": f'{{"format": "locplan comparison", "version": 2}}\n{json.dumps(RUN)}\n',
-    "spec.txt": "BITstar:time_limit=2,seed=3,settings.rewire_factor=1.2",
+    "spec.txt": "BITstar:time_limit=2,seed=3,rewire_factor=1.2",
     "nav2.yaml": NAV2,
 }
 

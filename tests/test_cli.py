@@ -1,3 +1,4 @@
+import csv
 import json
 import logging
 import math
@@ -383,7 +384,7 @@ def test_plan_front_refuses_wrong_options(run, room, arguments, told):
 def test_ompls_planners_are_at_hand(run, room, tmp_path):
     folder = tmp_path / "out"
     ends = "--start", "1,1,90", "--goal", "4,3.5,0"
-    planner = "RRTstar:space=Dubins,turning_radius=0.3,iterations=400,settings.range=1.5"
+    planner = "RRTstar:space=Dubins,turning_radius=0.3,iterations=400,range=1.5"
     arguments = "--planner", planner, "--set", "footprint=0.05", "-o", folder
     code, out, _ = run("plan", room, *ends, *arguments)
     assert code == 0
@@ -399,6 +400,71 @@ def test_ompls_planners_are_at_hand(run, room, tmp_path):
     assert about["history"][-1][1] == pytest.approx(about["metrics"]["cost"])
 
 
+MY_PLANNER = """
+from locplan import plan
+from bends import bend
+
+def mine(costs, start, goal, weight=1.0):
+    return bend(plan(costs.with_weight(weight), start, goal, planner="grid").path)
+
+def broken(costs, start, goal):
+    return 3
+"""
+
+
+@pytest.fixture
+def my_planner(tmp_path):
+    """A file with two planners, which imports its neighbour."""
+    (tmp_path / "bends.py").write_text(
+        "import numpy as np\n\ndef bend(path):\n    return np.array(path)\n"
+    )
+    (tmp_path / "my.py").write_text(MY_PLANNER)
+    return tmp_path / "my.py"
+
+
+@pytest.mark.usefixtures("inline_workers")
+def test_compare_runs_function_of_file(run, room, tmp_path, my_planner):
+    words = "--planner", f"{my_planner}:mine:weight=2", "--planner", "rrt*:range=1,iterations=50"
+    words = *words, "--random", 1, "--min-distance", 1, "-o", tmp_path / "out"
+    code, _, err = run("compare", room, *words)
+    assert code == 0, err
+    with (tmp_path / "out" / "runs.csv").open() as file:
+        status = {row["planner"]: row["status"] for row in csv.DictReader(file)}
+    assert [*status] == ["my.py:mine:weight=2", "RRTstar:range=1,iterations=50"]
+    assert status["my.py:mine:weight=2"] == "solved"
+
+
+def test_plan_takes_function_of_file(run, room, my_planner):
+    ends = "--start", "1,1", "--goal", "4,3.5"
+    code, out, _ = run("plan", room, *ends, "--planner", f"{my_planner}:mine", "--json")
+    assert code == 0
+    assert json.loads(out)["candidates"][-1]["name"] == "my.py:mine"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("my.py", "name a function f(costs, start, goal), such as"),
+        ("my.py:theirs", "there is no function 'theirs'; it has mine, broken"),
+        ("my.py:mine:wight=2", "no option 'wight'; it has: weight; did you mean 'weight'?"),
+        ("my.py:broken", "the planner must return a locplan.Path, an array of positions"),
+        ("none.py:mine", "there is no such file"),
+        ("bad.py:mine", "cannot be run (ZeroDivisionError"),
+    ],
+)
+def test_wrong_function_of_file_is_one_line(run, room, my_planner, name, message):
+    (my_planner.parent / "bad.py").write_text("1 / 0")
+    words = "--start", "1,1", "--goal", "4,3.5", "--planner", f"{my_planner.parent}/{name}"
+    assert message in refused(run("plan", room, *words))
+
+
+def test_compare_names_missing_cloudpickle(run, room, tmp_path, my_planner, monkeypatch):
+    monkeypatch.setattr("locplan._util.public.find_spec", lambda name: None)
+    words = "--planner", f"{my_planner}:mine", "-o", tmp_path / "out"
+    message = "one of your own, needs cloudpickle: pip install 'locplan[functions]'"
+    assert message in refused(run("compare", room, *words))
+
+
 def test_planners_that_take_any_path_say_so(run, room):
     ends = "--start", "1,1", "--goal", "4,3.5"
     code, out, _ = run("plan", room, *ends, "--planner", "RRT:improve=true")
@@ -410,7 +476,10 @@ def test_planners_that_take_any_path_say_so(run, room):
     ("planner", "message"),
     [
         ("RRTstar:range", "'range' must be NAME=VALUE"),
-        ("RRTstar:settings.rang=1", "no setting 'rang'; it has:"),
+        ("RRTstar:rang=1", "did you mean 'range'?"),
+        ("RRTstar:time_limit=-1", ": time_limit must be a positive number"),
+        ("RRTstar:time_limt=1", "turning_radius, time_limit, iterations"),
+        ("RRstar", "did you mean 'RRTstar'?"),
         ("FMT:space=Dubins,turning_radius=1", "cannot plan in"),
         ("RRTstar:space=SE2", "start must be x, y [m] and a heading"),
         ("grid:time_limit=1", "no option 'time_limit'"),

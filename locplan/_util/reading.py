@@ -25,6 +25,9 @@ file of settings, or of a description in JSON; and, unpacked, of a log that is r
 MAX_LINE, MAX_LINES = 2**22, 2**22
 """Maximum length of a log's line [characters], and greatest number of lines."""
 
+NO_FILE = "there is no such file", "check its name and folder"
+"""Fault and remedy of a missing file."""
+
 
 def opened(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:
     """Open a plain file of up to `limit` bytes; an OSError if it is none: a pipe would block."""
@@ -57,6 +60,8 @@ def _readable(where: str = "") -> Iterator[None]:
         raise LocplanError(f"{where}is no text; save it as UTF-8") from None
     except (EOFError, zlib.error, gzip.BadGzipFile):
         raise LocplanError(f"{where}is cut off or damaged (gzip); copy it again") from None
+    except FileNotFoundError:
+        raise LocplanError(where + "; ".join(NO_FILE)) from None
     except (OSError, ValueError) as error:  # the latter for names that no file can have
         reason = getattr(error, "strerror", None) or error
         raise LocplanError(f"{where}cannot be read ({reason})") from None
@@ -174,7 +179,7 @@ def read_content(file: Path, limit: int, remedy: str) -> bytes:
     try:
         content = read_bytes(file, limit)
     except FileNotFoundError:
-        raise fault_of(file, "there is no such file", "check its name and folder") from None
+        raise fault_of(file, *NO_FILE) from None
     except (OSError, ValueError) as error:
         raise fault_of(file, f"cannot be read ({reason_of(error)})", remedy) from error
     if not content:

@@ -26,7 +26,8 @@ def options_as_typed(text: str, command: str = "") -> str:
     command : str, default ""
         The command; by default the one that runs.
     """
-    if not re.search(r"[a-z]=|[a-z]_[a-z]", text):
+    # The options of a planner are typed with --planner, and as in Python.
+    if text.startswith("planner '") or not re.search(r"[a-z]=|[a-z]_[a-z]", text):
         return text
     metavars = _options(command)
 

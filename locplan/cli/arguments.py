@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import math
+import re
+import runpy
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
@@ -15,8 +20,8 @@ from cyclopts.validators import Number
 import locplan
 from locplan._util.checks import MAX_AMOUNT, shown
 from locplan._util.files import keep_input
-from locplan._util.reading import parsed_json
-from locplan.errors import ConfigError, LocplanError
+from locplan._util.reading import parsed_json, read_text
+from locplan.errors import ConfigError, LocplanError, one_line
 
 if TYPE_CHECKING:
     from cyclopts import Token
@@ -164,6 +169,55 @@ Count = Annotated[int, WHOLE, Parameter(validator=Number(gte=1, lte=100_000))]
 PairCount = Annotated[int, WHOLE, Parameter(validator=Number(gte=2, lte=100_000))]
 """A number of objects of which there must be two at least."""
 Switch = Annotated[bool, Parameter(negative=())]
+
+
+PlannerTexts = Annotated[tuple[str, ...], Parameter(metavar="NAME|FILE")]
+_FUNCTION = re.compile(r"(?P<file>.+\.py)(:(?P<name>[^:]*)(:(?P<options>.*))?)?", re.DOTALL)
+"""A function in a file, such as my.py:plan or my.py:plan:step=2."""
+
+
+def parse_planners(texts: Sequence[str]) -> list[locplan.comparison.PlannerSpec]:
+    """Return the planners of texts such as grid, BITstar:time_limit=2 or my.py:plan."""
+    return [_load_planner(text) for text in texts]
+
+
+def _load_planner(text: str) -> locplan.comparison.PlannerSpec:
+    function = _FUNCTION.fullmatch(text)
+    if function is None:
+        return locplan.comparison.PlannerSpec.of(text)
+    file, name = Path(function["file"]), function["name"] or ""
+    if not name.isidentifier():
+        example = f"--planner {file}:plan"
+        raise ConfigError(f"{text}: name a function f(costs, start, goal), such as {example}")
+    keep_input(file)
+    code = load_function(file, name)
+    options = locplan.comparison.parse_options(text, function["options"] or "")
+    planner = locplan.planners.planner_for(code, options)
+    label = ":".join(filter(None, (file.name, name, function["options"])))
+    return locplan.comparison.PlannerSpec(label, planner)
+
+
+def load_function(file: Path, name: str) -> Callable[..., Any]:
+    """Return a function of a Python file; its folder's modules can be imported as well."""
+    source = read_text(file)
+    sys.path.insert(0, str(file.absolute().parent))
+    try:
+        # Under this name no module can be imported, so that workers get the code itself.
+        values = runpy.run_path(str(file), run_name="planner of the command line")
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise LocplanError(one_line(f"{file}: cannot be run ({reason}); correct it")) from None
+    if not inspect.isfunction(values.get(name)):
+        names = [
+            key for key, value in values.items()
+            if inspect.isfunction(value) and value.__code__.co_filename == str(file)
+        ]  # fmt: skip
+        known = f"it has {', '.join(names)}" if names else "it has none"
+        raise ConfigError(f"{file}: there is no function {shown(name)}; {known}")
+    function: Any = values[name]
+    if not hasattr(function, "version"):  # a comparison runs an edited planner again
+        function.version = hashlib.sha256(source.encode()).hexdigest()[:8]
+    return cast("Callable[..., Any]", function)
 
 
 def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:

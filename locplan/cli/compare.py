@@ -12,17 +12,24 @@ from cyclopts import Parameter
 import locplan
 from locplan._util.progress import progress_bar
 from locplan.cli.application import command
-from locplan.cli.arguments import Count, InputFile, MapFiles, Ranges, refuse
+from locplan.cli.arguments import (
+    Count,
+    InputFile,
+    MapFiles,
+    PlannerTexts,
+    Ranges,
+    parse_planners,
+    refuse,
+)
 from locplan.cli.groups import SEED, FieldOptions, Output, RobotOptions, Seed, Threads, with_range
 from locplan.errors import ConfigError
 
-PlannerTexts = Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE]")]
 Weights = Annotated[tuple[float, ...], Parameter(metavar="METRES")]
 
 
 @command(
     "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
-    "compare lab.yaml hall.yaml -o compared --queries queries.csv",
+    "compare lab.yaml hall.yaml -o compared --queries queries.csv --planner my.py:plan",
 )
 def compare(
     maps: MapFiles,
@@ -53,7 +60,7 @@ def compare(
     maps
         Map YAML files, folders with one, MovingAI maps, or built-in maps.
     planner
-        Planner with options, such as BITstar:time_limit=2. Repeatable.
+        BITstar:time_limit=2, my.py:plan, or a name of `locplan info`. Repeatable.
     baseline
         Planner that the others are compared with.
     queries
@@ -88,8 +95,7 @@ def compare(
         min_distance=5.0 if min_distance is None else min_distance,
         seed=seed,
     )
-    if planner:
-        locplan.comparison.specs_of(planner)
+    planners = locplan.comparison.specs_of(parse_planners(planner)) if planner else None
     compared_robot, config = field.choose(robot.load())
     configs = [config] if ranges is None else [with_range(config, each) for each in ranges]
     output.check(locplan.comparison.Comparison.files)
@@ -106,7 +112,7 @@ def compare(
         )
         result = locplan.compare(
             maps,
-            planner or None,
+            planners,
             queries or random_queries,
             compared_robot,
             configs={f"{c.estimator.name}, {c.estimator.reach:g} m": c for c in configs},

@@ -12,7 +12,18 @@ import locplan
 from locplan._util.progress import later_progress_bar, working
 from locplan._util.runs import as_argument, typed as typed_words
 from locplan.cli.application import command
-from locplan.cli.arguments import MapFile, PathFiles, Pose, Poses, Switch, Whole, read_paths, refuse
+from locplan.cli.arguments import (
+    MapFile,
+    PathFiles,
+    PlannerTexts,
+    Pose,
+    Poses,
+    Switch,
+    Whole,
+    parse_planners,
+    read_paths,
+    refuse,
+)
 from locplan.cli.groups import (
     SEED,
     FieldOptions,
@@ -40,7 +51,6 @@ MINIMISE: Error = "rmse"
 """Defaults of options that --front does not read."""
 FRONT_TIME = 30.0
 """Time that the search for a front may take [s]."""
-PlannerTexts = Annotated[tuple[str, ...], Parameter(metavar="NAME[:OPTION=VALUE]")]
 
 
 @command(
@@ -89,7 +99,7 @@ def plan(
     via
         Place to visit on the way. Repeatable.
     planner
-        Planner: grid, any-angle, lattice, or OMPL's. Repeatable.
+        BITstar:time_limit=2, my.py:plan, or a name of `locplan info`. Repeatable.
     path
         Further candidate (CSV of x,y). Repeatable.
     weight
@@ -181,8 +191,7 @@ def _planners(
     Planners with random numbers have the seed unless they have their own.
     """
     planners = {}
-    for text in texts:
-        spec = locplan.comparison.PlannerSpec.of(text)
+    for spec in parse_planners(texts):
         locplan.planners.planner_for(spec.planner, via=[*via], max_e=max_e, budget=budget)
         (planner_seed,) = spec.seeds([seed])
         is_random = locplan.planners.takes(spec.planner, "seed")

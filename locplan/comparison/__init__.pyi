@@ -8,7 +8,11 @@ from ._contrasts import Contrast as Contrast
 from ._journal import Journal as Journal
 from ._result import Case as Case, Comparison as Comparison, Standing as Standing
 from ._settings import Execution as Execution, RandomQueries as RandomQueries
-from ._specs import PlannerSpec as PlannerSpec, specs_of as specs_of
+from ._specs import (
+    PlannerSpec as PlannerSpec,
+    parse_options as parse_options,
+    specs_of as specs_of,
+)
 from ._statistics import (
     MEASURES as MEASURES,
     STATUSES as STATUSES,

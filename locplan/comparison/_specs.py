@@ -33,7 +33,7 @@ class PlannerSpec:
         ----------
         planner : str, function, Planner or PlannerSpec
             A name with options, such as "BITstar:time_limit=2,seed=3", whose values are numbers,
-            true, false or words; OMPL's own settings begin with "settings.". Or a function
+            true, false or words. OMPL's planners also take OMPL's own settings. Or a function
             ``f(costs, start, goal, **options)`` with a name, or an object such as
             ``planners.AnyAngle()``.
 
@@ -44,9 +44,9 @@ class PlannerSpec:
 
         Examples
         --------
-        >>> spec = PlannerSpec.of("RRTstar: iterations=500, settings.range=2")
+        >>> spec = PlannerSpec.of("RRT*: iterations=500, range=2")
         >>> spec.label, options_of(spec.planner)
-        ('RRTstar:iterations=500,settings.range=2', {'iterations': 500, 'settings': {'range': 2}})
+        ('RRTstar:iterations=500,range=2', {'iterations': 500, 'settings': {'range': 2}})
         """
         if isinstance(planner, str):
             return _parsed(planner)
@@ -203,41 +203,49 @@ def robot_of_maps(maps: Any) -> Robot | None:
 
 def _parsed(text: str) -> PlannerSpec:
     name, _, rest = text.partition(":")
+    name = name.strip()
     parts = [part.strip() for part in rest.split(",") if part.strip()]
-    options = _options(text, parts)
+    options = parse_options(text, rest)
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
-    label = f"{name.strip()}:{squeezed}" if parts else name.strip()
+    label = f"{name}:{squeezed}" if parts else name
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
     home = "locplan.simulation.choice._choose:SimulatedChoice"
     # Only comparisons know it by name, since it needs more than a costmap.
     known = library.PLANNERS | {"simulated choice": Entry(home, "simulated error")}
     try:
-        if name.strip() in (*library.names(), "") or limits["budget"] is not None:
-            planner = library.planner_for(name.strip(), options, **limits)
+        if name:
+            name = library.known_name(name, known)
+        if name in (*library.names(), "") or limits["budget"] is not None:
+            planner = library.planner_for(name, options, **limits)
         else:
-            found = library.named_planner(name.strip(), options, known)
-            planner = library.planner_for(found, **limits)
+            planner = library.planner_for(library.named_planner(name, options, known), **limits)
     except LocplanError as error:
         raise ConfigError(f"planner {shown(label)}: {error}") from None
-    return PlannerSpec(label, planner)
+    return PlannerSpec(f"{name}:{squeezed}" if parts else name, planner)
 
 
-def _options(text: str, parts: Sequence[str]) -> dict[str, Any]:
-    """The options of a planner, written as NAME=VALUE or as settings.NAME=VALUE."""
+def parse_options(text: str, rest: str) -> dict[str, Any]:
+    """Return the options of a planner from the text NAME=VALUE,NAME=VALUE.
+
+    Parameters
+    ----------
+    text : str
+        The planner as it was typed, for errors.
+    rest : str
+        The options.
+    """
     options: dict[str, Any] = {}
-    for part in parts:
-        key, equals, value = (word.strip() for word in part.partition("="))
-        if not (key and equals and value):
+    for part in filter(None, map(str.strip, rest.split(","))):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not (name and equals and value):
             raise ConfigError(
                 f"planner {shown(text)}: {shown(part)} must be NAME=VALUE, such as time_limit=2"
             )
-        owner, _, setting = key.rpartition(".")
-        home = options.setdefault("settings", {}) if owner == "settings" else options
-        if not isinstance(home, dict) or (key == "settings" and not owner):
+        if name.partition(".")[0] == "settings":
             raise ConfigError(
-                f"planner {shown(text)}: write settings one by one, as settings.range=2"
+                f"planner {shown(text)}: write OMPL's settings by their names, such as range=2"
             )
-        home[setting if owner == "settings" else key] = _value(value)
+        options[name] = _value(value)
     return options
 
 

@@ -47,6 +47,7 @@ from ._registry import (
     DEFAULT as DEFAULT,
     PLANNERS as PLANNERS,
     Entry as Entry,
+    known_name as known_name,
     named_planner as named_planner,
     names as names,
 )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -40,6 +41,10 @@ class Entry:
     def options(self) -> dict[str, Any]:
         """The names of the planner's options with their defaults."""
         return defaults_of(self.kind())
+
+    def typed_options(self) -> list[str]:
+        """Return the names of the options that can be typed in a text."""
+        return [name for name in self.options() if name not in ("settings", "progress")]
 
 
 _NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
@@ -110,9 +115,10 @@ def named_planner(
     Parameters
     ----------
     name : str
-        The name.
+        The name; case does not count, and RRT* is RRTstar.
     options : mapping of str to object
-        The planner's options by name; those that are left out have their defaults.
+        The planner's options by name; those that are left out have their defaults. OMPL's planners
+        take OMPL's own settings as well, such as range.
     entries : mapping of str to Entry, optional
         The planners to choose from; by default `PLANNERS`.
 
@@ -122,16 +128,37 @@ def named_planner(
         If none has this name, or it does not take the options.
     """
     entries = PLANNERS if entries is None else entries
-    if name not in entries:
-        known, guess = ", ".join(entries), suggestion(name, entries)
-        raise ConfigError(f"planner must be one of {known}, not {shown(name)}{guess}")
-    entry = entries[name]
+    name = known_name(name, entries)
+    entry, kind = entries[name], entries[name].kind()
+    own_settings = getattr(kind, "setting_names", None)
+    other = {option: options[option] for option in options if option not in entry.options()}
+    if other and own_settings:
+        check_names(f"planner {shown(name)}", other, [*entry.typed_options(), *own_settings(name)])
+        kept = {option: value for option, value in options.items() if option not in other}
+        options = {**kept, "settings": {**kept.get("settings", {}), **other}}
     check_names(f"planner {shown(name)}", options, entry.options())
-    kind = entry.kind()
     several = "name" in inspect.signature(kind).parameters
     planner: Planner = kind(name, **options) if several else kind(**options)
     planner.check()
     return planner
+
+
+def known_name(name: str, entries: Iterable[str]) -> str:
+    """Return the known spelling of a planner's name; a ConfigError if no planner has the name.
+
+    >>> known_name("rrt*", PLANNERS), known_name("AnyAngle", PLANNERS)
+    ('RRTstar', 'any-angle')
+    """
+    known = {_plain_name(entry): entry for entry in entries}
+    plain = _plain_name(name)
+    if plain not in known:
+        names_known, guess = ", ".join(known.values()), suggestion(name, known.values())
+        raise ConfigError(f"planner must be one of {names_known}, not {shown(name)}{guess}")
+    return known[plain]
+
+
+def _plain_name(name: str) -> str:
+    return re.sub(r"[\s_-]", "", name.casefold().replace("*", "star"))
 
 
 def defaults_of(kind: type) -> dict[str, Any]:

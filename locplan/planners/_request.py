@@ -27,7 +27,8 @@ from locplan.planners._robot_fit import default_planner
 from locplan.robots import Footprint, Robot
 
 PlannerFunction: TypeAlias = Callable[..., Plan | Path | Found]
-"""A function ``f(costs, start, goal, **options)`` that returns a path, a `Found` or a `Plan`."""
+"""A function ``f(costs, start, goal, **options)`` that returns a path, an (n, 2) or (n, 3) array of
+its positions, a `Found` or a `Plan`."""
 AnyPlanner: TypeAlias = str | Planner | PlannerFunction
 """A planner as a caller may give it."""
 
@@ -36,8 +37,9 @@ AnyPlanner: TypeAlias = str | Planner | PlannerFunction
 class FunctionPlanner:
     """A planner written as a function ``f(costs, start, goal, **options)``.
 
-    The function returns a `Path`, a `Found` or a `Plan`. If it has an attribute ``prepare``, that
-    is called before anything is timed, so that it can compile there.
+    The function returns a `Path`, an (n, 2) or (n, 3) array, a `Found` or a `Plan`. If
+    it has an attribute ``prepare``, that is called before anything is timed, so that it can compile
+    there.
     """
 
     function: PlannerFunction
@@ -75,12 +77,21 @@ class FunctionPlanner:
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Call the function and return what it found. See `locplan.planners.Planner.solve`."""
         result = self.function(costs, start, goal, **self.options)
+        if isinstance(result, np.ndarray | list):
+            result = _path_of(result)
         if isinstance(result, Path):
             return Found(result)
         if isinstance(result, Plan):
             names = [one.name for one in dataclasses.fields(Found)]
             return Found(**{name: getattr(result, name) for name in names})
         return result
+
+
+def _path_of(positions: ArrayLike) -> Path:
+    """Return the path of an (n, 2) array of positions, or (n, 3) of poses."""
+    array = np.asarray(positions)
+    has_headings = array.ndim == 2 and array.shape[1] == 3
+    return Path(array[:, :2], array[:, 2]) if has_headings else Path(array)
 
 
 class Guarded(Wrapper):
@@ -112,8 +123,8 @@ def _check_sound(found: object, costs: Costmap, start: Position, goal: Position)
     statuses = get_args(Status)
     if not isinstance(found, Found) or found.status not in statuses:
         raise LocplanError(
-            "the planner must return a locplan.Plan, Path or planners.Found with a status of"
-            f" {', '.join(statuses)}, not {type(found).__name__}"
+            "the planner must return a locplan.Path, an array of positions, a Plan or a"
+            f" planners.Found with a status of {', '.join(statuses)}, not {type(found).__name__}"
         )
     if found.expanded is not None and not is_whole(found.expanded):
         raise LocplanError(

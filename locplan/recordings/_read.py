@@ -13,6 +13,7 @@ from locplan._util.checks import file_path, positive
 from locplan._util.files import keep_input
 from locplan._util.poses import way_along
 from locplan._util.progress import ProgressCallback
+from locplan._util.reading import NO_FILE
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.maps import OccupancyGrid, own_axes
 from locplan.recordings._bag_files import SUFFIXES as BAGS
@@ -126,7 +127,7 @@ def read_drive(
     options = Options(every=every, **vars(topics or Topics()), **limits)
     path = file_path("a recorded drive", path)
     if not path.exists():
-        raise RecordingError(f"{path}: is not there; name a recorded drive")
+        raise RecordingError(f"{path}: " + "; ".join(NO_FILE))
     keep_input(path)
     name = path.name.lower()
     read = next((own for suffix, own in READERS.items() if name.endswith(suffix)), None)

@@ -67,6 +67,19 @@ class Ompl:
     """Function called with the part of the limit used up and the limit, in ms or iterations; none
     by default."""
 
+    @staticmethod
+    def setting_names(name: str) -> list[str]:
+        """Return the names of OMPL's own settings of a planner, such as range.
+
+        Parameters
+        ----------
+        name : str
+            OMPL's name of the planner.
+        """
+        from locplan.planners.ompl._settings import setters_of
+
+        return [*setters_of(name)]
+
     @property
     def minimises(self) -> str | None:
         """ "J", or None for planners that stop at the first path."""

@@ -61,7 +61,7 @@ def planner_of(
         planner.setRewireFactor(0.25)  # fewer neighbours, more iterations, a better J
     if kind is geometric.BITstar and information.getStateDimension() == 2:
         planner.setSamplesPerBatch(1000)  # more than its own 100: a better J on large maps
-    setters = _setters(name)
+    setters = setters_of(name)
     for setting, value in settings.items():
         try:
             getattr(planner, setters[setting])(value)
@@ -75,7 +75,7 @@ def planner_of(
 
 def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
     """Raise a ConfigError unless the planner has all these settings."""
-    known = _setters(planner)
+    known = setters_of(planner)
     if not isinstance(settings, Mapping):
         raise ConfigError(
             f"settings must be a dict, such as {{'range': 2.0}}, not {shown(settings)}"
@@ -88,8 +88,8 @@ def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
             number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)
 
 
-def _setters(planner: str) -> dict[str, str]:
-    """The names of a planner's setters by the settings' names, such as "goal_bias"."""
+def setters_of(planner: str) -> dict[str, str]:
+    """Return the names of a planner's setters by the settings' names, such as "goal_bias"."""
     setters = {}
     for name in dir(getattr(geometric, planner)):
         if name.startswith("set") and name not in _NO_PLAIN_VALUE + _CRASH:
