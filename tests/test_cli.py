@@ -438,7 +438,7 @@ def test_plan_takes_function_of_file(run, room, my_planner):
     ends = "--start", "1,1", "--goal", "4,3.5"
     code, out, _ = run("plan", room, *ends, "--planner", f"{my_planner}:mine", "--json")
     assert code == 0
-    assert json.loads(out)["candidates"][-1]["name"] == "my.py:mine"
+    assert json.loads(out)["candidates"][-1]["planner"] == "mine"
 
 
 @pytest.mark.parametrize(

@@ -533,7 +533,7 @@ def test_wrong_input_is_refused_before_any_run(tmp_path):
         ("BITstar:time_limit", "must be NAME=VALUE"),
         ("BITstar:time_limit=soon", "must be a positive number of seconds"),
         ("BITstar:seed=0", "seed must be a whole number"),
-        ("BITstar:progress=yes", "has no option 'progress'"),
+        ("BITstar:progress=yes", "progress must be a function"),
         ("BITstar:name=grid", "has no option 'name'"),
         ("grid:via=1", "has no option 'via'"),
         ("grid:max_e=-1", "max_e must be a positive number"),
