@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
 from locplan._util.progress import ProgressCallback, parts
 from locplan.costs import Costmap
 from locplan.diagnosis import _fixes
@@ -51,8 +53,9 @@ FAILING = 16
 LONG, MIN_SHARE = 30.0, 0.5
 """Mean length of routes from which on they are driven less often [m], and the least share of the
 drives that remains: a long route has more places at which drives fail."""
-LOSING = 3
-"""Maximum number of routes for which other paths are tried."""
+LOSING, LOSING_LENGTH = 3, 100.0
+"""Maximum number of routes for which other paths are tried, and their maximum length together [m],
+which the first one may exceed: a dozen candidates drive along each."""
 
 
 @dataclass(frozen=True)
@@ -265,6 +268,8 @@ class FixTrials:
         site, found = self.site, {}
         losses = dict(zip(site.paths, self._before.lost.sum(axis=1), strict=True))
         losing = sorted(filter(losses.get, losses), key=lambda name: -losses[name])[:LOSING]
+        lengths = np.cumsum([site.paths[name].length for name in losing])
+        losing = losing[: max(1, int((lengths <= LOSING_LENGTH).sum()))]
         for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
             start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
             choice = choose(
