@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import gettempdir, mkdtemp
+from typing import Any
 
 from locplan._util import runs
 from locplan._util.checks import file_path
@@ -32,7 +33,9 @@ from locplan.errors import LocplanError
 
 PREFIX, NEW, JOURNAL = ".locplan-tmp-", "new", "moves.json"
 _NAME = re.compile(re.escape(PREFIX) + r"[a-z0-9_]{8}")
-_STAGED = re.compile(rf"[\\/]{_NAME.pattern}[\\/]{NEW}\b")
+UNLOCKED = f"{PREFIX}unlocked-"
+"""Prefix of a folder without a lock, which no other process can take for abandoned."""
+_STAGED = re.compile(rf"[\\/]{re.escape(PREFIX)}(unlocked-)?[a-z0-9_]{{8}}[\\/]{NEW}\b")
 
 
 @dataclass(frozen=True)
@@ -285,6 +288,8 @@ def _digests(folder: Path) -> dict[str, str]:
 
 def _new_folder(home: str) -> tuple[Path, int | None]:
     """Return a new folder, and the descriptor of its lock, None where there are no locks."""
+    if _locks() is None:
+        return Path(mkdtemp(prefix=UNLOCKED, dir=home)), None
     while True:
         folder = Path(mkdtemp(prefix=PREFIX, dir=home))
         try:
@@ -295,14 +300,22 @@ def _new_folder(home: str) -> tuple[Path, int | None]:
             return folder, None
 
 
+def _locks() -> Any:
+    """Return the module of locks; None on Windows."""
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        return None
+    return fcntl
+
+
 def _lock(folder: Path, *, wait: bool) -> int | None:
     """Return the descriptor that holds the lock of a folder until it is closed; None on Windows.
 
     It is an OSError if another process holds it, or has removed the folder.
     """
-    try:
-        import fcntl
-    except ModuleNotFoundError:
+    fcntl = _locks()
+    if fcntl is None:
         return None
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:

@@ -22,9 +22,9 @@ from locplan.planners import Plan, path_faults
 
 def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
     """Make one run within a limit of memory [bytes]; an exception of the planner is a result."""
-    costs = weighted_costmap(order.costs, order.task.weight)
     began = time.perf_counter()
     try:
+        costs = weighted_costmap(order.costs, order.task.weight)
         with limited_memory(memory):
             result = planner.plan(costs, order.start, order.goal, order.task.seed)
     except MemoryError as error:

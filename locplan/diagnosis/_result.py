@@ -22,7 +22,7 @@ from locplan.diagnosis._rates import DriveRates, FixResult, RouteResult, is_bett
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._weak_spots import CLEAR, WeakSpot
 from locplan.maps import MapFaults, MapSource, OccupancyGrid
-from locplan.simulation import PresetChoice
+from locplan.simulation import PresetChoice, choice_values
 from locplan.simulation.verdict import Verdict
 
 
@@ -166,7 +166,7 @@ class Check(Result):
                 "after": plain(self.after),
                 "confirmed": self.confirmed and plain(self.confirmed),
                 "recorded": list(self.recorded),
-                "settings": self.preset_choice and self.preset_choice.summary(),
+                "settings": self.preset_choice and choice_values(self.preset_choice),
                 "next": called("locplan.diagnosis._next:next_action", self, *about)._asdict(),
             }
         )

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from locplan._kernels.arrays import Floats
 from locplan._util.checks import instance
 from locplan._util.intervals import blocks_along, plain, short
-from locplan._util.output import Results
 from locplan._util.progress import ProgressCallback
-from locplan._util.records import POSE, Column, Result, Table
-from locplan._util.tables import REPORT_WIDTH, finite, table
+from locplan._util.public import Pictured
+from locplan._util.records import POSE, Column, Table
+from locplan._util.tables import REPORT_WIDTH, table
 from locplan.field import (
     Estimator,
     FieldConfig,
@@ -40,15 +40,19 @@ PREFERRED = ("fused", "scan", "fisher", "sad")
 
 MAX_OUTDATED = 0.3
 """Share of scans that do not fit the map from which on nothing else is concluded."""
+LEGEND = (
+    "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
+    "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
+    " predicted\nover measured"
+)
+"""Explanation of the columns of the report's table."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DriveEvaluation(Result):
+class DriveEvaluation(Pictured):
     """Measured and predicted deviations along a recorded drive."""
 
-    _reported_by: ClassVar[str] = "locplan.recordings._evaluation:drive_report"
     _drawn_by: ClassVar[str] = "locplan.recordings:drive_figure"
-    files: ClassVar[Results] = Results("drive", ("drive.json", "drive.png", "scans.csv"))
 
     matches: Matches
     """The measured ones: posteriors of the scans."""
@@ -150,30 +154,26 @@ class DriveEvaluation(Result):
         middle = self.matches.recording.poses[chosen, :2].mean(axis=0)
         return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
 
-    def summary(self) -> dict[str, object]:
-        """All that was found, fit for JSON."""
-        matches = self.matches
-        major = matches.position_std[self.compared]
-        about: dict[str, object] = {
-            "drive": matches.recording.summary(),
-            "map": matches.grid.name,
-            "scans": len(matches),
-            "compared": int(self.compared.sum()),
-            "outdated": int(self.outdated.sum()),
-            "verdict": self.verdict,
-            "position_std_10_50_90": np.quantile(major, (0.1, 0.5, 0.9)).tolist(),
-            "estimators": {
-                name: {
-                    "criterion": self.criteria[name],
-                    "spearman": list(each.rank.spearman),
-                    "auc": list(each.rank.auc),
-                    "aligned": list(each.aligned),
-                    "factor": list(each.factor),
-                }
-                for name, each in self.agreements.items()
-            },
-        }
-        return finite(about)
+    def report(self) -> str:
+        """Return the drive, the agreement of each estimator, and the verdict as text."""
+        matches, compared = self.matches, self.compared
+        low, middle, high = 100 * np.quantile(matches.position_std[compared], (0.1, 0.5, 0.9))
+        n_outdated = int(self.outdated.sum())
+        n_off = len(matches) - int(compared.sum()) - n_outdated
+        rows = [
+            ("map", matches.grid.name),
+            ("drive", repr(matches.recording)),
+            ("scans compared", f"{compared.sum()} of {len(matches)}"),
+            (
+                "set apart",
+                f"{n_outdated} that saw what is not on the map, {n_off} off the free space",
+            ),
+            ("deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
+        ]
+        columns = ["", "rank correlation", "AUC", "direction", "factor"]
+        estimators = [[name, *agreement.texts] for name, agreement in self.agreements.items()]
+        verdict = textwrap.fill(" ".join(self.verdict), REPORT_WIDTH, break_on_hyphens=False)
+        return "\n".join([table([], rows), table(columns, estimators), LEGEND, verdict])
 
     def table(self) -> Table:
         """A row per scan: its pose, its measured deviations, and those of each estimator."""
@@ -273,30 +273,6 @@ def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
         The lidar.
     """
     return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused(lidar)}
-
-
-def drive_report(found: DriveEvaluation) -> str:
-    """The drive, the agreement of each estimator, and the verdict."""
-    matches, some = found.matches, found.compared
-    low, middle, high = 100 * np.quantile(matches.position_std[some], (0.1, 0.5, 0.9))
-    apart = int(found.outdated.sum())
-    left = len(matches) - int(some.sum()) - apart
-    rows = [
-        ("map", matches.grid.name),
-        ("drive", repr(matches.recording)),
-        ("scans compared", f"{some.sum()} of {len(matches)}"),
-        ("set apart", f"{apart} that saw what is not on the map, {left} off the free space"),
-        ("deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
-    ]
-    columns = ["", "rank correlation", "AUC", "direction", "factor"]
-    estimators = [[name, *each.texts] for name, each in found.agreements.items()]
-    said = textwrap.fill(" ".join(found.verdict), REPORT_WIDTH, break_on_hyphens=False)
-    about = (
-        "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
-        "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
-        " predicted\nover measured"
-    )
-    return "\n".join([table([], rows), table(columns, estimators), about, said])
 
 
 def _about_fields(agreements: Mapping[str, Agreement]) -> str:

@@ -60,6 +60,7 @@ from .tuning._choose_preset import (
     OWN as OWN,
     Case as Case,
     PresetChoice as PresetChoice,
+    choice_values as choice_values,
     choose_preset as choose_preset,
     find_objection as find_objection,
 )

@@ -168,18 +168,6 @@ class PresetChoice:
         """The drives with each settings, a row per case."""
         return Table.of(RESULTS, self.results)
 
-    def summary(self) -> dict[str, object]:
-        """The choice in numbers, fit for JSON."""
-        return {
-            "settings": self.name,
-            "changes": self.changes,
-            "cost_ratio": self.cost_ratio,
-            "objections": dict(self.objections),
-            "verdicts": {name: plain(verdict) for name, verdict in self.verdicts.items()},
-            "results": self.table().records(),
-            "recordings": list(self.recordings),
-        }
-
     def describe_table(self, seed: int) -> str:
         """Return the sentences that explain the table.
 
@@ -200,6 +188,25 @@ class PresetChoice:
             f" the safe preset must be off at the end no more often than {OWN}, and the precise one"
             " rarely."
         )
+
+
+def choice_values(choice: PresetChoice) -> dict[str, object]:
+    """Return a choice in numbers, fit for JSON.
+
+    Parameters
+    ----------
+    choice : PresetChoice
+        The choice.
+    """
+    return {
+        "settings": choice.name,
+        "changes": choice.changes,
+        "cost_ratio": choice.cost_ratio,
+        "objections": dict(choice.objections),
+        "verdicts": {name: plain(verdict) for name, verdict in choice.verdicts.items()},
+        "results": choice.table().records(),
+        "recordings": list(choice.recordings),
+    }
 
 
 def choose_preset(

@@ -13,7 +13,7 @@ from locplan._util.tables import finite
 from locplan.maps import OccupancyGrid
 from locplan.robots import Amcl, Robot
 from locplan.simulation._worlds import about_filter
-from locplan.simulation.tuning._choose_preset import OWN, CaseResult, PresetChoice
+from locplan.simulation.tuning._choose_preset import OWN, CaseResult, PresetChoice, choice_values
 from locplan.simulation.tuning._parameters import BeamsLeft, differing_names, write_tuned
 
 
@@ -119,7 +119,7 @@ class Tuning(Result):
                 "conclusion": self.conclusion,
                 **({"maps": maps} if maps[1:] else {"map": maps[0]}),
                 "changes": self.changes,
-                "choice": self.choice.summary(),
+                "choice": choice_values(self.choice),
                 "notes": list(self.notes),
                 "warnings": list(self.warnings),
                 "beams_compared": self.beams_left.compared,
