@@ -60,7 +60,7 @@ def check(
     the passage instead.
 
     AMCL settings are the presets of `locplan.robots.presets`. Without a recording, a preset is
-    recommended only if it does no harm at any level of disturbance, see
+    recommended only if it does no significant harm at any level of disturbance, see
     `locplan.simulation.levels`. With one, settings are recommended that hold on the recording.
 
     Parameters

@@ -34,9 +34,9 @@ def choose_settings(
 ) -> PresetChoice:
     """Choose among the user's settings and the presets.
 
-    A preset must be better at the usual level, and at every other level off at the end no more
-    often. There the robot drives at most 40 m of each route. If there are recorded drives, they
-    decide instead of the other levels.
+    A preset must be better at the usual level, and at no other level off at the end significantly
+    more often. There the robot drives at most 40 m of each route. If there are recorded drives,
+    they decide instead of the other levels.
 
     Parameters
     ----------

@@ -39,8 +39,8 @@ def tune(
     """Find the preset of AMCL's settings that localizes a robot best on its map.
 
     The user's settings and the presets of `locplan.robots.presets` drive along random shortest
-    paths. A preset is to be used if it is better at the usual level of disturbance, and at each
-    other level off at the end no more often, by the verdict of `locplan.simulation.verdict`.
+    paths. A preset is to be used if it is better at the usual level of disturbance, and at no
+    other level off at the end significantly more often, see `locplan.simulation.verdict`.
 
     Parameters
     ----------
