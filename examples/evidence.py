@@ -41,7 +41,7 @@ from locplan._util.intervals import Interval, of_mean, wilson
 from locplan.field import SHORT_LIDAR
 from locplan.planners import describe_map, random_queries
 from locplan.plotting import Picture, save_figure, style
-from locplan.recordings import Recording, read_drive, replay
+from locplan.recordings import Recording, read_recording, replay
 from locplan.robots import Amcl, Robot
 from locplan.robots.presets import PRECISE, SAFE, with_preset
 from locplan.simulation import Arrivals, Closed, Drives, Simulator, drive_open, simulate
@@ -429,7 +429,7 @@ def list_cases(
         if not file.exists():
             print(f"{file}: skipped, there is no such recording")
             continue
-        recording, grid = read_drive(file), locplan.load_map(file.with_name(f"{name}.yaml"))
+        recording, grid = read_recording(file), locplan.load_map(file.with_name(f"{name}.yaml"))
         for level in (KINKED_MAP,) if name == KINKED else SOUND_LEVELS:
             seeds = FAULT_SEEDS if level.missing else FAULT_SEEDS[:1]
             disturbed = {seed: disturb(recording, level, seed) for seed in seeds}

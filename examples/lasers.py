@@ -22,7 +22,7 @@ from scipy.stats import spearmanr
 
 import locplan
 from locplan.field import position_axes, scalar
-from locplan.recordings import read_drive
+from locplan.recordings import read_recording
 
 LEAST = 0.05
 """Range above which beams count as returns in the reference [m]."""
@@ -91,7 +91,7 @@ def read(file: Path) -> Log:
     limits = LEAST, RETURNS.get(name, 40.0)
     return Log(
         locplan.load_map(file.parent.parent / "rosmaps_carmen" / f"{name}_even"),
-        read_drive(file.parent / f"{name}-corrected.log.gz", range_limits=limits).lidar,
+        read_recording(file.parent / f"{name}-corrected.log.gz", range_limits=limits).lidar,
         {key: values[kept] for key, values in column.items()},
     )
 

@@ -2,8 +2,8 @@
 
 Run: python examples/recorded_drive.py [FOLDER [MAP.yaml DRIVE]]
 
-DRIVE is a bag of ROS 1 or 2, a log of CARMEN, CSV or NPZ. Without one, a drive through the office
-is simulated and recorded.
+DRIVE is a bag of ROS 1 or 2, a CARMEN log, or an .npz file. Without one, the built-in recording of
+two_corridors is read.
 """
 
 from __future__ import annotations
@@ -16,17 +16,20 @@ import numpy as np
 
 import locplan
 from locplan.costs import Path as Route, path_metrics
-from locplan.recordings import drive_figure, evaluate_drive, fit_to_map, read_drive, record_drive
+from locplan.recordings import (
+    drive_figure,
+    evaluate_drive,
+    fit_to_map,
+    read_recording,
+)
 
-OFFICE = Path(__file__).resolve().parent.parent / "maps" / "office.yaml"
 LEG = 25.0
 """Length of way between the places that better paths lead over [m]."""
-STOPS = ((7.0, 7.0), (39.0, 7.0), (39.0, 23.0), (20.5, 15.0))
 
 
 def main(folder: str = "recorded", map_file: str | None = None, file: str | None = None) -> None:
-    grid = locplan.load_map(map_file or OFFICE)
-    drive = read_drive(file) if file else simulated(grid)
+    grid = locplan.load_map(map_file or "two_corridors")
+    drive = read_recording(file or "two_corridors")
     print(drive.report())
     print(fit_to_map(drive, grid).sentence)
 
@@ -57,14 +60,6 @@ def between(drive: locplan.recordings.Recording) -> list[int]:
     way = np.concatenate([[0.0], np.hypot(*np.diff(drive.poses[:, :2], axis=0).T).cumsum()])
     legs = max(1, round(way[-1] / LEG))
     return np.searchsorted(way, np.linspace(0, way[-1], legs + 1)).tolist()
-
-
-def simulated(grid: locplan.OccupancyGrid) -> locplan.recordings.Recording:
-    """A drive from stop to stop on the shortest way."""
-    costs = locplan.Costmap.blank(grid, robot=0.4)
-    parts = [locplan.plan(costs, *ends).path for ends in pairwise(STOPS)]
-    way = Route(np.concatenate([part.xy for part in parts if part is not None]))
-    return record_drive(grid, way, locplan.Robot("turtlebot4"))
 
 
 if __name__ == "__main__":

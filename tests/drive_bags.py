@@ -13,7 +13,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from locplan.recordings import Recording, Topics, read_drive
+from locplan.recordings import Recording, Topics, read_recording
 
 KINDS = ("mcap", "sqlite3", "ros1")
 SCAN, TF = "sensor_msgs/msg/LaserScan", "tf2_msgs/msg/TFMessage"
@@ -175,4 +175,4 @@ def read_with(path, **options):
     """The drive in a log, with topics and frames among the options."""
     names = [name for name in options if name in vars(Topics())]
     topics = Topics(**{name: options.pop(name) for name in names})
-    return read_drive(path, topics=topics, **options)
+    return read_recording(path, topics=topics, **options)

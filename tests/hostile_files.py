@@ -39,7 +39,7 @@ from locplan.field import (
 )
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map
 from locplan.planners import Plan, plan, read_queries
-from locplan.recordings import Recording, read_drive
+from locplan.recordings import Recording, read_recording
 from locplan.robots import Lidar, read_amcl, read_parameters
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
@@ -304,15 +304,14 @@ def drives(folder: Path) -> None:
         lines.append(f"FLASER 6 {readings} {x} {y} {heading} {x} {y} {heading} {n} host {n}")
     (folder / "drive.log").write_text("\n".join(lines) + "\n")
     (folder / "drive.log.gz").write_bytes(gzip.compress((folder / "drive.log").read_bytes()))
-    for suffix in (".csv", ".npz"):
-        drive.save(folder / f"drive{suffix}")
+    drive.save(folder / "drive.npz")
     for kind in KINDS:
         write_drive(folder, drive, kind)
 
 
-def read_recording(file: Path) -> None:
+def read_drive(file: Path) -> None:
     in_bag = file.parent if file.suffix != ".bag" and "_" in file.parent.name else file
-    drive = read_drive(in_bag)
+    drive = read_recording(in_bag)
     drive.report()
     json.dumps(drive.summary(), allow_nan=False)
 
@@ -324,10 +323,9 @@ def read_journal(file: Path) -> None:
 
 ARRAYS: tuple[Damage, ...] = (edit, change_about, change_about)
 READERS = {
-    "log": Reader(drives, "drive.log*", read_recording),
-    "drive table": Reader(drives, "drive.csv", read_recording),
-    "drive": Reader(drives, "drive.npz", read_recording, (edit,)),
-    "bag": Reader(drives, "drive*/**/*.*", read_recording, (edit, edit, replace_word)),
+    "log": Reader(drives, "drive.log*", read_drive),
+    "drive": Reader(drives, "drive.npz", read_drive, (edit,)),
+    "bag": Reader(drives, "drive*/**/*.*", read_drive, (edit, edit, replace_word)),
     "map": Reader(pictures, "map.yaml", load_map),
     "image": Reader(pictures, "*.p*m", lambda file: load_map(f"{file}.yaml")),
     "BMP": Reader(pictures, "*.bmp", lambda file: load_map(f"{file}.yaml"), (edit,)),

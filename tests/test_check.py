@@ -464,7 +464,7 @@ SMALL_DRIVE = Path(__file__).parent / "small_drive.npz"
 
 @pytest.mark.long
 def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
-    drive = locplan.recordings.read_drive(SMALL_DRIVE)
+    drive = locplan.recordings.read_recording(SMALL_DRIVE)
     office = locplan.load_map(Path(__file__).parents[1] / "maps" / "office.yaml")
     cells = office.cells.copy()
     cells[140:148, 540:640] = OCCUPIED  # in the corridor
@@ -483,7 +483,7 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
 
 @pytest.mark.long
 def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
-    drive = locplan.recordings.read_drive(SMALL_DRIVE)
+    drive = locplan.recordings.read_recording(SMALL_DRIVE)
     found = check(room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
     said, hidden = found.recorded
     assert "cannot show motion along corridors" in hidden

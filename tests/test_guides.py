@@ -29,7 +29,7 @@ LINKING = (
     *(PROJECT / name for name in ("README.md", "CONTRIBUTING.md")),
     *sorted((PROJECT / "examples").rglob("*.md")),
 )
-GIVEN = ("maps", "examples/nav2_params.yaml", "tests/small_drive.npz")
+GIVEN = ("maps", "examples/nav2_params.yaml")
 """Files that a reader copies to a folder, as the guides' first page says."""
 RUN, SHOWN = ("sh", "python", "console"), ("text", "yaml")
 """Languages of blocks that are run, and of those that are only shown."""

@@ -35,7 +35,7 @@ from locplan.field import (
 )
 from locplan.field._compute import standing_cells
 from locplan.maps import OccupancyGrid, load_map, name_of, save_map
-from locplan.recordings import read_drive
+from locplan.recordings import read_recording
 from locplan.robots import Amcl, Lidar, read_amcl, read_parameters
 
 DEEP = "[" * 5000
@@ -417,11 +417,10 @@ def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():
 
 READ = {
     "lidar.sdf": Lidar.from_file,
-    "drive.csv": read_drive,
-    "drive.npz": read_drive,
-    "drive.log": read_drive,
-    "drive.log.gz": read_drive,
-    "drive.mcap": read_drive,
+    "drive.npz": read_recording,
+    "drive.log": read_recording,
+    "drive.log.gz": read_recording,
+    "drive.mcap": read_recording,
     "map.yaml": load_map,
     "nav2.yaml": read_parameters,
     "journal": lambda file: Journal(file, {}),
@@ -448,7 +447,6 @@ def test_sizes_are_checked_before_reading(tmp_path, name):
 
 FLASER = "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 {0} a {0}\n"
 SCANS = {
-    "drive.csv": ("# lidar: range=5.0\nx_m,y_m,heading_rad,range_0_m\n", "{0},0,0,1.0\n"),
     "drive.log": ("# a log\n", FLASER),
     "drive.log.gz": ("# a log\n", FLASER),
 }
@@ -461,15 +459,14 @@ def test_logs_and_what_is_kept_of_them_are_bounded(tmp_path, monkeypatch, name):
     write = gzip.open if name.endswith("gz") else open
     with write(tmp_path / name, "wt") as file:
         file.write(text)
-    assert len(read_drive(tmp_path / name)) == 9
-    monkeypatch.setattr("locplan.recordings._tables.MAX_ARRAY_BYTES", 1024)
+    assert len(read_recording(tmp_path / name)) == 9
     monkeypatch.setattr("locplan.recordings._logs.MAX_ROOM", 1024)
-    assert len(read_drive(tmp_path / name, every=3)) == 3
+    assert len(read_recording(tmp_path / name, every=3)) == 3
     with pytest.raises(LocplanError, match=r"over 4 scans of . beams take too much.*every="):
-        read_drive(tmp_path / name)
+        read_recording(tmp_path / name)
     monkeypatch.setattr("locplan._util.reading.MAX_LINES", 8)
     with pytest.raises(LocplanError, match=r"goes on beyond 8 lines, or .* MB; split it"):
-        read_drive(tmp_path / name, every=9)
+        read_recording(tmp_path / name, every=9)
 
 
 def test_arrays_of_a_recording_are_measured_before_they_are_unpacked(tmp_path):
@@ -477,7 +474,7 @@ def test_arrays_of_a_recording_are_measured_before_they_are_unpacked(tmp_path):
     np.savez_compressed(file, ranges=np.zeros((2**14, 2**14 + 1), np.uint8))
     tracemalloc.start()
     with pytest.raises(LocplanError, match="its arrays take 268 MB"):
-        read_drive(file)
+        read_recording(file)
     assert tracemalloc.get_traced_memory()[1] < 10**7
     tracemalloc.stop()
 

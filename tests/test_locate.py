@@ -477,13 +477,13 @@ def test_the_command_takes_the_scan_at_a_time_near_a_path(run, tmp_path):
 @pytest.mark.parametrize("name", ["csail", "intel", "orebro"])
 def test_scans_of_real_lasers_are_located(name):
     """Odd scans on the map of the even ones."""
-    from locplan.recordings import read_drive
+    from locplan.recordings import read_recording
 
     with (CARMEN / f"localizability_{name}.csv").open(encoding="utf-8", newline="") as file:
         scans = np.array([int(float(row["scan"])) for row in csv.DictReader(file)])
     grid = load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_even")
     limits = (0.05, 30.0 if name in ("intel", "orebro") else 40.0)
-    drive = read_drive(CARMEN / f"{name}-corrected.log.gz", range_limits=limits)
+    drive = read_recording(CARMEN / f"{name}-corrected.log.gz", range_limits=limits)
     some = scans[np.linspace(0, len(scans) - 1, 100).round().astype(int)]
     found = locate_drive(drive[some], grid)
     assert found.right.mean() >= 0.94

@@ -12,7 +12,7 @@ from small_drive import FILE, MAP
 
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OccupancyGrid, load_map
-from locplan.recordings import MapFit, Recording, fit_to_map, read_drive
+from locplan.recordings import MapFit, Recording, fit_to_map, read_recording
 from locplan.robots import Lidar
 
 NAMES = ("intel", "aces", "csail", "fhw", "orebro", "seattle")
@@ -135,7 +135,7 @@ def test_one_beam_of_one_scan_is_enough():
 def test_real_logs_fit_their_maps_and_no_others(name, request):
     if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
-    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
+    log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
     own = load_map(SHARED_DATA / "rosmaps_carmen" / name)
     assert fit_to_map(log, own).share > 0.9
     moved = log.moved(-2.0, 3.0, 0.8)

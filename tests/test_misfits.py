@@ -13,12 +13,12 @@ from locplan import Lidar, load_map
 from locplan._kernels.walls import count_scans
 from locplan.errors import RecordingError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
-from locplan.recordings import Recording, find_misfits, range_fit, read_drive
+from locplan.recordings import Recording, find_misfits, range_fit, read_recording
 
 
 @pytest.fixture(scope="module")
 def drive():
-    return read_drive(FILE)
+    return read_recording(FILE)
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +233,7 @@ def test_poses_may_be_off_by_a_little(office, drive):
 def test_misfits_of_real_logs_are_those_made_in_their_maps(name):
     if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
-    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz", every=3)
+    log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz", every=3)
     true = load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_even")
     assert not [*find_misfits(true, [log]).faults(true)]
     for grid, kind in ((without(true), "missing walls"), (with_ghosts(true), "false walls")):

@@ -15,7 +15,7 @@ from small_drive import FILE
 
 from locplan._util import poses
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings import Recording, read_drive
+from locplan.recordings import Recording, read_recording
 from locplan.robots import Lidar
 
 LIDAR = Lidar(
@@ -52,7 +52,7 @@ def test_odd_metadata_is_read_without_warnings_of_a_library(tmp_path):
     about = path / "metadata.yaml"
     first, second, rest = about.read_text().split(": ", 2)
     about.write_text(f"{first}: &a {second}: &a {rest}")  # an anchor twice
-    same(read_drive(path), drive())
+    same(read_recording(path), drive())
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -60,7 +60,7 @@ def test_odd_metadata_is_read_without_warnings_of_a_library(tmp_path):
 def test_bags_of_all_kinds_give_back_the_drive(tmp_path, kind, lidar):
     wanted = drive(lidar)
     path = write_drive(tmp_path, wanted, kind)
-    read = read_drive(path)
+    read = read_recording(path)
     same(read, wanted)
     lidar = replace(lidar, range_sigma=read.lidar.range_sigma)
     assert replace(read.lidar, mount_x=round(read.lidar.mount_x, 5)) == lidar
@@ -68,12 +68,12 @@ def test_bags_of_all_kinds_give_back_the_drive(tmp_path, kind, lidar):
     assert read.source.poses == "TF map -> base_link"
     assert read.source.odometry == "TF odom -> base_link"
     assert (read.source.lidar_frame, read.source.notes) == ("laser", ())
-    same(read_drive(path, every=3), wanted.every(3))
+    same(read_recording(path, every=3), wanted.every(3))
     if kind != "ros1":  # the file in the folder is a bag, too
         (file,) = (each for each in path.iterdir() if each.suffix != ".yaml")
-        same(read_drive(file), wanted)
+        same(read_recording(file), wanted)
         (path / "metadata.yaml").unlink()
-        same(read_drive(path), wanted)
+        same(read_recording(path), wanted)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_bags_of_all_kinds_give_back_the_drive(tmp_path, kind, lidar):
     ],
 )
 def test_bags_that_are_packed_are_read(tmp_path, kind, packed):
-    same(read_drive(write_drive(tmp_path, drive(), kind, packed)), drive())
+    same(read_recording(write_drive(tmp_path, drive(), kind, packed)), drive())
 
 
 @pytest.mark.parametrize(
@@ -98,16 +98,16 @@ def test_bags_that_are_packed_are_read(tmp_path, kind, packed):
 )
 def test_what_a_bag_unpacks_to_is_bounded(tmp_path, monkeypatch, kind, packed, limit):
     path = write_drive(tmp_path, drive(), kind, packed)
-    monkeypatch.setattr(f"locplan.recordings._bag_files.{limit}", 1)
+    monkeypatch.setattr(f"locplan.recordings.bags.{limit}", 1)
     with pytest.raises(RecordingError, match="unpacks to over"):
-        read_drive(path)
+        read_recording(path)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_small_drive_is_the_same_as_a_bag(tmp_path, kind):
     small = Recording.load(FILE)
     small = replace(small, times=small.times + BEGIN)
-    same(read_drive(write_drive(tmp_path, small, kind)), small)
+    same(read_recording(write_drive(tmp_path, small, kind)), small)
 
 
 @pytest.mark.parametrize("name", few_of(("orebro", "aces", "csail", "fhw", "intel", "seattle"), 2))
@@ -115,10 +115,10 @@ def test_the_small_drive_is_the_same_as_a_bag(tmp_path, kind):
 def test_real_logs_are_the_same_as_bags(tmp_path, kind, name):
     if not (SHARED_DATA / "carmen").is_dir():
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
-    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
+    log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
     path = write_drive(tmp_path, log, kind)
-    same(read_drive(path), log)
-    assert read_drive(path).lidar == log.lidar
+    same(read_recording(path), log)
+    assert read_recording(path).lidar == log.lidar
 
 
 def test_poses_are_interpolated_at_the_stamps_of_scans(tmp_path):
@@ -130,7 +130,7 @@ def test_poses_are_interpolated_at_the_stamps_of_scans(tmp_path):
         bag.tf(BEGIN, bag.transform(BEGIN, "base_link", "laser", (0, 0, 0)), topic="/tf_static")
         for time in (-1.0, 0.1, 0.6, 1.0, 9.0):
             bag.scan(BEGIN + time, LIDAR, np.ones(7))
-    read = read_drive(path)
+    read = read_recording(path)
     np.testing.assert_allclose(read.times - BEGIN, [0.1, 0.6, 1.0], atol=1e-6)
     at = np.array([0.25, 1.5, 2.5])
     np.testing.assert_allclose(read.poses[:, :2], np.column_stack([[1.0] * 3, 2.0 + at]), atol=1e-6)
@@ -145,7 +145,7 @@ def test_poses_are_not_interpolated_over_long_gaps_in_which_the_robot_moved(tmp_
             bag.plain_pose(BEGIN + time, (x, 0.0, 0.0))
         for time in (5.0, 15.0):
             bag.scan(BEGIN + time, LIDAR, np.ones(7))
-    read = read_drive(path)
+    read = read_recording(path)
     assert len(read) == 1
     assert read.poses[0].tolist() == pytest.approx([0.005, 0, 0])
 
@@ -161,7 +161,7 @@ def test_a_lidar_that_is_upside_down_has_its_beams_reversed(tmp_path, kind):
         for time, pose, ranges in zip(wanted.times, wanted.poses, wanted.ranges, strict=True):
             bag.tf(time, bag.transform(time, "map", "base_link", pose))
             bag.scan(time, lidar, ranges[::-1])
-    same(read_drive(path), replace(wanted, odometry=None))
+    same(read_recording(path), replace(wanted, odometry=None))
 
 
 def test_clockwise_scans_are_turned_round_and_others_resampled(tmp_path):
@@ -177,7 +177,7 @@ def test_clockwise_scans_are_turned_round_and_others_resampled(tmp_path):
             if n == 3:  # one beam fewer
                 ranges = ranges[:-1]
             bag.scan(time, lidar, ranges, **changes)
-    read = read_drive(path)
+    read = read_recording(path)
     ranges = wanted.ranges.copy()
     ranges[3, 0] = np.inf
     same(read, replace(wanted, ranges=ranges, odometry=None))
@@ -192,7 +192,7 @@ def test_a_full_circle_with_its_first_beam_twice_has_it_once(tmp_path):
         step = 2 * math.pi / 8
         ends = {"angle_min": 0.0, "angle_max": 2 * math.pi, "angle_increment": step}
         bag.scan(BEGIN, CIRCLE, [1, 2, 3, 4, 5, 6, 7, 8, 1], **ends)
-    read = read_drive(path)
+    read = read_recording(path)
     assert read.ranges.tolist() == [[1, 2, 3, 4, 5, 6, 7, 8]]
     np.testing.assert_allclose(read.ends()[0, 0], [1.0, 0.0], atol=1e-5)
     np.testing.assert_allclose(read.ends()[0, 2], [0.0, 3.0], atol=1e-5)
@@ -254,7 +254,7 @@ def test_poses_of_amcl_are_carried_to_the_scans_by_odometry(tmp_path):
             if n % 6 == 3:  # half way to the next scan
                 bag.amcl_pose(time + 0.25, (pose + poses[n + 1]) / 2)
             bag.scan(time, LIDAR, np.ones(7))
-    read = read_drive(path)
+    read = read_recording(path)
     index = np.rint((read.times - BEGIN) / 0.5).astype(int)
     assert set(range(28)) <= set(index.tolist())
     turned = np.abs(np.angle(np.exp(1j * (read.poses[:, 2] - poses[index, 2]))))
@@ -271,7 +271,7 @@ def test_several_topics_are_named(tmp_path):
     with pytest.raises(
         RecordingError, match="poses on /a/mocap and /b/mocap; choose one with pose"
     ):
-        read_drive(path)
+        read_recording(path)
     assert read_with(path, pose_topic="/b/mocap").source.poses == "/b/mocap"
     with pytest.raises(
         RecordingError, match="no poses on /c; topics for pose_topic= are: /a/mocap"
@@ -285,7 +285,7 @@ def test_several_topics_are_named(tmp_path):
     with pytest.raises(
         RecordingError, match="scans on /front and /rear; choose one with scan_topic"
     ):
-        read_drive(path)
+        read_recording(path)
 
 
 @pytest.mark.parametrize("source", ["topic", "TF"])
@@ -416,8 +416,8 @@ def test_clocks_that_run_backwards_are_refused(tmp_path):
     with pytest.raises(
         RecordingError, match=r"the clock of /scan runs backwards by 2.9 s at 0.4 s"
     ):
-        read_drive(path)
-    assert len(read_drive(path, window=(0.0, 0.35))) == 4
+        read_recording(path)
+    assert len(read_recording(path, window=(0.0, 0.35))) == 4
 
 
 def test_scans_that_overtake_each_other_are_put_in_order(tmp_path):
@@ -428,7 +428,7 @@ def test_scans_that_overtake_each_other_are_put_in_order(tmp_path):
             bag.plain_pose(time, wanted.poses[n])
             logged = BEGIN + 1.0
             bag.scan(logged, LIDAR, wanted.ranges[n], header=bag.header(time, "laser"))
-    read = read_drive(path)
+    read = read_recording(path)
     np.testing.assert_array_equal(read.ranges, wanted.ranges)
     np.testing.assert_allclose(read.poses[:, 0], wanted.poses[:, 0])
 
@@ -463,7 +463,7 @@ def test_damaged_bags_are_refused_in_one_line(tmp_path):
         for size in (0, 10, len(content) // 2, len(content) - 2000):
             path.write_bytes(content[:size])
             with pytest.raises(RecordingError, match=r"cannot be read as a bag|has no") as caught:
-                read_drive(path)
+                read_recording(path)
             assert str(caught.value).count("\n") == 0
         assert remedy in str(caught.value)
 
@@ -472,18 +472,18 @@ def test_rosbags_is_asked_for_where_it_is_missing(tmp_path, monkeypatch):
     path = write_drive(tmp_path, drive(), "mcap")
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(LocplanError, match=r"needs rosbags: pip install 'locplan\[ros\]'"):
-        read_drive(path)
+        read_recording(path)
 
 
 def test_progress_counts_messages_in_two_passes(tmp_path):
     path, seen = write_drive(tmp_path, drive(), "mcap"), []
-    read_drive(path, progress=lambda *each: seen.append(each))
+    read_recording(path, progress=lambda *each: seen.append(each))
     assert seen == [(0, 8), (8, 8), (0, 24), (24, 24)]
 
 
 def test_transforms_that_no_pose_needs_are_left_out():
     from locplan.recordings._logs import Options
-    from locplan.recordings._places import Heard
+    from locplan.recordings.bags import Heard
 
     tree = poses.FrameTree([1.0])
     tree.add_static("base_link", "laser", poses.IDENTITY)
@@ -553,6 +553,6 @@ def test_bag_has_speeds_of_odometry(tmp_path, kind):
         bag.scan(times[2], lidar, np.full(7, 3.0))
         late = bag.header(times[0] + 0.1, "laser")
         bag.scan(times[2] + 0.1, lidar, np.full(7, 3.0), header=late)
-    read = read_drive(path)
+    read = read_recording(path)
     np.testing.assert_allclose(read.speeds, [0.5, 0.0, -1.5], atol=1e-6)
     assert read.source.stamps_back == 1

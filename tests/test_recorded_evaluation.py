@@ -289,7 +289,7 @@ def reference():
 @pytest.mark.skipif(not CARMEN.exists(), reason="the recorded logs are not here")
 def test_the_reference_of_real_lasers_is_reproduced():
     """Spearman with the reference's deviations, without the tenth of the scans that fit worst."""
-    from locplan.recordings import read_drive
+    from locplan.recordings import read_recording
 
     ours, theirs = [], []
     for file in reference():
@@ -299,7 +299,7 @@ def test_the_reference_of_real_lasers_is_reproduced():
         column = {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
         grid = load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_even")
         limits = (0.05, 30.0 if name in ("intel", "orebro") else 40.0)
-        drive = read_drive(CARMEN / f"{name}-corrected.log.gz", range_limits=limits)
+        drive = read_recording(CARMEN / f"{name}-corrected.log.gz", range_limits=limits)
         matches = match_scans(drive[column["scan"].astype(int)], grid)
         kept = column["score_per_beam"] >= np.quantile(column["score_per_beam"], 0.1)
         ours.append(matches.position_std[kept])

@@ -18,7 +18,7 @@ from locplan._util.poses import after_way, way_between, wrapped
 from locplan.diagnosis._reading import Reading
 from locplan.diagnosis._recorded import recorded as look_at_drives
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, MapFaults, OccupancyGrid, environments
-from locplan.recordings import Recording, find_recording_faults, odometry_noise, read_drive
+from locplan.recordings import Recording, find_recording_faults, odometry_noise, read_recording
 from locplan.recordings._scan_steps import measure_steps
 from locplan.robots import Amcl, Disturbances
 
@@ -219,7 +219,7 @@ def carmen(path, speeds, *, stamps=None):
             flaser((0.1 * n, 0.5, 0), stamp=stamp),
         ]
     path.write_text("".join(lines))
-    return read_drive(path)
+    return read_recording(path)
 
 
 def test_faults_compare_signs_of_velocity_and_pose(tmp_path):
@@ -313,7 +313,7 @@ def test_wean2_has_no_faults_of_odometry():
     folder = SHARED_DATA / "drives"
     if not folder.is_dir():
         pytest.skip("the dense recordings (../shared/data/drives) are not here")
-    drive = read_drive(folder / "wean2.log.gz")
+    drive = read_recording(folder / "wean2.log.gz")
     faults = find_recording_faults(drive, load_map(folder / "wean2.yaml"))
     assert faults.is_sound
     assert faults.places == ()

@@ -9,6 +9,7 @@ import math
 import re
 from dataclasses import replace
 
+import built_in_recording
 import numpy as np
 import pytest
 from conftest import SHARED_DATA
@@ -16,7 +17,7 @@ from drive_bags import read_with
 from small_drive import FILE, made
 
 from locplan.errors import ConfigError, LocplanError, RecordingError
-from locplan.recordings import Recording, read_drive
+from locplan.recordings import Recording, read_recording
 from locplan.robots import Kinematics, Lidar, Robot
 
 LIDAR = Lidar(range=8.0, min_range=0.2, field_of_view_deg=180.0, beams=5, mount_x=0.1)
@@ -135,16 +136,15 @@ def test_ends_of_beams_are_where_the_lidar_looks():
     assert np.isnan(ends[2]).all()
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".csv"])
 @pytest.mark.parametrize(("times", "odometry"), [(True, True), (False, False), (False, True)])
-def test_files_give_back_what_was_saved(tmp_path, suffix, times, odometry):
-    whole, path = drive(times=times, odometry=odometry), tmp_path / f"a{suffix}"
+def test_files_give_back_what_was_saved(tmp_path, times, odometry):
+    whole, path = drive(times=times, odometry=odometry), tmp_path / "a.npz"
     whole.save(path)
-    same(Recording.load(path), whole, 0.0 if suffix == ".npz" else 1e-6)
-    same(read_drive(path, every=2), whole.every(2), 1e-6)
+    same(Recording.load(path), whole)
+    same(read_recording(path, every=2), whole.every(2), 1e-6)
     if times:
-        same(read_drive(path, window=(0.4, 1.1)), whole.window(0.4, 1.1), 1e-6)
-    near = read_drive(path, range_limits=(0.2, 3.0), mount=(1.0, 2.0, math.pi))
+        same(read_recording(path, window=(0.4, 1.1)), whole.window(0.4, 1.1), 1e-6)
+    near = read_recording(path, range_limits=(0.2, 3.0), mount=(1.0, 2.0, math.pi))
     assert (near.lidar.range, near.lidar.mount_x, near.lidar.mount_yaw_deg) == (3.0, 1.0, 180.0)
     np.testing.assert_array_equal(np.isinf(near.ranges), ~(whole.ranges < 3.0))
 
@@ -158,60 +158,26 @@ def test_npz_loses_nothing_where_ranges_are_no_whole_millimetres(tmp_path):
     assert np.load(tmp_path / "whole.npz")["ranges"].dtype == np.uint16
 
 
-CSV = "# lidar: range=8.0\nx,y,heading,range_0,range_1\n1,2,0.5,3.5,\n1,2,0.5,3,nan\n"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("1,2,0.5,3.5,\n", "1,2,0.5,3.5\n", "line 3 has 4 columns and must have 5"),
-        ("1,2,0.5,3.5,\n", "1,nan,0.5,3.5,\n", "line 3, column 2: time, pose and odometry must be"),
-        ("3.5", "far", "line 3 has a cell that is no number"),
-        ("x,", "east,", "line 2: column 'east' must be x; the columns are .time,.x,y,heading"),
-        ("range_1", "range_2", "line 2: column 'range_2' must be range_1"),
-        ("range=8.0", "reach=8.0", "its lidar has no 'reach'; known are range, min_range"),
-        ("range=8.0", "range", "line 1: 'range' must be NAME=VALUE"),
-        ("range=8.0", "range=-1", "range must be a positive number"),
-        ("3.5,\n1,2,0.5,3,nan", "9,\n1,2,0.5,99,nan", "no beam of 2 scans ends within 0 to 8 m"),
-        (CSV, "", "is empty; it needs a line of column names"),
-        ("1,2,0.5,3.5,\n1,2,0.5,3,nan\n", "", "has no scan below its column names"),
-    ],
-)
-def test_wrong_tables_are_refused_in_one_line(tmp_path, old, new, words):
-    path = tmp_path / "a.csv"
-    path.write_text(CSV)
-    assert read_drive(path).ranges.tolist() == [[3.5, np.inf], [3.0, np.inf]]
-    path.write_text(CSV.replace(old, new))
-    with pytest.raises(LocplanError, match=f"a.csv: .*{words}"):
-        read_drive(path)
-
-
-def test_times_of_tables_that_go_back_are_left_out(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("time_s,x_m,y_m,heading_rad,range_0_m\n5,0,0,0,1\n4,0,0,0,1\n")
-    assert read_drive(path).times is None
-    assert "do not rise" in read_drive(path).source.notes[0]
-
-
 def test_arrays_of_other_programs_are_read(tmp_path):
     path = tmp_path / "a.npz"
     lidar = json.dumps({"range": 5.0, "beams": 2})
     np.savez(path, ranges=[[1.0, 2.0]], poses=[[0, 0, 0]], lidar=lidar)
-    assert read_drive(path).ranges.tolist() == [[1.0, 2.0]]
+    assert read_recording(path).ranges.tolist() == [[1.0, 2.0]]
     np.savez(path, ranges=np.array([[1500, 65535]], np.uint16), poses=[[0, 0, 0]], lidar=lidar)
-    assert read_drive(path).ranges.tolist() == [[1.5, np.inf]]
+    assert read_recording(path).ranges.tolist() == [[1.5, np.inf]]
     for arrays, words in (
         ({"lidar": "{"}, "its lidar must be JSON"),
         ({"lidar": '{"range": -1}'}, "its lidar cannot be: range must be"),
+        ({"lidar": '{"reach": 8}'}, "its lidar has no 'reach'; known are range, min_range"),
         ({"poses": [[0, 0, np.nan]]}, "pose 0 must be finite"),
         ({"poses": np.array([{}])}, "is damaged"),
     ):
         np.savez(path, **{"ranges": [[1.0, 2.0]], "poses": [[0, 0, 0]], "lidar": lidar} | arrays)
         with pytest.raises(LocplanError, match=f"a.npz: {words}"):
-            read_drive(path)
+            read_recording(path)
     np.savez(path, ranges=[[1.0]])
     with pytest.raises(RecordingError, match="has no array poses and lidar"):
-        read_drive(path)
+        read_recording(path)
 
 
 @pytest.mark.parametrize(
@@ -230,21 +196,21 @@ def test_arrays_of_other_programs_are_read(tmp_path):
     ],
 )
 def test_options_are_checked(tmp_path, options, words):
-    path = tmp_path / "a.csv"
-    path.write_text(CSV)
+    path = tmp_path / "a.npz"
+    drive().save(path)
     with pytest.raises(ConfigError, match=words):
         read_with(path, **options)
 
 
 def test_unknown_files_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="is not there"):
-        read_drive(tmp_path / "a.npz")
+        read_recording(tmp_path / "a.npz")
     (tmp_path / "a.txt").write_text("x")
     with pytest.raises(RecordingError, match=r"of no kind that is known \(.mcap"):
-        read_drive(tmp_path / "a.txt")
+        read_recording(tmp_path / "a.txt")
     with pytest.raises(RecordingError, match=r"is a folder without metadata.yaml, with no bag"):
-        read_drive(tmp_path)
-    with pytest.raises(RecordingError, match=r"must end in .npz or .csv"):
+        read_recording(tmp_path)
+    with pytest.raises(RecordingError, match=r"must end in .npz"):
         drive().save(tmp_path / "a.bag")
 
 
@@ -274,14 +240,14 @@ def test_carmen_is_read_in_the_order_of_its_lines(tmp_path):
         + odom((0.0, 0, 0), 1.0) + flaser((5.0, 5, 0), stamp=1.5) + odom((1.0, 0, 0), 2.0)
         + odom((2.0, 0, 0), 3.0) + flaser((7.0, 5, 1), stamp=3.0) + "NEFF 3\n"
     )  # fmt: skip
-    read = read_drive(path)
+    read = read_recording(path)
     assert read.poses.tolist() == [[5, 5, 0], [7, 5, 1]]
     assert read.odometry[:, 0].tolist() == [0.5, 2.0]  # between the lines, by their stamps
     assert read.times.tolist() == [1.5, 3.0]
     assert (read.lidar.range, read.lidar.beams, read.lidar.field_of_view_deg) == (49.9, 4, 135.0)
     assert read.lidar.mount_yaw_deg == -22.5
     assert read.ranges[0].tolist() == [1.0, 2.0, np.inf, np.inf]
-    same(read_drive(path, every=2), read.every(2))
+    same(read_recording(path, every=2), read.every(2))
 
 
 def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):
@@ -292,10 +258,12 @@ def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):
         lines += odom((*at, 0.0))
         at += [1.0, 0.0]
     (tmp_path / "a.log").write_text(lines)
-    read = read_drive(tmp_path / "a.log")
+    read = read_recording(tmp_path / "a.log")
     np.testing.assert_allclose(read.odometry[:, :2], [[n, 0.0] for n in range(4)], atol=1e-12)
     assert read.times is None
-    np.testing.assert_allclose(read_drive(tmp_path / "a.log", every=2).odometry, read.odometry[::2])
+    np.testing.assert_allclose(
+        read_recording(tmp_path / "a.log", every=2).odometry, read.odometry[::2]
+    )
 
 
 def test_odometry_stands_still_between_scans_without_a_line_of_it(tmp_path):
@@ -307,7 +275,7 @@ def test_odometry_stands_still_between_scans_without_a_line_of_it(tmp_path):
         lines += odom((*at, 0.0))
         at += [1.0, 0.0]
     (tmp_path / "a.log").write_text(lines)
-    read = read_drive(tmp_path / "a.log")
+    read = read_recording(tmp_path / "a.log")
     ahead = [0, 1, 2, 2, 3, 4]
     np.testing.assert_allclose(read.odometry[:, :2], [[n, 0.0] for n in ahead], atol=1e-12)
 
@@ -317,13 +285,13 @@ def test_poses_of_carmen_are_the_robots_or_the_corrected_ones(tmp_path):
     lidar = ((0.2, 0.0, 0.0), (1.0, 0.2, math.pi / 2))
     robot = ((0.0, 0.0, 0.0), (1.0, 0.0, math.pi / 2))
     path.write_text("".join(flaser(*each) for each in zip(lidar, robot, strict=True)))
-    read = read_drive(path)
+    read = read_recording(path)
     np.testing.assert_allclose(read.poses, robot)
     assert (read.lidar.mount_x, read.lidar.mount_y) == (0.2, 0.0)
     assert read.odometry is None
     drifting = ((0.0, 0.0, 0.0), (4.0, 0.0, 1.0))
     path.write_text("".join(flaser(*each) for each in zip(lidar, drifting, strict=True)))
-    read = read_drive(path)
+    read = read_recording(path)
     np.testing.assert_allclose(read.poses, lidar)
     np.testing.assert_allclose(read.odometry, drifting)
     assert read.lidar.mount_x == 0.0
@@ -334,7 +302,7 @@ def test_robotlaser_tells_its_angles_and_range(tmp_path):
         "ROBOTLASER1 0 -0.5 1.0 0.25 8.0 0.01 0 5 1 2 3 4 8.1 1 7 0.1 0 0 0 0 0 0 0 1 1 1 {} h 2\n"
     )
     (tmp_path / "a.clf.gz").write_bytes(gzip.compress((line.format(2) + line.format(3)).encode()))
-    read = read_drive(tmp_path / "a.clf.gz")
+    read = read_recording(tmp_path / "a.clf.gz")
     assert read.ranges[0].tolist() == [1, 2, 3, 4, np.inf]
     assert read.lidar.range == 8.0
     assert read.lidar.field_of_view_deg == pytest.approx(math.degrees(1.0), abs=1e-4)
@@ -354,25 +322,25 @@ def test_robotlaser_tells_its_angles_and_range(tmp_path):
 def test_damaged_logs_are_refused_in_one_line(tmp_path, text, words):
     (tmp_path / "a.log").write_text(text)
     with pytest.raises(RecordingError, match=f"a.log: {words}"):
-        read_drive(tmp_path / "a.log")
+        read_recording(tmp_path / "a.log")
 
 
 def test_a_log_that_was_stopped_is_read_without_its_last_line(tmp_path):
     (tmp_path / "a.log").write_text(flaser((0, 0, 0)) + flaser((1, 0, 0))[:20])
-    read = read_drive(tmp_path / "a.log")
+    read = read_recording(tmp_path / "a.log")
     assert len(read) == 1
     assert re.search("last line, 2, is cut off", read.source.notes[0])
     packed = gzip.compress(flaser((0, 0, 0)).encode() * 50)
     (tmp_path / "b.log.gz").write_bytes(packed[:-12])
     with pytest.raises(RecordingError, match=r"is cut off or damaged \(gzip\)"):
-        read_drive(tmp_path / "b.log.gz")
+        read_recording(tmp_path / "b.log.gz")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_real_logs_are_read(name):
     if not (SHARED_DATA / "carmen").is_dir():
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
-    read = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
+    read = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
     assert len(read) == {"aces": 440, "intel": 910}.get(name, len(read))
     assert (read.times is None) == (name in ("csail", "intel", "orebro"))
     assert 0.96 < np.isfinite(read.ranges).mean() < 1.0
@@ -393,7 +361,7 @@ def test_poses_and_returns_of_real_logs_are_those_of_their_reference(name):
     with (SHARED_DATA / "carmen" / f"localizability_{name}.csv").open() as file:
         rows = list(csv.DictReader(file))
     reference = {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
-    read = read_drive(log, range_limits=limits)[reference["scan"].astype(int)]
+    read = read_recording(log, range_limits=limits)[reference["scan"].astype(int)]
     assert np.abs(read.poses[:, 0] - reference["x"]).max() < 0.001
     assert np.abs(read.poses[:, 1] - reference["y"]).max() < 0.001
     assert np.abs(np.sin(read.poses[:, 2] - reference["theta"])).max() < 0.001
@@ -422,12 +390,28 @@ def test_the_small_drive_is_what_the_simulator_makes():
     assert other.mean() < 0.001  # rounding may let a beam pass a corner
 
 
-def test_times_in_csv_lose_nothing(tmp_path):
-    """Stamps of today are 1.7e9 s, and scans may be half a microsecond apart."""
-    times = 1.7e9 + np.array([0.0, 5e-7, 0.1])
-    drive = Recording(np.ones((3, 2)), Lidar(range=4.0, beams=2), np.zeros((3, 3)), times)
-    drive.save(tmp_path / "drive.csv")
-    np.testing.assert_array_equal(Recording.load(tmp_path / "drive.csv").times, times)
+def test_built_in_recording_equals_simulated_one():
+    assert built_in_recording.FILE.stat().st_size < 200_000
+    built_in = read_recording(built_in_recording.NAME)
+    simulated = built_in_recording.simulate_recording()
+    assert (built_in.lidar, built_in.source) == (simulated.lidar, simulated.source)
+    np.testing.assert_allclose(built_in.poses, simulated.poses, atol=2e-5)
+    np.testing.assert_allclose(built_in.odometry, simulated.odometry, atol=2e-5)
+    differs = ~np.isclose(built_in.ranges, simulated.ranges, rtol=0, atol=2e-3)
+    assert differs.mean() < 0.001  # rounding may let a beam pass a corner
+
+
+def test_file_goes_before_built_in_recording(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert len(read_recording("two_corridors", every=100)) == 5
+    (tmp_path / "two_corridors").mkdir()
+    with pytest.raises(RecordingError, match="two_corridors: is a folder without metadata"):
+        read_recording("two_corridors")
+
+
+def test_missing_recording_names_built_in_ones():
+    with pytest.raises(RecordingError, match=r"office: is not there; .*built-in.*: two_corridors"):
+        read_recording("office")
 
 
 def test_the_robot_of_a_drive_has_its_lidar_and_moves_as_it_did():

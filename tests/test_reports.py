@@ -9,7 +9,7 @@ from conftest import SHARED_DATA
 
 from locplan import load_map
 from locplan.errors import LocplanError
-from locplan.recordings import read_drive
+from locplan.recordings import read_recording
 from locplan.robots import Amcl, Inflation, Kinematics, Lidar, Robot, read_parameters
 
 REPORTS = SHARED_DATA / "reports"
@@ -110,8 +110,8 @@ def test_bags_give_scans_and_odometry(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runpy.run_path("make_bags.py")
     for name in ("odom_nostatic", "odom_tf", "prefix", "tf_map_prefix"):
-        drive = read_drive(name)
+        drive = read_recording(name)
         assert len(drive.poses) == 150
     with pytest.raises(LocplanError, match="has no poses"):
-        read_drive("scan_only")
-    assert len(read_drive("scan_only", needs_poses=False)) == 150
+        read_recording("scan_only")
+    assert len(read_recording("scan_only", needs_poses=False)) == 150

@@ -22,7 +22,7 @@ from locplan.recordings import (
     Jump,
     Recording,
     odometry_noise,
-    read_drive,
+    read_recording,
     record_drive,
     referenced,
     smooth,
@@ -397,7 +397,7 @@ def test_what_cannot_be_smoothed_is_refused(drive):
     [("aces", "odd"), ("csail", "even"), ("fhw", "odd"), ("intel", "even"), ("seattle", "odd")],
 )
 def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
-    log = read_drive(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
+    log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
     drive = log[(half == "odd") :: 2]
     other = {"odd": "even", "even": "odd"}[half]
     grid = locplan.load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_{other}" / "map.yaml")
@@ -428,7 +428,7 @@ def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
 )
 def test_smooth_finds_dense_drives(name, median, most):
     folder = SHARED_DATA / "drives"
-    drive = read_drive(folder / f"{name}.log.gz")
+    drive = read_recording(folder / f"{name}.log.gz")
     trajectory = smooth(locplan.load_map(folder / f"{name}.yaml"), drive)
     error = off(trajectory, drive)
     assert np.median(error) <= median

@@ -221,7 +221,8 @@ def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
     """Return a recording, read with the defaults of `locplan recording`."""
     try:
         with progress_bar(f"reading {file.name}", "messages") as progress:
-            return locplan.recordings.read_drive(file, needs_poses=needs_poses, progress=progress)
+            read = locplan.recordings.read_recording
+            return read(file, needs_poses=needs_poses, progress=progress)
     except LocplanError as error:
         text = options_as_typed(str(error), "recording")
         if text == str(error):

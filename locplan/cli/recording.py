@@ -24,7 +24,7 @@ OptionalMap = Annotated[Path | None, Parameter("MAP"), check_with(keep_map)]
 @command(
     "recording monday.mcap lab.yaml -o drive.npz",
     "recording monday.mcap lab.yaml --robot nav2_params.yaml -o monday",
-    "recording monday.log",
+    "recording two_corridors two_corridors -o drive.npz",
 )
 def recording(
     file: DriveFile,
@@ -54,7 +54,7 @@ def recording(
     Parameters
     ----------
     file
-        Bag of ROS 1 or 2, CARMEN log, CSV or NPZ.
+        Bag of ROS 1 or 2, CARMEN log, .npz, or built-in recording.
     map_file
         Map YAML, folder with one, or built-in map.
     every
@@ -93,7 +93,7 @@ def recording(
         base_frame=base_frame,
     )
     with progress_bar(f"reading {file.name}", "messages") as progress:
-        drive = locplan.recordings.read_drive(
+        drive = locplan.recordings.read_recording(
             file,
             every=every,
             topics=topics,

@@ -14,7 +14,10 @@ from ._figures import (
     replay_figure as replay_figure,
     trajectory_figure as trajectory_figure,
 )
-from ._fit import MapFit as MapFit, fit_to_map as fit_to_map
+from ._fit import (
+    MapFit as MapFit,
+    fit_to_map as fit_to_map,
+)
 from ._locate import locate as locate, locate_drive as locate_drive
 from ._location import LocatedDrive as LocatedDrive, Location as Location
 from ._location_figures import (
@@ -29,7 +32,6 @@ from ._matches import (
 from ._misfits import find_misfits as find_misfits
 from ._odometry_noise import odometry_noise as odometry_noise
 from ._range_fit import range_fit as range_fit
-from ._read import read_drive as read_drive, record_drive as record_drive
 from ._recording import Recording as Recording
 from ._recording_faults import (
     RecordingFaults as RecordingFaults,
@@ -50,3 +52,5 @@ from ._study import (
 from ._tracks import sparse_notes as sparse_notes
 from ._trajectory import Jump as Jump, Trajectory as Trajectory
 from ._tuning import tune_on_drive as tune_on_drive
+from .files import read_recording as read_recording
+from .simulated import record_drive as record_drive

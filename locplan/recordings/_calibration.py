@@ -131,7 +131,7 @@ def calibrate_drive(
     >>> 0.02 < found.robot.disturbances.outliers < 0.06
     True
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     robot = recording.robot(robot)
     scans = scan_noise(recording, grid, threads=threads, progress=progress)

@@ -244,7 +244,7 @@ def evaluate_drive(
     RecordingError
         If too few scans were taken where the map is known and fits.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_enough(len(recording), len(recording))
     if estimators is None:
         estimators = estimators_for(recording.lidar)

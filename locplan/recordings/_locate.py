@@ -280,7 +280,7 @@ def locate_drive(
         If a value is out of its range, no scan has enough returns, or there is no place for the
         robot.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     whole("count", count)
     workers = check_threads(threads)

@@ -68,7 +68,7 @@ class Topics(Settings):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Options(Topics):
-    """What is read of a log; `read_drive` explains each."""
+    """What is read of a log; `read_recording` explains each."""
 
     every: int = 1
     window: tuple[float, float] | None = None

@@ -153,7 +153,7 @@ def match_scans(
     RecordingError
         If no scan with enough returns was taken on the map.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     workers = check_threads(threads)
     matcher = Matcher(grid, settings) if settings else Matcher.of(grid, recording.lidar)

@@ -95,7 +95,7 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         If the poses are off by so much that walls would seem to be wrong.
     """
     for each in recordings:
-        instance("recording", each, Recording, "read one with locplan.recordings.read_drive")
+        instance("recording", each, Recording, "read one with locplan.recordings.read_recording")
     deviation = max(_pose_deviation(grid, each) for each in recordings)
     name = grid.name or "the map"
     if math.isinf(deviation):

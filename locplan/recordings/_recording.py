@@ -52,7 +52,7 @@ class Recording:
     """The lidar, with its mount on the robot."""
     poses: Floats
     """Poses x, y, heading of the robot in the map's frame at the scans, (n, 3) [m, m, rad]; all NaN
-    if the log has none, see `read_drive`."""
+    if the log has none, see `read_recording`."""
     times: Floats | None = None
     """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
     odometry: Floats | None = None
@@ -317,13 +317,12 @@ class Recording:
         return table([], self.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Save the recording; `read_drive` says what is in the file.
+        """Save the recording without loss; `read_recording` describes the file.
 
         Parameters
         ----------
         path : path
-            File that ends in .npz, which loses nothing, or in .csv, whose ranges are
-            rounded to 0.1 mm and poses to a millionth, and which has no speeds.
+            File that ends in .npz.
 
         Raises
         ------
@@ -332,7 +331,7 @@ class Recording:
         LocplanError
             If it cannot be written.
         """
-        called("locplan.recordings._tables:save", self, path)
+        called("locplan.recordings.files:save", self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recording:
@@ -341,12 +340,12 @@ class Recording:
         Parameters
         ----------
         path : path
-            File that ends in .npz or .csv.
+            File that ends in .npz.
 
         Raises
         ------
         RecordingError
             If the file cannot be read, or holds no recording.
         """
-        drive: Recording = called("locplan.recordings:read_drive", path)
-        return drive
+        recording: Recording = called("locplan.recordings:read_recording", path)
+        return recording

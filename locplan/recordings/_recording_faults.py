@@ -203,7 +203,7 @@ def find_recording_faults(
     >>> find_recording_faults(drive, grid).is_sound
     True
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     # Poses count for the map alone: odometry and scans are compared with each other.
     stretch = longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
     odometry, count = recording.odometry, len(recording)

@@ -52,7 +52,7 @@ def trajectory_of(
     LocplanError
         As for `smooth`.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
 
     def compute(parts: Path | None) -> Trajectory:

@@ -289,7 +289,7 @@ def replay(
     >>> replay(drive, grid, runs=2).errors.shape
     (2, 9, 3)
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     robot = recording.robot(robot)
     whole("runs", runs, 1, 10_000)

@@ -144,7 +144,7 @@ def smooth(
 
 def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
     """Raise an error if a drive cannot be smoothed."""
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     whole("seed", seed, 0)
     if len(recording) < 10:

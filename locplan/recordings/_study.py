@@ -213,7 +213,7 @@ def study_recording(
     >>> study_recording(drive).faults.is_sound
     True
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_drive")
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     whole("seed", seed, 0)
     check_threads(threads)
     if grid is None:

@@ -101,7 +101,7 @@ def tune_on_drive(
     """
     recordings, grids = as_list(recording), as_list(grid)
     for drive in recordings:
-        instance("recording", drive, Recording, "read one with locplan.recordings.read_drive")
+        instance("recording", drive, Recording, "read one with locplan.recordings.read_recording")
     for one in grids:
         check_grid(one)
     if len(grids) not in (1, len(recordings)):

@@ -1,4 +1,4 @@
-"""Recorded drives from logs of CARMEN: text, one message a line, with odometry at the scans."""
+"""The reader of CARMEN logs: text, one message a line, with odometry at the scans."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
     )
     speeds = _speeds(log, found.before)
     ranges.setflags(write=False)
-    return Recording(
+    recording = Recording(
         ranges,
         replace(lidar, min_range=least, range=most),
         poses[kept],
@@ -99,6 +99,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
         source,
         None if reported is None or speeds is None else speeds[kept],
     )
+    return recording if options.window is None else recording.window(*options.window)
 
 
 def _speeds(log: _Log, before: Sequence[int]) -> Floats | None:

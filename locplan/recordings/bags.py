@@ -1,0 +1,789 @@
+"""The reader of bags of ROS 1 and ROS 2 (.bag, .db3, .mcap, or a folder of rosbag2).
+
+Scans are read in a first pass, and all that relates them to the map in a second one. Poses that are
+reported rarely are carried by odometry to the scans in between.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from bz2 import BZ2Decompressor
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cache, cached_property, partial
+from io import BufferedReader
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._kernels.arrays import Floats
+from locplan._util import reading
+from locplan._util.files import keep_input
+from locplan._util.poses import (
+    IDENTITY,
+    FrameTree,
+    Track,
+    Transform,
+    after_way,
+    frame_name,
+    in_plane,
+    upward,
+    way_between,
+    wrapped,
+)
+from locplan._util.progress import ProgressCallback
+from locplan._util.public import needed
+from locplan.errors import LocplanError, RecordingError
+from locplan.recordings._logs import Options, ScanRows, Source
+from locplan.recordings._recording import Recording
+
+MAX_CHUNK_BYTES = 2**26
+"""Maximum size of a chunk, or of a message that is packed by itself, once it is unpacked."""
+MAX_RATIO = 100
+"""Maximum size of a file that is packed as a whole, once it is unpacked, to its own."""
+MENDERS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
+"""The program that mends a damaged bag, by the suffix of the file."""
+SUFFIXES: tuple[str, ...] = (*MENDERS,)
+BASES = ("base_footprint", "base_link", "base")
+"""Usual names of a robot's frame, after a prefix; that of odometry is odom."""
+
+
+def read_bag(path: Path, options: Options, progress: ProgressCallback | None = None) -> Recording:
+    """Read a drive from a bag; only the topics that are needed are decoded.
+
+    Raises
+    ------
+    RecordingError
+        If the bag is damaged, has no scans or poses, its frames are not connected, or its clock
+        runs backwards.
+    """
+    with _opened(path) as bag:
+        topic = _scan_topic(bag, options.scan_topic)
+        scans = _read_scans(bag, topic, options, progress)
+        heard = _listen(bag, topic, options, scans, progress)
+    place, notes = heard.located(), heard.notes
+    kept: list[int] = np.flatnonzero(place.known).tolist()
+    if len(kept) < len(scans.times):
+        notes.append(f"{len(scans.times) - len(kept)} of {len(scans.times)} scans have no pose")
+    rows = scans.rows
+    if rows.resampled:
+        of = f"{rows.resampled} of {len(rows)}"
+        notes.append(f"scans of other angles were brought to those of the first ({of})")
+    lidar = rows.lidar(place.mount, place.upside_down)
+    ranges = rows.finish([scans.order[n] for n in kept])
+    if place.upside_down:
+        ranges = ranges[:, ::-1]
+    ranges.setflags(write=False)
+    source = replace(
+        place.source,
+        file=path.name,
+        scans=topic,
+        stamps_back=scans.stamps_back,
+        notes=tuple(notes),
+    )
+    odometry = None if place.odometry is None else place.odometry[kept]
+    speeds = None if place.speeds is None else place.speeds[kept]
+    times = np.array(scans.times)[kept]
+    return Recording(ranges, lidar, place.poses[kept], times, odometry, source, speeds)
+
+
+def _scan_topic(bag: Bag, named: str | None) -> str:
+    """The topic of the scans: the one that is named, or the only one."""
+    topics = bag.of_type(Kind.SCAN)
+    if named is not None:
+        if named in topics:
+            return named
+        have = ", ".join(topics) or f"none of type LaserScan, but {bag.listed()}"
+        raise RecordingError(f"has no scans on {named}; scan_topic= can be: {have}")
+    if not topics:
+        raise RecordingError(
+            f"has no scans (sensor_msgs/LaserScan); its topics are {bag.listed()}; record one"
+        )
+    if len(topics) > 1:
+        topics = [each for each in topics if bag.count([each])] or topics
+    if len(topics) > 1:
+        raise RecordingError(
+            f"has scans on {' and '.join(topics)}; choose one with scan_topic={topics[0]!r}"
+        )
+    return topics[0]
+
+
+@dataclass(frozen=True)
+class _Scans:
+    """The scans of a bag, and in what order of their stamps they were logged."""
+
+    rows: ScanRows
+    order: Sequence[int]
+    """Index of the row of each time."""
+    times: Sequence[float]
+    """Times of the stamps, ascending [s]."""
+    frame: str
+    stamps_back: int
+    """Number of scans with stamps before that of one that was logged earlier."""
+
+
+def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None, int | None]:
+    """Times of the log between which messages are read [ns], with a margin around them [s]."""
+    if options.window is None:
+        return None, None
+    (start, end), around = options.window, round(margin * 1e9)
+    return bag.start + round(start * 1e9) - around, bag.start + round(end * 1e9) + around
+
+
+def _read_scans(
+    bag: Bag, topic: str, options: Options, progress: ProgressCallback | None
+) -> _Scans:
+    rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
+    latest, stamps_back = -np.inf, 0
+    window = _window(bag, options)
+    for message in bag.messages([topic], *window, options.every, progress):
+        scan = message.content
+        stamp = _seconds(scan.header.stamp, message.logged)
+        if stamp < latest - 0.5:  # messages overtake each other, but not by as much
+            raise RecordingError(
+                f"the clock of {topic} runs backwards by {latest - stamp:.3g} s at"
+                f" {(message.logged - bag.start) / 1e9:.3g} s; was simulated time reset? In"
+                " Python, read a part with window=(start, end) in seconds"
+            )
+        stamps_back += stamp < latest
+        latest = max(latest, stamp)
+        frame = frame or frame_name(scan.header.frame_id)
+        about = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+        rows.add(scan.ranges, *map(float, about))
+        stamps.append(stamp)
+    if not stamps:
+        within = "" if options.window is None else " in the window"
+        raise RecordingError(f"has no scan on {topic}{within}; record again, or read another part")
+    _, order = np.unique(np.array(stamps), return_index=True)
+    return _Scans(rows, order.tolist(), [stamps[n] for n in order], frame, stamps_back)
+
+
+def _listen(
+    bag: Bag, topic: str, options: Options, scans: _Scans, progress: ProgressCallback | None
+) -> Heard:
+    """Transforms, poses and odometry near the times of the scans."""
+    window = _window(bag, options, 5.0)
+    topics = _pose_topics(bag, options)
+    listed = bag.listed()
+    poses = {each: kind for each, kind in topics.items() if kind != Kind.ODOMETRY}
+    heard = Heard(FrameTree([]), scans.times, scans.frame, options, listed)
+    for message in bag.messages(poses, *window, progress=progress):
+        _take(message, poses, heard, scans.times)
+    # The poses of AMCL are few: they need odometry at their own times, too.
+    samples = [
+        np.concatenate([part[:, 0] for part in each.track.samples()])
+        for each in heard.topics.values()
+        if each.kind == Kind.POSE_WITH_COVARIANCE
+    ]
+    knots = np.unique(np.concatenate([scans.times, *samples]))
+    times = knots[np.isfinite(knots)].tolist()
+    tree = FrameTree(times)
+    heard = replace(heard, tree=tree)
+    of_tf = _near_namespace(bag.of_type(Kind.TF), topic)
+    static = [each for each in of_tf if each.endswith("tf_static")]
+    for message in bag.messages(static):
+        for each in message.content.transforms:
+            tree.add_static(each.header.frame_id, each.child_frame_id, _transform(each.transform))
+    others = topics.keys() - poses.keys()
+    topics = {each: kind for each, kind in topics.items() if each in others}
+    topics |= {each: Kind.TF for each in of_tf if each not in static}
+    count = 0
+    for message in bag.messages(topics, *window, progress=progress):
+        if topics[message.topic] != Kind.TF:
+            _take(message, topics, heard, times)
+            continue
+        for each in message.content.transforms:
+            time, pose = _seconds(each.header.stamp, message.logged), _transform(each.transform)
+            tree.add(time, each.header.frame_id, each.child_frame_id, pose)
+        count += 1
+        if count % 500 == 0:
+            heard.leave_out_others()
+    return heard
+
+
+def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequence[float]) -> None:
+    """Take a pose of a topic, of the type that is named for it."""
+    content, kind = message.content, topics[message.topic]
+    if message.topic not in heard.topics:
+        child = frame_name(content.child_frame_id) if kind == Kind.ODOMETRY else ""
+        frame = frame_name(content.header.frame_id)
+        heard.topics[message.topic] = PoseTopic(kind, frame, child, Track(times), Track(times))
+    pose = content.pose if kind == Kind.POSE else content.pose.pose
+    topic, time = heard.topics[message.topic], _seconds(content.header.stamp, message.logged)
+    topic.track.add(time, _transform_of(pose.position, pose.orientation))
+    if kind == Kind.ODOMETRY:
+        topic.speeds.add(time, (content.twist.twist.linear.x, *IDENTITY[1:]))
+
+
+def _pose_topics(bag: Bag, options: Options) -> dict[str, str]:
+    """Topics of poses and odometry that may be needed, and their types."""
+    topics: dict[str, str] = {}
+    for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
+        topics |= {each: kind for each in bag.of_type(kind) if _wanted(each, kind, options)}
+    for name, option in ((options.pose_topic, "pose_topic"), (options.odom_topic, "odom_topic")):
+        if name is not None and name not in topics:
+            others = (Kind.POSE_WITH_COVARIANCE, Kind.POSE) if option == "pose_topic" else ()
+            have = ", ".join(bag.of_type(*others, Kind.ODOMETRY)) or "none"
+            raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
+    return topics
+
+
+def _wanted(topic: str, kind: str, options: Options) -> bool:
+    if topic in (options.pose_topic, options.odom_topic):
+        return True
+    if kind == Kind.ODOMETRY:
+        return options.odom_topic is None
+    not_the_robots = ("initialpose", "goal_pose", "goal", "move_base_simple/goal")
+    return options.pose_topic is None and not topic.endswith(not_the_robots)
+
+
+def _near_namespace(topics: Sequence[str], scan: str) -> list[str]:
+    """Of the TF topics of several robots those in the namespace of the scans; else all.
+
+    Examples
+    --------
+    >>> _near_namespace(["/a/tf", "/a/tf_static", "/b/tf"], "/a/front/scan")
+    ['/a/tf', '/a/tf_static']
+    >>> _near_namespace(["/tf", "/tf_static"], "/a/scan")
+    ['/tf', '/tf_static']
+    """
+    spaces = {topic: topic.rpartition("/")[0] + "/" for topic in topics}
+    ours = [space for space in spaces.values() if scan.startswith(space)]
+    best = max(ours, key=len, default=None)
+    return [topic for topic in topics if best is None or spaces[topic] == best]
+
+
+def _seconds(stamp: Any, logged: int) -> float:
+    """Time of a stamp, or where it is zero that of the log [s]."""
+    total = stamp.sec + 1e-9 * stamp.nanosec
+    return float(total) if total else logged * 1e-9
+
+
+def _transform(message: Any) -> Transform:
+    """A transform of a geometry_msgs/Transform."""
+    return _transform_of(message.translation, message.rotation)
+
+
+def _transform_of(place: Any, turn: Any) -> Transform:
+    """A transform of a position and a quaternion."""
+    return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+
+
+class PoseTopic(NamedTuple):
+    """A topic of poses: of what type, in which frame, of which frame if it says so."""
+
+    kind: str
+    frame: str
+    child: str
+    track: Track
+    speeds: Track  # ahead by odometry, as x of transforms, which are interpolated alike
+
+
+@dataclass(frozen=True)
+class Place:
+    """Poses of the robot at the scans, and the mount of its lidar."""
+
+    poses: Floats
+    """(n, 3) in the map's frame; NaN where unknown [m, m, rad]."""
+    odometry: Floats | None
+    speeds: Floats | None
+    """Speeds ahead by odometry, (n,) [m/s]; NaN where unknown."""
+    mount: tuple[float, float, float]
+    upside_down: bool
+    source: Source
+    """Where all of it comes from."""
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Mask of the scans with a pose, and odometry if there is any; all without any pose."""
+        found = np.isfinite(self.poses).all(1)
+        if not found.any():
+            return np.ones(len(self.poses), np.bool_)
+        if self.odometry is not None:
+            found &= np.isfinite(self.odometry).all(1)
+        return np.asarray(found)
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What a bag says about places: transforms, and topics of poses."""
+
+    tree: FrameTree
+    times: Sequence[float]
+    """Times of the scans [s], all of them among the times of the tree."""
+    lidar_frame: str
+    options: Options
+    listed: str
+    """All topics and types, for error messages."""
+    topics: dict[str, PoseTopic] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    """What was assumed or left out."""
+
+    @cached_property
+    def at_scans(self) -> NDArray[np.int64]:
+        """Index of each scan's time among the times of the tree and of odometry."""
+        return np.searchsorted(self.tree.times, self.times)
+
+    @property
+    def map_frame(self) -> str:
+        """Frame of the poses that is asked for, without a leading slash."""
+        return self.options.map_frame.lstrip("/")
+
+    def of_odometry(self) -> dict[str, PoseTopic]:
+        """The topics of odometry."""
+        return {name: each for name, each in self.topics.items() if each.kind == Kind.ODOMETRY}
+
+    def located(self) -> Place:
+        """Find poses, odometry and the lidar's mount in what the bag says.
+
+        Raises
+        ------
+        RecordingError
+            If there are no poses, frames are not connected, or the lidar is tilted or moves.
+        """
+        for topic in (self.options.pose_topic, self.options.odom_topic):
+            if topic is not None and topic not in self.topics:
+                raise RecordingError(f"has no message on {topic} near the scans; name another one")
+        base = self._base_frame()
+        mount, upside_down = self._mount(base)
+        reported, odometry_from = self._odometry(base)
+        poses, poses_from, map_frame = self._poses(base, reported, odometry_from)
+        located = np.isfinite(poses).all(axis=1)
+        if not poses_from:
+            reported, odometry_from = None, ""
+        elif not located.any():
+            own = self.topics.get(poses_from)
+            begin, end = (own.track.begin, own.track.end) if own else self.tree.clock
+            raise RecordingError(
+                f"no scan has a pose: {poses_from} is known from {begin:.3f} to {end:.3f} s, and"
+                f" the scans are from {self.times[0]:.3f} to {self.times[-1]:.3f} s; do both have"
+                " the same clock?"
+            )
+        odometry = None if reported is None else reported[self.at_scans]
+        if odometry is not None:
+            known = np.isfinite(odometry[located]).all(axis=1).mean()
+            if known < 0.9:
+                self.notes.append(
+                    f"{odometry_from} tells odometry at only {known:.0%} of the scans"
+                )
+                odometry, odometry_from = None, ""
+        source = Source(
+            poses=poses_from,
+            odometry=odometry_from,
+            map_frame=map_frame,
+            base_frame=base,
+            lidar_frame=self.lidar_frame,
+        )
+        speeds = None if odometry is None else self._speeds(odometry_from)
+        return Place(poses, odometry, speeds, mount, upside_down, source)
+
+    def _speeds(self, odometry_from: str) -> Floats | None:
+        """Speeds ahead at the scans, of the topic of odometry; None if there are several, or 0."""
+        topics = self.of_odometry()
+        if len(topics) != 1 and odometry_from not in topics:
+            return None
+        topic = topics.get(odometry_from) or next(iter(topics.values()))
+        speeds = topic.speeds.at_times()[self.at_scans, 0]
+        return speeds if np.nan_to_num(speeds).any() else None
+
+    def leave_out_others(self) -> None:
+        """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
+        tree = self.tree
+        if tree.connected(self.map_frame, self.lidar_frame):
+            usual = {each for each in tree.frames if each.rpartition("/")[2] in (*BASES, "odom")}
+            base = (self.options.base_frame or "").lstrip("/")
+            tree.keep_between(self.map_frame, {self.lidar_frame, base, *usual})
+
+    def _base_frame(self) -> str:
+        """Frame of the robot: the one that is named, that of odometry, or one of a usual name."""
+        frames = self.tree.frames
+        if self.options.base_frame is not None:
+            base = self.options.base_frame.lstrip("/")
+            if frames and base not in frames:
+                raise RecordingError(
+                    f"has no frame {base!r}; base_frame= can be: {', '.join(frames)}"
+                )
+            return base
+        reported = [each.child for each in self.of_odometry().values() if each.child]
+        named = [frame for base in BASES for frame in frames if frame.rpartition("/")[2] == base]
+        found = [frame for frame in dict.fromkeys(reported + named) if frame in frames]
+        for frame in found:
+            if self.tree.connected(frame, self.lidar_frame):
+                return frame
+        if found:
+            return found[0]
+        if self.lidar_frame in frames:
+            self.notes.append(
+                f"no frame is named as the robot's: the lidar's, {self.lidar_frame}, is taken for"
+                " it; name another one with base_frame="
+            )
+            return self.lidar_frame
+        return reported[0] if reported else BASES[1]
+
+    def _mount(self, base: str) -> tuple[tuple[float, float, float], bool]:
+        """Pose of the lidar on the robot [m, m, rad], and whether it is upside down."""
+        lidar = self.lidar_frame
+        if self.options.mount is not None:
+            return self.options.mount, False
+        if not self.tree.frames:
+            self.notes.append(
+                "there is no TF: the lidar is taken to be at the robot's centre; see mount="
+            )
+            return (0.0, 0.0, 0.0), False
+        pose = self.tree.pose(base, lidar)
+        pose = None if pose is None else pose[np.isfinite(pose).all(1)]
+        if pose is None or not len(pose):
+            raise RecordingError(
+                f"TF does not connect the lidar's frame {lidar!r} with the robot's {base!r};"
+                f" connected are: {self.tree.described()}, though not at each time; give"
+                " mount=(x, y, yaw), or another base_frame="
+            )
+        up, flat = upward(pose), in_plane(pose)
+        tilt = math.degrees(math.acos(min(1.0, float(np.abs(up).min()))))
+        if tilt > 10:
+            raise RecordingError(
+                f"the lidar {lidar!r} is tilted by {tilt:.0f} deg on {base!r}; a plane map cannot"
+                " explain such scans; choose another scan_topic="
+            )
+        flat[:, 2] = flat[0, 2] + wrapped(flat[:, 2] - flat[0, 2])
+        if np.ptp(flat, axis=0).max() > 0.005:  # metres and radians
+            raise RecordingError(
+                f"the lidar {lidar!r} moves on {base!r}, which looks like the robot's motion;"
+                " choose another scan_topic= or base_frame="
+            )
+        x, y, yaw = flat[0].tolist()
+        return (x, y, yaw), bool(up[0] < 0)
+
+    def _poses(
+        self, base: str, reported: Floats | None, odometry_from: str
+    ) -> tuple[Floats, str, str]:
+        """Poses of the robot at the scans, where they come from, and the frame they are in.
+
+        Without poses on the map they are those of odometry; or NaN, if none are needed.
+        """
+        tree, frame, topic = self.tree, self.map_frame, self.options.pose_topic
+        if topic is None:
+            pose = tree.pose(frame, base) if {frame, base} <= set(tree.frames) else None
+            if pose is not None:
+                return in_plane(pose)[self.at_scans], f"TF {frame} -> {base}", frame
+            topic = self._only_topic()
+        if topic is None and not self.options.needs_poses:
+            return np.full((len(self.times), 3), np.nan), "", ""
+        is_expected = frame in tree.frames or self.options.map_frame != Options.map_frame
+        if topic is None and reported is not None and not is_expected:
+            self.notes.append(
+                f"there are no poses on the map: those of odometry ({odometry_from}) are taken, in"
+                " their own frame"
+            )
+            return reported[self.at_scans], odometry_from, ""
+        if topic is None:
+            raise self._no_poses(base)
+        found = self.topics[topic]
+        if found.track.left_out:
+            self.notes.append(
+                f"{found.track.left_out} poses of {topic} are not numbers, and left out"
+            )
+        if found.track.empty:
+            raise RecordingError(f"the poses of {topic} are all not numbers (NaN, or no rotation)")
+        if found.frame != frame:
+            self.notes.append(
+                f"the poses of {topic} are in {found.frame!r}, which is taken for the map's"
+            )
+        poses = in_plane(found.track.at_times())
+        poses = poses[self.at_scans] if found.kind == Kind.ODOMETRY else poses
+        if reported is not None and found.kind == Kind.POSE_WITH_COVARIANCE:
+            carried = _carried_poses(self.times, found.track, tree.times, reported)
+            poses = np.where(np.isfinite(carried), carried, poses)
+        return poses, topic, found.frame
+
+    def _only_topic(self) -> str | None:
+        """The only topic of poses, of the type that tells most; None without any."""
+        for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
+            topics = [
+                name
+                for name, each in self.topics.items()
+                if each.kind == kind and (kind != Kind.ODOMETRY or each.frame == self.map_frame)
+            ]
+            if len(topics) == 1:
+                return topics[0]
+            if topics:
+                raise RecordingError(
+                    f"has poses on {' and '.join(topics)}; choose one with pose_topic={topics[0]!r}"
+                )
+        return None
+
+    def _no_poses(self, base: str) -> RecordingError:
+        """Return the error of a bag that has neither poses nor one odometry."""
+        several = [*self.of_odometry()]
+        other = f", or one odometry with odom_topic={several[0]!r}" if several else ""
+        if not self.tree.frames:
+            return RecordingError(
+                f"has no poses: neither TF nor a topic of poses; its topics are {self.listed};"
+                f" record /tf and /tf_static too{other}"
+            )
+        return RecordingError(
+            f"has no poses: TF does not connect {self.map_frame!r} with {base!r}; connected are:"
+            f" {self.tree.described()}; name others with map_frame= and base_frame={other}"
+        )
+
+    def _odometry(self, base: str) -> tuple[Floats | None, str]:
+        """Odometry at all times of the tree, if there is some that is not the poses themselves."""
+        named, of_poses = self.options.odom_topic, self.options.pose_topic
+        topics = [
+            name
+            for name, each in self.of_odometry().items()
+            if name != of_poses and each.frame != self.map_frame
+        ]
+        if named is None:
+            frames = [self.topics[name].frame for name in topics]
+            frames += [each for each in self.tree.frames if each.rpartition("/")[2] == "odom"]
+            for frame in frames:
+                pose = self.tree.pose(frame, base) if frame != base else None
+                if pose is not None:
+                    return in_plane(pose), f"TF {frame} -> {base}"
+        topics = topics if named is None else [named]
+        if len(topics) == 1:
+            return in_plane(self.topics[topics[0]].track.at_times()), topics[0]
+        if topics:
+            self.notes.append(
+                f"odometry is on {' and '.join(topics)}, and none was taken; choose by odom_topic="
+            )
+        return None, ""
+
+
+def _carried_poses(
+    times: Sequence[float], track: Track, reported_at: Sequence[float], reported: Floats
+) -> Floats:
+    """Poses at n times that odometry carries there from the samples before and after.
+
+    AMCL tells a pose only once the robot has moved on; between two of them it may have turned back.
+
+    Parameters
+    ----------
+    times : sequence of n floats
+        Times of the scans [s].
+    track : Track
+        Samples of the pose.
+    reported_at : sequence of m floats
+        Times of the odometry, those of the samples among them [s].
+    reported : (m, 3) array
+        Poses by odometry, NaN where unknown.
+
+    Returns
+    -------
+    (n, 3) array
+        NaN where a scan is over 1 m of odometry from both samples.
+    """
+    at, knots = np.asarray(times), np.asarray(reported_at)
+    now = reported[np.searchsorted(knots, at)]
+    guesses, weights = [], []
+    for samples in track.samples():
+        then = samples[:, 0]
+        index = np.searchsorted(knots, np.where(np.isfinite(then), then, knots[0]))
+        way = way_between(reported[index], now)
+        near = np.isfinite(then) & (np.hypot(way[:, 0], way[:, 1]) < 1.0)
+        guesses.append(after_way(in_plane(samples[:, 1:]), way))
+        # The nearer sample in time counts for more; one that is too far for nothing.
+        weights.append(np.where(near, 1.0 / np.maximum(np.abs(at - then), 1e-9), 0.0))
+    (one, other), (first, second) = guesses, weights
+    one, other = np.where(first[:, None] > 0, one, other), np.where(second[:, None] > 0, other, one)
+    total = first + second
+    share = np.divide(second, total, out=np.full(len(at), np.nan), where=total > 0)
+    step = other - one
+    step[:, 2] = wrapped(step[:, 2])
+    found: Floats = one + share[:, None] * step
+    return found
+
+
+class Kind(StrEnum):
+    """Types of messages."""
+
+    SCAN = "sensor_msgs/msg/LaserScan"
+    TF = "tf2_msgs/msg/TFMessage"
+    POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    POSE = "geometry_msgs/msg/PoseStamped"
+    ODOMETRY = "nav_msgs/msg/Odometry"
+
+
+class Message(NamedTuple):
+    """A message: its topic, time of the log [ns], and content."""
+
+    topic: str
+    logged: int
+    content: Any
+
+
+class Bag:
+    """A bag that is open for reading; made by `_opened`."""
+
+    def __init__(self, reader: Any, typestore: Any, ros1: bool) -> None:
+        self._reader, self._typestore, self._ros1 = reader, typestore, ros1
+
+    @property
+    def start(self) -> int:
+        """Time of the log of the first message [ns]."""
+        return int(self._reader.start_time)
+
+    def of_type(self, *types: str) -> list[str]:
+        """Names of the topics of these types that have messages."""
+        some = (each for each in self._reader.connections if _type(each) in types)
+        return list(dict.fromkeys(each.topic for each in some))
+
+    def count(self, topics: Collection[str]) -> int:
+        """Number of the messages of some topics."""
+        return sum(each.msgcount for each in self._reader.connections if each.topic in topics)
+
+    def messages(
+        self,
+        topics: Collection[str],
+        start: int | None = None,
+        stop: int | None = None,
+        every: int = 1,
+        progress: ProgressCallback | None = None,
+    ) -> Iterator[Message]:
+        """Every n-th message of some topics, in the order of the log, within times of it [ns].
+
+        Only these are decoded, one at a time.
+        """
+        chosen = [each for each in self._reader.connections if each.topic in topics]
+        if not chosen:
+            return
+        total = self.count(topics)
+        stream = self._reader.messages(connections=chosen, start=start, stop=stop)
+        for number, (connection, logged, raw) in enumerate(stream):
+            if progress and number % 1000 == 0:
+                progress(min(number, total), total)
+            if number % every == 0:
+                yield self._decoded(connection, logged, raw)
+        if progress:
+            progress(total, total)
+
+    def _decoded(self, connection: Any, logged: int, raw: bytes) -> Message:
+        """A message that was read."""
+        store = self._typestore
+        decode = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
+        return Message(connection.topic, logged, decode(raw, _type(connection)))
+
+    def listed(self) -> str:
+        """The topics and their types, for an error message."""
+        every = self._reader.connections
+        names = {f"{each.topic} ({_type(each).replace('/msg/', '/')})" for each in every}
+        return ", ".join(sorted(names)) or "none"
+
+
+def _type(connection: Any) -> str:
+    """Type of a topic's messages, or the newer one of the same layout."""
+    kind = str(connection.msgtype)
+    return Kind.TF if kind == "tf/msg/tfMessage" else kind
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Bag]:
+    """Open a bag: a file .mcap, .db3 or .bag, or a folder of rosbag2.
+
+    Whatever goes wrong while it is read becomes a RecordingError of one line.
+
+    Raises
+    ------
+    LocplanError
+        If the library rosbags is missing.
+    RecordingError
+        If the bag cannot be read.
+    """
+    needed("rosbags", "ros", "reading a bag")
+    from rosbags.rosbag1 import Reader as Reader1, reader as reader1
+    from rosbags.rosbag2 import Reader as Reader2, reader as reader2, storage_mcap
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    file = _storage_of(path)
+    ros1 = file.suffix == ".bag"
+    try:
+        for each in file.iterdir() if file.is_dir() else (file,):
+            if not each.is_dir():
+                reading.opened(each).close()  # rosbags would wait for a pipe
+                keep_input(each)
+        _bound_unpacking(reader1, reader2, storage_mcap)
+        with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
+            reader: Any = Reader1(file) if ros1 else Reader2(file)
+            reader.open()
+        with closing(reader):
+            # These types are alike in all distributions: those that the bag holds are not needed.
+            store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+            if ros1:  # its TFMessage is missing
+                transforms = "geometry_msgs/TransformStamped[] transforms"
+                store.register(get_types_from_msg(transforms, Kind.TF))
+            yield Bag(reader, store, ros1)
+    except LocplanError:
+        raise
+    except Exception as error:  # rosbags lets errors of many kinds out where a bag is damaged
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        reason = lines[0].replace(f"{str(file)!r} ", "").replace(str(file), "it").rstrip(".")[:200]
+        mender = MENDERS.get(file.suffix)
+        remedy = f"mend it with `{mender}`" if mender else "record it again"
+        raise RecordingError(f"cannot be read as a bag ({reason}); {remedy}") from None
+
+
+def _storage_of(path: Path) -> Path:
+    """The file or folder that is read: a folder without metadata.yaml stands for its only file."""
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        return path
+    files = sorted(each for each in path.iterdir() if each.suffix in SUFFIXES)
+    if len(files) != 1:
+        found = ", ".join(each.name for each in files) or "no bag"
+        raise RecordingError(f"is a folder without metadata.yaml, with {found}; name one file")
+    return files[0]
+
+
+@cache
+def _bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
+    """Put bounds on the functions by which these modules of rosbags unpack, which have none."""
+    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+
+    lz4 = partial(_unpacked, LZ4FrameDecompressor)
+    ros1.decompressors.update(bz2=partial(_unpacked, BZ2Decompressor), lz4=lz4)
+    mcap.DECOMPRESSORS["lz4"] = lz4
+    zstd: Any = getattr(ros2, "zstd", None)
+    if zstd is not None:  # older ones unpack no more than a chunk says of itself
+        unpacked = partial(_unpacked, zstd.ZstdDecompressor)
+        mcap.DECOMPRESSORS["zstd"] = unpacked
+        whole_file = partial(_whole_file, zstd.open)
+        vars(ros2)["zstd"] = SimpleNamespace(open=whole_file, decompress=unpacked)
+
+
+def _unpacked(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
+    """Content of a chunk, which may consist of several frames."""
+    parts, room = list[bytes](), MAX_CHUNK_BYTES
+    while packed:
+        frame = kind()
+        parts.append(frame.decompress(packed, room + 1))
+        room -= len(parts[-1])
+        if room < 0:
+            raise RecordingError(f"a chunk unpacks to over {MAX_CHUNK_BYTES / 1e6:.0f} MB")
+        if not frame.eof:
+            raise RecordingError("a chunk is cut off or damaged; record it again")
+        packed = frame.unused_data
+    return b"".join(parts)
+
+
+@contextmanager
+def _whole_file(unpack: Callable[..., Any], file: BufferedReader, mode: str) -> Iterator[Any]:
+    """A packed file that is open for reading, up to its greatest size."""
+    left = MAX_RATIO * os.fstat(file.fileno()).st_size
+
+    def read(count: int) -> bytes:
+        nonlocal left
+        part: bytes = content.read(count)
+        left -= len(part)
+        if left < 0:
+            raise RecordingError(f"it unpacks to over {MAX_RATIO} times its size; unpack it first")
+        return part
+
+    with unpack(file, mode) as content:
+        yield SimpleNamespace(read=read)

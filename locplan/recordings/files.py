@@ -1,0 +1,228 @@
+"""`read_recording`, which reads recordings of all kinds, and the project's own file, an .npz."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._util.arrays import read_arrays, write_arrays
+from locplan._util.checks import file_path, shown
+from locplan._util.files import keep_input
+from locplan._util.output import replacing
+from locplan._util.progress import ProgressCallback
+from locplan._util.reading import parsed_json
+from locplan._util.saved import made
+from locplan.errors import ConfigError, LocplanError, RecordingError
+from locplan.recordings._logs import Options, Source, Topics
+from locplan.recordings._recording import Recording
+from locplan.recordings.bags import SUFFIXES as BAGS, read_bag
+from locplan.recordings.carmen import SUFFIXES as CARMEN, read_carmen
+
+MAX_ARRAY_BYTES = 2**28
+"""Maximum size of a file's arrays together, unpacked; reading takes some six times as much."""
+BUILT_IN = ("two_corridors",)
+"""Names of the built-in recordings, each of a drive in the built-in map of this name."""
+BUILT_IN_FOLDER = Path(__file__).parent / "drives"
+NONE_MM = 65535
+"""No return among ranges in whole millimetres, uint16."""
+
+
+def read_recording(
+    file: str | os.PathLike[str],
+    *,
+    every: int = 1,
+    window: tuple[float, float] | None = None,
+    topics: Topics | None = None,
+    range_limits: tuple[float, float] | None = None,
+    mount: tuple[float, float, float] | None = None,
+    needs_poses: bool = True,
+    progress: ProgressCallback | None = None,
+) -> Recording:
+    """Read a recorded drive: a bag of ROS 1 or 2, a CARMEN log, an .npz file, or a built-in one.
+
+    Bags (.bag, .mcap, .db3, or a folder of rosbag2) are read by PyPI's rosbags, without ROS. Topics
+    are found by their type. Poses are those of TF from the map to the robot; where TF does not
+    lead there, those of the only topic of PoseWithCovarianceStamped (as AMCL's), PoseStamped (as of
+    motion capture), or Odometry in the map's frame. Without any of them they are those of odometry
+    in its own frame, as `trajectory_of` needs them. They are interpolated at the stamps of the
+    scans, but not over more than a second of motion; those of AMCL are carried there by odometry if
+    there is some. Scans without a pose are left out. The motion of the robot during a scan is not
+    undone. AMCL dates its transform ahead by transform_tolerance:
+    ``topics=Topics(pose_topic="/amcl_pose")`` gives the poses of the scans that it matched. The
+    lidar's mount comes from TF; one that is mounted upside down has its beams reversed. Scans are
+    read in a first pass, poses in others: memory is taken by what is kept, not by the bag.
+
+    Logs of CARMEN (.log, .clf, also .gz) are read in the order of their lines, ODOM and FLASER or
+    ROBOTLASER1. FLASER does not tell its angles: the beams are taken to begin at -90 deg, 180 deg
+    by an even number of steps. Nor does it tell its range: readings that pile up at the largest are
+    taken for no return.
+
+    The project's own file, .npz, is what `Recording.save` writes. Other programs can write it: it
+    has arrays ``ranges`` (scans, beams) [m], or uint16 in millimetres with 65535 for no return,
+    ``poses`` (scans, 3) [m, m, rad], ``lidar``, a text of JSON with the fields of `locplan.Lidar`,
+    and if known ``times`` (scans,) [s], ``odometry`` (scans, 3) and ``speeds`` (scans,) [m/s].
+
+    "two_corridors" is a simulated drive in the built-in map of this name.
+
+    Parameters
+    ----------
+    file : path
+        The file, the folder of a bag, or the name of a built-in recording.
+    every : int, default 1
+        Keep every n-th scan, n >= 1. Raise it for a long drive, whose neighbouring scans tell the
+        same.
+    window : (start, end), optional
+        Keep the scans of a part of the drive, from `start` up to `end` after its beginning [s],
+        0 <= start < end; all by default.
+    topics : Topics, optional
+        Topics and frames, where a log has several, or others than usual. Not for .npz.
+    range_limits : (min, max), optional
+        Distances between which a beam's reading is a return [m], 0 <= min < max, where the
+        log's own are wrong.
+    mount : (x, y, yaw), optional
+        Pose of the lidar on the robot [m, m, rad], where the log does not tell it.
+    needs_poses : bool, default True
+        False reads a bag without poses on the map, too, for `locate_drive`: then all poses of the
+        recording are NaN.
+    progress : callable, optional
+        Called with (done, total) messages of a bag, in each pass.
+
+    Returns
+    -------
+    Recording
+        The drive. Its `source` says what was used, assumed and left out.
+
+    Raises
+    ------
+    ConfigError
+        If an option is out of its range, or does not belong to this kind of file.
+    RecordingError
+        If the file cannot be read, has no scans or poses, frames are not connected, there are
+        several topics to choose from, or a bag's clock runs backwards.
+    LocplanError
+        If the package rosbags is missing.
+
+    Examples
+    --------
+    >>> read_recording("two_corridors", every=5)
+    """
+    limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
+    limits["needs_poses"] = needs_poses
+    options = Options(every=every, **vars(topics or Topics()), **limits)
+    path = file_path("a recorded drive", file)
+    try:
+        return _read(path, options, progress)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    except LocplanError as error:
+        raise RecordingError(f"{path}: {error}") from None
+
+
+def _read(path: Path, options: Options, progress: ProgressCallback | None) -> Recording:
+    """Return the recording of a file, whose reader is chosen by the end of its name."""
+    name = path.name.lower()
+    if _is_built_in(path):
+        return _read_npz(BUILT_IN_FOLDER / f"{path}.npz", options)
+    if not path.exists():
+        names = f"give a file, or a built-in recording: {', '.join(BUILT_IN)}"
+        raise RecordingError(f"is not there; {names}")
+    keep_input(path)
+    if path.is_dir() or name.endswith(BAGS):
+        return read_bag(path, options, progress)
+    if name.endswith(CARMEN):
+        return read_carmen(path, options)
+    if name.endswith(".npz"):
+        return _read_npz(path, options)
+    known = ", ".join((*BAGS, *CARMEN, ".npz"))
+    raise RecordingError(f"is of no kind that is known ({known}, or a folder of rosbag2)")
+
+
+def _is_built_in(path: Path) -> bool:
+    """True if a path is the name of a built-in recording, and no file or folder has this name."""
+    return str(path) in BUILT_IN and not os.path.lexists(path)
+
+
+def save(recording: Recording, target: str | os.PathLike[str]) -> None:
+    """Write a recording as .npz, whole or not at all."""
+    path = file_path("a file to write", target)
+    if path.suffix != ".npz":
+        raise RecordingError(f"{path}: must end in .npz")
+    with replacing(path) as temporary:
+        _write_npz(recording, temporary)
+
+
+def _read_npz(path: Path, options: Options) -> Recording:
+    """Return the recording of an .npz file; a RecordingError if it is damaged, or holds none."""
+    options.refuse_others("an .npz file", of_robot=False)
+    names = ("ranges", "poses", "times", "odometry", "speeds", "lidar", "source")
+    try:
+        arrays = read_arrays(path, MAX_ARRAY_BYTES, names)
+    except OSError as error:
+        raise RecordingError(f"cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise RecordingError(f"is damaged, or no .npz file ({error}); copy it again") from None
+    missing = [name for name in ("ranges", "poses", "lidar") if name not in arrays]
+    if missing:
+        raise RecordingError(
+            f"has no array {' and '.join(missing)}; a recording has {', '.join(names)}, of which"
+            " times, odometry, speeds and source may be missing"
+        )
+    ranges = arrays["ranges"]
+    if ranges.dtype == np.uint16:
+        metres = (ranges / np.float64(1000)).astype(np.float32)
+        ranges = np.where(ranges == NONE_MM, np.float32(np.inf), metres)
+    lidar = options.lidar(_entries("lidar", arrays["lidar"]))
+    source = Source(file=path.name)
+    if "source" in arrays:
+        about = _entries("source", arrays["source"])
+        try:
+            source = made(Source, about)
+        except (LookupError, TypeError, ValueError) as error:
+            raise RecordingError(
+                f"its source is not as Recording.save writes it: {error}"
+            ) from None
+    times, odometry = arrays.get("times"), arrays.get("odometry")
+    speeds = arrays.get("speeds")
+    recording = Recording(ranges, lidar, arrays["poses"], times, odometry, source, speeds)
+    if options.window is not None:
+        recording = recording.window(*options.window)
+    return recording.every(options.every)
+
+
+def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
+    """The entries of a text of JSON in an array."""
+    try:
+        values = parsed_json(str(text))
+    except ValueError:
+        values = None
+    if not isinstance(values, dict):
+        raise RecordingError(
+            f"its {name} must be JSON with entries by name, not {shown(str(text))}"
+        )
+    return values
+
+
+def _write_npz(drive: Recording, target: Path) -> None:
+    ranges: NDArray[Any] = drive.ranges
+    whole = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NONE_MM)
+    returns = np.isfinite(ranges)
+    exact = (whole[returns] / 1000).astype(np.float32) == ranges[returns]
+    if exact.all() and (whole[returns] < NONE_MM).all():  # nothing is lost
+        ranges = whole.astype(np.uint16)
+    values = {
+        "ranges": ranges,
+        "poses": drive.poses,
+        "lidar": np.array(json.dumps(dataclasses.asdict(drive.lidar))),
+        "source": np.array(json.dumps(dataclasses.asdict(drive.source))),
+        "times": drive.times,
+        "odometry": drive.odometry,
+        "speeds": drive.speeds,
+    }
+    known: Any = {name: value for name, value in values.items() if value is not None}
+    write_arrays(target, known)
