@@ -12,10 +12,11 @@ from small_drive import FILE, MAP
 
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OccupancyGrid, load_map
-from locplan.recordings import MapFit, Recording, fit_to_map, read_recording
+from locplan.recordings import MapFit, Recording, check_place, fit_to_map, read_recording
 from locplan.robots import Lidar
 
 NAMES = ("intel", "aces", "csail", "fhw", "orebro", "seattle")
+DRIVES = ("wean2", "killian_3", "mines2", "aces", "csail", "intel")
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +130,58 @@ def test_one_beam_of_one_scan_is_enough():
     ranges[0, 1] = 3.0  # none of the evenly spaced beams
     fit = fit_to_map(Recording(ranges, lidar, [[1.5, 1.5, 0.0]]), drawn("###", "#.#", "###"))
     assert 0.0 <= fit.share <= 1.0
+
+
+def without_poses(recording: Recording) -> Recording:
+    return replace(recording, poses=np.full_like(recording.poses, np.nan))
+
+
+def test_check_place_accepts_recording_of_map(small, grid):
+    check_place(small, grid)
+    check_place(small.moved(5.0, -3.0, 1.0), grid)
+    check_place(replace(small, odometry=None), grid)
+
+
+def test_check_place_rejects_recording_of_another_building(small):
+    other = load_map("two_corridors")
+    message = (
+        r"small_drive does not fit two_corridors: only \d+% of its ranges agree .*; name the map"
+    )
+    for recording in (small, without_poses(small)):
+        with pytest.raises(RecordingError, match=message):
+            check_place(recording, other)
+
+
+def test_check_place_names_wrong_mount(small, grid):
+    centred = replace(small.lidar, mount_x=0.0)
+    wrong = replace(small, lidar=replace(centred, mount_yaw_deg=-90))
+    with pytest.raises(RecordingError, match="office: The lidar seems to be turned by 90 deg"):
+        check_place(wrong, grid)
+
+
+def test_check_place_ignores_scans_without_returns(small, grid):
+    ranges = small.ranges.copy()
+    ranges[::2] = np.inf
+    check_place(replace(small, ranges=ranges), grid)
+    ranges[5:] = np.inf  # nothing to compare, which other checks tell
+    check_place(replace(without_poses(small), ranges=ranges), grid)
+
+
+@pytest.mark.parametrize("name", few_of(DRIVES, 0))
+def test_check_place_tells_real_recordings_apart(name):
+    """Killian Court's map has kinks; wean2 is mostly one corridor, as parts of other maps are."""
+    folder = SHARED_DATA / "drives"
+    if not folder.is_dir():
+        pytest.skip("the recordings of real robots (../shared/data/drives) are not here")
+    recording = read_recording(folder / f"{name}.log.gz")
+    for other in DRIVES:
+        grid = load_map(folder / f"{other}.yaml")
+        if other == name:
+            check_place(recording, grid)
+            check_place(without_poses(recording), grid)
+        else:
+            with pytest.raises(RecordingError, match="does not fit"):
+                check_place(recording, grid)
 
 
 @pytest.mark.parametrize("name", few_of(NAMES, 0)[:3])

@@ -11,7 +11,7 @@ from conftest import drawn, refused
 from drive_bags import BEGIN, writing
 
 import locplan
-from locplan import Lidar, Robot, save_map
+from locplan import Lidar, Robot
 from locplan.recordings import Recording, record_drive
 
 LIDAR = Lidar(range=8.0, beams=90, model="own")
@@ -145,11 +145,22 @@ def test_recording_refuses_missing_file(run, files):
     assert "none.yaml" in refused(run(*folder))
 
 
-def test_recording_tells_map_of_another_place(run, files):
-    hall = drawn("#" * 30, *["#" + "." * 28 + "#"] * 28, "#" * 30, resolution=0.5)
-    save_map(hall, files / "hall.yaml")
-    error = refused(run("recording", files / "monday.npz", files / "hall.yaml", *FEW))
-    assert "no pose of the trajectory on hall is to be trusted; name the map" in error
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("recording", "monday.npz", "places"),
+        ("check", "places", "--recording", "monday.npz"),
+        ("tune", "places", "--recording", "monday.npz"),
+        ("simulate", "places", "--recording", "monday.npz"),
+        ("locate", "places", "--recording", "monday.npz"),
+        ("locate", "places", "--recording", "monday.npz", "--scan", "3"),
+    ],
+)
+def test_command_rejects_recording_of_another_building(run, files, monkeypatch, command):
+    monkeypatch.chdir(files)
+    error = refused(run(*command))
+    assert "simulated does not fit places: only " in error
+    assert error.endswith("name the map of the building where it was taken\n")
 
 
 def test_other_commands_point_to_options_of_recording(run, files):

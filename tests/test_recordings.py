@@ -203,7 +203,7 @@ def test_options_are_checked(tmp_path, options, words):
 
 
 def test_unknown_files_are_refused(tmp_path):
-    with pytest.raises(RecordingError, match="is not there"):
+    with pytest.raises(RecordingError, match="there is no such file"):
         read_recording(tmp_path / "a.npz")
     (tmp_path / "a.txt").write_text("x")
     with pytest.raises(RecordingError, match=r"of no kind that is known \(.mcap"):
@@ -410,7 +410,9 @@ def test_file_goes_before_built_in_recording(tmp_path, monkeypatch):
 
 
 def test_missing_recording_names_built_in_ones():
-    with pytest.raises(RecordingError, match=r"office: is not there; .*built-in.*: two_corridors"):
+    with pytest.raises(
+        RecordingError, match=r"office: there is no .*built-in recording: two_corridors"
+    ):
         read_recording("office")
 
 

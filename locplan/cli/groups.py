@@ -234,6 +234,8 @@ def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
 def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording:
     """Return a recording with its ground truth on a map; a LocplanError unless the map fits."""
     recording = read_recording(file)
+    with working("comparing the scans with the map"):
+        locplan.recordings.check_place(recording, grid)
     with progress_bar("smoothing", "") as progress:
         recording = locplan.recordings.referenced(recording, grid, progress=progress)
     with working("comparing the scans with the map"):

@@ -70,10 +70,12 @@ def locate(
         refuse("without --near-path", within=within)
     output.check(locplan.recordings.LocatedDrive.files)
     grid = locplan.load_map(map_file)
-    scans = _select_scans(read_recording(recording, needs_poses=False), scan, at, every or 1)
+    drive = read_recording(recording, needs_poses=False)
+    scans = _select_scans(drive, scan, at, every or 1)
     with working("looking around at all places of the map"):
         database = locplan.matching.ScanDatabase(grid, scans.lidar)
         _ = database.everywhere
+        locplan.recordings.check_place(drive, grid, database=database)
     with progress_bar("locating scans", "scans") as progress:
         result = locplan.recordings.locate_drive(
             scans,

@@ -16,6 +16,7 @@ from ._figures import (
 )
 from ._fit import (
     MapFit as MapFit,
+    check_place as check_place,
     fit_to_map as fit_to_map,
 )
 from ._locate import locate as locate, locate_drive as locate_drive

@@ -18,7 +18,7 @@ from locplan._util.tables import finite, table, wrapped
 from locplan.errors import LocplanError
 from locplan.maps import MapFault, OccupancyGrid, check_grid
 from locplan.recordings._calibration import DriveCalibration, calibrate_drive
-from locplan.recordings._fit import MapFit, fit_to_map
+from locplan.recordings._fit import MapFit, check_place, fit_to_map
 from locplan.recordings._misfits import find_misfits
 from locplan.recordings._recording import Recording
 from locplan.recordings._recording_faults import RecordingFaults, find_recording_faults
@@ -201,7 +201,7 @@ def study_recording(
     Raises
     ------
     LocplanError
-        If the scans cannot be followed on the map.
+        If the recording was taken elsewhere, or the scans cannot be followed on the map.
 
     Examples
     --------
@@ -219,6 +219,7 @@ def study_recording(
     if grid is None:
         return RecordingReport(recording, find_recording_faults(recording), seed)
     check_grid(grid)
+    check_place(recording, grid)
     smoothing, calibrating, replaying = parts(progress, [700, 200, 100])
     trajectory = trajectory_of(recording, grid, robot, start=start, seed=seed, progress=smoothing)
     ground_truth = trajectory.of(recording)

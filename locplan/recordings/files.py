@@ -16,7 +16,7 @@ from locplan._util.checks import file_path, shown
 from locplan._util.files import keep_input
 from locplan._util.output import replacing
 from locplan._util.progress import ProgressCallback
-from locplan._util.reading import parsed_json
+from locplan._util.reading import NO_FILE, parsed_json
 from locplan._util.saved import made
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings._logs import Options, Source, Topics
@@ -130,8 +130,9 @@ def _read(path: Path, options: Options, progress: ProgressCallback | None) -> Re
     if _is_built_in(path):
         return _read_npz(BUILT_IN_FOLDER / f"{path}.npz", options)
     if not path.exists():
-        names = f"give a file, or a built-in recording: {', '.join(BUILT_IN)}"
-        raise RecordingError(f"is not there; {names}")
+        fault, remedy = NO_FILE
+        names = ", ".join(BUILT_IN)
+        raise RecordingError(f"{fault}; {remedy}, or give a built-in recording: {names}")
     keep_input(path)
     if path.is_dir() or name.endswith(BAGS):
         return read_bag(path, options, progress)
