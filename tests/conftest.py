@@ -26,9 +26,10 @@ def pytest_configure() -> None:
     """Keep compiled kernels, before numba is imported; worker processes inherit the folder.
 
     They keep compiled modules, too, as Python does where nobody forbids it: tests start a hundred
-    processes, of which each would compile the package.
+    processes, of which each would compile the package, and pytest rewrites the tests' assertions.
     """
     keep_kernels()
+    sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import few_of
 from test_check import CORNERS, ROBOT, room
 
 from locplan import check
@@ -18,8 +19,10 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "report.html"
 
 
-@pytest.mark.parametrize("width", [390, 1200])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    few_of([(390, "light"), (1200, "dark"), (390, "dark"), (1200, "light")], 2, are_rows=True),
+)
 def test_the_page_needs_nothing_else_and_fits_its_window(
     browser: Any, report: Path, width: int, scheme: str
 ) -> None:

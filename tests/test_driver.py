@@ -237,6 +237,7 @@ def test_verdict_compares_rates_of_reached_goals():
     assert compare(one, DriveSet.from_drives([drives])).reached is None
 
 
+@pytest.mark.long
 def test_commands_report_the_same_rates_of_one_route():
     """`simulate`, `check` and `choose` drive one route of a corridor in which robots get lost."""
     grid = environments.make("two_corridors", resolution=0.1)

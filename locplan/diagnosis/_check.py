@@ -108,9 +108,11 @@ def check(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> report = check(grid, locplan.Robot(locplan.Lidar(range=6.0)), effort="quick")
-    >>> report.recommended
-    ('settings',)
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0)).changed({"max_particles": 500})
+    >>> stations = {"west": (2.0, 3.0), "middle": (14.0, 3.0)}
+    >>> report = check(grid, robot, stations, effort="quick")
+    >>> [route.name for route in report.routes]
+    ['west to middle']
     """
     one_of("effort", effort, EFFORTS)
     whole("seed", seed, 0)

@@ -99,8 +99,9 @@ def choose_many(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0)).changed({"max_particles": 500})
     >>> ends = [((2.0, 3.0), (38.0, 3.0)), ((38.0, 3.0), (2.0, 3.0))]
-    >>> choices = choose_many(locplan.Costmap.blank(grid), ends, drives=8)
+    >>> choices = choose_many(locplan.Costmap.blank(grid), ends, robot=robot, drives=4)
     >>> [each.choice.verdict for each in choices]
     ['better', 'better']
     """
