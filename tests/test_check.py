@@ -307,7 +307,7 @@ def test_narrow_passage_gets_footprint_advice_and_no_fix(tmp_path):
 
 
 def test_failing_routes_come_first_and_are_marked(solid, two_corridors_at_its_worst, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "105")
+    monkeypatch.setenv("COLUMNS", "120")
     for found in (solid, two_corridors_at_its_worst):
         fails = [route.rates.has_failure for route in found.routes]
         assert fails[0]
