@@ -254,7 +254,7 @@ def test_output_is_short_and_names_all_fixes(
     for each in (solid, two_corridors_at_its_worst, fine):
         text = each.report(Path("report"))
         lines = text.splitlines()
-        assert len(lines) <= (32 if columns == "80" else 25)  # narrow tables fold
+        assert len(lines) <= 25
         assert "..." not in text
         assert max(len(line) for line in lines if "report/" not in line) <= int(columns)
         assert ("Weak spot A" in text) == bool(each.spots)
@@ -463,7 +463,7 @@ SMALL_DRIVE = Path(__file__).parent / "small_drive.npz"
 
 
 @pytest.mark.long
-def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
+def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
     drive = locplan.recordings.read_recording(SMALL_DRIVE)
     office = locplan.load_map(Path(__file__).parents[1] / "maps" / "office.yaml")
     cells = office.cells.copy()
@@ -473,11 +473,16 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it():
     found = check(grid, robot, stations, [drive], effort="quick", found=told.append)
     assert found.recorded[0].startswith("drive 1: The map fits")
     assert "too few scans" in found.recorded[2]  # of a log of one scan in half a metre
-    assert found.recorded[0] in found.summary()["recorded"]
+    assert found.recorded[0] in found.report()
     (false,) = [each for each in found.faults if each.kind == "false walls"]
     assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
     assert "here the scans do not fit the map" in false.sentence
     assert f"map: {false.sentence}" in told
+    monkeypatch.setenv("COLUMNS", "80")
+    text = found.report()
+    assert len(text.splitlines()) <= 25
+    assert f"at {false.where}" in " ".join(text.split())
+    assert found.recorded[0] in " ".join(text.split())
     assert np.array_equal(found.site.world.cells, cells)  # which stays as it is
 
 

@@ -168,6 +168,7 @@ def check(
         after=after,
         confirmed=confirmed,
         recorded=drives.said,
+        findings=drives.findings,
         preset_choice=trials.preset_choice,
         site=site,
         fixed_site=apply_fixes(trials.tried, trials.taken, site),

@@ -38,6 +38,8 @@ class Recorded:
     """Ratio of the true lengths to those of the map; 1 unless it surely is another."""
     said: tuple[str, ...] = ()
     """What they say, in sentences without a full stop."""
+    findings: tuple[str, ...] = ()
+    """Those sentences that report how the map fits, and what is wrong with a drive."""
     are_sound: tuple[bool, ...] = ()
     """Whether each drive fits the map and is evidence for settings that trust odometry and map."""
     replays: tuple[ReplayedDrive, ...] = ()
@@ -69,13 +71,15 @@ def recorded(
         See `locplan.check`.
     """
     grid, said, fitting, ranges = reading.grid, list[str](), [], None
-    faults, replays = list[RecordingFaults](), list[ReplayedDrive]()
+    faults, replays, findings = list[RecordingFaults](), list[ReplayedDrive](), list[str]()
     for number, each in enumerate(recordings, 1):
         fit = fit_to_map(each, grid)
         ranges = ranges or fit.ranges
         said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
         faults.append(find_recording_faults(each, grid if fit.fits else None))
         said += [f"drive {number}: {text.rstrip('.')}" for text in faults[-1].sentences]
+        texts = fit.sentence, *faults[-1].fault_sentences
+        findings += [f"drive {number}: {text.rstrip('.')}" for text in texts]
         if not fit.fits:
             continue
         fitting.append(each)
@@ -109,7 +113,9 @@ def recorded(
     sound = (each in fitting and own.is_sound for each, own in zip(recordings, faults, strict=True))
     if stretch != 1:  # the poses are in other lengths than those of the map
         replays = []
-    return Recorded(robot, known, stretch, tuple(said), tuple(sound), tuple(replays))
+    return Recorded(
+        robot, known, stretch, tuple(said), tuple(findings), tuple(sound), tuple(replays)
+    )
 
 
 def _calibrated(

@@ -69,6 +69,8 @@ class Check(Result):
     """Verdict of these fresh drives; None if nothing is recommended."""
     recorded: tuple[str, ...]
     """What recorded drives show, in sentences without a full stop."""
+    findings: tuple[str, ...]
+    """Those of `recorded` that report how the map fits, and what is wrong with a drive."""
     preset_choice: PresetChoice | None
     """The choice among the presets of AMCL's settings; None if none was tried."""
     site: Site

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path as Folder
@@ -25,16 +26,22 @@ from locplan.simulation.verdict import BETTER
 LINES = 25
 """Maximum number of lines of the output."""
 ROWS = (
-    (3, 3, 4, 4),
-    (2, 3, 3, 4),
-    (2, 2, 3, 3),
-    (1, 2, 3, 3),
-    (1, 1, 3, 2),
-    (0, 1, 3, 2),
-    (0, 1, 2, 1),
-    (0, 1, 1, 1),
+    (3, 3, 4, 4, 2),
+    (2, 3, 3, 4, 2),
+    (2, 2, 3, 3, 2),
+    (1, 2, 3, 3, 2),
+    (1, 1, 3, 2, 2),
+    (0, 1, 3, 2, 2),
+    (0, 1, 3, 2, 1),
+    (0, 1, 2, 1, 1),
+    (0, 1, 1, 1, 1),
+    (0, 1, 1, 1, 0),
 )
-"""Numbers of notes, weak spots, routes and fixes, of which the output has the first that fit."""
+"""Numbers of further notes, weak spots, routes and fixes, and the amount of details, of which the
+output has the first that fit. 1 leaves out the legend, reasons against presets, and simulated rows
+next to replays; 0 also the advice on recordings. Findings on map and recordings always stay."""
+NARROW = 100
+"""Width of a terminal below which columns have short titles."""
 FAILS = {
     ELSEWHERE: "stops in the wrong place",
     ABORTED: "is aborted",
@@ -184,23 +191,27 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
     last = wrapped([f"Next: {action.sentence}" if action.command else action.sentence])
     last += [f"  {line}" for line in action.command.splitlines()]
     first = wrapped([*headline(check), *_remarks(check)])
-    # Faults with places come first: the last notes are left out if the output is long.
-    faults = sorted(check.faults, key=lambda fault: not fault.boxes)
-    of_map = [f"map: {fault.sentence}" for fault in faults]
-    located = sum(bool(fault.boxes) for fault in faults)
-    notes = [*of_map[:located], *check.recorded, *of_map[located:]]
+    findings = [f"map: {fault.sentence}" for fault in check.faults if fault.boxes]
+    findings += check.findings
+    notes = [text for text in check.recorded if text not in check.findings]
+    notes += [f"map: {fault.sentence}" for fault in check.faults if not fault.boxes]
     passage = [passage_text(check.passage)] if check.passage else []
     remaining = wrapped([*filter(None, [remaining_text(check)])])
-    settings = [*wrapped([*settings_texts(check)]), *_replay_table(check)]
     blocks: list[list[str]] = []
-    for n_notes, n_spots, n_routes, n_fixes in ROWS:
+    for n_notes, n_spots, n_routes, n_fixes, detail in ROWS:
         spots = [spot_text(spot, len(check.routes)) for spot in check.spots[:n_spots]]
         blocks = [
             first,
-            wrapped([*notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
-            [*wrapped([_drives_text(check.baseline)]), *_route_table(check, n_routes)],
+            wrapped([*findings, *notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
+            [
+                *wrapped([_drives_text(check.baseline)] if detail == 2 else []),
+                *_route_table(check, n_routes),
+            ],
             [*_fix_table(check, n_fixes), *remaining],
-            settings,
+            [
+                *wrapped([*settings_texts(check, detail)]),
+                *_replay_table(check, is_complete=detail == 2),
+            ],
             last,
         ]
         if sum(map(len, blocks)) + sum(map(bool, blocks)) - 1 <= LINES:
@@ -208,13 +219,15 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
     return "\n\n".join("\n".join(block) for block in blocks if block)
 
 
-def settings_texts(check: Check) -> tuple[str, ...]:
+def settings_texts(check: Check, detail: int = 2) -> tuple[str, ...]:
     """Return the sentences about the choice of AMCL's settings: what decided.
 
     Parameters
     ----------
     check : Check
         The check.
+    detail : int, default 2
+        Amount of details, see `ROWS`.
     """
     choice = check.preset_choice
     if choice is None:
@@ -224,15 +237,15 @@ def settings_texts(check: Check) -> tuple[str, ...]:
         verdict.word == BETTER and name in choice.objections
         for name, verdict in choice.verdicts.items()
     )
-    objections = choice.objections.values() if is_contradicted else ()
+    objections = choice.objections.values() if is_contradicted and detail == 2 else ()
     texts = [f"{text[:1].upper()}{text[1:]}." for text in objections]
     if choice.is_preset and SETTINGS in check.recommended:
         texts.insert(0, f"{choice.title}.")
-    return (*texts, advice) if advice else tuple(texts)
+    return (*texts, advice) if advice and detail else tuple(texts)
 
 
-def _replay_table(check: Check) -> list[str]:
-    """Return the lines of the table of settings in simulation and on recordings, if there are."""
+def _replay_table(check: Check, *, is_complete: bool) -> list[str]:
+    """Return the lines of the table of settings on recordings, if there are, and in simulation."""
     choice = check.preset_choice
     if choice is None or not choice.recordings:
         return []
@@ -245,7 +258,10 @@ def _replay_table(check: Check) -> list[str]:
             "off_at_end", title="off at the end", value=lambda result: _share(result.off_at_end)
         ),
     )
-    return _table(columns, "settings", choice.results)
+    results = [
+        result for result in choice.results if is_complete or result.case in choice.recordings
+    ]
+    return _table(columns, "settings", results)
 
 
 def _drives_text(rates: DriveRates) -> str:
@@ -278,12 +294,14 @@ def _map_sizes(site: Site) -> str:
 
 
 def _rate_columns() -> tuple[Column, ...]:
+    is_narrow = shutil.get_terminal_size((NARROW, 24)).columns < NARROW
+    off_at_end, reached = "off at the end", "reaches the goal"
+    if is_narrow:
+        off_at_end, reached = "off at end", "at goal"
     return (
         Column("lost", title="lost", value=lambda row: _share(row.rates.lost)),
-        Column(
-            "off_at_end", title="off at the end", value=lambda row: _share(row.rates.off_at_end)
-        ),
-        Column("reached", title="reaches the goal", value=lambda row: _share(row.rates.reached)),
+        Column("off_at_end", title=off_at_end, value=lambda row: _share(row.rates.off_at_end)),
+        Column("reached", title=reached, value=lambda row: _share(row.rates.reached)),
     )
 
 

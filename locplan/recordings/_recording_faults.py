@@ -131,8 +131,8 @@ class RecordingFaults:
         return not (is_broken or self.jumps)
 
     @property
-    def sentences(self) -> tuple[str, ...]:
-        """The faults, and what cannot be seen, for people."""
+    def fault_sentences(self) -> tuple[str, ...]:
+        """The faults, for people."""
         texts = [signs.sentence for signs in self.wrong_signs]
         if self.drops_sign:
             texts.append(
@@ -157,12 +157,18 @@ class RecordingFaults:
                 f"The map does not fit the scans at {_position(self.stretch)}, over"
                 f" {self.stretch.length:.2g} m."
             )
-        if self.hidden_steps > HIDDEN * self.steps:
-            texts.append(
-                f"The scans cannot show motion along corridors at {self.hidden_steps:,} of"
-                f" {self.steps:,} steps."
-            )
         return tuple(texts)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The faults, and what cannot be seen, for people."""
+        if self.hidden_steps <= HIDDEN * self.steps:
+            return self.fault_sentences
+        hidden = (
+            f"The scans cannot show motion along corridors at {self.hidden_steps:,} of"
+            f" {self.steps:,} steps."
+        )
+        return (*self.fault_sentences, hidden)
 
 
 def _places_text(count: int) -> str:
