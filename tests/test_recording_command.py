@@ -163,6 +163,13 @@ def test_command_rejects_recording_of_another_building(run, files, monkeypatch, 
     assert error.endswith("name the map of the building where it was taken\n")
 
 
+def test_built_in_recording_is_written_under_own_name(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command = "recording", "two_corridors", "--every", "40", "-o", "two_corridors"
+    assert run(*command)[0] == 0
+    assert len(Recording.load(tmp_path / "two_corridors" / "drive.npz")) == 13
+
+
 def test_other_commands_point_to_options_of_recording(run, files):
     with writing(files, "mcap") as (bag, writer):
         writer.tf(BEGIN, writer.transform(BEGIN, "odom", "base_link", (0, 0, 0)))

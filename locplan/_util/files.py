@@ -28,12 +28,9 @@ def inputs_are_kept() -> Iterator[None]:
 
 
 def keep_input(path: Path) -> None:
-    """Tell that a file is an input; outside of `inputs_are_kept` that has no effect.
-
-    What is not there may be a built-in name: results can have it.
-    """
+    """Tell that a file is an input; outside of `inputs_are_kept` that has no effect."""
     inputs = _INPUTS.get()
-    if inputs is not None and os.path.lexists(path):
+    if inputs is not None:
         inputs.add(_real(path))
 
 
