@@ -535,6 +535,7 @@ def test_choice_sentence_without_path(better, status, sentence):
     assert choice.report() == choice.sentence == sentence
 
 
+@pytest.mark.long
 def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, choice):
     again = choose(grid, START, GOAL, costs=costs, threads=1, **QUICK)
     other = choose(grid, START, GOAL, costs=costs, seed=2, **QUICK)
@@ -555,6 +556,7 @@ def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
     assert ("error at the goal" in shown) == (minimise == "goal-error")
 
 
+@pytest.mark.long
 def test_a_high_price_of_metres_keeps_the_shortest(corridors, better):
     priced = two_ways(corridors, price=10.0)
     assert better.best
@@ -722,6 +724,7 @@ def test_all_candidates_of_a_car_can_be_driven_by_it(grid, costs):
     assert "cannot be driven: tight turn" in found.left_out["sharp"]
 
 
+@pytest.mark.long
 def test_paths_of_an_outline_are_driven_with_and_without_headings(grid, costs):
     box = Footprint([(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
     robot = dataclasses.replace(ROBOT, footprint=box)

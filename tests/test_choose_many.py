@@ -144,8 +144,8 @@ def test_at_most_some_tasks_are_at_the_executor_at_once(costs, monkeypatch):
             most.append(len(held))
             return task
 
-    choose_many(costs, QUERIES, executor=Counting(), **QUICK)
-    assert most == [1, 1, 1]
+    choose_many(costs, QUERIES[:2], executor=Counting(), **QUICK)
+    assert most == [1, 1]
 
 
 def test_workers_with_another_locplan_are_refused(costs, monkeypatch):

@@ -42,6 +42,7 @@ def test_cluster_computes_same_field(client, grid, monkeypatch):
     np.testing.assert_array_equal(field.covariance, expected.covariance)
 
 
+@pytest.mark.long
 def test_a_worker_killed_mid_run_costs_nothing_but_time(client, grid, tmp_path, monkeypatch):
     monkeypatch.setattr("locplan.field._tiles.TILE", 8)
     expected = covariance_field(grid, CONFIG)

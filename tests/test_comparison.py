@@ -100,6 +100,7 @@ def test_a_users_planner_is_measured_like_the_others(compared):
         assert run.measures["length"] <= least.measures["length"] + 1e-9
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_report_names_exception_if_all_runs_raise():
     result = locplan.compare(
         rooms(), ["grid", raising], RandomQueries(2), SMALL, configs=QUICK, execution=ONE

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 
 from locplan.errors import LocplanError
 
-FEW, MANY = 15, 300
+FEW, MANY = 10, 300
 MAX_LINE = 1050
 """Length of a message [characters] that no error and no warning reaches."""
 

@@ -102,11 +102,13 @@ def test_a_wrong_mount_is_told(small, grid, turn, coarse_fit):
     assert f"The lidar seems to be turned by {turn} deg: " in fit.sentence
 
 
+@pytest.mark.long
 def test_a_lidar_that_is_upside_down_is_told(small, grid, coarse_fit):
     mirrored = replace(small, ranges=small.ranges[:, ::-1])
     assert fit_to_map(mirrored, grid).mount == "upside down"
 
 
+@pytest.mark.long
 def test_progress_counts_the_turns_of_the_search(small, grid, coarse_fit):
     seen: list[tuple[int, int]] = []
     fit_to_map(small.moved(3.0, 0.0, 0.0), grid, progress=lambda *each: seen.append(each))

@@ -268,6 +268,7 @@ def test_a_slip_of_the_wheels_is_named(drive):
     assert "wheels slip 2" in " ".join(found.sentences)
 
 
+@pytest.mark.long
 def test_a_robot_that_was_carried_away_is_found_again(drive):
     there = replace(drive, poses=drive.poses[::-1], ranges=drive.ranges[::-1], times=None)
     both = {
@@ -303,6 +304,7 @@ def test_a_displaced_stretch_of_the_map_is_named(drive, found):
     assert "the map is displaced" in moved.report()
 
 
+@pytest.mark.long
 def test_smooth_names_map_between_opposite_turns(drive):
     """Odometry that jumps by a turn, and later back, was right: the map is turned."""
 
