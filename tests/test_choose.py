@@ -627,6 +627,7 @@ def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
     assert choice.is_tuning_first == is_first
     assert choice.answer[0].startswith("Tune the filter first" if is_first else "Take the detour")
     assert ("safe settings (update_min_d 0.1, update_min_a 0.1)" in choice.answer[0]) == is_first
+    assert ("a smaller error than the detour without tuning" in choice.answer[0]) == is_first
     assert "shortest, tuned" in choice.report()
 
 
@@ -1064,6 +1065,15 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
         rows = list(csv.DictReader(file))
     assert float(rows[leader]["arrived"]) == taken.arrived.value
     assert all(row["arrived"] == "" for n, row in enumerate(rows) if n not in driven)
+
+
+def test_choice_names_fewer_robots_that_reach_goal(better):
+    assert better.best
+    fewer = with_arrivals(better, 16, 14).answer
+    assert fewer[0].startswith("Take the detour")
+    assert fewer[1] == (
+        "But fewer robots reach the goal in closed loop: 14 of 16; on the shortest path, 16 of 16."
+    )
 
 
 def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):

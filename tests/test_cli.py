@@ -35,7 +35,7 @@ def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
     assert code == 0
     assert "cells evaluated" in out
     assert "saturated" in out
-    assert err == f"wrote {tmp_path / 'f.npz'}\n"
+    assert (out.splitlines()[-1], err) == (f"wrote {tmp_path / 'f.npz'}", "")
     assert CovarianceField.load(tmp_path / "f.npz").grid.digest == load_map(room).digest
     assert (tmp_path / "f.png").stat().st_size > 1000
 
@@ -168,9 +168,11 @@ def test_bad_planner_and_weight_are_refused(run, room):
 
 
 def test_info_writes_files_of_built_in_map(run, tmp_path):
-    code, _, err = run("info", "two_corridors", "-o", tmp_path / "maps")
+    code, out, _ = run("info", "two_corridors", "-o", tmp_path / "maps")
     assert code == 0
-    assert f"wrote {tmp_path / 'maps'}" in err
+    written = tmp_path / "maps" / "two_corridors.yaml"
+    assert f"wrote {written}: the map, for ROS and all commands" in out
+    assert f"wrote {tmp_path / 'maps'}: 1 more file" in out
     drawn = environments.make("two_corridors")
     assert load_map(tmp_path / "maps" / "two_corridors.yaml").digest == drawn.digest
     assert ".png" in refused(run("info", tmp_path / "maps", "-o", tmp_path / "others"))
@@ -198,8 +200,9 @@ def test_field_draws_any_scalar(run, room, tmp_path):
         picture = tmp_path / f"{scalar}.png"
         assert run("field", room, "-o", picture, "--picture", scalar)[0] == 0
         assert picture.stat().st_size > 1000
-    code, _, err = run("field", room, "-o", tmp_path / "default.pdf")
-    assert (code, err) == (0, f"wrote {tmp_path / 'default.pdf'}\n")
+    code, out, _ = run("field", room, "-o", tmp_path / "default.pdf")
+    assert code == 0
+    assert f"wrote {tmp_path / 'default.pdf'}" in out
 
 
 def test_field_writes_numpy_file(run, room, tmp_path):
@@ -262,9 +265,9 @@ def test_many_maps_share_one_table(run, room, tmp_path):
     bad = tmp_path / "bad.yaml"
     bad.write_text("image: nowhere.pgm\n")
     (tmp_path / "params.yaml").write_text("amcl: {alpha1: 0.2}\n")
-    code, out, err = run("field", tmp_path, "-o", tmp_path / "fields")
+    code, out, _ = run("field", tmp_path, "-o", tmp_path / "fields")
     assert code == 2
-    assert err == f"wrote {tmp_path / 'fields'}\n"
+    assert f"wrote {tmp_path / 'fields'}" in out
     assert re.search(r"room +51 ", out)
     assert re.search(r"bad +– .* failed\nfailed: .*nowhere.pgm|failed: .*bad.yaml", out)
     assert "params" not in out
@@ -967,7 +970,26 @@ def test_info_lists_settings_of_robot(run, tmp_path):
     changed = {row["setting"]: row["value"] for row in rows}
     assert (changed["alpha1"], changed["max_particles"]) == ("0.05", "900")
     assert "no setting 'alpha9'" in refused(run("info", "--settings", "--set", "alpha9=1"))
-    assert "name a map, or list the robot's settings with --settings" in refused(run("info"))
+
+
+def test_info_settings_fit_on_narrow_terminal(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = run("info", "--settings", "--lidar", "turtlebot4", "--set", "footprint=0.3")
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    assert code == 0
+    assert {"footprint [m] 0.3", "range [m] 12.0", "speed [m/s] 0.5"} <= {*lines}
+    assert len(lines) < 70
+    corners = "footprint=[[0.3,0.2],[0.3,-0.2],[-0.3,-0.2],[-0.3,0.2]]"
+    assert '"value": "[[' in run("info", "--settings", "--set", corners, "--json")[1]
+
+
+def test_info_lists_names_without_map(run):
+    code, out, _ = run("info")
+    assert code == 0
+    for name in ("two_corridors", "turtlebot4", "any-angle", "BITstar", "locplan info --settings"):
+        assert name in out
+    assert "turtlebot4" in json.loads(run("info", "--json")[1])["lidars"]
+    assert "name a map" in refused(run("info", "--lidars"))
 
 
 def test_settings_that_info_lists_can_be_set(run):
@@ -991,6 +1013,16 @@ def test_help_has_one_line_per_option(run, monkeypatch, command):
     assert [line for line in wrapped if "[required]" not in line] == []  # that of export --to
     assert ";" not in out
     assert len(out.splitlines()) <= 60
+
+
+@pytest.mark.parametrize(
+    ("command", "words"), [("plan", "ueJ"), ("compare", "ueJ"), ("field", "ue")]
+)
+def test_help_explains_words(run, monkeypatch, command, words):
+    monkeypatch.setenv("COLUMNS", "100")
+    _, out, _ = run(command, "--help")
+    lines = out.partition("Words\n")[2].splitlines()
+    assert "".join(line.split()[0] for line in lines[: len(words)]) == words
 
 
 def test_commands_and_options_are_few(run):

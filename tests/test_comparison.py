@@ -237,7 +237,12 @@ def test_all_files_are_written(compared, tmp_path):
     assert contrast["pairs"] > 0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert page.count("<img") == 2
-    for text in ("locplan compare", "No planner beats any-angle", "∫u ds [m]", "detour: "):
+    for text in (
+        "locplan compare",
+        "No planner beats any-angle",
+        "degenerate metres (∫u ds) [m]",
+        "detour: ",
+    ):
         assert text in page
     milliseconds = {
         f"{1000 * float(np.median(seconds)):.2f}"

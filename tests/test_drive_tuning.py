@@ -53,6 +53,10 @@ def test_report_shows_recording(tuned):
     assert text.startswith("note: the drive: The scans cannot show motion along corridors")
     assert "on the drive, " in tuned.conclusion
     assert "2 runs over the whole drive (seed 1)" in text
+    assert "precise: alphas 0.05, likelihood_field_prob. safe: update_min_d 0.1" in text
+    verdicts = {(row.settings, row.case): row.verdict for row in tuned.choice.results}
+    assert verdicts[OWN, "the drive"] == "baseline"
+    assert verdicts[PRECISE, "the drive"] == "confirmed"
     about = tuned.summary()
     assert about["recording"] == "the drive"
     json.dumps(about, allow_nan=False)

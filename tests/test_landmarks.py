@@ -686,6 +686,13 @@ def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
     assert width - used < 3.0 or used > 0.6 * width
 
 
+def test_report_shows_positions_of_poles_first(placed, verification):
+    text = placed.report(verification)
+    assert text.splitlines()[0].split()[:5] == ["landmark", "x", "[m]", "y", "[m]"]
+    assert "heading" not in text
+    assert "heading" in placed.table().names
+
+
 def test_the_table_tells_how_many_landmarks_pay(placed):
     few = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
     assert "from number 3 on each lowers it by less than 5%: 2 may do" in few.report()
@@ -755,7 +762,8 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     ends = ["--start", "-6,0", "--goal", "6,0"]
     code, said, err = run("landmarks", map_file, *ends, *options, *more)
     assert code == 0, err
-    assert said.index("lost") < said.index("landmark   x [m]")
+    assert said.index("landmark   x [m]") < said.index("lost")
+    assert "heading" in said
     with (out / "landmarks.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["number"] for row in rows] == ["1", "2"]

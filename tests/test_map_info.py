@@ -224,7 +224,7 @@ def test_a_map_without_free_cells(tmp_path):
     info = describe_map(drawn("####", "#  #", "####"))
     assert info.rooms == info.pairs == ()
     assert any("no cell is free" in warning for warning in info.warnings)
-    assert "no room for a robot of radius 0.25 m" in info.report()
+    assert "no room for a robot of radius 0.2" in info.report()
     plotting.save_figure(plotting.info_figure(info), tmp_path / "none.png")
 
 
@@ -373,7 +373,7 @@ def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     code, out, err = run("info", file, "-o", tmp_path / "info.png", "--set", "footprint=0.25")
     assert code == 0
     assert (tmp_path / "info.png").stat().st_size > 1000
-    assert err == f"wrote {tmp_path / 'info.png'}\n"
+    assert (out.splitlines()[-1], err) == (f"wrote {tmp_path / 'info.png'}: the picture", "")
     assert "16 x 16 cells, 8.00 x 8.00 m" in out
     assert "free_thresh 0.196, occupied_thresh 0.65" in out
     (command, *_) = [line.strip() for line in out.splitlines() if "locplan plan" in line]

@@ -9,6 +9,7 @@ from conftest import refused
 from drive_bags import BEGIN, writing
 
 from locplan._util import checks
+from locplan.cli._wording import options_as_typed
 from locplan.errors import MAX_MESSAGE, ConfigError, LocplanError, PoseError
 from locplan.field import Sad, Scan, estimator_class
 from locplan.maps import OccupancyGrid, save_map
@@ -110,7 +111,7 @@ def test_estimators_refuse_numbers_that_would_overflow(settings):
     [
         (lambda: Robot("turtlebot_4"), "turtlebot4"),
         (lambda: Robot("TurtleBot3"), "turtlebot3"),
-        (lambda: planner_for("anyangle"), "any-angle"),
+        (lambda: planner_for("any-angel"), "any-angle"),
         (lambda: planner_for("RRTstr"), "RRTstar"),
         (lambda: planner_for("RRTstar", {"timelimit": 2}), "time_limit"),
         (lambda: Robot().changed({"inflaton_radius": 1.0}), "inflation_radius"),
@@ -155,3 +156,11 @@ def test_command_line_names_lidar_option_if_urdf_has_no_sensor(run, tmp_path):
     save_map(OccupancyGrid([[254]], resolution=0.1), tmp_path / "room.yaml")
     error = refused(run("info", tmp_path / "room.yaml", "--robot", tmp_path / "bot.urdf"))
     assert "has no planar lidar; name the robot's, such as --lidar turtlebot4" in error
+
+
+def test_command_line_keeps_words_of_python():
+    text = "name another folder with --force (in Python force=True), or drop force=True"
+    expected = "name another folder with --force (in Python force=True), or drop --force"
+    assert options_as_typed(text, "plan") == expected
+    planner = "planner 'RRTstar:time_limit=-1': time_limit must be positive"
+    assert options_as_typed(planner, "compare") == planner

@@ -29,7 +29,7 @@ def test_field_figure_names_map_scalar_and_unit(field):
     figure = plotting.field_figure(field, "position_std")
     axes, bar = figure.axes
     first, second = axes.get_title().split("\n")
-    assert first == "rooms: 0% saturated; 100% weak (26 cm or more)"
+    assert first == "rooms: u is about 0 on 0%; 100% weak (26 cm or more)"
     assert second.startswith("sad, disc, exponential")
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert bar.get_ylabel() == "largest position std. deviation [cm]"
@@ -90,7 +90,7 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
     assert "exact" in upper.get_title()
     assert f"of {len(front)} paths" in upper.get_title()
     assert lower.get_xlabel() == "length [m]"
-    assert "∫u ds [m]" in lower.get_ylabel()
+    assert lower.get_ylabel() == "degenerate metres (∫u ds) [m]"
     assert "knee" in lower.get_legend().get_texts()[0].get_text()
 
 

@@ -46,8 +46,10 @@ def test_recording_finds_ground_truth_on_map(run, files, grid, drive):
     command = "recording", files / "monday.npz", files / "room.yaml", *FEW
     code, out, err = run(*command, "-o", files / "monday")
     assert code == 0, err
-    assert out.startswith("The recording is sound")
+    assert out.startswith(("Sound", "Usable: "))
     assert "ground truth" in out
+    assert f"wrote {files / 'monday' / 'poses.tum'}: the ground truth, for evo" in out
+    assert f"wrote {files / 'monday'}: 1 more file" in out
     assert out.splitlines()[-1] == (
         f"  locplan check {files / 'room.yaml'} --recording={files / 'monday' / 'drive.npz'}"
     )
@@ -65,9 +67,10 @@ def test_recording_finds_ground_truth_on_map(run, files, grid, drive):
 
 def test_recording_without_map_finds_faults_alone(run, files, drive):
     code, out, err = run("recording", files / "monday.npz", "-o", files / "drive.npz")
-    assert (code, err) == (0, f"wrote {files / 'drive.npz'}\n")
-    assert out.startswith("The recording is sound")
-    assert "ground truth" not in out
+    assert (code, err) == (0, "")
+    assert f"wrote {files / 'drive.npz'}: the recording, for --recording of other commands" in out
+    assert out.startswith(("Sound", "Usable: "))
+    assert "ground truth  " not in out
     assert "Next:" not in out
     np.testing.assert_array_equal(Recording.load(files / "drive.npz").ranges, drive.ranges)
     values = json.loads(run("recording", files / "monday.npz", "--json")[1])

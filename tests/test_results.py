@@ -13,6 +13,7 @@ from conftest import drawn
 from locplan import plotting
 from locplan._util import output
 from locplan._util.output import Output, Results, temporary_folder
+from locplan._util.runs import Run, running, take_written
 from locplan._util.tables import rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
@@ -64,6 +65,20 @@ def test_output_refuses_other_files_without_force(tmp_path, earlier):
     assert content(tmp_path) == {"a": "mine", "b": "2"}
     write(tmp_path, {"a": "3"}, force=True)
     assert content(tmp_path) == {"a": "3"}
+
+
+def test_output_notes_purposes_of_written_files(tmp_path):
+    names = ["chosen.csv", "choice.png", "candidates.csv", "choice.json", "01-a.csv", "02-b.csv"]
+    with running(Run("plan", {})):
+        write(tmp_path / "out", dict.fromkeys([*names, "errors.csv"], "1"), kind="choice")
+        lines = take_written()
+        assert take_written() == []
+    assert (
+        lines[0]
+        == f"wrote {tmp_path / 'out' / 'chosen.csv'}: the recommended path, for export --path"
+    )
+    assert len(lines) == 6
+    assert lines[-1] == f"wrote {tmp_path / 'out'}: 2 more files"
 
 
 def test_output_refuses_results_of_another_command(tmp_path):

@@ -232,6 +232,16 @@ def test_the_knee_is_where_a_drawn_front_bends(length, integral, knee):
     assert scaled.knee == knee  # neither unit counts
 
 
+def test_front_without_knee_names_trade():
+    text = front_through([20, 23, 26.2], [9, 8, 0]).report()
+    last = "No knee: take the shortest path, or +31% length with no degenerate metres."
+    assert text.splitlines()[-1] == last
+    assert text.count("knee") == 0
+    text = front_through([20, 30], [9, 4]).report()
+    assert text.endswith("or +50% length with 4 instead of 9 degenerate metres.")
+    assert "No knee" not in front_through([20, 20.1, 26, 33], [10, 1, 0.9, 0.8]).report()
+
+
 @pytest.mark.parametrize("angle", [10, 45, 80])
 def test_the_knee_of_a_circles_quarter_is_its_middle(angle):
     around = np.deg2rad(np.linspace(0, 90, 91))

@@ -27,6 +27,7 @@ from locplan._util.files import (
     check_target,
     errors_in_one_line,
 )
+from locplan._util.purposes import describe_files
 from locplan._util.reading import opened, parsed_json, read_text
 from locplan._util.supervision import announce
 from locplan.errors import LocplanError
@@ -129,6 +130,10 @@ class Output:
                 for names in ((*written, self._run_name), stale)
             )
             decide(staging, moves, removals)
+        if not _STAGED.search(str(self._home)):  # results within others are noted with these
+            described = describe_files(self.kind, written)
+            files = [(self._folder / name, purpose) for name, purpose in described]
+            runs.note_written(self.target, files, len(written) - len(files))
 
     @property
     def _remedy(self) -> str:

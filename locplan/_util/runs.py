@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -40,6 +40,8 @@ class Run:
     """Digest of each map that was read, by its name."""
     robot: dict[str, str] = field(default_factory=dict)
     """Title and digest of the robot; nothing where there is none."""
+    written: list[str] = field(default_factory=list)
+    """A line for people on each of the most useful files that were written."""
 
     def content(self, home: Path) -> dict[str, Any]:
         """Entries of run.yaml, with files as they are named from the folder where it will be."""
@@ -119,6 +121,34 @@ def note_robot(title: str, digest: str) -> None:
     """Tell the run, if there is one, which robot it is for."""
     if _CURRENT:
         _CURRENT[-1].robot = {"title": title, "digest": digest}
+
+
+def note_written(target: Path, files: Sequence[tuple[Path, str]], n_more: int) -> None:
+    """Tell the run, if there is one, which files were written.
+
+    Parameters
+    ----------
+    target : Path
+        The file or folder of the results.
+    files : sequence of (Path, str)
+        The most useful files with their purposes.
+    n_more : int
+        Number of the other files.
+    """
+    if _CURRENT:
+        lines = [f"wrote {file}: {purpose}" for file, purpose in files]
+        if n_more:
+            number = f"{n_more} more files" if n_more > 1 else "1 more file"
+            lines.append(f"wrote {target}: {number}" if files else f"wrote {target}")
+        _CURRENT[-1].written += lines
+
+
+def take_written() -> list[str]:
+    """Return the lines on the files that the run has written since the last call."""
+    if not _CURRENT:
+        return []
+    lines, _CURRENT[-1].written = _CURRENT[-1].written, []
+    return lines
 
 
 def run_text(home: Path, kind: str, outputs: Mapping[str, str]) -> str:

@@ -8,7 +8,7 @@ import sys
 from locplan.cli.application import COMMANDS, application
 
 KEYWORD = re.compile(
-    r"(?<![\w:.\-/'\"=,<{])([a-z]+(?:_[a-z]+)*)"
+    r"(?<!in Python )(?<![\w:.\-/'\"=,<{])([a-z]+(?:_[a-z]+)*)"
     r"(?:=('[^']*'|\"[^\"]*\"|\([^()]*\)|[\w./-]*)|\b(?!['\":(=.]))"
 )
 """A keyword of Python, with the value behind it if there is one."""

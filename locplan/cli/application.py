@@ -44,14 +44,24 @@ COMMANDS = {
 """The heading of each command in the help. Its module in this package has its name."""
 
 
-def command(*examples: str) -> Callable[[Callable[..., int | None]], App]:
-    """Return a decorator that makes a function a command, with examples for its help."""
+WORDS = {
+    "u": "degeneracy, from 0 (localizable) to 1 (degenerate)",
+    "e": "uncertainty of a match with the map: sqrt(det(covariance)) [m² rad]",
+    "J": "cost of a path: length + weight * degenerate metres (∫u ds) [m]",
+}
+"""Meaning of the words that help explains."""
+
+
+def command(*examples: str, words: str = "") -> Callable[[Callable[..., int | None]], App]:
+    """Return a decorator that makes a function a command, with examples and words for its help."""
+    explained = [f"  {word}  {WORDS[word]}" for word in words]
 
     def decorate(function: Callable[..., int | None]) -> App:
         app = App(name=function.__name__)
         app.default(function)
         summary = (inspect.getdoc(function) or "").partition("\nParameters\n---")[0].strip()
-        app.help = "\n".join([summary, "", "Examples", *map(wrap_example, examples)])
+        lines = [summary, "", "Examples", *map(wrap_example, examples)]
+        app.help = "\n".join([*lines, *(["", "Words", *explained] if words else [])])
         return app
 
     return decorate
@@ -228,5 +238,6 @@ def _fill(description: Any) -> None:
     if text is not None:
         paragraphs = text.plain.split("\n\n")
         text.plain = "\n\n".join(
-            each if each.startswith("Examples\n") else " ".join(each.split()) for each in paragraphs
+            each if each.startswith(("Examples\n", "Words\n")) else " ".join(each.split())
+            for each in paragraphs
         )

@@ -30,6 +30,7 @@ Weights = Annotated[tuple[float, ...], Parameter(metavar="METRES")]
 @command(
     "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
     "compare lab.yaml hall.yaml -o compared --queries queries.csv --planner my.py:plan",
+    words="ueJ",
 )
 def compare(
     maps: MapFiles,
@@ -60,7 +61,7 @@ def compare(
     maps
         Map YAML files, folders with one, MovingAI maps, or built-in maps.
     planner
-        BITstar:time_limit=2, my.py:plan, or a name of `locplan info`. Repeatable.
+        BITstar:time_limit=2, my.py:plan or one of `locplan info`. Repeatable.
     baseline
         Planner that the others are compared with.
     queries

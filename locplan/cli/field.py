@@ -15,6 +15,7 @@ from locplan.cli.groups import FieldOptions, Output, RobotOptions, Threads
 @command(
     "field lab.yaml -o lab.npz",
     "field lab.yaml --lidar turtlebot4 --picture heading_std -o heading.png",
+    words="ue",
 )
 def field(
     maps: MapFiles,

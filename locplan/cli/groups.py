@@ -22,7 +22,7 @@ import locplan
 from locplan._util.checks import check_threads, shown, suggestion
 from locplan._util.files import keep_input
 from locplan._util.progress import progress_bar, working
-from locplan._util.runs import note_robot
+from locplan._util.runs import note_robot, take_written
 from locplan.cli import arguments
 from locplan.cli._wording import options_as_typed
 from locplan.cli.application import COMPUTATION, OUTPUT, ROBOT
@@ -59,7 +59,7 @@ class RobotOptions:
     lidar: Annotated[
         str | None, Parameter(metavar="NAME", choices=tuple(PRESETS), show_choices=False)
     ] = None
-    """Lidar, or the robot that carries it, such as turtlebot4."""
+    """Lidar or robot, such as turtlebot4. See `locplan info`."""
     set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """Setting, such as range=8. See `locplan info --settings`."""
 
@@ -455,7 +455,8 @@ class Output:
         self.show(result.summary(*details), result.report(*details), *files or [self.output])
 
     def show(self, values: object, text: object, *files: Path | None) -> None:
-        """Print a result as JSON or as text for people, and the files written on stderr."""
+        """Print a result as JSON or as text for people, and the files that were written."""
         print(json_files.dumps(values, indent=2) if self.json else text)
-        for file in filter(None, files):
-            print(one_line(f"wrote {file}"), file=sys.stderr)
+        lines = take_written() or [f"wrote {file}" for file in filter(None, files)]
+        for line in lines:
+            print(one_line(line), file=sys.stderr if self.json else sys.stdout)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import locplan
 from locplan._util.files import PICTURES, check_target
@@ -13,6 +14,9 @@ from locplan.cli.arguments import MapFile, Switch
 from locplan.cli.groups import Output, RobotOptions
 from locplan.errors import ConfigError
 
+if TYPE_CHECKING:
+    from locplan._util.records import Table
+
 PRESETS = "turtlebot3", "turtlebot4", "tim571"
 """Lidars of short, middle and long range."""
 
@@ -22,6 +26,7 @@ PRESETS = "turtlebot3", "turtlebot4", "tim571"
     "info lab.yaml --lidar turtlebot4 --lidars",
     "info hall -o maps",
     "info --settings",
+    "info",
 )
 def info(
     map_file: MapFile | None = None,
@@ -35,6 +40,7 @@ def info(
     """Describe a map: size, faults, rooms, and places for start and goal.
 
     With a lidar, reports the share of ambiguous places, and safe starts.
+    Without a map, lists the built-in maps, lidars and planners.
 
     Parameters
     ----------
@@ -46,10 +52,13 @@ def info(
         List the robot's settings for --set, with their values.
     """
     if settings:
-        table = locplan.robots.list_settings(robot.load())
-        return output.show(table.records(), str(table))
+        listed = locplan.robots.list_settings(robot.load())
+        return output.show(listed.records(), _format_settings(listed))
     if map_file is None:
-        raise ConfigError("name a map, or list the robot's settings with --settings")
+        if output.output or lidars:
+            raise ConfigError("name a map, such as locplan info two_corridors")
+        names = _list_names()
+        return output.show(names, _format_names(names))
     target = _target(map_file, output)
     described_robot = robot.load()
     described = locplan.planners.describe_map(map_file, robot=described_robot)
@@ -65,9 +74,9 @@ def info(
             shares = locplan.costs.compare_lidars(
                 described.grid, [*dict.fromkeys(compared)], robot=described_robot, progress=progress
             )
-        table = locplan.costs.lidars_table(shares)
-        lines.append(str(table))
-        values["lidars"] = table.records()
+        compared_table = locplan.costs.lidars_table(shares)
+        lines.append(str(compared_table))
+        values["lidars"] = compared_table.records()
     if target and target.is_file:
         with working("drawing"), target.writing() as new:
             locplan.plotting.save_figure(locplan.plotting.info_figure(described), new)
@@ -75,6 +84,39 @@ def info(
         with target.writing(adds=True) as new:
             locplan.save_map(described.grid, new / f"{described.grid.name}.yaml")
     output.show(values, "\n".join(lines), output.output)
+
+
+def _format_settings(listed: Table) -> str:
+    """Return the robot's settings for people: name, unit and value."""
+    from locplan._util.tables import table
+
+    rows = [
+        (f"{name} [{unit}]" if unit else name, value) for _, name, unit, value, _ in listed.rows
+    ]
+    return f"{table(['setting', 'value'], rows)}\n--json shows the meaning of each setting."
+
+
+def _list_names() -> dict[str, list[str]]:
+    """Return the names that commands know: built-in maps, lidars and planners."""
+    return {
+        "maps": [*locplan.maps.BUILT_IN],
+        "lidars": [*locplan.robots.PRESETS],
+        "planners": [*locplan.planners.names()],
+    }
+
+
+def _format_names(names: dict[str, list[str]]) -> str:
+    """Return the names for people, and what to do with them."""
+    from locplan._util.tables import table
+
+    rows = [(title, ", ".join(values)) for title, values in names.items()]
+    return (
+        f"{table([], rows)}\n"
+        "Options of a planner: --planner BITstar:time_limit=2. A wrong one shows all.\n"
+        "Next: describe a map, or list the robot's settings:\n"
+        "  locplan info two_corridors\n"
+        "  locplan info --settings"
+    )
 
 
 def _target(map_file: Path, output: Output) -> Target | None:

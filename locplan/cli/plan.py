@@ -57,6 +57,7 @@ FRONT_TIME = 30.0
     "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
     "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar:time_limit=2",
     "plan lab.yaml --start 2,3 --goal 38,3 --front -o front",
+    words="ueJ",
 )
 def plan(
     map_file: MapFile,
@@ -99,7 +100,7 @@ def plan(
     via
         Place to visit on the way. Repeatable.
     planner
-        BITstar:time_limit=2, my.py:plan, or a name of `locplan info`. Repeatable.
+        BITstar:time_limit=2, my.py:plan or one of `locplan info`. Repeatable.
     path
         Further candidate (CSV of x,y). Repeatable.
     weight
@@ -109,7 +110,7 @@ def plan(
     max_e
         Maximum e of the cells that a path enters, in m² rad.
     budget
-        Maximum ∫u ds of a path, in metres.
+        Maximum degenerate metres (∫u ds) of a path.
     front
         Compute the Pareto front of length and degeneracy instead.
     drives

@@ -30,7 +30,7 @@ MEASURES: Mapping[str, Column] = {
     for column in (
         Column("length", "m", "length"),
         Column("cost", "m", "cost J"),
-        Column("integrated_u", "m", "degenerate, ∫u ds"),
+        Column("integrated_u", "m", "degenerate metres (∫u ds)"),
         Column("integrated_e", "m² rad m", "∫e ds"),
         Column("max_e", "m² rad", "max e"),
         Column("degenerate_share", "", f"share {HIGH_U}"),

@@ -18,7 +18,7 @@ from locplan.costs._costmap import ROBOT_RADIUS, Costmap
 from locplan.costs._crossing import crossed_by_paths, crossed_cells
 from locplan.field import FieldConfig, Fused, load_or_compute
 from locplan.maps import OccupancyGrid
-from locplan.robots import Lidar, Robot
+from locplan.robots import Lidar, Robot, format_radius
 
 DEGENERATE = 0.5
 """The u above which a place counts as degenerate."""
@@ -263,7 +263,12 @@ def lidars_table(shares: Sequence[LidarShare]) -> Table:
         Column("title", title="lidar", value=lambda each: each.lidar.title),
         Column("lidar", value=lambda each: each.lidar.model),
         Column("range", "m", value=lambda each: each.lidar.range),
-        Column("degenerate_share", title=f"floor with u > {DEGENERATE:g}", digits=0, people="%"),
+        Column(
+            "degenerate_share",
+            title=f"floor where the robot may get lost (u > {DEGENERATE:g})",
+            digits=0,
+            people="%",
+        ),
     )
     return Table.of(columns, shares)
 
@@ -283,4 +288,5 @@ def costs_caption(costs: Costmap) -> str:
     """
     if costs.settings is None:
         return ""
-    return f"\n{costs.settings.config.title}, robot radius {costs.robot_radius:g} m"
+    radius = format_radius(costs.robot, costs.robot_radius)
+    return f"\n{costs.settings.config.title}, robot radius {radius}"

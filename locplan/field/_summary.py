@@ -147,7 +147,7 @@ def about_field(field: CovarianceField) -> str:
     spacing = field.stride * field.grid.resolution
     apart = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
     near_paths = apart if field.lacking.any() else ""
-    return f"{made}{near_paths}; {share:.0%} of the map saturated{remedy}"
+    return f"{made}{near_paths}; u is about 0 (localizable) on {share:.0%} of the map{remedy}"
 
 
 def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, Floats]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import ClassVar
 
@@ -36,6 +36,10 @@ COLUMNS = (
     EXPECTED,
 )
 """Columns of landmarks; a pole's length and width are its diameter."""
+ROUND_COLUMNS = tuple(
+    replace(column, title=None) if column.name == "heading" else column for column in COLUMNS
+)
+"""Columns of poles, whose heading is in files only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +172,8 @@ class Landmarks(Result):
         values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
-            COLUMNS, tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows)
+            ROUND_COLUMNS if self.setting.kind.word == "pole" else COLUMNS,
+            tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows),
         )
 
     def _write(self, folder: FilePath, verification: Verification | None = None) -> None:
@@ -214,13 +219,13 @@ class Landmarks(Result):
 def landmarks_report(made: Landmarks, verification: Verification | None = None) -> str:
     """What the drives say, then the landmarks in order of gain."""
     setting = made.setting
-    lines = [verification.verdict if verification else "not verified: nothing was driven"]
-    lines.append(f"with {setting.robot.title}")
-    after = [
+    verdict = [verification.verdict if verification else "not verified: nothing was driven"]
+    verdict.append(f"with {setting.robot.title}")
+    gains = [
         f"{len(made)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without any:"
         f" {made.expected[0]:.3f}"
     ]
     if made.advice:
-        after.append(made.advice)
-    parts = [str(verification.table())] if verification else []
-    return "\n".join([*parts, *wrapped(lines), str(made.table()), *wrapped(after)])
+        gains.append(made.advice)
+    drives = [str(verification.table())] if verification else []
+    return "\n".join([str(made.table()), *wrapped(gains), *drives, *wrapped(verdict)])

@@ -29,7 +29,7 @@ from locplan.maps import (
 from locplan.planners._cost_to_go import NamedPlace, PlacePair, farthest_pairs
 from locplan.planners._grid import bands, parts_of_map
 from locplan.planners._main_part import find_main_part, find_surroundings
-from locplan.robots import Robot, radius_of
+from locplan.robots import Robot, format_radius, radius_of
 
 LISTED = 8
 """Number of rooms in the table; the others are summed up."""
@@ -69,6 +69,8 @@ class MapInfo(Pictured):
     """How the file was read; None for a grid that was not."""
     robot_radius: float
     """Minimum distance from the robot's centre to an occupied cell [m]."""
+    robot_size: str
+    """The same with the robot's margin apart, for people."""
     free: Level
     """The free cells."""
     occupied: Level
@@ -152,7 +154,7 @@ class MapInfo(Pictured):
             parts.append(f"  {self.command(pair)}")
         if self.pairs:
             parts.append(
-                f"{LIDAR} stands for your lidar, or the robot that carries it (locplan plan --help"
+                f"{LIDAR} stands for your lidar, or the robot that carries it (locplan info"
                 " lists them); candidates are driven with it, and locplan check tells where your"
                 " robot gets lost"
             )
@@ -182,7 +184,7 @@ class MapInfo(Pictured):
 
     def _rooms_table(self) -> str:
         """The rooms, with the small ones summed up."""
-        where = f"for a robot of radius {self.robot_radius:g} m"
+        where = f"for a robot of radius {self.robot_size}"
         if not self.rooms:
             return f"no room {where}"
         rows = []
@@ -279,6 +281,7 @@ def describe_map(
         grid=grid,
         source=source,
         robot_radius=radius,
+        robot_size=format_radius(robot if isinstance(robot, Robot) else None, radius),
         free=free,
         occupied=occupied,
         unknown=unknown,

@@ -20,11 +20,14 @@ from locplan.errors import ConfigError
 from locplan.planners._grid_paths import through_centres
 from locplan.planners._protocol import Found, Position, Status
 from locplan.planners._robot_fit import unfit_note
+from locplan.robots import format_radius
 
+NO_DEGENERATE = 0.05
+"""Degenerate metres below which a path has none for people [m]."""
 METRICS = (
     Column("length", "m", "length"),
     Column("cost", "m", "cost J"),
-    Column("integrated_u", "m", "degenerate, ∫u ds"),
+    Column("integrated_u", "m", "degenerate metres (∫u ds)"),
     Column("integrated_e", "m² rad m", "∫e ds", 4),
     Column("mean_e", "m² rad", "mean e", 5),
     Column("max_e", "m² rad", "max e", 5),
@@ -137,7 +140,8 @@ def finished(
     """Make a plan of what a planner found, with the metrics of its path on a costmap."""
     note = found.note
     if found.status == "unreachable" and not note:
-        note = f"no path joins start and goal for a robot of radius {costs.robot_radius:g} m"
+        radius = format_radius(costs.robot, costs.robot_radius)
+        note = f"no path joins start and goal for a robot of radius {radius}"
     known = {each.name: getattr(found, each.name) for each in dataclasses.fields(found)}
     if found.path is not None:
         note = "; ".join(filter(None, [note, costs.note]))
@@ -261,12 +265,26 @@ class ParetoFront(Result, Stored):
         for index in sorted({*map(int, shown), self.knee}):
             longer = self.length[index] / self.length[0] - 1
             texts = [str(index), f"{self.length[index]:.2f} m", f"+{longer:.1%}"]
-            knee = "knee" if index == self.knee else ""
+            knee = "knee" if index == self.knee > 0 else ""
             rows.append([*texts, f"{rounded_up(self.integral[index])} {unit}", knee])
         how = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%} of every path"
         count = f"{len(self)} path{'' if len(self) == 1 else 's'}"
         last = f"{count}, {how}; {self.labels:,} labels, {self.solve_time:.2f} s"
-        return f"{table(['path', 'length', 'longer', f'∫{self.objective} ds', ''], rows)}\n{last}"
+        integral = "degenerate metres (∫u ds)" if self.objective == "u" else "∫e ds"
+        lines = [str(table(["path", "length", "longer", integral, ""], rows)), last]
+        return "\n".join(filter(None, [*lines, self._no_knee]))
+
+    @property
+    def _no_knee(self) -> str:
+        """The sentence on a front whose knee is the shortest path; empty if it bends elsewhere."""
+        if self.knee or len(self) < 2:
+            return ""
+        longer = self.length[-1] / self.length[0] - 1
+        unit = "degenerate metres" if self.objective == "u" else f"{self.costs.e_unit} m"
+        gain = f"{self.integral[-1]:.2g} instead of {self.integral[0]:.2g} {unit}"
+        if self.objective == "u" and self.integral[-1] < NO_DEGENERATE:
+            gain = "no degenerate metres"
+        return f"No knee: take the shortest path, or +{longer:.0%} length with {gain}."
 
     def _write(self, folder: PathOf, *_: object) -> None:
         self.write(folder / "front.npz")

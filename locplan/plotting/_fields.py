@@ -60,7 +60,7 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     figure, axes = map_axes(field.grid)
     image = draw_field(axes, field, name)
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
-    title = f"{field.grid.name or 'map'}: {field.saturated_share:.0%} saturated"
+    title = f"{field.grid.name or 'map'}: u is about 0 on {field.saturated_share:.0%}"
     weak = weak_spots(field, image.get_array(), name)
     axes.set_title(f"{title}; {weak}\n{field.config.title}", fontsize="medium")
     return figure
@@ -145,7 +145,7 @@ def info_figure(info: MapInfo) -> Figure:
     yaw = f", yaw {turned:.4g} deg" if turned else ""
     size = f"{width:.4g} x {height:.4g} m, {info.grid.resolution:g} m a cell{yaw}"
     rooms = f"{len(info.rooms)} room{'' if len(info.rooms) == 1 else 's'}"
-    robot = f"{rooms} for a robot of radius {info.robot_radius:g} m"
+    robot = f"{rooms} for a robot of radius {info.robot_size}"
     axes.set_title(f"{info.grid.name or 'map'}: {size}\n{robot}", fontsize="medium")
     _add_legend(figure, info, colours)
     return figure

@@ -31,6 +31,7 @@ from locplan._util.public import png_of
 from locplan.costs import DEGENERATE, Costmap
 from locplan.field import CovarianceField
 from locplan.planners import Plan
+from locplan.robots import format_radius
 
 MIN_TICKS, MAX_TICKS = 3, 8
 """Number of ticks that tell a scale, and that are read."""
@@ -202,7 +203,8 @@ def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
             asked.append(f"e at most {plan.max_e:g}")
         if plan.footprint is not None and "footprint" not in asked:
             asked.append("footprint")
-    return ", ".join([*asked, f"robot radius {costs.robot_radius:g} m"])
+    radius = format_radius(costs.robot, costs.robot_radius)
+    return ", ".join([*asked, f"robot radius {radius}"])
 
 
 class RoundNumbers(Locator):

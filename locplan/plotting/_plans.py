@@ -34,7 +34,7 @@ from locplan.plotting._picture import (
     weak_spots,
 )
 from locplan.plotting.style import END_STYLE, ERROR_COLOURS, FIELD_COLOURS, PATH_STYLES, outline
-from locplan.robots import Footprint
+from locplan.robots import Footprint, format_radius
 
 if TYPE_CHECKING:
     from locplan.planners import ParetoFront, PathCheck, Plan
@@ -73,7 +73,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     weak = weak_spots(field, image.get_array())
-    made = f"{config.title}; {field.saturated_share:.0%} saturated; {weak}"
+    made = f"{config.title}; u is about 0 on {field.saturated_share:.0%}; {weak}"
     asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
     upper.set_title(f"{asked}\n{made}", fontsize="medium")
     return figure
@@ -176,7 +176,8 @@ def costmap_figure(costs: Costmap) -> Figure:
     costs : Costmap
         The costmap.
     """
-    return _u_figure(costs, f"robot radius {costs.robot_radius:g} m", costs.grid)[0]
+    radius = format_radius(costs.robot, costs.robot_radius)
+    return _u_figure(costs, f"robot radius {radius}", costs.grid)[0]
 
 
 def path_figure(plan: Plan) -> Figure:
@@ -305,9 +306,10 @@ def front_figure(front: ParetoFront) -> Figure:
     look: dict[str, Any] = {"s": 14, "c": front.length, "cmap": ERROR_COLOURS, "norm": norm}
     image = lower.scatter(front.length, front.integral, **look)
     length, integral = front.length[knee], front.integral[knee]
-    label = f"knee, bold above: {length:.1f} m long, {integral:.3g} {unit}"
+    name = "knee" if knee or len(front) == 1 else "no knee: shortest path"
+    label = f"{name}, bold above: {length:.1f} m long, {integral:.3g} {unit}"
     lower.plot(length, integral, "D", markersize=9, label=label, **END_STYLE)
-    label = "degenerate, ∫u ds" if front.objective == "u" else "∫e ds"
+    label = "degenerate metres (∫u ds)" if front.objective == "u" else "∫e ds"
     lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
     lower.legend(loc="upper right", frameon=False)
     figure.colorbar(image, ax=[upper, lower], label="length [m]", shrink=0.6)

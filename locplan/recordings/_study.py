@@ -26,6 +26,7 @@ from locplan.recordings._reference import trajectory_of
 from locplan.recordings._replay import Replay, replay
 from locplan.recordings._trajectory import Trajectory
 from locplan.robots import Robot
+from locplan.robots.presets import PRECISE, describe_preset
 
 RUNS = 12
 """Number of replays of the robot's filter."""
@@ -33,6 +34,15 @@ FILE_SUFFIXES = ".csv", ".tum", ".txt", ".json", ".bag", ".mcap", ".db3"
 """Endings of files that a recording is not written to, and a folder hardly has."""
 SHOWN_PLACES = 3
 """Maximum number of places of a map's fault in the report."""
+SOUND = "Sound: odometry, stamps and map agree with the scans."
+SOUND_IN_PART = "Sound, as far as the scans can show."
+USABLE = "Usable: {number}, too small to mislead `locplan tune`."
+NOT_SOUND = (
+    "Not sound: {number}. With this recording `locplan tune` does not write the precise settings"
+    f" ({describe_preset(PRECISE)})."
+)
+"""Verdicts on a recording."""
+SCAN_NUMBERS = "The log has no stamps: times in poses.tum are scan numbers."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -247,8 +257,7 @@ def study_recording(
 
 def recording_report(report: RecordingReport) -> str:
     """Return the text for people: the verdict, then topics, ground truth, map, noise and replay."""
-    sound = "sound: odometry, stamps and map agree with the scans"
-    answer = f"The recording is {sound if report.faults.is_sound else 'not sound'}."
+    answer = _answer(report.faults)
     rows = [*report.recording.rows()]
     if report.trajectory:
         rows.append(("ground truth", report.trajectory.sentences[0]))
@@ -262,7 +271,19 @@ def recording_report(report: RecordingReport) -> str:
         runs = f"{len(report.replay.errors)} runs: error {drives.typical_rmse.value:.2g} m"
         lost = f"lost in {drives.lost.sum()}, off at the end in {drives.off_at_end.sum()}"
         rows.append(("filter, replayed", f"{runs}, {lost}"))
-    return "\n".join([*wrapped([answer, *report.faults.sentences]), "", table([], rows)])
+    notes = [SCAN_NUMBERS] if report.trajectory and report.recording.times is None else []
+    return "\n".join([*wrapped([answer, *report.faults.sentences, *notes]), "", table([], rows)])
+
+
+def _answer(faults: RecordingFaults) -> str:
+    """Return the verdict on a recording in one line."""
+    count = len(faults.fault_sentences)
+    number = "1 fault" if count == 1 else f"{count} faults"
+    if not faults.is_sound:
+        return NOT_SOUND.format(number=number)
+    if count:
+        return USABLE.format(number=number)
+    return SOUND_IN_PART if faults.sentences else SOUND
 
 
 def _noise_rows(calibration: DriveCalibration) -> list[tuple[str, str]]:

@@ -47,4 +47,9 @@ from ._parts import (
     Odometry as Odometry,
 )
 from ._planner_drive import planner_types as planner_types
-from ._robot import Robot as Robot, list_settings as list_settings, radius_of as radius_of
+from ._robot import (
+    Robot as Robot,
+    format_radius as format_radius,
+    list_settings as list_settings,
+    radius_of as radius_of,
+)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -307,6 +308,27 @@ def radius_of(robot: Robot | float) -> float:
     return robot.radius if isinstance(robot, Robot) else number("robot", robot, 0.0, 1e9)
 
 
+def format_radius(robot: Robot | None, radius: float) -> str:
+    """Return the radius of a robot for people, with its margin apart.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot, if it is known.
+    radius : float
+        The radius that is planned with [m].
+
+    Examples
+    --------
+    >>> robot = Robot(footprint=0.3)
+    >>> format_radius(robot, robot.radius)
+    '0.3 m + 0.05 m margin'
+    """
+    if robot is None or not robot.margin or abs(robot.radius - radius) > 1e-9:
+        return f"{radius:g} m"
+    return f"{radius - robot.margin:.3g} m + {robot.margin:g} m margin"
+
+
 def list_settings(robot: Robot) -> Table:
     """Return the settings that `Robot.changed` changes, with their values and meanings.
 
@@ -318,14 +340,24 @@ def list_settings(robot: Robot) -> Table:
     Examples
     --------
     >>> rows = list_settings(Robot("turtlebot4")).rows
-    >>> [row[:3] for row in rows if row[1] == "update_min_d"]
-    [('filter', 'update_min_d', '0.25')]
+    >>> [row[:4] for row in rows if row[1] == "update_min_d"]
+    [('filter', 'update_min_d', 'm', '0.25')]
     """
-    rows = []
+    docs = field_docs(Robot)
+    rows = [_setting_row("robot", name, robot, docs[name]) for name in OWN]
     for part, kind in PARTS.items():
         settings = robot.amcl if part == "filter" else getattr(robot, part)
         for name, text in field_docs(kind).items():
-            meaning = text.partition(". ")[0].rstrip(".")
-            rows.append((part, name, str(getattr(settings, name, "-")), meaning))
-    columns = tuple(Column(name, title=name) for name in ("part", "setting", "value", "meaning"))
-    return Table(columns, tuple(rows))
+            rows.append(_setting_row(part, name, settings, text))
+    names = "part", "setting", "unit", "value", "meaning"
+    return Table(tuple(Column(name, title=name) for name in names), tuple(rows))
+
+
+def _setting_row(part: str, name: str, settings: object, text: str) -> tuple[str, ...]:
+    """Return part, name, unit, value and meaning of a setting; its docstring has the unit."""
+    value = getattr(settings, name, "-")
+    if isinstance(value, Footprint):
+        value = json.dumps(value.vertices.tolist())
+    unit = re.search(r"\[(?!1\])([^\]]+)\]", text)
+    meaning = text.partition(". ")[0].rstrip(".")
+    return part, name, unit[1] if unit else "", str(value), meaning

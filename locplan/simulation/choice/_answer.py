@@ -78,12 +78,20 @@ REACHED = "In closed loop, {count} of {n} robots reach the goal."
 REACHED_BOTH = (
     "In closed loop, {count} of {n} robots reach the goal; on {other}, {other_count} of {n}."
 )
+FEWER_REACH = (
+    "But fewer robots reach the goal in closed loop: {count} of {n}; on {other}, {other_count} of"
+    " {n}."
+)
 FAULTS = {
     FOLLOWER: "Robots that fail even with perfect localization: {count}. Check the footprint and"
     " the narrow passages.",
     WORLD: "Robots without a way to the goal in their worlds: {count}.",
 }
 TUNE_FIRST = "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change}."
+TUNE_BEFORE_DETOUR = (
+    "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change}, and a"
+    " smaller error than the {kind} without tuning."
+)
 UNTUNED = "With the filter as it is, {answer}"
 TUNING_FAILS = (
     "Tuning alone does not help: with {settings}, {lost} of {n} robots get lost on the shortest"
@@ -234,7 +242,8 @@ def format_reached(decision: Decision) -> str:
     values = {"count": reached.count, "n": len(reached.drives)}
     for other in arrivals.values():
         name = "the shortest path" if decision.best else "the best other path"
-        return REACHED_BOTH.format(other=name, other_count=other.count, **values)
+        template = FEWER_REACH if decision.best and reached.count < other.count else REACHED_BOTH
+        return template.format(other=name, other_count=other.count, **values)
     return REACHED.format(**values)
 
 
@@ -266,7 +275,9 @@ def format_tune_first(decision: Decision) -> str:
     verdict, shortest = compare_tuning(decision), decision.shortest
     if verdict is None or shortest is None:
         return ""
-    return TUNE_FIRST.format(
+    template = TUNE_BEFORE_DETOUR if decision.best and decision.chosen else TUNE_FIRST
+    return template.format(
+        kind=_kind(decision.chosen or shortest, shortest),
         settings=name_tuned_settings(decision),
         shortest=format_length(shortest),
         change=format_change(verdict.ratio, decision.settings.minimise),

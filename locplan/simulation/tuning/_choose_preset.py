@@ -22,8 +22,8 @@ from locplan.robots.presets import PRECISE, amcl_presets, describe_preset
 from locplan.simulation._drives import Drives, rate_column
 from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare
 
-OWN = "your settings"
-"""Name of the user's settings, which may be Nav2's defaults."""
+OWN, BASELINE = "your settings", "baseline"
+"""Name of the user's settings, which may be Nav2's defaults, and their word in tables."""
 LEVEL_DRIVES = 64
 """Least number of drives at each level, if fewer do not decide it.
 
@@ -90,8 +90,8 @@ class CaseResult:
     n_drives: int
     """Number of drives, or of runs on a recording."""
     verdict: str = ""
-    """Verdict on a preset against the user's settings; empty if these were not driven, and on a
-    recording."""
+    """Verdict on a preset against the user's settings, which are the baseline; on a recording,
+    confirmed or contradicted. Empty if the user's settings were not driven."""
 
 
 @dataclass(frozen=True)
@@ -373,7 +373,7 @@ class _PresetTrial:
             for settings in self._settings
             if (settings, case.name) in self._driven
         ] + [
-            _result_on_recording(settings, recording.name, self._replayed[settings, recording.name])
+            self._result_on_recording(settings, recording.name)
             for recording in self._recordings
             for settings in self._settings
             if (settings, recording.name) in self._replayed
@@ -416,9 +416,21 @@ class _PresetTrial:
     def _result(self, name: str, case: Case) -> CaseResult:
         drives = DriveSet.join(self._driven[name, case.name])
         n_looks = min(len(self._driven.get((each, case.name), ())) for each in (OWN, name))
-        word = self._compare(name, case, n_looks).word if name != OWN and n_looks else ""
+        if name == OWN:
+            word = BASELINE
+        else:
+            word = self._compare(name, case, n_looks).word if n_looks else ""
         rates = drives.error, drives.lost_rate, drives.off_at_end_rate
         return CaseResult(name, case.name, *rates, len(drives.lost), word)
+
+    def _result_on_recording(self, name: str, recording: str) -> CaseResult:
+        runs, before = self._replayed[name, recording], self._replayed.get((OWN, recording))
+        if name == OWN:
+            word = BASELINE
+        else:
+            word = "contradicted" if before and find_objection(before, runs) else "confirmed"
+        rates = runs.rmse, runs.lost_rate, runs.off_at_end_rate
+        return CaseResult(name, recording, *rates, len(runs.errors), word)
 
 
 def find_objection(before: Drives, after: Drives) -> str:
@@ -439,11 +451,6 @@ def find_objection(before: Drives, after: Drives) -> str:
         user_error, error = map(in_metres, errors)
         return f"the error is {error}, {user_error} with {OWN},"
     return ""
-
-
-def _result_on_recording(name: str, case: str, drives: Drives) -> CaseResult:
-    rates = drives.rmse, drives.lost_rate, drives.off_at_end_rate
-    return CaseResult(name, case, *rates, len(drives.errors))
 
 
 def _cost_ratio(before: Amcl, after: Amcl, lines: Sequence[Poses]) -> float:

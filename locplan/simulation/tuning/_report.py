@@ -6,8 +6,12 @@ import textwrap
 
 from locplan._util.runs import typed
 from locplan._util.tables import REPORT_WIDTH
+from locplan.robots.presets import CHANGES, describe_preset
 from locplan.simulation.tuning._choose_preset import OWN
 from locplan.simulation.tuning._results import Tuning
+
+PRESETS = ". ".join(f"{name}: {describe_preset(name)}" for name in CHANGES) + "."
+"""The meaning of the presets' names."""
 
 
 def tuning_report(tuning: Tuning) -> str:
@@ -19,6 +23,7 @@ def tuning_report(tuning: Tuning) -> str:
         *(_wrap(f"note: {note}") for note in tuning.notes),
         _wrap(f"{tuning.conclusion}."),
         *([_wrap(hint)] if hint else []),
+        _wrap(PRESETS),
         "",
         str(tuning.table()),
         _wrap(choice.describe_table(tuning.seed)),
