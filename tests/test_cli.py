@@ -35,7 +35,8 @@ def test_field_prints_a_table_and_writes_what_was_asked(run, room, tmp_path):
     assert code == 0
     assert "cells evaluated" in out
     assert "saturated" in out
-    assert (out.splitlines()[-1], err) == (f"wrote {tmp_path / 'f.npz'}", "")
+    written = f"wrote {tmp_path / 'f.npz'}: the field, for --field"
+    assert (out.splitlines()[-1], err) == (written, "")
     assert CovarianceField.load(tmp_path / "f.npz").grid.digest == load_map(room).digest
     assert (tmp_path / "f.png").stat().st_size > 1000
 
