@@ -162,17 +162,17 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     other = tmp_path / "b.yaml"
     locplan.save_map(environments.make("places", resolution=0.1), other)
-    asked = "--random", 3, "--drives", 2, "--min-distance", 4
+    asked = "--random", 5, "--drives", 2, "--min-distance", 4
     code, table, _ = run("simulate", map_file, other, *asked, "-o", tmp_path / "out")
     assert code == 0
-    assert "of 3 queries" in table
+    assert "of 5 queries" in table
     assert len(list((tmp_path / "out").glob("*.png"))) == 2
     about = json.loads((tmp_path / "out" / "queries.json").read_text())
     first = about["maps"][0]
-    assert len(first["queries"]) == 3
+    assert len(first["queries"]) == 5
     with (tmp_path / "out" / "queries.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [row["map"] for row in rows] == ["corridors"] * 3 + ["b"] * 3
+    assert [row["map"] for row in rows] == ["corridors"] * 5 + ["b"] * 5
     one = first["queries"][0]["paths"]["shortest"]
     assert float(rows[0]["rmse_shortest"]) == pytest.approx(one["rmse"][0])
     ratios = [
