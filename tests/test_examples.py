@@ -52,19 +52,10 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
         if module.browser_file() is None:
             pytest.skip("no chromium on this machine")
     monkeypatch.setattr(locplan, "choose", functools.partial(locplan.choose, drives=4))
-    data = (str(with_one_log(tmp_path)),) if path.stem == "lasers" else ()
+    data = (str(SHARED_DATA),) if path.stem == "lasers" else ()
     module.main(*data, str(tmp_path / "out"), *QUICKLY.get(path.stem, ()))
     assert capsys.readouterr().out
     assert any((tmp_path / "out").iterdir())
-
-
-def with_one_log(folder):
-    """A folder as `SHARED_DATA` with one log of a laser, so that all estimators are soon done."""
-    (folder / "carmen").mkdir()
-    (folder / "rosmaps_carmen").symlink_to(SHARED_DATA / "rosmaps_carmen")
-    for file in (SHARED_DATA / "carmen").glob("*orebro*"):
-        (folder / "carmen" / file.name).symlink_to(file)
-    return folder
 
 
 def load_example(name, monkeypatch):

@@ -198,6 +198,7 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
     assert "--choice is for --to" in refused(run(*line, "nav2-speed"))
 
 
+@pytest.mark.long
 def test_command_exports_choices_as_routes(run, tmp_path, driven):
     grid = driven.costs.grid
     save_map(grid, tmp_path / "lab.yaml")

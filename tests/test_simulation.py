@@ -292,6 +292,7 @@ def test_the_aware_path_is_followed_better_in_two_corridors():
     assert routes.lost[1] <= routes.lost[0] / 2
 
 
+@pytest.mark.long
 def test_the_aware_path_is_followed_better_in_the_hall():
     routes = at_places("hall", ("start", "goal"), 10)
     assert routes.routes[0].summary["rmse_ratio"][2] < 0.7
