@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 
@@ -12,7 +13,7 @@ from drive_bags import BEGIN, writing
 
 import locplan
 from locplan import Lidar, Robot
-from locplan.recordings import Recording, record_drive
+from locplan.recordings import Recording, find_recording_faults, record_drive, study_recording
 
 LIDAR = Lidar(range=8.0, beams=90, model="own")
 FEW = "--set", "min_particles=50", "--set", "max_particles=100"
@@ -180,3 +181,21 @@ def test_other_commands_point_to_options_of_recording(run, files):
         writer.scan(BEGIN, LIDAR, np.ones(90), topic="/rear")
     error = refused(run("simulate", files / "room.yaml", "--recording", bag))
     assert "choose one with --scan-topic /front; read it with locplan recording" in error
+
+
+@pytest.mark.parametrize(
+    ("faults", "answer"),
+    [
+        ({}, "Sound"),
+        ({"stamps_back": 3}, "Usable: 1 fault"),
+        ({"stamps_back": 3, "jumps": 2}, "Not sound: 2 faults"),
+    ],
+)
+def test_report_counts_faults_in_first_line(drive, faults, answer):
+    sound = dataclasses.replace(
+        find_recording_faults(drive), places=(), jumps=0, wrong_signs=(), reversed_steps=0
+    )
+    studied = study_recording(drive)
+    report = dataclasses.replace(studied, faults=dataclasses.replace(sound, **faults)).report()
+    assert report.startswith(answer)
+    assert ("alphas 0.05" in report) == ("jumps" in faults)
