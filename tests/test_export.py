@@ -815,7 +815,7 @@ def test_files_that_hold_no_path_are_refused(tmp_path, text):
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(LocplanError):
         Path.load(tmp_path / "p.csv")
-    with pytest.raises(LocplanError, match="cannot be read"):
+    with pytest.raises(LocplanError, match="there is no such file"):
         Path.load(tmp_path / "none.csv")
     with pytest.raises(LocplanError, match=r"\.csv, \.json, \.geojson, \.yaml"):
         export.path(tmp_path / "p.txt", ROUTE)

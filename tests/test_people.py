@@ -112,7 +112,7 @@ def test_a_path_comes_back_from_its_file(tmp_path, heading):
     assert (again.heading is None) == (heading is None)
     with pytest.raises(LocplanError, match=r"must end in \.csv"):
         path.save(tmp_path / "p.json")
-    with pytest.raises(LocplanError, match="cannot be read"):
+    with pytest.raises(LocplanError, match="there is no such file"):
         Path.load(tmp_path / "none.csv")
 
 

@@ -96,7 +96,7 @@ def test_each_two_stations_are_a_query(tmp_path):
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(LocplanError, match="cannot be read"):
+    with pytest.raises(LocplanError, match="there is no such file"):
         read_queries(tmp_path / "none.csv")
     (tmp_path / "picture.csv").write_bytes(bytes(range(128, 256)))
     with pytest.raises(LocplanError, match="is no text"):

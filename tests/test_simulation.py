@@ -564,7 +564,7 @@ def test_configs_that_are_none_are_refused(tmp_path, text, reason):
     (tmp_path / "c.json").write_text(text)
     with pytest.raises(LocplanError, match=reason):
         locplan.load_config(tmp_path / "c.json")
-    with pytest.raises(LocplanError, match="cannot be read"):
+    with pytest.raises(LocplanError, match="there is no such file"):
         locplan.load_config(tmp_path / "missing.json")
     with pytest.raises(LocplanError, match="must end in"):
         locplan.save_config(tmp_path / "c.yaml", FieldConfig())
