@@ -157,7 +157,13 @@ class Table:
         return [tables.finite(dict(zip(self.names, row, strict=True))) for row in self._values()]
 
     def write_csv(self, file: Path) -> None:
-        """Write the rows, as a whole or not at all; what is not known is empty."""
+        """Write the rows, as a whole or not at all; what is not known is empty.
+
+        Parameters
+        ----------
+        file : path
+            The file.
+        """
         tables.write_rows(file, self.names, self._values())
 
     def write_geojson(

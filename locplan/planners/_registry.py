@@ -146,6 +146,15 @@ def named_planner(
 def known_name(name: str, entries: Iterable[str]) -> str:
     """Return the known spelling of a planner's name; a ConfigError if no planner has the name.
 
+    Parameters
+    ----------
+    name : str
+        The name; case does not count, and RRT* is RRTstar.
+    entries : iterable of str
+        The known names.
+
+    Examples
+    --------
     >>> known_name("rrt*", PLANNERS), known_name("AnyAngle", PLANNERS)
     ('RRTstar', 'any-angle')
     """
