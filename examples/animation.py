@@ -35,8 +35,8 @@ def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> 
 
     figure = Figure(figsize=(8.0, 7.0), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(7, 3))
-    locplan.plotting.draw_map(above, grid)
-    locplan.plotting.draw_ends(above, START, GOAL)
+    locplan.maps.figures.draw_map(above, grid)
+    locplan.planning.figures.draw_ends(above, START, GOAL)
     moving = [_Moving(name, paths[name], each, above, below) for name, each in driven.items()]
     arrive = [f"{each.count} of {drives}" for each in driven.values()]
     above.set_title(

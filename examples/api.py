@@ -18,9 +18,9 @@ from typing import get_type_hints
 import pdoc
 
 import locplan
-from locplan._util import public
+from locplan._support import public
 
-PACKAGES = ("locplan", "locplan.planners.ompl")
+PACKAGES = ("locplan", "locplan.planning.ompl")
 """The package, and one that it does not name since OMPL is imported with it."""
 
 
@@ -74,7 +74,9 @@ def take_over(thing: object) -> None:
     """Let a class hold what it has from bases that have no page, such as `save` of results."""
     for base in thing.__mro__[1:] if inspect.isclass(thing) else ():
         for name, member in vars(base).items():
-            public_name = base.__module__.startswith("locplan._util.") and not name.startswith("_")
+            public_name = base.__module__.startswith("locplan._support.") and not name.startswith(
+                "_"
+            )
             kept = isinstance(member, (FunctionType, classmethod, property))
             if public_name and kept and inspect.getattr_static(thing, name) is member:
                 setattr(thing, name, member)

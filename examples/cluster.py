@@ -24,8 +24,8 @@ def main(folder: str = "cluster") -> None:
     print(f"{field.evaluated.sum():,} cells, {field.saturated_share:.0%} of them saturated")
     Path(folder).mkdir(parents=True, exist_ok=True)
     field.save(Path(folder) / "places.npz")
-    figure = locplan.plotting.field_figure(field)
-    locplan.plotting.save_figure(figure, Path(folder) / "places.png")
+    figure = locplan.field.figures.field_figure(field)
+    locplan._support.drawing.save_figure(figure, Path(folder) / "places.png")
 
 
 if __name__ == "__main__":

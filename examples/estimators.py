@@ -43,8 +43,8 @@ def main(folder: str = "estimators", *maps: str) -> None:
         parts.append(where_they_differ(list(rows[-1].values())))
     target = Path(folder) / "estimators.png"
     target.parent.mkdir(parents=True, exist_ok=True)
-    figure = locplan.plotting.fields_figure(rows, "position_std", parts)
-    locplan.plotting.save_figure(figure, target)
+    figure = locplan.field.figures.fields_figure(rows, "position_std", parts)
+    locplan._support.drawing.save_figure(figure, target)
     print(f"wrote {target}")
 
 

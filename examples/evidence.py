@@ -37,24 +37,25 @@ import numpy as np
 from scipy.stats import spearmanr
 
 import locplan
-from locplan._util.intervals import Interval, of_mean, wilson
-from locplan.field import SHORT_LIDAR
-from locplan.planners import describe_map, random_queries
-from locplan.plotting import Picture, save_figure, style
+from locplan._support import drawing as style
+from locplan._support.drawing import Picture, save_figure
+from locplan._support.intervals import Interval, of_mean, wilson
+from locplan.field.config import SHORT_LIDAR
+from locplan.planning import describe_map, random_queries
 from locplan.recordings import Recording, read_recording, replay
-from locplan.robots import Amcl, Robot
-from locplan.robots.presets import PRECISE, SAFE, with_preset
-from locplan.simulation import Arrivals, Closed, Drives, Simulator, drive_open, simulate
-from locplan.simulation.levels import (
-    KINKED_MAP,
+from locplan.robots import PRECISE, SAFE, Amcl, Robot, with_preset
+from locplan.simulation import (
     LEVELS,
-    REVERSAL,
-    SLIP,
-    STANDSTILL,
-    TURNS,
     USUAL,
+    Arrivals,
+    Closed,
+    Drives,
     Level,
+    Simulator,
+    drive_open,
+    simulate,
 )
+from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 PRODUCT = {"laser_model_type": "likelihood_field_prob"}

@@ -16,7 +16,7 @@ from html import escape
 from pathlib import Path
 
 import locplan
-from locplan.planners import describe_map
+from locplan.planning import describe_map
 
 EXAMPLES = Path(__file__).resolve().parent
 PROJECT = EXAMPLES.parent
@@ -46,7 +46,7 @@ class Entry:
 QUERY = "--start {start} --goal {goal} --lidar {lidar}"
 COSTS = """
 import sys, locplan
-from locplan.plotting import save_figure
+from locplan._support.drawing import save_figure
 grid = locplan.load_map(sys.argv[1])
 field = locplan.load_or_compute(grid, locplan.Fused(locplan.Lidar.preset('{lidar}')))
 costs = locplan.Costmap.from_field(grid, field, robot=0.25)
@@ -58,7 +58,8 @@ ENTRIES = (
         "Walls are black, the inside of solid walls is grey, unknown space light grey.",
         """python -c "
 import sys, locplan
-from locplan.plotting import map_figure, save_figure
+from locplan.maps.figures import map_figure
+from locplan._support.drawing import save_figure
 save_figure(map_figure(locplan.load_map(sys.argv[1])), 'map.png')
 " {map}""",
         "map.png",
@@ -103,7 +104,7 @@ save_figure(map_figure(locplan.load_map(sys.argv[1])), 'map.png')
         "The degeneracy that planners are charged",
         "Cells without colour are too near to a wall for the robot.",
         f"""python -c "{COSTS}
-save_figure(locplan.plotting.costmap_figure(costs), 'costmap.png')
+save_figure(locplan.planning.figures.costmap_figure(costs), 'costmap.png')
 " {{map}}""",
         "costmap.png",
     ),
@@ -112,7 +113,7 @@ save_figure(locplan.plotting.costmap_figure(costs), 'costmap.png')
         "Notebooks show plans like this.",
         f"""python -c "{COSTS}
 plan = locplan.plan(costs, ({{start}}), ({{goal}}))
-save_figure(locplan.plotting.path_figure(plan), 'path.png')
+save_figure(locplan.planning.figures.path_figure(plan), 'path.png')
 " {{map}}""",
         "path.png",
     ),

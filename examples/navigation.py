@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 import locplan
-from locplan import export
+from locplan.export import nav2_keepout, nav2_routes, nav2_speed
+from locplan.export.plain_files import path
 
 
 def main(folder: str = "navigation", map_file: str | None = None) -> None:
@@ -21,15 +22,15 @@ def main(folder: str = "navigation", map_file: str | None = None) -> None:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
 
-    mask = export.nav2_keepout(target / "keepout", costs, planner="smac2d")
+    mask = nav2_keepout(target / "keepout", costs, planner="smac2d")
     print(f"SmacPlanner2D: {mask.planner.parameter} {mask.param:g} charges J to within")
     print(f"{mask.quantisation:.3f} per metre, up to weight · u = {mask.greatest:.2f}")
-    export.nav2_speed(target / "speed", costs, slowest=0.3)
+    nav2_speed(target / "speed", costs, slowest=0.3)
     if map_file is None:
         plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0))
         if plan.path is not None:
-            export.path(target / "aware.yaml", plan.path)  # a nav_msgs/Path
-            ways = export.nav2_routes(target / "routes", costs, {"aware": plan.path})
+            path(target / "aware.yaml", plan.path)  # a nav_msgs/Path
+            ways = nav2_routes(target / "routes", costs, {"aware": plan.path})
             print(f"route graph: {len(ways.graph.nodes)} nodes, {len(ways.graph.edges)} edges")
     print(f"wrote {', '.join(sorted(entry.name for entry in target.iterdir()))}")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from ompl import base, geometric, tools, util
 
 import locplan
-from locplan.planners import ompl
+from locplan.planning import ompl
 
 
 def main(folder: str = "ompl_program") -> None:

@@ -24,11 +24,21 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle, Wedge
 
 import locplan
-from locplan import CovarianceField, paper, plotting
+from locplan import CovarianceField
+from locplan._support.drawing import BLUE, ERROR_COLOURS, MAP_COLOURS, Picture, save_figure
 from locplan.field import OffsetLattice, Sad, position_axes, sampled_covariances, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
+from locplan.maps.figures import draw_cells, draw_map, map_size, shrunk
 from locplan.paper import template_matching
-from locplan.plotting.style import ERROR_COLOURS
+from locplan.paper.claims import (
+    PLACES,
+    Slide,
+    maps_of_places,
+    mismatch_at,
+    one_dimensional,
+    share_smaller_with_range,
+    shares_of_claims,
+)
 
 Floats = np.ndarray
 TURN = "#d62728"
@@ -58,17 +68,17 @@ def main(
     columns = [(p, reach, noise) for p in presets for reach in RANGES for noise in NOISES]
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    maps = paper.maps_of_places(resolution=resolution)
+    maps = maps_of_places(resolution=resolution)
     sections = []
     for name, caption, figure in figures(maps, presets):
-        plotting.save_figure(figure, target / name, dpi=100)
+        save_figure(figure, target / name, dpi=100)
         print(f"wrote {target / name}")
         sections.append(
             f'<figure><img src="{name}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
         )
     page = PAGE.format(
         figures="\n".join(sections),
-        models=table(("model", *(slide.title for slide in paper.one_dimensional())), models()),
+        models=table(("model", *(slide.title for slide in one_dimensional())), models()),
         claims=table(
             ("claim", *(column_title(*column) for column in columns)),
             claims(columns, resolution, seeds),
@@ -98,7 +108,7 @@ def draw_place(folder: str, map_file: str, at: str) -> None:
         curves = template_matching.along_axis(grid, x, y, axis, estimator)
         drawn[f"models_{axis}"] = models_figure(*curves, axis, title)
     for name, figure in drawn.items():
-        plotting.save_figure(figure, target / f"{name}.png", dpi=100)
+        save_figure(figure, target / f"{name}.png", dpi=100)
         print(f"wrote {target / name}.png")
 
 
@@ -109,11 +119,11 @@ def figures(
     yield (
         "figs_04-11_models.png",
         "Figs. 4-11: the seven models in one dimension. Templates of 6 m x 6 m slide by 9 m.",
-        slides_figure(paper.one_dimensional()),
+        slides_figure(one_dimensional()),
     )
     window = Sad().lattice(maps["places"].resolution)
-    for place in paper.PLACES:
-        mismatch = paper.mismatch_at(maps, place, Sad())
+    for place in PLACES:
+        mismatch = mismatch_at(maps, place, Sad())
         yield (
             f"figs_18-28_{place}.png",
             f"Figs. 18-28: correlation at {place} over x-y, x-θ and y-θ; 0 is a perfect match.",
@@ -140,14 +150,14 @@ def figures(
 
 
 def title_of(place: str) -> str:
-    x, y = locplan.maps.environments.landmarks(paper.PLACES[place])[place]
-    return f"{place}, at {x:g}, {y:g} m of {paper.PLACES[place]}, range 6 m"
+    x, y = locplan.maps.environments.landmarks(PLACES[place])[place]
+    return f"{place}, at {x:g}, {y:g} m of {PLACES[place]}, range 6 m"
 
 
 def labelled(figure: Figure, name: str) -> Figure:
     """The letters of the paper's places on each map."""
     for axes in figure.axes:
-        for place, where in paper.PLACES.items():
+        for place, where in PLACES.items():
             if where == name and axes.get_xlabel() == "x [m]":
                 axes.annotate(
                     place,
@@ -165,12 +175,12 @@ def labelled(figure: Figure, name: str) -> Figure:
 
 def models() -> Iterator[tuple[str, ...]]:
     """For each model, what it does in each of the three slides."""
-    slides = paper.one_dimensional()
+    slides = one_dimensional()
     for model in slides[0].curves:
         yield (model, *(said(slide, model) for slide in slides))
 
 
-def said(slide: paper.Slide, model: str) -> str:
+def said(slide: Slide, model: str) -> str:
     undefined = np.isnan(slide.curves[model]).mean()
     peaks = slide.peaks(model)
     if undefined == 1:
@@ -194,8 +204,8 @@ def claims(
     shares = []
     for preset, reach, noise in columns:
         found = [
-            paper.shares_of_claims(
-                paper.maps_of_places(resolution=resolution, boundary_noise=noise, seed=seed),
+            shares_of_claims(
+                maps_of_places(resolution=resolution, boundary_noise=noise, seed=seed),
                 PRESETS[preset](range=reach),
             )
             for seed in range(seeds if noise else 1)
@@ -212,10 +222,9 @@ def larger_template(columns: list[tuple[str, float, float]], resolution: float) 
         if reach == RANGES[1]:
             yield "–"
             continue
-        maps = paper.maps_of_places(resolution=resolution, boundary_noise=noise)
+        maps = maps_of_places(resolution=resolution, boundary_noise=noise)
         shares = [
-            paper.share_smaller_with_range(grid, PRESETS[preset](), RANGES[1])
-            for grid in maps.values()
+            share_smaller_with_range(grid, PRESETS[preset](), RANGES[1]) for grid in maps.values()
         ]
         yield f"{min(shares):.0%}"
 
@@ -228,12 +237,12 @@ def table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
     return "<table>\n" + "\n".join(lines) + "\n</table>"
 
 
-def slides_figure(slides: Sequence[paper.Slide]) -> Figure:
+def slides_figure(slides: Sequence[Slide]) -> Figure:
     """Draw slides of `locplan.paper.one_dimensional` side by side (Figs. 4-11).
 
     Each is a template and a map above the curves of the seven models.
     """
-    figure = plotting.Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
+    figure = Picture(figsize=(5 * len(slides), 6.4), layout="constrained")
     rows = figure.subplots(2, len(slides), squeeze=False, height_ratios=(1, 2))
     for upper, lower, slide in zip(*rows, slides, strict=True):
         _draw_strip(upper, slide)
@@ -256,7 +265,7 @@ def ellipses_figure(
         axes.set_title(title, fontsize="medium")
     factor = "" if magnify == 1 else f", {magnify:g} times as large"
     handles = [
-        Line2D([], [], color=plotting.style.BLUE, label=f"position, one std. deviation{factor}"),
+        Line2D([], [], color=BLUE, label=f"position, one std. deviation{factor}"),
         Line2D([], [], color="black", label="first eigenvector"),
         Line2D([], [], color=TURN, linewidth=6, alpha=0.6, label="heading ± one std. deviation"),
     ]
@@ -268,7 +277,7 @@ def draw_ellipses(
     axes: Axes, field: CovarianceField, *, spacing: float = 2.0, magnify: float = 1.0
 ) -> None:
     """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
-    plotting.draw_map(axes, field.grid)
+    draw_map(axes, field.grid)
     xy, covariance = sampled_covariances(field, spacing)
     if not len(xy):
         return
@@ -282,7 +291,7 @@ def draw_ellipses(
     where: dict[str, Any] = {"units": "xy", "offsets": xy, "offset_transform": axes.transData}
     style: dict[str, Any] = {
         "facecolors": "none",
-        "edgecolors": plotting.style.BLUE,
+        "edgecolors": BLUE,
         "linewidths": 1.4,
     }
     width, height, angle = 2 * magnify * major, 2 * magnify * minor, np.degrees(direction)
@@ -306,13 +315,13 @@ def e_figure(fields: Mapping[str, CovarianceField]) -> Figure:
     norm = Normalize(0.0, float(np.quantile(known, 0.98)) if known.size else 1.0)
     figure, grid_of_axes = _side_by_side(fields)
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
-        plotting.draw_map(axes, field.grid)  # sets the axes; the values cover the map
-        shown = plotting.shrunk(np.nan_to_num(e), maximum=True)
-        image = plotting.draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=norm)
-        cells = plotting.shrunk(field.grid.cells)  # half white over e = 0 shows walls
+        draw_map(axes, field.grid)  # sets the axes; the values cover the map
+        shown = shrunk(np.nan_to_num(e), maximum=True)
+        image = draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=norm)
+        cells = shrunk(field.grid.cells)  # half white over e = 0 shows walls
         walls = np.where(cells == OCCUPIED, 150, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
-        plotting.draw_cells(axes, field.grid, np.dstack([white, walls]))
+        draw_cells(axes, field.grid, np.dstack([white, walls]))
         axes.set_title(title, fontsize="medium")
     figure.colorbar(image, ax=grid_of_axes, label="e [m² rad]", extend="max", shrink=0.8)
     return figure
@@ -320,15 +329,15 @@ def e_figure(fields: Mapping[str, CovarianceField]) -> Figure:
 
 def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
     """Figure and Axes for maps of one size, one above the other where that shows them larger."""
-    width, height = plotting.map_size(next(iter(fields.values())).grid)
+    width, height = map_size(next(iter(fields.values())).grid)
     shape = (len(fields), 1) if 1.4 * width > height else (1, len(fields))
-    figure = plotting.Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
+    figure = Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
     return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()
 
 
 def models_figure(offsets: Floats, curves: Mapping[str, Floats], axis: str, title: str) -> Figure:
     """Draw the seven models along one axis of the search window at a place."""
-    figure = plotting.Picture(figsize=(7, 4.6), layout="constrained")
+    figure = Picture(figsize=(7, 4.6), layout="constrained")
     axes = figure.subplots()
     turned = axis == "theta"
     draw_models(axes, np.degrees(offsets) if turned else offsets, curves)
@@ -361,7 +370,7 @@ def distribution_figure(distributions: Mapping[str, Floats], window: OffsetLatti
     planes = [("x", "y"), ("x", "θ"), ("y", "θ")][: 3 if window.dimension == 3 else 1]
     axes = dict.fromkeys("xy", (window.offsets, window.half_steps))
     axes["θ"] = np.degrees(window.angles), window.half_rotations
-    figure = plotting.Picture(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
+    figure = Picture(figsize=(4.2 * len(planes) + 0.8, 6.4 * len(distributions)))
     parts = figure.subfigures(len(distributions), 1, squeeze=False)[:, 0]
     for part, (label, mismatch) in zip(parts, distributions.items(), strict=True):
         nothing = "" if mismatch.any() else ": S = 0 everywhere"
@@ -396,16 +405,14 @@ def _label(axis: str) -> str:
     return "turn θ [°]" if axis == "θ" else f"shift {axis} [m]"
 
 
-def _draw_strip(axes: Axes, slide: paper.Slide) -> None:
+def _draw_strip(axes: Axes, slide: Slide) -> None:
     """Draw the strip of map, and the template above it where its slide begins."""
     length = slide.shift[-1] / (len(slide.shift) - 1) if len(slide.shift) > 1 else 1.0
     for levels, bottom in ((slide.strip, 0.0), (slide.template, 7.0)):
         height, width = (size * length for size in levels.shape)
         shades = np.select([levels == OCCUPIED, levels == UNKNOWN, levels == FREE], [0, 1, 2])
         extent = (0, width, bottom, bottom + height)
-        axes.imshow(
-            shades, cmap=plotting.MAP_COLOURS, vmin=0, vmax=3, extent=extent, origin="lower"
-        )
+        axes.imshow(shades, cmap=MAP_COLOURS, vmin=0, vmax=3, extent=extent, origin="lower")
         axes.add_patch(Rectangle((0, bottom), width, height, fill=False, edgecolor="black"))
     axes.annotate("template", (6.4, 10), va="center")
     axes.annotate("", (9.0, 8.4), (6.4, 8.4), arrowprops={"arrowstyle": "->", "color": "#0072b2"})

@@ -23,20 +23,20 @@ from scipy.spatial import cKDTree
 
 import locplan
 from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Sad, Scan
-from locplan._kernels.arrays import Floats, Ints, Octets, Random
-from locplan._kernels.lidar import BeamDisturbances, Lidar as KernelLidar, measured_ends
-from locplan._kernels.likelihood import NOWHERE, Lattice, LikelihoodField, make_lattice
-from locplan._kernels.posterior import score
-from locplan._util.intervals import Interval, Rank, Resamples, random_of, rank
-from locplan._util.poses import window_around
-from locplan.costs import Costmap
-from locplan.field import equipped, likelihood_field, scalar, well_spaced
+from locplan._support.intervals import Interval, Rank, Resamples, random_of, rank
+from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
+from locplan._support.kernels.lidar import BeamDisturbances, Lidar as KernelLidar, measured_ends
+from locplan._support.kernels.likelihood import NOWHERE, Lattice, LikelihoodField, make_lattice
+from locplan._support.kernels.posterior import score
+from locplan._support.poses import window_around
+from locplan.field import equipped, scalar
+from locplan.field.scan import likelihood_field
+from locplan.field.summary import well_spaced
 from locplan.maps import OCCUPIED
-from locplan.planners import plan_field
+from locplan.planning import Costmap, plan_field
 from locplan.robots import Amcl, Robot, radius_of
-from locplan.simulation import POSE_SPACING, Simulator
-from locplan.simulation._worlds import _facing_ahead as facing_ahead, turned
-from locplan.simulation.levels import USUAL
+from locplan.simulation import USUAL, Simulator
+from locplan.simulation.worlds import POSE_SPACING, _facing_ahead as facing_ahead, turned
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 FILTERS = {

@@ -15,13 +15,9 @@ from pathlib import Path
 import numpy as np
 
 import locplan
-from locplan.costs import Path as Route, path_metrics
-from locplan.recordings import (
-    drive_figure,
-    evaluate_drive,
-    fit_to_map,
-    read_recording,
-)
+from locplan.planning import Path as Route, path_metrics
+from locplan.recordings import evaluate_drive, fit_to_map, read_recording
+from locplan.recordings.figures import drive_figure
 
 LEG = 25.0
 """Length of way between the places that better paths lead over [m]."""
@@ -51,7 +47,7 @@ def main(folder: str = "recorded", map_file: str | None = None, file: str | None
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     drive.save(target / "drive.npz")
-    locplan.plotting.save_figure(drive_figure(found), target / "drive.png")
+    locplan._support.drawing.save_figure(drive_figure(found), target / "drive.png")
     print(f"wrote {target / 'drive.npz'}, {target / 'drive.png'}")
 
 

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import locplan
+from locplan._support import drawing as style
+from locplan._support.drawing import MAP_COLOURS, Picture, save_figure
 from locplan.maps import FREE, OCCUPIED, hollowed
-from locplan.plotting import MAP_COLOURS, Picture, draw_cells, draw_map, save_figure, style
+from locplan.maps.figures import draw_cells, draw_map
 
 LIDAR = locplan.Lidar(range=6.0, beams=60)
 ROBOT = locplan.Robot(LIDAR, disturbances=locplan.robots.Disturbances(outliers=0.1))
@@ -71,7 +73,7 @@ def racks() -> locplan.OccupancyGrid:
 def scans(grid: locplan.OccupancyGrid) -> locplan.recordings.Recording:
     """Noisy scans along a path across the map."""
     costs = locplan.Costmap.blank(grid, robot=ROBOT)
-    (query,) = locplan.planners.random_queries(costs, 1, 3, min_distance=8.0)
+    (query,) = locplan.planning.random_queries(costs, 1, 3, min_distance=8.0)
     path = locplan.plan(costs, query.start, query.goal).path
     assert path is not None
     return locplan.recordings.record_drive(grid, path, ROBOT, spacing=0.2)

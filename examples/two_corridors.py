@@ -30,7 +30,9 @@ def main(folder: str = "two_corridors") -> None:
 
     picture = Path(folder) / "plan.png"
     picture.parent.mkdir(parents=True, exist_ok=True)
-    locplan.plotting.save_figure(locplan.plotting.plan_figure(costs, field, plans), picture)
+    locplan._support.drawing.save_figure(
+        locplan.planning.figures.plan_figure(costs, field, plans), picture
+    )
     print(f"wrote {picture}")
 
 

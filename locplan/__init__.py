@@ -10,7 +10,7 @@
 'solved'
 """
 
-from locplan._util.public import attach
+from locplan._support.public import attach
 
 __version__ = "0.2.0.dev0"
 __getattr__, __dir__, __all__ = attach(__name__, __file__)

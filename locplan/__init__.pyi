@@ -1,51 +1,47 @@
 from . import (
+    advice as advice,
+    app as app,
     comparison as comparison,
-    costs as costs,
-    diagnosis as diagnosis,
-    explorer as explorer,
     export as export,
     field as field,
-    landmarks as landmarks,
     maps as maps,
-    matching as matching,
-    mending as mending,
     paper as paper,
-    planners as planners,
-    plotting as plotting,
+    planning as planning,
     recordings as recordings,
     robots as robots,
     simulation as simulation,
     testing as testing,
 )
-from ._util.records import Table as Table
-from .comparison import compare as compare
-from .costs import Costmap as Costmap, Path as Path
-from .diagnosis import check as check
+from ._support.records import Table as Table
+from .advice.checkup import check as check
+from .advice.landmarks import place_landmarks as place_landmarks
+from .advice.repair import mend as mend
+from .app.explorer.explorer import explore as explore
+from .comparison.comparing import compare as compare
 from .errors import LocplanError as LocplanError
-from .explorer import explore as explore
-from .field import (
-    CovarianceField as CovarianceField,
+from .field.config import (
     FieldConfig as FieldConfig,
-    Fisher as Fisher,
-    Fused as Fused,
-    Sad as Sad,
-    Scan as Scan,
-    covariance_field as covariance_field,
     load_config as load_config,
-    load_or_compute as load_or_compute,
     save_config as save_config,
 )
-from .landmarks import place_landmarks as place_landmarks
-from .maps import OccupancyGrid as OccupancyGrid, load_map as load_map, save_map as save_map
-from .mending import mend as mend
-from .planners import (
-    ParetoFront as ParetoFront,
-    Plan as Plan,
-    pareto_front as pareto_front,
-    plan as plan,
-)
-from .recordings import locate as locate
-from .robots import Footprint as Footprint, Lidar as Lidar, Robot as Robot
-from .simulation import Choice as Choice, choose as choose, choose_many as choose_many
+from .field.field import CovarianceField as CovarianceField
+from .field.fisher import Fisher as Fisher, Fused as Fused
+from .field.sad import Sad as Sad
+from .field.scan import Scan as Scan
+from .field.store import covariance_field as covariance_field, load_or_compute as load_or_compute
+from .maps.files import load_map as load_map, save_map as save_map
+from .maps.grid import OccupancyGrid as OccupancyGrid
+from .planning.costmap import Costmap as Costmap
+from .planning.pareto import pareto_front as pareto_front
+from .planning.path import Path as Path
+from .planning.plans import plan as plan
+from .planning.results import ParetoFront as ParetoFront, Plan as Plan
+from .recordings.location import locate as locate
+from .robots.lidar import Lidar as Lidar
+from .robots.parts import Footprint as Footprint
+from .robots.robot import Robot as Robot
+from .simulation.recommend import choose as choose
+from .simulation.recommendation import Choice as Choice
+from .simulation.recommendations import choose_many as choose_many
 
 __version__: str

@@ -11,7 +11,7 @@ def main() -> None:
     """Run the command line; where there is fork, in a process that Ctrl-C ends within a second."""
     _open_closed_streams()
     try:
-        from locplan._util.supervision import supervised
+        from locplan._support.supervision import supervised
 
         code = supervised(work, clear)
     except KeyboardInterrupt:  # before there was a second process
@@ -34,7 +34,7 @@ def clear(folder: str) -> None:
     from contextlib import suppress
     from pathlib import Path
 
-    from locplan._util import output
+    from locplan._support import output
 
     with suppress(Exception):  # the next process that writes there tries again
         output.clear(Path(folder))
@@ -44,7 +44,7 @@ def work() -> None:
     """Run the command line in this process, and let it end without a last search for garbage."""
     # Imports alone make so many objects that the default, 700, costs half of the start.
     gc.set_threshold(200_000, 20, 50)
-    from locplan.cli import main
+    from locplan.app.cli import main
 
     try:
         main()

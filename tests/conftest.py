@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernel_cache import keep_kernels
+from support.kernel_cache import keep_kernels
 
-from locplan.cli import main
+from locplan.app.cli import main
 from locplan.field import FieldConfig, Sad, save_config
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -85,7 +85,7 @@ class InlineWorkers:
         pass
 
     def run(self, orders):
-        from locplan.comparison._perform import perform
+        from locplan.comparison.runs import perform
 
         for order in orders:
             run = perform(self.planners[order.planner], order, math.inf)
@@ -95,7 +95,7 @@ class InlineWorkers:
 @pytest.fixture
 def inline_workers(monkeypatch):
     """Comparisons start no processes: for tests of what is compared, not of what runs it."""
-    monkeypatch.setattr("locplan.comparison._comparing.Workers", InlineWorkers)
+    monkeypatch.setattr("locplan.comparison.comparing.Workers", InlineWorkers)
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def coarse_fit(monkeypatch):
 
     For tests of what is said of a fit; those in test_map_fit.py hold the search itself.
     """
-    monkeypatch.setattr("locplan.recordings._fit.FINEST", 0.5)
+    monkeypatch.setattr("locplan.recordings.map_fit.FINEST", 0.5)
 
 
 @pytest.fixture
@@ -174,7 +174,7 @@ def corridor(
 @pytest.fixture(scope="module")
 def browser():
     """Chromium; what needs it is skipped where it is missing."""
-    from explorer_page import FLAGS, browser_file
+    from support.explorer_page import FLAGS, browser_file
 
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     if browser_file() is None:

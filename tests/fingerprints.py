@@ -23,20 +23,12 @@ import numpy as np
 from PIL import Image
 
 import locplan
-from locplan import (
-    FieldConfig,
-    Fisher,
-    Footprint,
-    Fused,
-    Lidar,
-    OccupancyGrid,
-    Robot,
-    Sad,
-    Scan,
-    export,
-)
+from locplan import FieldConfig, Fisher, Footprint, Fused, Lidar, OccupancyGrid, Robot, Sad, Scan
+from locplan.export import nav2_keepout, nav2_speed
+from locplan.export.masks import keepout_mask
 from locplan.maps import environments
-from locplan.planners import BudgetPlanner, random_queries
+from locplan.planning import random_queries
+from locplan.planning.pareto import BudgetPlanner
 from locplan.robots import Kinematics
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "rosmaps"
@@ -170,8 +162,8 @@ def plan_arrays(name: str, plan: locplan.Plan) -> Iterator[tuple[str, np.ndarray
 def masks(costs: locplan.Costmap, name: str) -> Iterator[tuple[str, np.ndarray]]:
     """Keepout masks for Nav2's planners, and the pixels of the exports' images."""
     for planner in ("smac2d", "smac-hybrid", "thetastar"):
-        yield f"mask/{name}/{planner}", export.keepout_mask(costs, planner=planner)[0]
-    writers = {"keepout": export.nav2_keepout, "speed": export.nav2_speed}
+        yield f"mask/{name}/{planner}", keepout_mask(costs, planner=planner)[0]
+    writers = {"keepout": nav2_keepout, "speed": nav2_speed}
     with tempfile.TemporaryDirectory() as folder:
         for kind, write in writers.items():
             write(Path(folder) / kind, costs)

@@ -1,5 +1,6 @@
-"""Comparison of planners: many planners on many maps, at several weights."""
+"""Comparison of planners over maps, queries and seeds, with statistics."""
 
-from locplan._util.public import attach
+from locplan.comparison.comparing import compare
+from locplan.comparison.settings import Execution, RandomQueries
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__all__ = ["Execution", "RandomQueries", "compare"]

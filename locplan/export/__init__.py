@@ -1,9 +1,7 @@
-"""Files for navigation stacks: ROS 2 Nav2 and ROS 1.
+"""Files for navigation stacks: ROS 2 Nav2 and ROS 1."""
 
-Folders are written whole or not at all, with a README.md that says what each file is and how to
-launch it.
-"""
+from locplan.export.nav2 import nav2_keepout, nav2_speed
+from locplan.export.recommended_ways import nav2_routes
+from locplan.export.values import ros_map
 
-from locplan._util.public import attach
-
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__all__ = ["nav2_keepout", "nav2_routes", "nav2_speed", "ros_map"]

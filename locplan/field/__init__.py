@@ -1,5 +1,34 @@
-"""The covariance field of a map: its estimators, its settings, and its store."""
+"""The covariance field of a map: estimators, settings, files and cache."""
 
-from locplan._util.public import attach
+from locplan.field.config import FieldConfig, equipped, load_config, save_config
+from locplan.field.covariance import position_axes, scalar
+from locplan.field.estimator import Estimator
+from locplan.field.estimators import ESTIMATORS
+from locplan.field.field import CovarianceField
+from locplan.field.fisher import Fisher, Fused
+from locplan.field.sad import Sad
+from locplan.field.scan import Scan
+from locplan.field.search_window import OffsetLattice, SearchWindow
+from locplan.field.store import covariance_field, load_or_compute
+from locplan.field.summary import sampled_covariances
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__all__ = [
+    "ESTIMATORS",
+    "CovarianceField",
+    "Estimator",
+    "FieldConfig",
+    "Fisher",
+    "Fused",
+    "OffsetLattice",
+    "Sad",
+    "Scan",
+    "SearchWindow",
+    "covariance_field",
+    "equipped",
+    "load_config",
+    "load_or_compute",
+    "position_axes",
+    "sampled_covariances",
+    "save_config",
+    "scalar",
+]

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Ints, Octets
-from locplan.maps import FREE, UNKNOWN
+from locplan._support.kernels.arrays import Bools, Ints, Octets
+from locplan.maps.occupancy import FREE, UNKNOWN
 
 BEHIND = 2
 """Number of cells behind the one that a ray hits that still belong to a visible template."""

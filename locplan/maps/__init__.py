@@ -1,5 +1,22 @@
-"""Occupancy grid maps: read, written, generated."""
+"""Occupancy grid maps: read, written, generated, and checked for faults."""
 
-from locplan._util.public import attach
+from locplan.maps.files import MapWarning, find_maps, load_map, read_map, save_map
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.map_faults import MapFaults, faults, hollowed, solidity
+from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__all__ = [
+    "FREE",
+    "OCCUPIED",
+    "UNKNOWN",
+    "MapFaults",
+    "MapWarning",
+    "OccupancyGrid",
+    "faults",
+    "find_maps",
+    "hollowed",
+    "load_map",
+    "read_map",
+    "save_map",
+    "solidity",
+]

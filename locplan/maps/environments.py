@@ -1,25 +1,44 @@
-"""Generated maps: the paper's kinds of places, and larger plans to drive through.
-
-The kinds of places are those of Figs. 16 and 17 of "Localizability estimation using correlation
-on occupancy grid maps" (ROBOMECH Journal 10, 2023); the plans are the files in `plans/`.
-"""
+"""Built-in maps: the paper's kinds of places, and larger plans to drive through."""
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools
-from locplan._util.checks import number, one_of, whole
-from locplan.maps._built_in import BUILT_IN
-from locplan.maps._grid import OccupancyGrid
-from locplan.maps._occupancy import FREE, OCCUPIED, UNKNOWN
+from locplan._support.checks import number, one_of, whole
+from locplan._support.kernels.arrays import Bools
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
+
+BUILT_IN = ("places", "hall", "two_corridors", "office", "warehouse")
+"""Names of the built-in maps."""
+
+
+def is_built_in(path: Path) -> bool:
+    """True if a path is the name of a built-in map, and no file or folder has this name.
+
+    Parameters
+    ----------
+    path : Path
+        The path, as the user wrote it.
+    """
+    return str(path) in BUILT_IN and not os.path.lexists(path)
+
+
+def remedy_for(name: str) -> str:
+    """Return the remedy for a name that no built-in map has."""
+    if similar := get_close_matches(name, BUILT_IN, 1):
+        return f"did you mean {similar[0]}? The built-in maps are {', '.join(BUILT_IN)}"
+    return f"give a map's YAML file, or a built-in map: {', '.join(BUILT_IN)}"
+
 
 _FINEST, _COARSEST = 0.01, 0.1  # limits of the resolution at which plans keep their walls [m]
 _WALL = 0.1  # thickness of the walls [m]

@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._kernels.arrays import Floats, Ints, Octets
-from locplan._util.checks import shown
+from locplan._support.checks import shown
+from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, MapError, PoseError
-from locplan.field import OffsetLattice, Sad
+from locplan.field.sad import Sad
+from locplan.field.search_window import OffsetLattice
 from locplan.field.templates import disc, local_map, rotated_template, visible_part
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import FREE
 
 
 def ssd(template: NDArray[Any], levels: NDArray[Any]) -> float:

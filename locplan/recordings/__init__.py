@@ -1,5 +1,27 @@
-"""Recorded drives: their scans, lidar, poses and odometry, and whether a map fits them."""
+"""Recorded drives of real robots: ground truth, noise, replays, and scan matching."""
 
-from locplan._util.public import attach
+from locplan.recordings.evaluation import DriveEvaluation, evaluate_drive
+from locplan.recordings.files import read_recording
+from locplan.recordings.location import locate
+from locplan.recordings.map_fit import find_misfits, fit_to_map
+from locplan.recordings.recording import Recording
+from locplan.recordings.replays import Replay, replay
+from locplan.recordings.simulated import record_drive
+from locplan.recordings.study import RecordingReport, study_recording
+from locplan.recordings.trajectory import Trajectory
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__all__ = [
+    "DriveEvaluation",
+    "Recording",
+    "RecordingReport",
+    "Replay",
+    "Trajectory",
+    "evaluate_drive",
+    "find_misfits",
+    "fit_to_map",
+    "locate",
+    "read_recording",
+    "record_drive",
+    "replay",
+    "study_recording",
+]

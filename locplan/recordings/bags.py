@@ -23,10 +23,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
-from locplan._util import reading
-from locplan._util.files import keep_input
-from locplan._util.poses import (
+from locplan._support import reading
+from locplan._support.files import keep_input
+from locplan._support.kernels.arrays import Floats
+from locplan._support.poses import (
     IDENTITY,
     FrameTree,
     Track,
@@ -38,11 +38,11 @@ from locplan._util.poses import (
     way_between,
     wrapped,
 )
-from locplan._util.progress import ProgressCallback
-from locplan._util.public import needed
+from locplan._support.progress import ProgressCallback
+from locplan._support.public import needed
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings._logs import Options, ScanRows, Source
-from locplan.recordings._recording import Recording
+from locplan.recordings.logs import Options, ScanRows, Source
+from locplan.recordings.recording import Recording
 
 MAX_CHUNK_BYTES = 2**26
 """Maximum size of a chunk, or of a message that is packed by itself, once it is unpacked."""

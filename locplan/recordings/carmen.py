@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._kernels.arrays import Floats
-from locplan._util.checks import MAX_AMOUNT, MAX_RANGE
-from locplan._util.poses import after_way, way_between, wrapped
-from locplan._util.reading import numbered_lines
+from locplan._support.checks import MAX_AMOUNT, MAX_RANGE
+from locplan._support.kernels.arrays import Floats
+from locplan._support.poses import after_way, way_between, wrapped
+from locplan._support.reading import numbered_lines
 from locplan.errors import RecordingError
-from locplan.recordings._logs import Options, ScanRows, Source
-from locplan.recordings._recording import Recording
+from locplan.recordings.logs import Options, ScanRows, Source
+from locplan.recordings.recording import Recording
 
 SUFFIXES: tuple[str, ...] = (".log", ".clf", ".log.gz", ".clf.gz")
 KINDS = ("ROBOTLASER1", "FLASER")

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._util.arrays import read_arrays, write_arrays
-from locplan._util.checks import file_path, shown
-from locplan._util.files import keep_input
-from locplan._util.output import replacing
-from locplan._util.progress import ProgressCallback
-from locplan._util.reading import NO_FILE, parsed_json
-from locplan._util.saved import made
+from locplan._support.arrays import read_arrays, write_arrays
+from locplan._support.checks import file_path, shown
+from locplan._support.files import keep_input
+from locplan._support.output import replacing
+from locplan._support.progress import ProgressCallback
+from locplan._support.reading import NO_FILE, parsed_json
+from locplan._support.saved import made
 from locplan.errors import ConfigError, LocplanError, RecordingError
-from locplan.recordings._logs import Options, Source, Topics
-from locplan.recordings._recording import Recording
 from locplan.recordings.bags import SUFFIXES as BAGS, read_bag
 from locplan.recordings.carmen import SUFFIXES as CARMEN, read_carmen
+from locplan.recordings.logs import Options, Source, Topics
+from locplan.recordings.recording import Recording
 
 MAX_ARRAY_BYTES = 2**28
 """Maximum size of a file's arrays together, unpacked; reading takes some six times as much."""

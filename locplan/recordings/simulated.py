@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from locplan._util.checks import positive
-from locplan._util.poses import way_along
+from locplan._support.checks import positive
+from locplan._support.poses import way_along
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import OccupancyGrid, own_axes
-from locplan.recordings._logs import Source
-from locplan.recordings._recording import Recording
-from locplan.robots import Robot
+from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan.recordings.logs import Source
+from locplan.recordings.recording import Recording
+from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from locplan.costs import AnyPath
+    from locplan.planning.path import AnyPath
 
 
 def record_drive(
@@ -64,10 +64,11 @@ def record_drive(
     >>> record_drive(grid, path, locplan.Robot(locplan.Lidar(range=6.0, beams=90)), spacing=0.5)
     Recording(simulated, 37 scans of 90 beams, 18 m, with odometry)
     """
-    from locplan._kernels.drives import odometry_along
-    from locplan._kernels.lidar import measured_ends
-    from locplan.costs import path_from
-    from locplan.simulation import POSE_SPACING, Simulator, poses_along
+    from locplan._support.kernels.drives import odometry_along
+    from locplan._support.kernels.lidar import measured_ends
+    from locplan.planning.path import path_from
+    from locplan.simulation.simulator import Simulator
+    from locplan.simulation.worlds import POSE_SPACING, poses_along
 
     path = path_from(path)
     every = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))

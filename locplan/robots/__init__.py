@@ -1,5 +1,25 @@
-"""The robot: its lidar, outline, kinematics, filter and odometry, and their files."""
+"""The robot: its lidar, footprint, kinematics, filter and odometry, and their files."""
 
-from locplan._util.public import attach
+from locplan.robots.amcl import Amcl, Filter
+from locplan.robots.lidar import PRESETS, Lidar
+from locplan.robots.parameters import read_parameters
+from locplan.robots.parts import Disturbances, Footprint, Kinematics, Odometry
+from locplan.robots.presets import PRECISE, SAFE, with_preset
+from locplan.robots.robot import Robot, radius_of
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__all__ = [
+    "PRECISE",
+    "PRESETS",
+    "SAFE",
+    "Amcl",
+    "Disturbances",
+    "Filter",
+    "Footprint",
+    "Kinematics",
+    "Lidar",
+    "Odometry",
+    "Robot",
+    "radius_of",
+    "read_parameters",
+    "with_preset",
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Final
 
-from locplan.robots._amcl import MODELS, Amcl
+from locplan.robots.amcl import MODELS, Amcl
 
 SAFE, PRECISE = "safe", "precise"
 """Names of the presets."""

@@ -1,5 +1,31 @@
-"""Simulated localization: drives with a particle filter, and evaluations of fields by them."""
+"""Simulated drives with a particle filter, their verdict, and the recommended path."""
 
-from locplan._util.public import attach
+from locplan.simulation.arrivals import Arrivals, Closed
+from locplan.simulation.driver import drive_closed, drive_open
+from locplan.simulation.drives import Drives
+from locplan.simulation.levels import LEVELS, USUAL, Level, levels_for
+from locplan.simulation.recommend import choose
+from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommendations import choose_many
+from locplan.simulation.simulations import Simulation, simulate
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.verdict import Verdict
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__all__ = [
+    "LEVELS",
+    "USUAL",
+    "Arrivals",
+    "Choice",
+    "Closed",
+    "Drives",
+    "Level",
+    "Simulation",
+    "Simulator",
+    "Verdict",
+    "choose",
+    "choose_many",
+    "drive_closed",
+    "drive_open",
+    "levels_for",
+    "simulate",
+]

@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from locplan._util.checks import check_memory
-from locplan._util.progress import ProgressCallback
-from locplan.costs import Path
+from locplan._support.checks import check_memory
+from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
-from locplan.simulation._arrivals import Arrivals
-from locplan.simulation._closed_loop import ClosedLoop
-from locplan.simulation._drives import Drives
-from locplan.simulation._simulator import Simulator
-from locplan.simulation._worlds import add_way_back, poses_along, turned
+from locplan.planning.path import Path
+from locplan.simulation.arrivals import Arrivals
+from locplan.simulation.closed_loop import ClosedLoop
+from locplan.simulation.drives import Drives
 from locplan.simulation.levels import USUAL, Level, select_paths
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.worlds import add_way_back, poses_along, turned
 
 CHOOSING, FRESH = 10_000, 20_000
 """First numbers of the drives that choose among alternatives, and of those that confirm what was

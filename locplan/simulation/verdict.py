@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from locplan._kernels.arrays import Bools, Floats
-from locplan._util.intervals import Interval, of_geometric_mean, wilson
-from locplan.simulation._arrivals import Arrivals
-from locplan.simulation._drives import FLOOR, Drives
+from locplan._support.intervals import Interval, of_geometric_mean, wilson
+from locplan._support.kernels.arrays import Bools, Floats
+from locplan.simulation.arrivals import Arrivals
+from locplan.simulation.drives import FLOOR, Drives
 
 BETTER, WORSE, NO_DIFFERENCE, UNDECIDED = "better", "worse", "no difference", "undecided"
 WORDS = (BETTER, WORSE, NO_DIFFERENCE, UNDECIDED)

@@ -6,10 +6,10 @@ import time
 
 import numpy as np
 
-from locplan._kernels.matches import shortlist
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.matching import TURNS, ScanDatabase
-from locplan.recordings import find_ambiguous_places
+from locplan.recordings.ambiguous_places import find_ambiguous_places
+from locplan.recordings.kernels.matches import shortlist
+from locplan.recordings.matching import TURNS, ScanDatabase
 from locplan.robots import Lidar, Robot
 
 CAP = 8

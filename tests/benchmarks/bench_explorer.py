@@ -11,13 +11,14 @@ import math
 
 import numpy as np
 import pytest
-from explorer_page import FLAGS, STATIC, Seen, browser_file
+from support.explorer_page import FLAGS, STATIC, Seen, browser_file
 
-from locplan.explorer import Opening, opened
+from locplan.app.explorer.explorer import opened
+from locplan.app.explorer.scene import Opening
 from locplan.field import FieldConfig, Fisher, covariance_field
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.maps.environments import make
-from locplan.planners import plan_beside_shortest
+from locplan.planning.plans import plan_beside_shortest
 from locplan.robots import Lidar
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -7,12 +7,13 @@ import time
 
 import numpy as np
 import pytest
-from test_export import compare_with_smac, far_apart
+from export.test_masks import compare_with_smac, far_apart
 
-from locplan import export, load_map
-from locplan.costs import Costmap
+from locplan import load_map
+from locplan.export import nav2_keepout, nav2_speed, plain_files, ros_map
 from locplan.field import CovarianceField, FieldConfig, load_or_compute
 from locplan.maps import OccupancyGrid, environments
+from locplan.planning import Costmap
 
 SIZE = 2000
 RESOLUTION = 0.05
@@ -52,10 +53,10 @@ def fresh(made) -> OccupancyGrid:
 
 
 WRITERS = {
-    "nav2-keepout": lambda folder, _, costs: export.nav2_keepout(folder, costs),
-    "nav2-speed": lambda folder, _, costs: export.nav2_speed(folder, costs),
-    "ros-map": lambda folder, _, costs: export.ros_map(folder, costs),
-    "npz": lambda folder, field, _: export.field(folder.with_suffix(".npz"), field),
+    "nav2-keepout": lambda folder, _, costs: nav2_keepout(folder, costs),
+    "nav2-speed": lambda folder, _, costs: nav2_speed(folder, costs),
+    "ros-map": lambda folder, _, costs: ros_map(folder, costs),
+    "npz": lambda folder, field, _: plain_files.field(folder.with_suffix(".npz"), field),
 }
 
 
@@ -81,7 +82,7 @@ def test_export(benchmark, made, tmp_path, name):
 MAPS = ("aws_small_house", "willow_full_stage", "tb4_warehouse", "mit_stata_basement_yaw")
 
 
-@pytest.mark.filterwarnings("ignore::locplan.export._charges.YawWarning")
+@pytest.mark.filterwarnings("ignore::locplan.export.masks.YawWarning")
 @pytest.mark.parametrize("weight", [1.0, 4.0, 12.0])
 @pytest.mark.parametrize("name", ["two_corridors", "office", *MAPS, "fetch_4_26_15"])
 def test_smac2d_on_our_mask(benchmark, real_maps, tmp_path, name, weight):

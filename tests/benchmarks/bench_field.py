@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 import pytest
 from conftest import SHARED_DATA
+from field.test_block_bounds import PlainSad
+from field.test_sad import mismatch_counts
 from numba import njit
-from test_block_bounds import PlainSad
-from test_sad import mismatch_counts
 
 from benchmarks.opencv_forms import masked_norm, packed_hamming
-from locplan._kernels import sad as kernel
-from locplan._kernels.simd import LANES, add_matches, add_to, zeros
-from locplan.field import FieldConfig, MapPart, Sad, covariance_field
-from locplan.field.estimators import _sad as sad
-from locplan.field.estimators._sad_tiles import Layout
+from locplan._support.kernels.simd import LANES, add_matches, add_to, zeros
+from locplan.field import FieldConfig, Sad, covariance_field, sad
+from locplan.field.estimator import MapPart
+from locplan.field.kernels import sad as kernel
+from locplan.field.sad_tiles import Layout
 from locplan.maps import load_map
 
 MAPS = (
@@ -33,7 +33,7 @@ MAPS = (
     "willow_full_stage",
     "tb4_warehouse",
 )
-pytestmark = pytest.mark.filterwarnings("ignore::locplan.maps._files.MapWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::locplan.maps.files.MapWarning")
 
 
 def load(name):

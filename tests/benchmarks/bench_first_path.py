@@ -7,10 +7,10 @@ import time
 
 import pytest
 
-from locplan.costs import Costmap, path_metrics
 from locplan.field import FieldConfig, Fused, covariance_field
 from locplan.maps import load_map
-from locplan.planners import AWARE, plan_beside_shortest, planned_near_paths
+from locplan.planning import Costmap, path_metrics
+from locplan.planning.plans import AWARE, plan_beside_shortest, planned_near_paths
 from locplan.robots import Lidar
 
 QUERIES = {

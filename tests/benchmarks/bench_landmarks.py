@@ -41,7 +41,7 @@ def test_ten_of_two_thousand_places(benchmark):
         "threads": 2,
     }
     made = benchmark.pedantic(
-        lambda: locplan.place_landmarks(grid, locplan.landmarks.Pole(0.2), 10, **settings),
+        lambda: locplan.place_landmarks(grid, locplan.advice.Pole(0.2), 10, **settings),
         rounds=3,
         warmup_rounds=1,
     )

@@ -7,14 +7,14 @@ import math
 
 import numpy as np
 import pytest
+from planning.test_lattice import LatticeSearch, Prices
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
-from test_lattice import LatticeSearch, Prices
 
 from benchmarks.bench_planners import best_of, rooms
-from locplan.costs import Costmap
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import Lattice, plan
+from locplan.planning import Costmap, plan
+from locplan.planning.lattice import Lattice
 from locplan.robots import Footprint, Kinematics, Robot
 
 LONG = Footprint([(0.3, 0.15), (0.3, -0.15), (-0.3, -0.15), (-0.3, 0.15)])

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 import locplan
-from locplan._kernels.scan_losses import loss_at, refine
-from locplan.matching import STEP, TURNS, ScanOnMap
+from locplan.recordings.kernels.scan_losses import loss_at, refine
+from locplan.recordings.matching import STEP, TURNS, ScanOnMap
 
 LIDAR = locplan.Lidar(range=12.0, beams=360)
 SCANS = 12
@@ -48,7 +48,7 @@ def everywhere(places, ranges, best_of=300):
 def test_a_scan_on_a_map_of_940_by_620_cells(benchmark):
     """One scan after the other on the office, at places that the lidar tells apart."""
     grid = locplan.maps.environments.make("office", resolution=0.05)
-    database = locplan.matching.ScanDatabase(grid, LIDAR)
+    database = locplan.recordings.matching.ScanDatabase(grid, LIDAR)
     began = time.process_time()
     places = database.everywhere
     built = time.process_time() - began

@@ -8,16 +8,15 @@ import time
 
 import numpy as np
 import pytest
+from planning.test_movingai import map_of, read_all_scenarios, read_map, scenario_files
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
-from test_movingai import map_of, read_all_scenarios, read_map, scenario_files
 
-from locplan._kernels.search import bordered_half, scale_of, search, shortest_costs
-from locplan.costs import Costmap
+from locplan._support.kernels.search import bordered_half, scale_of, search, shortest_costs
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planners import pareto_front, plan
+from locplan.planning import Costmap, pareto_front, plan
 
 
 def rooms(size: int, seed: int = 0, *, blocked: float = 0.25) -> np.ndarray:
@@ -178,7 +177,7 @@ def test_any_angle(benchmark, size, seed, monkeypatch):
     ends = ends_of(costs)
     grid_seconds, grid = best_of(7, lambda: plan(costs, *ends, planner="grid"))
     with monkeypatch.context() as patch:  # 32 neighbours and dynamic programming at all scales
-        patch.setattr("locplan.planners._any_angle.SHIFTS", ())
+        patch.setattr("locplan.planning.any_angle.SHIFTS", ())
         best = plan(costs, *ends, planner="any-angle", accuracy="high")
     high = plan(costs, *ends, planner="any-angle", accuracy="high")
     result = benchmark.pedantic(lambda: plan(costs, *ends, planner="any-angle"), rounds=7)

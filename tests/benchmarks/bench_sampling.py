@@ -12,11 +12,10 @@ import pytest
 from ompl import base, util
 
 from benchmarks.bench_planners import rooms
-from locplan.costs import Costmap
 from locplan.field import FieldConfig, covariance_field
 from locplan.maps import FREE, OccupancyGrid, environments, load_map
-from locplan.planners import ompl as sampling, plan
-from locplan.planners.ompl._settings import logged, planner_of
+from locplan.planning import Costmap, ompl as sampling, plan
+from locplan.planning.ompl.settings import logged, planner_of
 
 WEIGHT = 3.0
 SECONDS = 5.0
@@ -89,7 +88,7 @@ def problem_on(name, real_maps):
 
 def far_apart(costs):
     """The two ends of the longest way: farthest from the farthest cell of some free one."""
-    from locplan.planners import _cost_to_go as cost_to_go
+    from locplan.planning import cost_to_go
 
     def farthest(xy):
         cost = cost_to_go.plan_field(costs, xy).cost

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from locplan._kernels.rays import cast, empty_squares
-from locplan.field import Fisher, MapPart, Scan
+from locplan._support.kernels.rays import cast, empty_squares
+from locplan.field import Fisher, Scan
+from locplan.field.estimator import MapPart
 from locplan.maps import OCCUPIED, load_map
 from locplan.robots import Lidar
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from locplan import Path
-from locplan._kernels import particles
+from locplan._support.kernels import particles
 from locplan.maps import environments
 from locplan.robots import Amcl, Robot
 from locplan.simulation import Simulator, drive_open

@@ -15,21 +15,15 @@ import pytest
 from conftest import random_rooms
 
 from locplan import load_map, save_map
-from locplan.field import (
-    FieldConfig,
-    Fused,
-    Sad,
-    covariance_field,
-    field_path,
-    load_or_compute,
-)
+from locplan.field import FieldConfig, Fused, Sad, covariance_field, load_or_compute
+from locplan.field.store import field_path
 from locplan.maps import OCCUPIED, OccupancyGrid, environments
 from locplan.robots import Lidar
 
 KILLS = 50
 COMPUTE = """
 import sys, locplan
-locplan.field._store.PART_SECONDS = 0.2
+locplan.field.store.PART_SECONDS = 0.2
 locplan.load_or_compute(locplan.load_map(sys.argv[1]), cache_dir=sys.argv[2])
 """
 ESTIMATORS = {

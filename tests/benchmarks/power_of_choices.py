@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from scipy.signal import fftconvolve
 from scipy.stats import norm
 
-from locplan.simulation import Judgement, Scores, judged
+from locplan.simulation.race import Judgement, Scores, judged
 from locplan.simulation.verdict import EXPONENT
 
 Errors = Callable[[np.random.Generator], np.ndarray]

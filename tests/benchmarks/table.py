@@ -31,8 +31,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from locplan._util.files import check_folder, errors_in_one_line
-from locplan._util.output import replacing
+from locplan._support.files import check_folder, errors_in_one_line
+from locplan._support.output import replacing
 from locplan.errors import LocplanError
 
 HERE = Path(__file__).resolve().parent

@@ -1,0 +1,345 @@
+"""Checks of arguments: each returns the value as it is kept, or raises one clear line."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import os
+import reprlib
+from collections.abc import Callable, Collection, Iterable, Iterator
+from numbers import Integral, Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeGuard
+
+from locplan.errors import ConfigError, LocplanError, PoseError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from locplan._support.kernels.arrays import Floats
+
+MAX_AMOUNT = 1e12
+"""Maximum amount of a setting; with more, its powers and products would not be finite."""
+RESOLUTIONS = (0.001, 10.0)
+"""Minimum and maximum edge of a cell [m]; beyond, the number is hardly in metres."""
+MAX_RANGE = 10_000.0
+"""Maximum range of a lidar or a template [m]."""
+FARTHEST = 1e8
+"""Maximum coordinate of a position [m], beyond all those of maps; a float resolves 15 nm there."""
+
+
+def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
+    """Return a finite number within limits, and up to `MAX_AMOUNT`, as a float."""
+    if is_number(value) and low <= float(value) <= high and abs(value) <= MAX_AMOUNT:
+        return float(value)
+    limits = "a number"
+    if math.isfinite(low):
+        limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+    raise ConfigError(f"{name} must be {limits}{_most(value)}, not {shown(value)}")
+
+
+def positive(name: str, value: object, unit: str = "") -> float:
+    """Return a number above 0, and up to `MAX_AMOUNT`, as a float.
+
+    `unit` is its unit in the error message. Nearly 0, whose reciprocal is too great, is refused.
+    """
+    if is_number(value) and 1 / MAX_AMOUNT <= value <= MAX_AMOUNT:
+        return float(value)
+    what = f"a positive number of {unit}" if unit else "positive"
+    least = f" of at least {1 / MAX_AMOUNT:g}" if is_number(value) and 0 < value < 1 else ""
+    raise ConfigError(f"{name} must be {what}{least}{_most(value)}, not {shown(value)}")
+
+
+def reach(name: str, value: object) -> float:
+    """Return the range of a lidar or a template as a float [m]."""
+    return number(name, positive(name, value, "m"), 0.0, MAX_RANGE)
+
+
+def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
+    """Return a whole number within limits, and up to what 64 bits hold, as an int."""
+    if not is_whole(value) or not low <= value <= min(high, 2**63 - 1):
+        limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
+        limits += " and below 2^63" if is_whole(value) and value >= 2**63 else ""
+        raise ConfigError(f"{name} must be a whole number {limits}, not {shown(value)}")
+    return int(value)
+
+
+def one_of(name: str, value: object, choices: Collection[str]) -> object:
+    """Return the value, which must be one of some words."""
+    if not (isinstance(value, str) and value in choices):
+        known, guess = ", ".join(choices), suggestion(value, choices)
+        raise ConfigError(f"{name} must be one of {known}, not {shown(value)}{guess}")
+    return value
+
+
+def suggestion(value: object, choices: Iterable[str]) -> str:
+    """Return the end of an error about an unknown name: the most similar known one, if any.
+
+    >>> suggestion("turtlebot_4", ["turtlebot3", "turtlebot4"])
+    "; did you mean 'turtlebot4'?"
+    """
+    names = {name.lower(): name for name in choices}
+    typed = value.lower()[:100] if isinstance(value, str) else ""
+    similar = difflib.get_close_matches(typed, names, n=1) if typed else []
+    return f"; did you mean {names[similar[0]]!r}?" if similar else ""
+
+
+def instance(name: str, value: object, kind: type, remedy: str = "") -> object:
+    """Return the value, which must be of a class; `remedy` says how to get one."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        how = f"; {remedy}" if remedy else ""
+        raise ConfigError(f"{name} must be {article} {kind.__name__}, not {shown(value)}{how}")
+    return value
+
+
+def position(x: object, y: object = None, name: str = "a position") -> tuple[float, float]:
+    """Return a position in the world, given as x and y or as (x, y), as two floats [m]."""
+    given = x if y is None else (x, y)
+    try:
+        first, second = (float(value) for value in given)  # type: ignore[attr-defined]
+    except (TypeError, ValueError, OverflowError):
+        raise PoseError(f"{name} must be two numbers x, y in metres, not {shown(given)}") from None
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise PoseError(f"{name} must be finite metres, not {first:g},{second:g}")
+    if max(abs(first), abs(second)) > FARTHEST:
+        raise PoseError(f"{name} must lie within ±{FARTHEST:g} m, not {first:g},{second:g}")
+    return first, second
+
+
+def poses_from(given: ArrayLike) -> tuple[Floats, bool]:
+    """Return positions or poses as an array, (n, 2) or (n, 3), and whether they are a single one.
+
+    Parameters
+    ----------
+    given : (n, 2) or (n, 3) array, (x, y) or (x, y, heading)
+        The poses [m, m, rad].
+
+    Raises
+    ------
+    PoseError
+        If they have another shape, or a number is not finite or too large.
+    """
+    import numpy as np
+
+    fault = "poses must be an (n, 2) or (n, 3) array, or one x, y or x, y, heading [m, m, rad]"
+    try:
+        poses = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise PoseError(f"{fault}, not {shown(given)}") from None
+    if poses.ndim not in (1, 2) or poses.shape[-1] not in (2, 3):
+        raise PoseError(f"{fault}, not an array of shape {poses.shape}")
+    is_single = poses.ndim == 1
+    poses = np.atleast_2d(poses)
+    is_usable = (np.abs(poses) <= FARTHEST).all(axis=1)
+    if not is_usable.all():
+        number = int(np.argmin(is_usable))
+        text = ",".join(f"{value:g}" for value in poses[number])
+        which = "a pose" if is_single else f"pose {number} of the array"
+        raise PoseError(f"{which} must be finite numbers within ±{FARTHEST:g} m, not {text}")
+    return poses, is_single
+
+
+def file_path(name: str, value: object) -> Path:
+    """The name of a file or a folder as a Path; what can be none is a LocplanError."""
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    if not isinstance(value, str) or not is_file_name(value):
+        raise LocplanError(f"{name} must be a path, not {shown(value)}")
+    return Path(value)
+
+
+def is_file_name(text: str) -> bool:
+    """Return whether a text can name a file: it is not empty, and the system can encode it."""
+    try:
+        return bool(text.strip()) and b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:  # half of a surrogate pair
+        return False
+
+
+def printable(name: str) -> str:
+    """A name with U+FFFD for what cannot be printed, such as the bytes of one that is no UTF-8."""
+    return "".join(c if c.isprintable() else "\ufffd" for c in name)
+
+
+def shown(value: object) -> str:
+    """Short text of a value for an error message; only the class of arrays and other objects.
+
+    It takes no longer for a list of lists of lists, whose repr could fill the memory.
+    """
+    plain = isinstance(value, (str, int, float, bool, type(None), list, tuple, dict))
+    text = _SHORT.repr(value) if plain else f"a value of type {type(value).__name__}"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+class _Short(reprlib.Repr):
+    """A repr of bounded length and depth."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 3, 200, 200
+
+    def repr_int(self, x: int, level: int) -> str:
+        return f"a number of {x.bit_length()} bits" if x.bit_length() > 999 else repr(x)
+
+
+_SHORT = _Short()
+
+
+def _most(value: object) -> str:
+    """The words for a number that is too great."""
+    return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
+
+
+def setting(default: object, *limits: Any) -> Any:
+    """A field of `Settings` that is checked as its default is: a number, a bool, or a word.
+
+    After the default come a number's least and greatest value, or all words; or one of the checks
+    above, with what it takes.
+    """
+    check: tuple[Any, ...] = limits
+    if not (limits and callable(limits[0])):
+        check = {
+            bool: (instance, bool, "give true or false"),
+            str: (one_of, limits),
+            int: (whole, *limits),
+            float: (number, *limits),
+        }[type(default)]
+    return dataclasses.field(default=default, metadata={"check": check})
+
+
+def default_of(make: Callable[[Any], object]) -> Any:
+    """A field of `Settings` whose default follows from the other settings, by a function of them.
+
+    It is None until `__post_init__` sets it.
+    """
+    return dataclasses.field(default=None, metadata={"default": make})
+
+
+class Settings:
+    """Settings in a dataclass, which are checked; its repr names only what is not by default."""
+
+    def __post_init__(self: Any) -> None:
+        for each in dataclasses.fields(self):
+            if known := _check_of(type(self), each.name):
+                check, *limits = known
+                keep(self, **{each.name: check(each.name, getattr(self, each.name), *limits)})
+
+    def __repr__(self) -> str:
+        changed = ", ".join(f"{name}={value!r}" for name, value in _changed(self))
+        return f"{type(self).__name__}({changed})"
+
+
+def _check_of(owner: type, name: str) -> tuple[Any, ...]:
+    """The check of a setting, which a class that gives it another default has from its base."""
+    declared = (vars(base).get("__dataclass_fields__", {}).get(name) for base in owner.__mro__)
+    checks = (each.metadata.get("check", ()) for each in declared if each)
+    return next(filter(None, checks), ())
+
+
+def differing(settings: Settings) -> list[str]:
+    """Name and value of each setting that has not its default."""
+    return [f"{name} {_plain(value)}" for name, value in _changed(settings)]
+
+
+def _changed(settings: Any) -> Iterator[tuple[str, Any]]:
+    for each in dataclasses.fields(settings):
+        value, made = getattr(settings, each.name), each.default_factory
+        default = each.default if made is dataclasses.MISSING else made()
+        if make := each.metadata.get("default"):
+            default = make(settings)
+        if hasattr(value, "shape") or value != default:  # arrays have no one truth
+            yield each.name, value
+
+
+def _plain(value: object) -> str:
+    """Text of a parameter: a number, true or false, or a word without its package."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value).rpartition("::")[2]
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether a value is a finite real number that a float can hold, and no bool."""
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def finite_numbers(values: Any) -> tuple[float, ...]:
+    """Finite numbers as floats, or an empty tuple if any value is something else."""
+    import numpy as np
+
+    try:
+        numbers = tuple(float(v) for v in np.atleast_1d(np.asarray(values, dtype=np.float64)))
+    except (TypeError, ValueError, OverflowError):
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Return whether a value is a whole number, and no bool."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def keep(owner: object, **values: object) -> None:
+    """Set fields of a frozen dataclass while it is being made."""
+    for name, value in values.items():
+        object.__setattr__(owner, name, value)
+
+
+def usable_cores() -> int:
+    """Number of cores that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def usable_memory() -> int:
+    """Memory that a computation may take [bytes]."""
+    try:
+        every = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows
+        every = 8_000_000_000
+    # Share of the memory that a computation may take.
+    return int(0.8 * every)
+
+
+def check_threads(threads: int | None) -> int:
+    """Return a number of threads, that of the cores for None, within what the cores bear."""
+    return _borne("threads", threads, 32, 0)
+
+
+def check_workers(workers: int | None) -> int:
+    """Return a number of worker processes, that of the cores for None, within what there is."""
+    # Memory that a worker takes at least, with its libraries [bytes].
+    return _borne("workers", workers, 4, 300_000_000)
+
+
+def _borne(name: str, value: int | None, a_core: int, size: int) -> int:
+    """A number of things, so many for each core at most, and each of a size [bytes]."""
+    cores = usable_cores()
+    if value is None:
+        return cores
+    most, why = a_core * cores, f"{a_core} for each of this machine's {cores} cores"
+    if size * most > usable_memory():
+        most = max(1, usable_memory() // size)
+        why = f"{_gb(usable_memory())} of this machine's memory, {_gb(size)} each"
+    if whole(name, value) > most:
+        raise ConfigError(f"{name} must be at most {most} ({why}), not {value}")
+    return int(value)
+
+
+def check_memory(what: str, size: float, remedy: str) -> None:
+    """Raise a ConfigError if something takes more memory [bytes] than the machine has."""
+    if size > usable_memory():
+        raise ConfigError(
+            f"{what} take {_gb(size)} of memory, and this machine has {_gb(usable_memory())} for"
+            f" them; {remedy}"
+        )
+
+
+def _gb(size: float) -> str:
+    return f"{size / 1e9:.3g} GB"

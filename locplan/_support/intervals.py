@@ -1,0 +1,308 @@
+"""Random numbers from one seed, intervals of statistics, rank correlations, and their text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Floats, Ints
+from locplan._support.poses import way_along
+
+MIN_SAMPLES = 5
+"""Minimum number of values that have an interval; fewer values have only a mean."""
+
+
+class Interval(NamedTuple):
+    """A value with its 95 % interval; NaN where there is none."""
+
+    value: float
+    """The estimate, in the unit of what it is of."""
+    low: float
+    """Lower end of the interval, in that unit."""
+    high: float
+    """Upper end of the interval, in that unit."""
+
+
+def _alone(value: float) -> Interval:
+    return Interval(value, np.nan, np.nan)
+
+
+def wilson(share: float, trials: int) -> Interval:
+    """Wilson's 95 % interval of a share."""
+    z = 1.959964
+    middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
+    half = z * np.sqrt(share * (1 - share) / trials + (z / (2 * trials)) ** 2)
+    half /= 1 + z * z / trials
+    return Interval(share, max(0.0, float(middle - half)), min(1.0, float(middle + half)))
+
+
+def of_mean(values: Floats) -> Interval:
+    """Student's 95 % interval of the mean of independent values; NaN if they are too few."""
+    from scipy.special import stdtrit
+
+    values = np.asarray(values, float)
+    if values.size < MIN_SAMPLES:
+        return _alone(float(values.mean()) if values.size else np.nan)
+    half = stdtrit(values.size - 1, 0.975) * values.std(ddof=1) / np.sqrt(values.size)
+    middle = float(values.mean())
+    return Interval(middle, middle - float(half), middle + float(half))
+
+
+def of_geometric_mean(values: Floats) -> Interval:
+    """Student's 95 % interval of the geometric mean of positive values, from their logarithms."""
+    return Interval(*np.exp(of_mean(np.log(values))).tolist())
+
+
+def of_median(values: Floats) -> Interval:
+    """95 % interval of the median of all values (trials, k), whose rows are independent trials.
+
+    It is Woodruff's: Student's interval of the share of values that are at most the median, read
+    back through the quantiles of the values.
+    """
+    if not values.size:
+        return _alone(np.nan)
+    middle = float(np.median(values))
+    share = of_mean((values <= middle).mean(axis=1))
+    if np.isnan(share.low):
+        return _alone(middle)
+    half = (share.high - share.low) / 2
+    low, high = np.quantile(values, (max(0.0, 0.5 - half), min(1.0, 0.5 + half))).tolist()
+    return Interval(middle, low, high)
+
+
+def of_rms(squares: Floats) -> Interval:
+    """95 % interval of a root mean square, of the mean squares of the trials.
+
+    It is Student's interval of the jackknife's pseudo-values of the logarithm.
+    """
+    total, count = squares.sum(), squares.size
+    if count < MIN_SAMPLES or not total > 0:
+        return _alone(float(np.sqrt(total / count)) if count else np.nan)
+    whole = np.log(total / count)
+    with np.errstate(divide="ignore"):
+        without = np.log((total - squares) / (count - 1))
+    pseudo = of_mean(count * whole - (count - 1) * without)
+    half = (pseudo.high - pseudo.low) / 2
+    low, high = np.exp((whole - half) / 2), np.exp((whole + half) / 2)
+    return Interval(float(np.exp(whole / 2)), float(low), float(high))
+
+
+def of_resamples(value: float, samples: Floats) -> Interval:
+    """A value with the 2.5 and 97.5 % quantiles of its resamples; NaN where none is finite."""
+    known = samples[np.isfinite(samples)]
+    if not len(known):
+        return _alone(value)
+    low, high = np.quantile(known, (0.025, 0.975)).tolist()
+    return Interval(value, low, high)
+
+
+def in_percent(interval: Interval) -> str:
+    """Text of a share, such as 25% [12%, 40%]."""
+    return _with_ends(interval, "{:.0%}".format)
+
+
+def share(rate: Interval) -> str:
+    """Text of a share of drives, such as 34 % [25, 44]; a dash if it is not known."""
+    if math.isnan(rate.value):
+        return "-"
+    value, low, high = (f"{100 * each:.0f}" for each in rate)
+    return f"{value} % [{low}, {high}]"
+
+
+def plain(value: float, digits: int = 2) -> str:
+    """Text of a number such as a correlation: .25, -.25 or 1.25; a dash if it is not known."""
+    return "-" if np.isnan(value) else re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
+
+
+def digits_of(length: float) -> int:
+    """Digits behind the point of an error [m]: millimetres below 0.1 m, or else centimetres."""
+    return 3 if length < 0.0995 else 2
+
+
+def in_metres(length: float) -> str:
+    """Text of an error, such as 0.25 m or 0.025 m."""
+    return f"{length:.{digits_of(length)}f} m"
+
+
+def short(interval: Interval) -> str:
+    """Text of a correlation or a ratio, such as .25 [.12, .40]."""
+    return _with_ends(interval, plain)
+
+
+def two_digits(interval: Interval) -> str:
+    """Text of a ratio, such as 0.25 [0.12, 0.40]."""
+    return _with_ends(interval, "{:.2f}".format)
+
+
+def _with_ends(interval: Interval, text: Callable[[float], str]) -> str:
+    value, low, high = map(text, interval)
+    return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
+
+
+RESAMPLES = 1000
+
+
+def blocks_along(poses: Floats, length: float = 10.0) -> Ints:
+    """The block of the way, of some length [m], that each of n poses belongs to, (n,)."""
+    return np.asarray((way_along(poses) / length).astype(np.int64))
+
+
+def draws_of(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
+    """Number of times that the block of each of n values is drawn, (resamples, n).
+
+    There are no resamples of fewer than five blocks.
+    """
+    known, number = np.unique(blocks, return_inverse=True)
+    if len(known) < 5:
+        return np.empty((0, len(blocks)))
+    return _draws(np.random.default_rng(0), len(known), resamples)[:, number]
+
+
+def mean_interval(values: Floats, blocks: Ints, counted: Floats | None = None) -> Interval:
+    """Mean of values (n,), with a 95 % interval over their blocks; NaN where it has none.
+
+    Of the values those count that are 1 in `counted` (n,), not 0; by default all do.
+    """
+    counted = np.ones(len(values)) if counted is None else counted
+    if not counted.any():
+        return _alone(np.nan)
+    weights = draws_of(blocks) * counted
+    with np.errstate(invalid="ignore"):  # none that counts may be drawn
+        means = (weights @ values) / weights.sum(axis=1)
+    return of_resamples(float(np.average(values, weights=counted)), means)
+
+
+def intervals(
+    statistic: Callable[[Floats], Floats], blocks: Ints, resamples: int
+) -> list[Interval]:
+    """Some statistics (k,) of weighted values, with 95 % intervals over the values' blocks.
+
+    `statistic` is called with weights (n,): 1 for all, and then how often each is drawn.
+    """
+    found = statistic(np.ones(len(blocks)))
+    drawn = np.array([statistic(each) for each in draws_of(blocks, resamples)])
+    samples = drawn.reshape(-1, len(found)).T
+    return [of_resamples(float(value), each) for value, each in zip(found, samples, strict=True)]
+
+
+@dataclass(frozen=True)
+class Rank:
+    """Rank statistics of one predictor.
+
+    Intervals are percentiles of a bootstrap over the places or, with several maps, over the maps
+    and then the places in each. They hold for more places like these.
+    """
+
+    spearman: Interval
+    """Spearman's coefficient over all places together."""
+    within: Interval
+    """Mean over the maps of Spearman's coefficient within each."""
+    auc: Interval
+    """Probability that a place among the worst 20 % ranks higher than one of the others, over all
+    places together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resamples:
+    """Numbers of times that places and maps are drawn in each of `RESAMPLES` bootstraps."""
+
+    places: Sequence[Floats]
+    """Draws of the places within each map, (RESAMPLES, n) a map."""
+    maps: Floats
+    """Draws of the maps, (RESAMPLES, maps)."""
+
+    @classmethod
+    def of(cls, counts: Sequence[int], seed: int = 0) -> Resamples:
+        """Resamples of maps with these numbers of places."""
+        random = np.random.default_rng(seed)
+        places = [_draws(random, count) for count in counts]
+        maps = _draws(random, len(counts)) if len(counts) > 1 else np.ones((RESAMPLES, 1))
+        return cls(places, maps)
+
+
+def rank(values: Sequence[Floats], errors: Sequence[Floats], drawn: Resamples) -> Rank:
+    """Statistics of how well values rank errors.
+
+    Parameters
+    ----------
+    values, errors : sequence of (n,) arrays
+        Values and errors of each map; greater values should mean greater errors. Constant values
+        have the coefficient 0.
+    drawn : Resamples
+        Resamples of the same numbers of maps and places.
+    """
+    every, every_error = np.concatenate(values), np.concatenate(errors)
+    weights = np.concatenate(
+        [own * drawn.maps[:, m, None] for m, own in enumerate(drawn.places)], axis=1
+    )
+    within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
+    within_drawn = np.stack(
+        [_spearmans(v, e, w) for v, e, w in zip(values, errors, drawn.places, strict=True)], axis=1
+    )
+    means = (within_drawn * drawn.maps).sum(axis=1) / drawn.maps.sum(axis=1)
+    return Rank(
+        of_resamples(spearman(every, every_error), _spearmans(every, every_error, weights)),
+        of_resamples(float(within.mean()), means),
+        of_resamples(auc(every, every_error), _aucs(every, every_error, weights)),
+    )
+
+
+def spearman(values: Floats, errors: Floats) -> float:
+    """Spearman's rank correlation, 0 if either is constant."""
+    return float(_spearmans(values, errors, np.ones((1, len(values))))[0])
+
+
+def auc(values: Floats, errors: Floats) -> float:
+    """Area under the ROC curve of finding the worst fifth, by Mann and Whitney; ties count half.
+
+    Examples
+    --------
+    >>> errors = np.array([0.1, 0.2, 0.3, 0.4, 5.0])
+    >>> auc(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), errors), auc(np.ones(5), errors)
+    (1.0, 0.5)
+    """
+    return float(_aucs(values, errors, np.ones((1, len(values))))[0])
+
+
+def _ranks(values: Floats, weights: Floats) -> Floats:
+    """Mean ranks, (m, n), of values that each occur as often as `weights` (m, n) say."""
+    _, group = np.unique(values, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    sizes = np.add.reduceat(weights[:, order], starts, axis=1)
+    return (np.cumsum(sizes, axis=1) - (sizes - 1) / 2)[:, group]
+
+
+def _spearmans(values: Floats, errors: Floats, weights: Floats) -> Floats:
+    """Spearman's coefficient for each row of weights (m, n), (m,)."""
+    total = weights.sum(axis=1, keepdims=True)
+    a, b = (_ranks(v, weights) - (total + 1) / 2 for v in (values, errors))
+    size = np.sqrt((weights * a * a).sum(axis=1) * (weights * b * b).sum(axis=1))
+    return np.asarray(
+        np.divide((weights * a * b).sum(axis=1), size, out=np.zeros(len(a)), where=size > 0)
+    )
+
+
+def _aucs(values: Floats, errors: Floats, weights: Floats) -> Floats:
+    """AUC for each row of weights (m, n), (m,); the worst places are the same in all rows."""
+    bad = errors >= np.quantile(errors, 0.8, method="higher")
+    ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
+    count, others = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
+    pairs = count * others
+    above = ranks - count * (count + 1) / 2
+    return np.asarray(np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0))
+
+
+def _draws(random: np.random.Generator, count: int, resamples: int = RESAMPLES) -> Floats:
+    """Number of times that each of `count` items is drawn, (resamples, count)."""
+    return random.multinomial(count, np.full(count, 1 / count), resamples).astype(float)
+
+
+def random_of(seed: int, *stream: int) -> np.random.Generator:
+    """Random numbers that are independent of those of any other stream."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream))

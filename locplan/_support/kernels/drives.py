@@ -1,0 +1,305 @@
+"""Drives through a world, or recorded ones, that a particle filter tracks on the map.
+
+At every pose of a drive the filter is asked `is_due`, and if it is, `advance` and `correct` follow;
+`estimate` gives its pose.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from locplan._support.kernels import particles
+from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
+from locplan._support.kernels.lidar import BeamDisturbances, Lidar, measured_ends
+from locplan._support.kernels.particles import BeamScores, Filter, wrapped
+
+NOW, COUNT, BINS, UPDATES, UPDATED, AT = range(6)
+"""Places in `Tracker.state`."""
+
+
+class Start(NamedTuple):
+    """Standard deviations of the filter's first pose."""
+
+    position: float  # [m]
+    heading: float  # [rad]
+
+
+class Tracker(NamedTuple):
+    """The particles of a filter, and its last pose."""
+
+    clouds: Floats  # (2, 3, most) particles, and room for those that are drawn
+    weights: Floats  # (most,)
+    histogram: particles.Histogram
+    averages: Floats  # (2,) slow and fast average of the mean weight, 0 before the first one
+    pose: Floats  # (3,) mean of the heaviest cluster at the last resampling
+    state: Ints
+    # (6,) which cloud holds the particles, their number, that of their bins, the number of updates,
+    # the index of the reported pose at the last one, and of that at the last resampling
+
+
+@njit(nogil=True, cache=True)
+def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Tracker:
+    """Draw a filter's particles about a pose that is off from `first` (3,) by as much."""
+    most = settings.max_particles
+    clouds, weights = np.empty((2, 3, most)), np.full(most, 1 / most)
+    poses = clouds[0]
+    sigma = np.array([start.position, start.position, start.heading])
+    for axis in range(3):
+        poses[axis] = first[axis] + sigma[axis] * random.standard_normal()
+    histogram = particles.make_histogram(most)
+    bins = np.int64(0)  # the constant 0 has a type of its own
+    for n in range(most):
+        for axis in range(3):
+            poses[axis, n] += sigma[axis] * random.standard_normal()
+        bins = particles.insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
+    pose = np.array(particles.heaviest_cluster_mean(histogram, bins, poses, most))
+    averages, state = np.zeros(2), np.array([0, most, bins, 0, 0, 0])
+    return Tracker(clouds, weights, histogram, averages, pose, state)
+
+
+@njit(nogil=True, cache=True)
+def is_due(tracker: Tracker, reported: Floats, n: int, settings: Filter) -> bool:
+    """Whether odometry (n, 3) has come far enough since the last update."""
+    last = tracker.state[UPDATED]
+    dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
+    turn = wrapped(reported[n, 2] - reported[last, 2])
+    return max(abs(dx), abs(dy)) > settings.update_min_d or abs(turn) > settings.update_min_a
+
+
+@njit(nogil=True, cache=True)
+def advance(random: Random, tracker: Tracker, reported: Floats, n: int, settings: Filter) -> None:
+    """Move the particles by the odometry (n, 3) from the last update to pose `n`."""
+    state = tracker.state
+    last = state[UPDATED]
+    dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
+    turn = wrapped(reported[n, 2] - reported[last, 2])
+    poses = tracker.clouds[state[NOW]]
+    particles.move(random, poses, state[COUNT], dx, dy, turn, reported[last, 2], settings)
+
+
+@njit(nogil=True, cache=True)
+def lost_share(averages: Floats, weight: float, settings: Filter) -> float:
+    """Take a mean weight into its slow and fast averages (2,), and return max(0, 1 - fast / slow).
+
+    That is AMCL's share of random particles, which recover a filter whose weights have fallen.
+    """
+    if weight > 0:
+        for n in range(2):
+            alpha = settings.recovery_alpha_fast if n else settings.recovery_alpha_slow
+            averages[n] = averages[n] + alpha * (weight - averages[n]) if averages[n] else weight
+    return max(0.0, 1 - averages[1] / averages[0]) if averages[0] > 0 else 0.0
+
+
+@njit(nogil=True, cache=True)
+def correct(
+    random: Random, tracker: Tracker, scores: BeamScores, ends: Floats, n: int, settings: Filter
+) -> bool:
+    """Weigh the particles by the scan (beam, 2) at pose `n`, and resample every few updates.
+
+    It returns whether they were resampled, from which the filter's pose follows anew.
+    """
+    state, weights = tracker.state, tracker.weights
+    poses, drawn = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
+    weight = particles.weigh(scores, ends, poses, state[COUNT], weights)
+    lost = lost_share(tracker.averages, weight, settings)
+    state[UPDATED] = n
+    state[UPDATES] += 1
+    if state[UPDATES] % settings.resample_interval:
+        return False
+    count, bins = particles.resample(
+        random,
+        poses,
+        weights,
+        state[COUNT],
+        settings,
+        tracker.histogram,
+        state[BINS],
+        drawn,
+        scores,
+        lost,
+    )
+    if lost > 0:  # as in AMCL, else more and more particles would be random
+        tracker.averages[0] = tracker.averages[1] = 0.0
+    state[NOW], state[COUNT], state[BINS], state[AT] = 1 - state[NOW], count, bins, n
+    weights[:count] = 1 / count
+    x, y, heading = particles.heaviest_cluster_mean(tracker.histogram, bins, drawn, count)
+    tracker.pose[0], tracker.pose[1], tracker.pose[2] = x, y, heading
+    return True
+
+
+@njit(nogil=True, cache=True)
+def estimate(tracker: Tracker, reported: Floats, n: int) -> tuple[float, float, float]:
+    """The filter's pose at pose `n`: since the last resampling it has followed odometry."""
+    pose, at = tracker.pose, tracker.state[AT]
+    cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
+    x, y = reported[n, 0] - reported[at, 0], reported[n, 1] - reported[at, 1]
+    return (
+        pose[0] + cos * x - sin * y,
+        pose[1] + sin * x + cos * y,
+        pose[2] + reported[n, 2] - reported[at, 2],
+    )
+
+
+@njit(nogil=True, cache=True)
+def covariance_of(tracker: Tracker, covariance: Floats) -> None:
+    """Write the covariance of all particles, as AMCL publishes it, into `covariance` (3, 3).
+
+    That of the heading is its circular variance; it has no covariance with the position.
+    """
+    poses, count = tracker.clouds[tracker.state[NOW]], tracker.state[COUNT]
+    x, y = poses[0, :count].mean(), poses[1, :count].mean()
+    xx = xy = yy = cos = sin = 0.0
+    for n in range(count):
+        aside, up = poses[0, n] - x, poses[1, n] - y
+        xx += aside * aside
+        xy += aside * up
+        yy += up * up
+        cos += np.cos(poses[2, n])
+        sin += np.sin(poses[2, n])
+    covariance[:] = 0.0
+    covariance[0, 0], covariance[1, 1] = xx / count, yy / count
+    covariance[0, 1] = covariance[1, 0] = xy / count
+    covariance[2, 2] = -2 * np.log(min(1.0, np.hypot(cos, sin) / count))
+
+
+class Odometry(NamedTuple):
+    """Errors of odometry: standard deviations; drifts grow with the root of distance or turn."""
+
+    distance_drift: float  # [m / sqrt(m)]
+    heading_drift: float  # [rad / sqrt(m)]
+    turn_drift: float  # [rad / sqrt(rad)]
+    distance_bias: float  # deviation between drives of the factor on distances
+    heading_bias: float  # deviation between drives of the bend to one side [rad / m]
+    turn_bias: float  # deviation between drives of the factor on turns
+
+
+class World(NamedTuple):
+    """A world, which may differ from the filter's map, and the robot's poses in it."""
+
+    squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares` gives them
+    resolution: float  # edge of a cell [m]
+    poses: Floats  # (n, 3) row, column [cells] and heading [rad], as `truth` has them
+
+
+@njit(nogil=True, cache=True)
+def odometry_along(random: Random, truth: Floats, odometry: Odometry) -> Floats:
+    """Reported odometry of a drive: poses (n, 3), the first one without error [m, m, rad]."""
+    scale = 1 + odometry.distance_bias * random.standard_normal()
+    bend = odometry.heading_bias * random.standard_normal()
+    turn_scale = 1 + odometry.turn_bias * random.standard_normal()
+    poses = np.empty_like(truth)
+    for axis in range(3):  # numba takes seconds to compile the assignment of a row
+        poses[0, axis] = truth[0, axis]
+    for n in range(1, len(truth)):
+        dx, dy = truth[n, 0] - truth[n - 1, 0], truth[n, 1] - truth[n - 1, 1]
+        way, turn = np.hypot(dx, dy), wrapped(truth[n, 2] - truth[n - 1, 2])
+        aside = np.arctan2(dy, dx) - truth[n - 1, 2] if way > 0 else 0.0
+        reported = scale * way + odometry.distance_drift * np.sqrt(way) * random.standard_normal()
+        reported_turn = turn_scale * turn + bend * way
+        reported_turn += random.standard_normal() * np.sqrt(
+            odometry.heading_drift**2 * way + odometry.turn_drift**2 * abs(turn)
+        )
+        heading = poses[n - 1, 2]
+        poses[n, 0] = poses[n - 1, 0] + reported * np.cos(heading + aside)
+        poses[n, 1] = poses[n - 1, 1] + reported * np.sin(heading + aside)
+        poses[n, 2] = heading + reported_turn
+    return poses
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def drive(
+    random: Random,
+    truth: Floats,
+    reported: Floats,
+    world: World,
+    scores: BeamScores,
+    lidar: Lidar,
+    disturbances: BeamDisturbances,
+    start: Start,
+    settings: Filter,
+    errors: Floats,
+) -> None:
+    """Drive once, and write the filter's error at every pose into `errors`.
+
+    As in AMCL, the filter moves, weighs and resamples once odometry has come far enough, and in
+    between the pose follows odometry.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Source of all random numbers.
+    truth : (n, 3) array
+        The poses driven through, in the own axes of the filter's map [m, m, rad].
+    reported : (n, 3) array
+        Poses by odometry, in any frame of their own, as `odometry_along` gives them [m, m, rad].
+    world : World
+        The world that is driven in, and the same poses there.
+    scores : BeamScores
+        Scores of beams on the filter's map.
+    lidar, disturbances, start, settings
+        The lidar, what disturbs it, errors of the first pose, and the filter.
+    errors : (n, 3) array
+        Filled with the filter's pose minus the true one [m, m, rad].
+    """
+    tracker = begin(random, truth[0], start, settings)
+    ends, finer = np.empty((lidar.angles.size, 2)), world.resolution / scores.resolution
+    for n in range(len(truth)):
+        due = is_due(tracker, reported, n, settings)
+        if due:
+            advance(random, tracker, reported, n, settings)
+        if due or n == 0:
+            measured_ends(
+                random, world.squares, world.resolution, world.poses[n], lidar, disturbances, ends
+            )
+            for b in range(len(ends)):  # the filter counts in cells of its own map
+                ends[b, 0] *= finer
+                ends[b, 1] *= finer
+            correct(random, tracker, scores, ends, n, settings)
+        x, y, heading = estimate(tracker, reported, n)
+        errors[n, 0], errors[n, 1] = x - truth[n, 0], y - truth[n, 1]
+        errors[n, 2] = wrapped(heading - truth[n, 2])
+
+
+@njit(nogil=True, cache=True)
+def replay(
+    random: Random,
+    first: Floats,
+    reported: Floats,
+    ends: Floats,
+    scores: BeamScores,
+    start: Start,
+    settings: Filter,
+    poses: Floats,
+    covariances: Floats,
+) -> None:
+    """Track a recorded drive once, and write the filter's poses and covariances.
+
+    Parameters
+    ----------
+    random : numpy.random.Generator
+        Source of all random numbers.
+    first : (3,) array
+        Pose that the filter begins about, in the map's own axes [m, m, rad].
+    reported : (n, 3) array
+        Poses by odometry at the scans, in any frame of their own [m, m, rad].
+    ends : (n, beam, 2) array
+        Ends of the beams ahead and to the left of the robot [cells]; NaN without a return.
+    scores, start, settings
+        As for `drive`.
+    poses : (n, 3) array
+        Filled with the filter's poses in the map's own axes [m, m, rad].
+    covariances : (n, 3, 3) array
+        Filled with the covariance of the particles where they were resampled, else with NaN.
+    """
+    tracker = begin(random, first, start, settings)
+    for n in range(len(reported)):
+        due = is_due(tracker, reported, n, settings)
+        if due:
+            advance(random, tracker, reported, n, settings)
+        covariances[n] = np.nan
+        if (due or n == 0) and correct(random, tracker, scores, ends[n], n, settings):
+            covariance_of(tracker, covariances[n])
+        poses[n, 0], poses[n, 1], poses[n, 2] = estimate(tracker, reported, n)

@@ -1,0 +1,350 @@
+"""A particle filter's steps as AMCL takes them: move, weigh, resample, find the heaviest cluster.
+
+Source: nav2_amcl of Navigation2, which follows S. Thrun, W. Burgard and D. Fox, "Probabilistic
+Robotics" (2005): sample_motion_odometry, likelihood_field_range_finder_model, and KLD sampling.
+
+Poses are (x, y, heading) in the map's own axes, in metres along its columns and rows [m, m, rad];
+headings are not wrapped.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from locplan._support.kernels.arrays import Floats, Ints, Random, Singles
+
+STILL = 0.01
+"""Distance below which the direction of a movement is ignored [m]."""
+FREE = -1
+EXTENT = 1 << 20
+"""Number of bins on either side of zero along each axis."""
+
+
+@njit(nogil=True, cache=True)
+def guide_of(shares: Floats) -> Ints:
+    """Index of the first share above each of n + 1 equal steps from 0 to the last share."""
+    count = len(shares)
+    guide = np.full(count + 1, count - 1)
+    step = 0
+    for n in range(count):
+        while step <= count and step * shares[-1] < shares[n] * count:
+            guide[step] = n
+            step += 1
+    return guide
+
+
+@njit(nogil=True, cache=True)
+def first_above(value: float, shares: Floats, near: int) -> int:
+    """Index of the first share above a value, or the last index, found from an index nearby."""
+    at = near
+    while at > 0 and shares[at - 1] > value:
+        at -= 1
+    while at < len(shares) - 1 and shares[at] <= value:
+        at += 1
+    return at
+
+
+class Filter(NamedTuple):
+    """AMCL's parameters by its own names, but for its motion model, which is a number here."""
+
+    alpha1: float
+    alpha2: float
+    alpha3: float
+    alpha4: float
+    alpha5: float
+    omnidirectional: bool
+    min_particles: int
+    max_particles: int
+    pf_err: float
+    pf_z: float
+    resample_interval: int
+    update_min_d: float
+    update_min_a: float
+    recovery_alpha_slow: float
+    recovery_alpha_fast: float
+
+
+class BeamScores(NamedTuple):
+    """Scores that a beam adds to a particle, by the cell in which it ends."""
+
+    values: Singles  # (H + 2) (W + 2), flat: the map in a ring for all outside of it
+    rows: int  # including the ring
+    cols: int
+    resolution: float
+    product: bool  # whether scores are logarithms of factors
+    shift: float  # added to a position to find its cell: the ring, and half a cell as Nav2 [cells]
+    free: Ints = np.empty(0, np.int64)  # flat indices of free cells, without the ring, for recovery
+
+
+class Histogram(NamedTuple):
+    """Occupied bins, found by a hash table with open addressing."""
+
+    bin_of: Ints  # (slots,) FREE or the bin; slots are a power of two
+    keys: Ints  # (bins,)
+    slots: Ints  # (bins,)
+    cluster: Ints  # (bins,) FREE or the cluster
+    of_particle: Ints  # (particles,) the bin of each
+
+
+@njit(nogil=True, cache=True)
+def make_histogram(most: int) -> Histogram:
+    """Empty histogram for at most `most` particles."""
+    slots = 4
+    while slots < 4 * most:
+        slots *= 2
+    return Histogram(
+        np.full(slots, FREE, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+    )
+
+
+@njit(nogil=True, cache=True)
+def slot_of(histogram: Histogram, key: int) -> int:
+    """Slot of a bin in the hash table, or the free slot that it would get."""
+    mask = histogram.bin_of.size - 1
+    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    slot = int(np.int64(mixed >> np.uint64(32))) & mask
+    while histogram.bin_of[slot] != FREE and histogram.keys[histogram.bin_of[slot]] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@njit(nogil=True, cache=True)
+def key_of(x: float, y: float, heading: float) -> int:
+    """Key of the bin that contains a pose; bins are AMCL's, of 0.5 m and 10 degrees."""
+    i = int(np.floor(x / 0.5)) + EXTENT
+    j = int(np.floor(y / 0.5)) + EXTENT
+    k = int(np.floor(heading / (10 * np.pi / 180))) + EXTENT
+    return (i * (2 * EXTENT) + j) * (2 * EXTENT) + k
+
+
+@njit(nogil=True, cache=True)
+def clear(histogram: Histogram, bins: int) -> None:
+    """Empty a histogram that has `bins` bins."""
+    for n in range(bins):
+        histogram.bin_of[histogram.slots[n]] = FREE
+
+
+@njit(nogil=True, cache=True)
+def insert(
+    histogram: Histogram, bins: int, particle: int, x: float, y: float, heading: float
+) -> int:
+    """Put a particle into its bin; return the number of bins after that."""
+    key = key_of(x, y, heading)
+    slot = slot_of(histogram, key)
+    if histogram.bin_of[slot] == FREE:
+        histogram.bin_of[slot] = bins
+        histogram.keys[bins] = key
+        histogram.slots[bins] = slot
+        bins += 1
+    histogram.of_particle[particle] = histogram.bin_of[slot]
+    return bins
+
+
+@njit(nogil=True, cache=True)
+def find_clusters(histogram: Histogram, bins: int) -> int:
+    """Label clusters of bins that touch, also at corners; return the number of clusters."""
+    histogram.cluster[:bins] = FREE
+    waiting = np.empty(bins, np.int64)
+    clusters = 0
+    for first in range(bins):
+        if histogram.cluster[first] != FREE:
+            continue
+        histogram.cluster[first] = clusters
+        waiting[0], left = first, 1
+        while left:
+            left -= 1
+            key = histogram.keys[waiting[left]]
+            for n in range(27):
+                i, j, k = n // 9 - 1, n // 3 % 3 - 1, n % 3 - 1
+                other = key + (i * (2 * EXTENT) + j) * (2 * EXTENT) + k
+                near = histogram.bin_of[slot_of(histogram, other)]
+                if near != FREE and histogram.cluster[near] == FREE:
+                    histogram.cluster[near] = clusters
+                    waiting[left] = near
+                    left += 1
+        clusters += 1
+    return clusters
+
+
+@njit(nogil=True, cache=True)
+def heaviest_cluster_mean(
+    histogram: Histogram, bins: int, poses: Floats, count: int
+) -> tuple[float, float, float]:
+    """Mean pose of the heaviest cluster: the one with most of the `count` equal particles."""
+    sums = np.zeros((find_clusters(histogram, bins), 5))
+    for n in range(count):
+        x, y, heading = poses[0, n], poses[1, n], poses[2, n]
+        total = sums[histogram.cluster[histogram.of_particle[n]]]
+        total[0] += 1.0
+        total[1] += x
+        total[2] += y
+        total[3] += np.cos(heading)
+        total[4] += np.sin(heading)
+    best = sums[np.argmax(sums[:, 0])]
+    return best[1] / best[0], best[2] / best[0], np.arctan2(best[4], best[3])
+
+
+@njit(nogil=True, cache=True)
+def kld_sample_size(bins: int, settings: Filter) -> int:
+    """KLD sample size: the number of particles for `bins` occupied bins (Fox, 2003)."""
+    if bins <= 1:
+        return settings.max_particles
+    share = 2 / (9 * (bins - 1.0))
+    root = 1 - share + np.sqrt(share) * settings.pf_z
+    size = int(np.ceil((bins - 1) / (2 * settings.pf_err) * root**3))
+    return min(max(size, settings.min_particles), settings.max_particles)
+
+
+@njit(nogil=True, cache=True)
+def wrapped(angle: float) -> float:
+    """Angle wrapped into [-pi, pi) [rad]."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+@njit(nogil=True, cache=True)
+def move(
+    random: Random,
+    poses: Floats,
+    count: int,
+    dx: float,
+    dy: float,
+    turn: float,
+    heading: float,
+    settings: Filter,
+) -> None:
+    """Move each of `count` particles of (3, n) by the reported odometry, with noise of its own.
+
+    The model is AMCL's differential or omnidirectional one. `dx`, `dy` [m] and `turn` [rad] are in
+    the axes of odometry, in which the robot's heading was `heading` [rad] before.
+    """
+    way = np.hypot(dx, dy)
+    if settings.omnidirectional:
+        bearing = np.arctan2(dy, dx) - heading  # from the robot's heading
+        way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * turn**2)
+        turn_sd = np.sqrt(settings.alpha1 * turn**2 + settings.alpha2 * way**2)
+        aside_sd = np.sqrt(settings.alpha4 * turn**2 + settings.alpha5 * way**2)
+        for n in range(count):
+            own_way = way + way_sd * random.standard_normal()
+            own_turn = turn + turn_sd * random.standard_normal()
+            aside = aside_sd * random.standard_normal()
+            cos, sin = np.cos(poses[2, n] + bearing), np.sin(poses[2, n] + bearing)
+            poses[0, n] += own_way * cos + aside * sin
+            poses[1, n] += own_way * sin - aside * cos
+            poses[2, n] += own_turn
+        return
+    first = wrapped(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
+    second = wrapped(turn - first)
+    # Driving backwards does not count as turning round.
+    first_size = min(abs(first), abs(wrapped(first - np.pi)))
+    second_size = min(abs(second), abs(wrapped(second - np.pi)))
+    first_sd = np.sqrt(settings.alpha1 * first_size**2 + settings.alpha2 * way**2)
+    second_sd = np.sqrt(settings.alpha1 * second_size**2 + settings.alpha2 * way**2)
+    way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * (first_size**2 + second_size**2))
+    for n in range(count):
+        own_first = first - first_sd * random.standard_normal()
+        own_way = way - way_sd * random.standard_normal()
+        own_second = second - second_sd * random.standard_normal()
+        poses[0, n] += own_way * np.cos(poses[2, n] + own_first)
+        poses[1, n] += own_way * np.sin(poses[2, n] + own_first)
+        poses[2, n] += own_first + own_second
+
+
+@njit(nogil=True, cache=True)
+def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums: Floats) -> None:
+    """Write the sums of the beams' scores at the first `count` of the poses (3, n) into `sums`.
+
+    `ends` (beam, 2) are ahead and to the left of the robot [cells]; NaN, without a return, is
+    ignored.
+    """
+    returned = ends[~np.isnan(ends[:, 0])]
+    ahead, left = returned[:, 0].copy(), returned[:, 1].copy()
+    last_row, last_col = scores.rows - 1.0, scores.cols - 1.0
+    cells = np.empty(len(returned), np.int64)
+    for n in range(count):
+        cos, sin = np.cos(poses[2, n]), np.sin(poses[2, n])
+        x = poses[0, n] / scores.resolution + scores.shift
+        y = poses[1, n] / scores.resolution + scores.shift
+        # Cells come first, since the compiler takes several beams at once only without look-ups;
+        # processors without AVX-512 turn such numbers into integers of 32 bits alone.
+        for b in range(len(cells)):
+            col = x + cos * ahead[b] - sin * left[b]
+            row = y + sin * ahead[b] + cos * left[b]
+            i = np.int32(min(max(row, 0.0), last_row))
+            j = np.int32(min(max(col, 0.0), last_col))
+            cells[b] = np.int64(i) * scores.cols + j
+        score = 0.0
+        for b in range(len(cells)):
+            score += scores.values[np.uintp(cells[b])]
+        sums[n] = score
+
+
+@njit(nogil=True, cache=True)
+def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> float:
+    """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
+
+    The weights are scaled to add up to 1; if no particle fits, they become equal. Their mean before
+    that is returned.
+    """
+    sums = np.empty(count)
+    add_scores(scores, ends, poses, count, sums)
+    total = 0.0
+    for n in range(count):
+        weights[n] *= np.exp(sums[n]) if scores.product else 1 + sums[n]
+        total += weights[n]
+    for n in range(count):
+        weights[n] = weights[n] / total if total > 0 else 1.0 / count
+    return total / count
+
+
+@njit(nogil=True, cache=True)
+def resample(
+    random: Random,
+    poses: Floats,
+    weights: Floats,
+    count: int,
+    settings: Filter,
+    histogram: Histogram,
+    bins: int,
+    drawn: Floats,
+    scores: BeamScores,
+    lost: float,
+) -> tuple[int, int]:
+    """Draw particles by their weights into ``drawn`` (3, n), up to the KLD sample size.
+
+    A share ``lost`` of them is drawn anywhere in the map's free cells instead.
+
+    Returns
+    -------
+    count, bins : int
+        Number of particles drawn, and of their bins, which replace those of the histogram.
+    """
+    clear(histogram, bins)
+    shares = np.cumsum(weights[:count])
+    guide = guide_of(shares)
+    bins = taken = size = 0
+    while taken < settings.max_particles:
+        # Without recovery no number is drawn for it.
+        if lost > 0 and len(scores.free) and random.random() < lost:
+            cell = scores.free[int(random.random() * len(scores.free))]
+            x = (cell % (scores.cols - 2) + 0.5) * scores.resolution
+            y = (cell // (scores.cols - 2) + 0.5) * scores.resolution
+            heading = (2 * random.random() - 1) * np.pi
+        else:
+            share = random.random()
+            at = first_above(share * shares[-1], shares, guide[int(share * count)])
+            x, y, heading = poses[0, at], poses[1, at], poses[2, at]
+        drawn[0, taken], drawn[1, taken], drawn[2, taken] = x, y, heading
+        before, bins = bins, insert(histogram, bins, taken, x, y, heading)
+        taken += 1
+        if bins > before:
+            size = kld_sample_size(bins, settings)
+        if taken > size:
+            break
+    return taken, bins

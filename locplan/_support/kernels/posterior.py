@@ -1,0 +1,285 @@
+"""Posteriors of simulated scans over the search window: correlative scan matching, in vectors.
+
+The endpoints of a scan are turned about the robot by each heading, rounded to cells, and shifted
+by each offset; the sum of their costs (`likelihood`) is the loss of log-likelihood. Offsets are
+whole steps of the lattice, so that in a field that keeps every `step`-th column together the
+offsets in x of an endpoint lie side by side: one vector. Sums are of whole numbers and so do not
+depend on their order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._support.kernels.arrays import DONE, STOP, Array, Floats, Ints, Octets, Words
+from locplan._support.kernels.lidar import Lidar, move_ends, scan_ends
+from locplan._support.kernels.likelihood import (
+    FINE,
+    GROUP,
+    NOWHERE,
+    TOP,
+    Lattice,
+    LikelihoodField,
+    Weights,
+    make_weights,
+)
+from locplan._support.kernels.simd import (
+    SHORTS,
+    WORD,
+    add_shorts,
+    add_shorts_to,
+    lanes_at_most,
+    zero_shorts,
+)
+
+CONNECTED = 0.01
+"""Least share of the centre's probability of offsets that connect the central mode."""
+
+
+class Posteriors(NamedTuple):
+    """Posteriors at n cells x m headings: moments of (dx, dy, theta) in steps of the lattice."""
+
+    mean: Floats  # (n, m, 3)
+    covariance: Floats  # (n, m, 3, 3), about the mean
+    entropy: Floats  # (n, m) [nat]
+    ambiguity: Floats  # (n, m) probability outside the central mode
+
+
+@njit(nogil=True, cache=True)
+def score(
+    field: LikelihoodField,
+    lattice: Lattice,
+    row: int,
+    col: int,
+    ends: Floats,
+    costs: NDArray[np.uint32],
+) -> None:
+    """Write the costs of a scan's endpoints at all offsets into ``costs`` (theta, dy, dx), flat.
+
+    ``ends`` (beam, 2) holds x, y from the robot [cells], NaN for beams without a return. Where
+    `costs` holds no offset, what is beyond `NOWHERE` has no meaning.
+    """
+    for k in range(costs.size):
+        costs[k] = lattice.empty[k]
+    together = 65535 // TOP  # beams whose summed costs fit into sixteen bits
+    returned = ~np.isnan(ends[:, 0])
+    xs, ys = ends[returned, 0], ends[returned, 1]
+    starts = np.empty(xs.size, np.int64)
+    planes, plane, stride = field.costs, float(field.plane), field.width
+    last_row, last_col = float(field.last_row), float(field.last_col)
+    step, width = float(field.step), float(field.width)
+    share = 1.0 / step
+    from_here = -lattice.half_steps * field.step - field.first
+    for k in range(lattice.cos.size):
+        cos, sin = lattice.cos[k], lattice.sin[k]
+        # Where each turned endpoint's cost at its first offset is. All of this is exact in floating
+        # point; vectors cannot divide integers.
+        for n in range(xs.size):
+            at_row = np.floor(sin * xs[n] + cos * ys[n] + 0.5) + (row + from_here)
+            at_col = np.floor(cos * xs[n] - sin * ys[n] + 0.5) + (col + from_here)
+            # An endpoint beyond the layout is near no wall at any offset, however far away it is.
+            at_row, at_col = min(max(at_row, 0.0), last_row), min(max(at_col, 0.0), last_col)
+            i, j = np.floor((at_row + 0.5) * share), np.floor((at_col + 0.5) * share)
+            remainders = (at_row - i * step) * step + (at_col - j * step)
+            starts[n] = np.int64(remainders * plane + i * width + j)
+        for row_at in range(0, lattice.offsets, GROUP):
+            for col_at in range(0, lattice.width, SHORTS):
+                base = row_at * stride + col_at
+                to = k * lattice.plane + row_at * lattice.width + col_at
+                for batch in range(0, starts.size, together):
+                    a = b = c = zero_shorts()
+                    for n in range(batch, min(batch + together, starts.size)):
+                        at = base + starts[n]
+                        a = add_shorts(a, planes, at)
+                        b = add_shorts(b, planes, at + stride)
+                        c = add_shorts(c, planes, at + 2 * stride)
+                    add_shorts_to(costs, to, a)
+                    add_shorts_to(costs, to + lattice.width, b)
+                    add_shorts_to(costs, to + 2 * lattice.width, c)
+
+
+@njit(nogil=True, cache=True)
+def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
+    """Write ``bits | bits << distance | bits >> distance`` of one long number into `to`.
+
+    The `guard` words at either end are left out.
+    """
+    one, left = np.uint64(1), np.uint64(distance % WORD)
+    right, words = np.uint64(WORD - 1) - left, np.uint64(distance // WORD)
+    for n in range(np.uint64(guard), np.uint64(bits.size - guard)):
+        up = bits[n - words] << left | bits[n - words - one] >> one >> right
+        down = bits[n + words] >> left | bits[n + words + one] << one << right
+        to[n] = bits[n] | up | down
+
+
+@njit(nogil=True, cache=True)
+def central_mode(lattice: Lattice, costs: NDArray[np.uint32], excess: float, bits: Words) -> Array:
+    """Offsets of the central mode, one bit for each of `costs` in words of 64.
+
+    They are connected to the zero offset, each to any of 26 neighbours, and cost at most `excess`
+    more than it; the neighbours of all these belong to the mode, too, so that its tails do.
+    ``bits`` (4, words) is scratch space.
+    """
+    centre = (lattice.cos.size - 1) // 2 * lattice.plane + lattice.half_steps * (lattice.width + 1)
+    limit = np.uint32(min(costs[centre] + excess, NOWHERE - 1.0))
+    guard = lattice.plane // WORD + 2
+    bits[:] = 0
+    passable, inside, grown, between = bits
+    for n in range(0, costs.size, WORD):
+        high = lanes_at_most(costs, n + SHORTS, limit) << np.uint64(SHORTS)
+        passable[guard + n // WORD] = lanes_at_most(costs, n, limit) | high
+    inside[guard + centre // WORD] = np.uint64(1) << np.uint64(centre % WORD)
+    growing = True
+    while growing:
+        dilate(inside, 1, guard, grown)
+        dilate(grown, lattice.width, guard, between)
+        dilate(between, lattice.plane, guard, grown)
+        growing = False
+        for n in range(inside.size):
+            now = grown[n] & passable[n]
+            growing |= now != inside[n]
+            inside[n] = now
+    return grown[guard:]
+
+
+@njit(nogil=True, cache=True)
+def moments(
+    lattice: Lattice,
+    weights: Weights,
+    costs: NDArray[np.uint32],
+    mode: Words,
+    mean: Floats,
+    covariance: Floats,
+) -> tuple[float, float]:
+    """Write mean and covariance, in steps, into arrays; return entropy [nat] and ambiguity.
+
+    Moments are taken about the zero offset: its sums are exact where all weights are equal, and
+    nothing cancels where all others vanish.
+    """
+    rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
+    least = costs.min()
+    total = total_loss = total_outside = 0.0
+    first, second = np.zeros(3), np.zeros((3, 3))
+    coarse, fine, limit = weights.coarse, weights.fine, np.uint64(weights.limit)
+    for at in range(0, costs.size, SHORTS):
+        if not lanes_at_most(costs, at, least + weights.limit):
+            continue
+        row, left = at // lattice.width, at % lattice.width
+        others = ~mode[at // WORD] >> np.uint64(at % WORD)
+        w = wx = wxx = loss = outside = 0.0
+        for i in range(np.uint64(min(SHORTS, lattice.offsets - left))):
+            cost = np.uint64(costs[np.uint64(at) + i] - least)
+            if cost <= limit:
+                weight = coarse[cost // np.uint64(FINE)] * fine[cost % np.uint64(FINE)]
+                x = np.float64(np.int64(i) + left - lattice.half_steps)
+                w += weight
+                wx += weight * x
+                wxx += weight * x * x
+                loss += weight * np.float64(np.int64(cost))
+                if others >> i & np.uint64(1):
+                    outside += weight
+        y, t = float(row % rows - lattice.half_steps), float(row // rows - half_headings)
+        total += w
+        total_loss += loss
+        total_outside += outside
+        first[0] += wx
+        first[1] += w * y
+        first[2] += w * t
+        second[0, 0] += wxx
+        second[0, 1] += wx * y
+        second[0, 2] += wx * t
+        second[1, 1] += w * y * y
+        second[1, 2] += w * y * t
+        second[2, 2] += w * t * t
+    for i in range(3):
+        mean[i] = first[i] / total
+        for j in range(i, 3):
+            covariance[i, j] = second[i, j] / total - mean[i] * (first[j] / total)
+            covariance[j, i] = covariance[i, j]
+    return np.log(total) + weights.nats * total_loss / total, total_outside / total
+
+
+@njit(nogil=True, cache=True)
+def posterior_of(
+    field: LikelihoodField,
+    lattice: Lattice,
+    weights: Weights,
+    row: int,
+    col: int,
+    ends: Floats,
+    costs: NDArray[np.uint32],
+    mean: Floats,
+    covariance: Floats,
+) -> tuple[float, float]:
+    """`moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score`."""
+    score(field, lattice, row, col, ends, costs)
+    words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
+    excess = -np.log(CONNECTED) / weights.nats
+    mode = central_mode(lattice, costs, excess, np.empty((4, words), np.uint64))
+    return moments(lattice, weights, costs, mode, mean, covariance)
+
+
+@njit(nogil=True, cache=True)
+def scan_posteriors(
+    field: LikelihoodField,
+    lattice: Lattice,
+    squares: Octets,
+    resolution: float,
+    rows: Ints,
+    cols: Ints,
+    headings: Floats,
+    lidar: Lidar,
+    noise: Floats,
+    temperature: float,
+    control: Ints,
+) -> Posteriors:
+    """Posteriors of the scans that are seen from n cells in m headings of the robot.
+
+    Parameters
+    ----------
+    field, lattice
+        Likelihood field of the map, and offsets of the search window.
+    squares : (4, H + 2, W + 2) array of uint8
+        The map as `rays.empty_squares`.
+    resolution : float
+        Edge of a cell [m].
+    rows, cols : (n,) arrays
+        The robot's cells; it stands at their centres.
+    headings : (m,) array
+        Headings of the robot, from the columns' axis towards that of the rows [rad].
+    lidar : Lidar
+        Beams and mount of the lidar.
+    noise : (beam, 2) array
+        Distances by which the beams' ends are moved, see `lidar.move_ends`.
+    temperature : float
+        Factor on the log-likelihood.
+    control : (2,) array
+        ``control[DONE]`` counts the cells as they are done; once another thread sets
+        ``control[STOP]`` the rest is NaN.
+    """
+    shape = rows.size, headings.size
+    result = Posteriors(
+        np.full((*shape, 3), np.nan),
+        np.full((*shape, 3, 3), np.nan),
+        np.full(shape, np.nan),
+        np.full(shape, np.nan),
+    )
+    weights = make_weights(temperature * field.nats, lidar.angles.size * TOP)
+    ends, costs = np.empty((lidar.angles.size, 2)), np.empty_like(lattice.empty)
+    for n in range(rows.size):
+        if control[STOP]:
+            break
+        for m in range(headings.size):
+            row, col = rows[n] + 0.5, cols[n] + 0.5
+            scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
+            move_ends(resolution, headings[m], lidar, noise, ends)
+            cell, moments_here = (rows[n], cols[n]), (result.mean[n, m], result.covariance[n, m])
+            result.entropy[n, m], result.ambiguity[n, m] = posterior_of(
+                field, lattice, weights, *cell, ends, costs, *moments_here
+            )
+        control[DONE] += 1
+    return result

@@ -1,0 +1,225 @@
+"""What a search from a cell leaves behind in a byte a cell: the steps on cheapest ways to it.
+
+Rounding sets paths of one cost apart, and which of them a planner takes depends on the end that it
+searches from. The bytes hold all steps that may be on the cheapest path by either search; among
+these few cells the costs from the start are summed up anew, as the planner's search does.
+
+Grids are flat with a blocked border and hold half of each cell's density, see
+`locplan._support.kernels.search`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._support.kernels.arrays import Array, Floats, Ints, Octets
+from locplan._support.kernels.search import COLUMNS, LENGTHS, ROWS, SQRT2, TIE
+
+ROOM = 256
+"""Number of cells, and of pages, for which there is room at first."""
+PAGE = 6
+IN_PAGE = (1 << PAGE) - 1
+"""A cell's place stands in a page of 2^6 cells of a row; a path needs few pages of a map."""
+
+
+def tolerance_of(cost: Floats, cheapest: float) -> float:
+    """Cost by which rounding may set the steps of cheapest paths apart, for `steps_back`.
+
+    Sums of so many steps of at least the cost `cheapest` are rounded by so much from either end.
+    It stays below half a step: then the steps that are kept always lead towards the start.
+    """
+    greatest = greatest_cost(cost)
+    rounding = 4 * 2.0**-53 * greatest / cheapest  # a sum errs by 2^-53 at most
+    return min(greatest * min(rounding, TIE), cheapest / 2)
+
+
+@njit(nogil=True, cache=True)
+def greatest_cost(cost: Floats) -> float:
+    """Greatest finite cost of a search, whose costs may be negative."""
+    bits, none = cost.view(np.int64), np.int64(0x7FF0000000000000)  # that of infinity
+    greatest = np.zeros(1, np.int64)
+    for k in range(bits.size):  # whole numbers are compared in vectors; they sort as the costs do
+        value = bits[k] & np.int64(0x7FFFFFFFFFFFFFFF)
+        greatest[0] = max(greatest[0], value if value < none else 0)
+    return float(greatest.view(np.float64)[0])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def steps_back(half: Floats, columns: int, cost: Floats, tolerance: float) -> Array:
+    """Steps from each cell that cost at most `tolerance` more than a cheapest way to the start.
+
+    `cost` is that of a finished search without a goal, in which no corner was cut. The result has
+    a bit for each of the eight steps, in the order of rows and columns.
+    """
+    steps = np.zeros(half.size, np.uint8)
+    count = columns - 2
+    for first in range(columns + 1, half.size - columns, columns):
+        here, own = cost[first : first + count], half[first : first + count]
+        found = steps[first : first + count]
+        for n in range(8):  # one plain loop over a row for each step: it runs in vectors
+            beside, aside = first + ROWS[n] * columns, first + COLUMNS[n]
+            at, bit = beside + COLUMNS[n], np.uint8(1 << n)
+            there, theirs = cost[at : at + count], half[at : at + count]
+            if ROWS[n] == 0 or COLUMNS[n] == 0:
+                for k in range(count):
+                    through = abs(there[k]) + (own[k] + theirs[k])
+                    most = abs(here[k]) + tolerance
+                    found[k] |= bit * np.uint8((through <= most) & (through < np.inf))
+                continue
+            one, other = half[beside : beside + count], half[aside : aside + count]
+            for k in range(count):
+                through = abs(there[k]) + SQRT2 * (own[k] + theirs[k])
+                most, free = abs(here[k]) + tolerance, one[k] + other[k] < np.inf
+                found[k] |= bit * np.uint8((through <= most) & (through < np.inf) & free)
+    return steps
+
+
+@njit(nogil=True, cache=True)
+def trace(half: Floats, columns: int, cost: Floats, goal: int, corner_cutting: bool) -> Array:
+    """Cells from a search's start to `goal`; each is on the cheapest way to the next.
+
+    Of cells through which the way costs the same, the first one is taken.
+    """
+    corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
+    cells = [goal]
+    while abs(cost[cells[-1]]) > 0:
+        cell, least, before = cells[-1], np.inf, -1
+        for n in range(8):
+            other = cell + ROWS[n] * columns + COLUMNS[n]
+            if half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] == corner:
+                continue
+            through = abs(cost[other]) + LENGTHS[n] * (half[cell] + half[other])
+            if through < least:
+                least, before = through, other
+        cells.append(before)
+    return np.array(cells[::-1])
+
+
+class Found(NamedTuple):
+    """The few cells on cheapest paths, numbered as they were found."""
+
+    cells: Ints
+    """The cells; the first one is the tip."""
+    table: NDArray[np.int32]
+    """Page of each 2^6 cells of the map; page 0 is empty."""
+    pages: NDArray[np.int32]
+    """Number of each cell and 1, or 0."""
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def cheapest_cells(
+    half: Floats, columns: int, steps: Octets, root: int, tip: int, from_root: bool
+) -> Array:
+    """Cells of the cheapest path between the cell that was searched from, `root`, and `tip`.
+
+    It is bit by bit what a search from its first cell to its last one finds, and `trace` then
+    takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`. `steps` are
+    those of `steps_back`, and lead from `tip` to `root`.
+    """
+    found, order = _find(half.size, columns, steps, tip)
+    start, goal = (root, tip) if from_root else (tip, root)
+    cost = _summed(half, columns, steps, found, order, start, from_root)
+    # As `trace`, but costs are known of few cells.
+    path = [goal]
+    while path[-1] != start and len(path) < cost.size:
+        cell, least, before = path[-1], np.inf, -1
+        for n in range(8):
+            other = cell + ROWS[n] * columns + COLUMNS[n]
+            place = place_of(found, other)
+            free = half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] < np.inf
+            if place >= 0 and free:
+                through = cost[place] + LENGTHS[n] * (half[cell] + half[other])
+                if through < least:
+                    least, before = through, other
+        path.append(before)
+    return np.array(path[::-1])
+
+
+@njit(nogil=True, cache=True)
+def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints]:
+    """The cells that steps lead to from `tip`, and their places in an order.
+
+    Each comes after all those from which a step leads to it; the last is the root.
+    """
+    table, pages = np.zeros((size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
+    # Number of steps to each cell that are not in the order yet.
+    cells, waits = np.empty(ROOM, np.int64), np.zeros(ROOM, np.int8)
+    table[tip >> PAGE], opened = 1, 2
+    pages[(1 << PAGE) + (tip & IN_PAGE)] = 1
+    cells[0], used, at = tip, 1, 0
+    while at < used:
+        if used + 8 > cells.size:
+            cells = np.concatenate((cells, np.empty_like(cells)))
+            waits = np.concatenate((waits, np.zeros_like(waits)))
+        if (opened + 8) << PAGE > pages.size:
+            pages = np.concatenate((pages, np.zeros_like(pages)))
+        cell = cells[at]
+        for n in range(8):
+            if steps[cell] >> n & 1:
+                other = cell + ROWS[n] * columns + COLUMNS[n]
+                if table[other >> PAGE] == 0:
+                    table[other >> PAGE] = opened
+                    opened += 1
+                at_page = (table[other >> PAGE] << PAGE) + (other & IN_PAGE)
+                if pages[at_page] == 0:
+                    cells[used] = other
+                    used += 1
+                    pages[at_page] = used
+                waits[pages[at_page] - 1] += 1
+        at += 1
+    found, order = Found(cells[:used], table, pages), np.zeros(used, np.int64)
+    done, at = 1, 0
+    while at < done:
+        cell = cells[order[at]]
+        for n in range(8):
+            if steps[cell] >> n & 1:
+                place = place_of(found, cell + ROWS[n] * columns + COLUMNS[n])
+                waits[place] -= 1
+                if waits[place] == 0:
+                    order[done] = place
+                    done += 1
+        at += 1
+    return found, order
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _summed(
+    half: Floats,
+    columns: int,
+    steps: Octets,
+    found: Found,
+    order: Ints,
+    start: int,
+    from_root: bool,
+) -> Floats:
+    """Costs from `start`, summed up in the order in which a search from there does."""
+    # Sums of floats depend on their order: only so are they those of the planner's own search.
+    used = order.size
+    cost = np.empty(used)
+    for k in range(used):
+        cost[k] = np.inf
+    cost[place_of(found, start)] = 0.0
+    for at in range(used):
+        k = order[used - 1 - at] if from_root else order[at]
+        cell = found.cells[k]
+        bits = steps[cell]
+        for n in range(8):
+            if bits >> n & 1:
+                other = cell + ROWS[n] * columns + COLUMNS[n]
+                step, m = LENGTHS[n] * (half[cell] + half[other]), place_of(found, other)
+                if from_root:
+                    cost[k] = min(cost[k], cost[m] + step)
+                else:
+                    cost[m] = min(cost[m], cost[k] + step)
+    return cost
+
+
+@njit(inline="always")
+def place_of(found: Found, cell: int) -> int:
+    """Place of a cell among those that were found, -1 if it is not."""
+    page = found.table[cell >> PAGE]
+    return int(found.pages[(page << PAGE) + (cell & IN_PAGE)]) - 1

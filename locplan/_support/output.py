@@ -1,0 +1,327 @@
+"""The one way to write results: into a temporary folder next to their place, then moved there.
+
+When everything is written, a journal in this folder lists the moves to come; then the files move.
+A process that is killed leaves its folder behind. The next process that writes to the same place
+finishes the moves of a journal, or removes a folder without one: its lock says that it is free.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import gettempdir, mkdtemp
+from typing import Any
+
+from locplan._support import runs
+from locplan._support.checks import file_path
+from locplan._support.files import check_folder, check_no_input, check_target, errors_in_one_line
+from locplan._support.purposes import describe_files
+from locplan._support.reading import opened, parsed_json, read_text
+from locplan._support.supervision import announce
+from locplan.errors import LocplanError
+
+PREFIX, NEW, JOURNAL = ".locplan-tmp-", "new", "moves.json"
+_NAME = re.compile(re.escape(PREFIX) + r"[a-z0-9_]{8}")
+UNLOCKED = f"{PREFIX}unlocked-"
+"""Prefix of a folder without a lock, which no other process can take for abandoned."""
+_STAGED = re.compile(rf"[\\/]{re.escape(PREFIX)}(unlocked-)?[a-z0-9_]{{8}}[\\/]{NEW}\b")
+
+
+@dataclass(frozen=True)
+class Output:
+    """A file or a folder of results, which need not exist.
+
+    Results replace earlier ones of their kind that nobody has changed since. Other files in the
+    folder, and other results, are refused.
+    """
+
+    target: Path
+    """The file or the folder."""
+    kind: str
+    """The kind of the results, such as choice."""
+    force: bool = False
+    """True overwrites files of the same names and removes the earlier results; others stay."""
+    is_file: bool = False
+    """True for a file, whose run stands next to it."""
+    unfinished: tuple[str, ...] = ()
+    """Files that the work itself keeps in the folder."""
+
+    @property
+    def _folder(self) -> Path:
+        """The folder of the files, as it was named."""
+        return self.target.parent if self.is_file else self.target
+
+    @property
+    def _home(self) -> Path:
+        return self._folder.absolute()
+
+    @property
+    def _run_name(self) -> str:
+        return self.target.name + runs.BESIDE if self.is_file else runs.RUN_FILE
+
+    def check(self, *names: str) -> None:
+        """Raise a LocplanError unless files of these names can be written; before long work."""
+        for folder in (self._home, *self._home.parents):
+            clear_abandoned(folder)  # the folder may exist only since a run was killed
+        if self.is_file:
+            check_target(self.target)
+        else:
+            check_folder(self.target)
+        for name in names:
+            self._check_name(name)
+        kind, listed = runs.read_outputs(self._home / self._run_name)
+        if self.force:
+            return
+        if kind not in (None, self.kind):
+            fault = f"holds the results of another command ({kind})"
+            raise LocplanError(f"{self.target}: {fault}; {self._remedy}")
+        ours = {*self.unfinished, self._run_name if kind else ""}
+        for name in self._present():
+            if name not in ours and listed.get(name, "") != digest_of(self._home / name):
+                fault = "was changed after locplan wrote it"
+                if name not in listed:
+                    fault = "is no earlier result of this command"
+                raise LocplanError(f"{self._folder / name}: {fault}; {self._remedy}")
+
+    @contextmanager
+    def writing(self, *, adds: bool = False) -> Iterator[Path]:
+        """Yield a file, or a folder, whose content moves to its place when the block succeeds.
+
+        Earlier results that the block does not write are removed, unless it `adds` to them or
+        writes nothing.
+        """
+        self.check()
+        base = next(each for each in (self._home, *self._home.parents) if each.is_dir())
+        with errors_in_one_line(self.target), temporary_folder(base) as staging:
+            within = self._home.relative_to(base)
+            new = staging / NEW / within
+            new.mkdir(parents=True)
+            try:
+                yield new / self.target.name if self.is_file else new
+            except LocplanError as error:
+                text = destination(str(error)).replace(str(self._home), str(self._folder))
+                raise type(error)(text) from None
+            self.check(*(written := _digests(new)))
+            if not written:
+                return
+            kind, listed = runs.read_outputs(self._home / self._run_name)
+            present = {name: digest_of(self._home / name) for name in {**listed, **written}}
+            unchanged = {name for name in listed if present[name] == listed[name]}
+            is_more = adds and kind == self.kind
+            stale = set() if is_more else unchanged - written.keys()
+            outputs = {name: listed[name] for name in unchanged - stale} | written
+            text = runs.run_text(Path(destination(self._home)), self.kind, outputs)
+            (new / self._run_name).write_text(text, encoding="utf-8")
+            present[self._run_name] = digest_of(self._home / self._run_name)
+            moves, removals = (
+                {(within / name).as_posix(): present[name] for name in names}
+                for names in ((*written, self._run_name), stale)
+            )
+            decide(staging, moves, removals)
+        if not _STAGED.search(str(self._home)):  # results within others are noted with these
+            described = describe_files(self.kind, written)
+            files = [(self._folder / name, purpose) for name, purpose in described]
+            runs.note_written(self.target, files, len(written) - len(files))
+
+    @property
+    def _remedy(self) -> str:
+        names = "file, or overwrite it" if self.is_file else "folder, or overwrite equal names"
+        return f"name another {names} with --force (in Python force=True)"
+
+    def _present(self) -> Iterable[str]:
+        """Names of the files that are there, hidden ones aside."""
+        if self.is_file:
+            names = [self.target.name, self._run_name]
+            return [name for name in names if os.path.lexists(self._home / name)]
+        return files_in(self._home)
+
+    def _check_name(self, name: str) -> None:
+        file = self._home / name
+        check_no_input(file)
+        if file.is_dir() and not file.is_symlink():
+            raise LocplanError(f"{file}: is a folder, but a file goes there; move it")
+        if file.parent != self._home and os.path.lexists(file.parent) and not file.parent.is_dir():
+            raise LocplanError(f"{file.parent}: is a file, but a folder goes there; move it")
+
+
+@dataclass(frozen=True)
+class Results:
+    """A kind of results, which are written into a folder together."""
+
+    kind: str
+    """The name of the kind, such as choice."""
+    names: tuple[str, ...]
+    """The files that are known before the work."""
+    unfinished: tuple[str, ...] = ()
+    """Files that the work itself keeps in the folder."""
+
+    def into(self, folder: Path, *names: str, force: bool = False) -> Output:
+        """Return the output into a folder, checked for these files and more before the work."""
+        output = Output(folder, self.kind, force, unfinished=self.unfinished)
+        output.check(*self.names, *names)
+        return output
+
+
+@contextmanager
+def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary file that replaces `target` when the block succeeds.
+
+    It has the target's name, since writers choose the format by its suffix.
+    """
+    path = file_path("a file to write", target)
+    check_no_input(path)
+    with errors_in_one_line(path), temporary_folder(path.parent) as folder:
+        new = folder / path.name
+        new.touch()
+        yield new
+        os.replace(new, path)
+
+
+@contextmanager
+def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
+    """Yield a new folder in `parent`, or where the system has such, that is removed at the end."""
+    home = os.path.abspath(parent or gettempdir())
+    clear_abandoned(home)
+    folder, lock = _new_folder(home)
+    announce(str(folder))
+    try:
+        yield folder
+    finally:
+        try:
+            clear(folder)
+        except KeyboardInterrupt:  # the files move together, or not at all
+            clear(folder)
+            raise
+        finally:
+            announce(str(folder), is_gone=True)
+            if lock is not None:
+                os.close(lock)
+
+
+def decide(
+    staging: Path, moves: Mapping[str, str | None], removals: Mapping[str, str | None] | None = None
+) -> None:
+    """List the moves out of a temporary folder, and the removals, that its end brings.
+
+    Each name has the digest of the file in its place, None if there is none: a file that somebody
+    changes after a kill stays.
+    """
+    for name in moves:
+        if (staging.parent / name).is_dir():
+            raise IsADirectoryError(21, "a folder is in its place", str(staging.parent / name))
+    draft = staging / "draft"
+    draft.write_text(json.dumps([dict(moves), dict(removals or {})]), encoding="utf-8")
+    os.replace(draft, staging / JOURNAL)
+
+
+def clear(staging: Path) -> None:
+    """Finish the moves of a temporary folder, and remove it."""
+    journal, home = staging / JOURNAL, staging.parent
+    if journal.exists():
+        moves, removals = parsed_json(read_text(journal))
+        for name, before in {**moves, **removals}.items():
+            new, target = staging / NEW / name, home / name
+            if digest_of(target) != before or not is_below(target, home):
+                continue
+            if name in removals:
+                target.unlink(missing_ok=True)
+                with suppress(OSError):  # other files are in it
+                    target.parent.rmdir()
+            elif new.exists():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(new, target)
+        journal.unlink()
+    shutil.rmtree(staging, ignore_errors=True)
+
+
+def is_below(file: Path, folder: Path) -> bool:
+    """True if a file lies in a folder, or in one below it, links followed."""
+    return file.parent.resolve().is_relative_to(folder.resolve()) and file.name != ".."
+
+
+def clear_abandoned(folder: str | os.PathLike[str]) -> None:
+    """Clear the temporary folders in a folder that killed processes have left."""
+    with suppress(OSError):  # it cannot be listed, or is gone
+        for name in filter(_NAME.fullmatch, os.listdir(folder)):
+            staging = Path(folder, name)
+            with suppress(OSError, ValueError, LocplanError):  # held, or damaged
+                is_mine = not hasattr(os, "getuid") or staging.lstat().st_uid == os.getuid()
+                if is_mine and (lock := _lock(staging, wait=False)) is not None:
+                    clear(staging)
+                    os.close(lock)
+
+
+def destination(text: str | os.PathLike[str]) -> str:
+    """Return a path, or a text with paths, as it is when the files have moved to their place."""
+    return _STAGED.sub("", str(text))
+
+
+def files_in(folder: Path) -> Iterator[str]:
+    """Names of the files in a folder and in those below, but for hidden ones."""
+    for place, folders, files in os.walk(folder):
+        links = [each for each in folders if os.path.islink(os.path.join(place, each))]
+        folders[:] = sorted(each for each in folders if each[0] != "." and each not in links)
+        for name in sorted([*files, *links]):
+            if name[0] != ".":
+                yield Path(place, name).relative_to(folder).as_posix()
+
+
+def digest_of(file: Path) -> str | None:
+    """SHA-256 of a file, or None if there is none that can be read."""
+    try:
+        with opened(file) as content:
+            return hashlib.file_digest(content, "sha256").hexdigest()
+    except (OSError, ValueError):  # the latter for names that no file can have
+        return None
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    return {name: digest_of(folder / name) or "" for name in files_in(folder)}
+
+
+def _new_folder(home: str) -> tuple[Path, int | None]:
+    """Return a new folder, and the descriptor of its lock, None where there are no locks."""
+    if _locks() is None:
+        return Path(mkdtemp(prefix=UNLOCKED, dir=home)), None
+    while True:
+        folder = Path(mkdtemp(prefix=PREFIX, dir=home))
+        try:
+            return folder, _lock(folder, wait=True)
+        except FileNotFoundError:
+            continue  # another process took it for abandoned before it was locked
+        except OSError:
+            return folder, None
+
+
+def _locks() -> Any:
+    """Return the module of locks; None on Windows."""
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        return None
+    return fcntl
+
+
+def _lock(folder: Path, *, wait: bool) -> int | None:
+    """Return the descriptor that holds the lock of a folder until it is closed; None on Windows.
+
+    It is an OSError if another process holds it, or has removed the folder.
+    """
+    fcntl = _locks()
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.stat(folder)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor

@@ -1,0 +1,339 @@
+"""Poses, rigid moves, ends of beams, windows of maps, and transforms between frames."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections import defaultdict, deque
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import FARTHEST
+from locplan._support.kernels.arrays import Floats
+
+Poses = NDArray[np.float64]
+"""Array of poses (x, y, heading) in the world, (n, 3) [m, m, rad]."""
+
+
+def ends_in_map(ends: Floats, poses: Floats) -> Floats:
+    """Ends (n, beams, 2) on robots at poses (n, 3), in the frame of the poses [m]."""
+    cos, sin = (part(poses[:, 2])[:, None] for part in (np.cos, np.sin))
+    x = poses[:, 0, None] + cos * ends[..., 0] - sin * ends[..., 1]
+    y = poses[:, 1, None] + sin * ends[..., 0] + cos * ends[..., 1]
+    return np.stack([x, y], axis=-1)
+
+
+def moved(poses: Floats, move: tuple[float, float, float]) -> Floats:
+    """Poses (n, 3) after a rigid move: a turn about the origin, then a shift [m, m, rad]."""
+    dx, dy, turn = move
+    cos, sin = math.cos(turn), math.sin(turn)
+    x, y, heading = poses.T
+    return np.column_stack([dx + cos * x - sin * y, dy + sin * x + cos * y, heading + turn])
+
+
+def updates_of(poses: Floats, far: float, turned: float) -> list[int]:
+    """Indices of the poses (n, 3) at which AMCL updates: the first, and after so much motion.
+
+    That is more than `far` along x or y [m], or more than `turned` [rad], since the one before.
+    """
+    found, (at_x, at_y, at_heading) = [0], poses[0].tolist()
+    for n, (x, y, heading) in enumerate(poses.tolist()):
+        way = max(abs(x - at_x), abs(y - at_y))
+        if way > far or abs(math.remainder(heading - at_heading, 2 * math.pi)) > turned:
+            found.append(n)
+            at_x, at_y, at_heading = x, y, heading
+    return found
+
+
+def way_between(one: Floats, other: Floats) -> Floats:
+    """Poses `other` as they are seen from `one`, (..., 3) [m, m, rad]."""
+    dx, dy, turn = np.moveaxis(other - one, -1, 0)
+    cos, sin = np.cos(one[..., 2]), np.sin(one[..., 2])
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
+
+
+def after_way(poses: Floats, ways: Floats) -> Floats:
+    """The poses to which ways lead from others, (..., 3) [m, m, rad]."""
+    ahead, left, turn = np.moveaxis(ways, -1, 0)
+    cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x = poses[..., 0] + cos * ahead - sin * left
+    y = poses[..., 1] + sin * ahead + cos * left
+    return np.stack([x, y, poses[..., 2] + turn], axis=-1)
+
+
+def wrapped(angles: Any) -> Floats:
+    """Angles within -pi to pi [rad]."""
+    return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def way_length(poses: Floats) -> float:
+    """Length of the way over poses (n, 3) [m]."""
+    return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+
+
+def turning(yaw: float) -> Floats:
+    """The turn of x, y, heading by an angle [rad], (3, 3)."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def way_along(poses: Floats) -> Floats:
+    """Length of the way from the first of the poses (n, 2) or (n, 3) to each, (n,) [m]."""
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+STILL = 0.05
+"""Distance [m] and turn [rad] up to which a pose counts as the same across any gap."""
+Transform = tuple[float, ...]
+Edge = tuple[str, str]
+IDENTITY: Transform = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+class Track:
+    """The samples of a moving pose that lie next to given times: all that interpolation needs.
+
+    However long the pose was recorded, no more than two samples a time are kept. `steady` is one
+    that holds at all times if it never changed, as transforms do that are sent once.
+    """
+
+    def __init__(self, times: Sequence[float], *, steady: bool = False) -> None:
+        self._times, self._steady = times, steady
+        self._before, self._after = (np.full((len(times), 8), np.nan) for _ in range(2))
+        self._first: Transform | None = None
+        self._moves = False
+        self.left_out = 0
+        self.begin, self.end = math.inf, -math.inf
+
+    def add(self, time: float, pose: Transform) -> None:
+        """Take a sample; one that is not finite, or has no rotation, is counted and left out."""
+        if not is_transform(pose):
+            self.left_out += 1
+            return
+        if self._first is None:
+            self._first = pose
+        self._moves |= pose != self._first
+        self.begin, self.end = min(self.begin, time), max(self.end, time)
+        at = bisect_left(self._times, time)
+        if at < len(self._times) and not self._before[at, 0] > time:
+            self._before[at] = (time, *pose)
+        if at and not self._after[at - 1, 0] < time:
+            self._after[at - 1] = (time, *pose)
+
+    @property
+    def empty(self) -> bool:
+        """True if no sample could be used."""
+        return self._first is None
+
+    def at_times(self) -> Floats:
+        """Transforms at all times, (n, 7); NaN where no samples are near enough."""
+        if self._first is None:
+            return np.full((len(self._times), 7), np.nan)
+        if self._steady and not self._moves:
+            return np.tile(np.array(self._first), (len(self._times), 1))
+        return interpolated(np.asarray(self._times, np.float64), *self.samples())
+
+    def samples(self) -> tuple[Floats, Floats]:
+        """The samples before and after each time: its time and transform, (n, 8) each, or NaN."""
+        return _filled(self._before), _filled(self._after[::-1])[::-1].copy()
+
+
+def _filled(samples: Floats) -> Floats:
+    """Samples with those before them where there are none, (n, 8)."""
+    known = np.where(np.isfinite(samples[:, 0]), np.arange(len(samples)), 0)
+    return np.asarray(samples[np.maximum.accumulate(known)])
+
+
+def interpolated(times: Floats, before: Floats, after: Floats) -> Floats:
+    """Transforms between samples (n, 8) of time and transform before and after; NaN if too far."""
+    exact = before[:, 0] == times
+    after = np.where(exact[:, None], before, after)
+    gap = after[:, 0] - before[:, 0]
+    share = np.where(exact, 0.0, (times - before[:, 0]) / np.where(gap > 0, gap, 1.0))
+    same = (before[:, 4:] * after[:, 4:]).sum(1)  # a quaternion and its negative turn alike
+    after[:, 4:] *= np.where(same < 0, -1.0, 1.0)[:, None]
+    found = before[:, 1:] + share[:, None] * (after[:, 1:] - before[:, 1:])
+    found[:, 3:] = _between(before[:, 4:], after[:, 4:], share)
+    way = np.linalg.norm(after[:, 1:4] - before[:, 1:4], axis=1)
+    turn = 2 * np.arccos(np.clip(np.abs(same), 0.0, 1.0))
+    # Greatest time between two samples of a moving pose that are interpolated [s].
+    near = (gap <= 1.0) | ((way < STILL) & (turn < STILL))
+    found[~near] = np.nan
+    return found
+
+
+def _between(one: Floats, other: Floats, share: Floats) -> Floats:
+    """Unit quaternions at a share of the turn from one to the other, (n, 4)."""
+    one, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (one, other))
+    angle = np.arccos(np.clip((one * other).sum(1), -1.0, 1.0))
+    plain = angle < 1e-6
+    sine = np.where(plain, 1.0, np.sin(angle))
+    left = np.where(plain, 1 - share, np.sin((1 - share) * angle) / sine)
+    right = np.where(plain, share, np.sin(share * angle) / sine)
+    return np.asarray(left[:, None] * one + right[:, None] * other)
+
+
+class FrameTree:
+    """Frames, and the transforms between them at the times of the scans."""
+
+    def __init__(self, times: Sequence[float]) -> None:
+        self._times = self.times = times
+        self._edges: dict[Edge, Transform | Track] = {}
+        self._left_out: set[Edge] = set()
+
+    def add_static(self, parent: str, child: str, pose: Transform) -> None:
+        """Take a transform that holds at all times."""
+        if is_transform(pose):
+            self._edges[frame_name(parent), frame_name(child)] = pose
+
+    def add(self, time: float, parent: str, child: str, pose: Transform) -> None:
+        """Take a transform at a time."""
+        edge = frame_name(parent), frame_name(child)
+        if edge in self._left_out:
+            return
+        track = self._edges.get(edge)
+        if track is None:
+            track = self._edges[edge] = Track(self._times, steady=True)
+        if isinstance(track, Track):
+            track.add(time, pose)
+
+    def keep_between(self, target: str, sources: Iterable[str]) -> None:
+        """Leave out what moves on no way from one frame to others, as a robot's wheels do."""
+        needed = {edge for each in sources for edge, _ in self._chain(target, each) or ()}
+        moving = {edge for edge, each in self._edges.items() if isinstance(each, Track)}
+        self._left_out |= moving - needed
+        self._edges = {k: each for k, each in self._edges.items() if k not in self._left_out}
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of all frames, sorted."""
+        return tuple(sorted({name for edge in self._edges for name in edge}))
+
+    @property
+    def clock(self) -> tuple[float, float]:
+        """Times of the first and the last sample that moves; infinite if there is none."""
+        tracks = [each for each in self._edges.values() if isinstance(each, Track)]
+        begins, ends = [each.begin for each in tracks], [each.end for each in tracks]
+        return min(begins, default=math.inf), max(ends, default=-math.inf)
+
+    def described(self) -> str:
+        """The frames that are connected, each group by itself, for an error message."""
+        groups: list[list[str]] = []
+        for frame in self.frames:
+            group = next((each for each in groups if self.connected(each[0], frame)), None)
+            if group is None:
+                groups.append([frame])
+            else:
+                group.append(frame)
+        return "; ".join(" - ".join(group) for group in groups) or "none"
+
+    def connected(self, target: str, source: str) -> bool:
+        """Return whether a chain of transforms leads from one frame to the other."""
+        return self._chain(target, source) is not None
+
+    def pose(self, target: str, source: str) -> Floats | None:
+        """Pose of the source frame in the target frame at all times, (n, 7); None if unconnected.
+
+        NaN at times at which a transform on the way is not known.
+        """
+        chain = self._chain(target, source)
+        if chain is None:
+            return None
+        found = np.tile(np.array(IDENTITY), (len(self._times), 1))
+        for edge, backwards in chain:
+            step = self._edges[edge]
+            pose = step.at_times() if isinstance(step, Track) else np.array([step])
+            found = composed(found, inverse(pose) if backwards else pose)
+        return found
+
+    def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
+        """Edges from target to source, each with whether it is taken backwards."""
+        if target == source:
+            return []
+        came: dict[str, tuple[str, Edge, bool]] = {}
+        near: dict[str, list[tuple[str, Edge, bool]]] = defaultdict(list)
+        for edge in self._edges:
+            near[edge[0]].append((edge[1], edge, False))
+            near[edge[1]].append((edge[0], edge, True))
+        waiting = deque([target])
+        while waiting and source not in came:
+            here = waiting.popleft()
+            for there, edge, backwards in near[here]:
+                if there != target and there not in came:
+                    came[there] = here, edge, backwards
+                    waiting.append(there)
+        if source not in came:
+            return None
+        chain = []
+        while source != target:
+            source, edge, backwards = came[source]
+            chain.append((edge, backwards))
+        return chain[::-1]
+
+
+def is_transform(pose: Transform) -> bool:
+    """Return whether the numbers are a place within all maps, and a rotation."""
+    near = all(abs(value) <= FARTHEST for value in pose)  # False for NaN
+    return near and 0.5 < math.hypot(*pose[3:]) < 2.0
+
+
+def frame_name(name: object) -> str:
+    """A frame's name without the leading slash that older robots give it."""
+    return str(name).lstrip("/")
+
+
+def composed(one: Floats, other: Floats) -> Floats:
+    """The transform `one` followed by `other`, (n, 7)."""
+    place = one[:, :3] + rotated(one[:, 3:], other[:, :3])
+    return np.concatenate([place, _product(one[:, 3:], other[:, 3:])], axis=1)
+
+
+def inverse(pose: Floats) -> Floats:
+    """The transform the other way, (n, 7)."""
+    back = pose[:, 3:] * (-1.0, -1.0, -1.0, 1.0) / (pose[:, 3:] ** 2).sum(1, keepdims=True)
+    return np.concatenate([-rotated(back, pose[:, :3]), back], axis=1)
+
+
+def rotated(turn: Floats, vector: Floats) -> Floats:
+    """Vectors (n, 3) turned by quaternions (n, 4), which need not have length 1."""
+    turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    axis, w = turn[:, :3], turn[:, 3:]
+    half = 2 * np.cross(axis, np.broadcast_to(vector, (max(len(vector), len(turn)), 3)))
+    return np.asarray(vector + w * half + np.cross(axis, half))
+
+
+def _product(one: Floats, other: Floats) -> Floats:
+    x, y, z, w = one.T
+    a, b, c, d = other.T
+    parts: Iterable[Floats] = (
+        w * a + x * d + y * c - z * b,
+        w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d,
+        w * d - x * a - y * b - z * c,
+    )
+    return np.stack(np.broadcast_arrays(*parts), axis=1)
+
+
+def in_plane(pose: Floats) -> Floats:
+    """Transforms (n, 7) seen from above: x, y and the direction of the x axis, (n, 3)."""
+    ahead = rotated(pose[:, 3:], np.array([[1.0, 0.0, 0.0]]))
+    return np.column_stack([pose[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])])
+
+
+def upward(pose: Floats) -> Floats:
+    """Height of the tip of each transform's z axis: 1 upright, -1 upside down, (n,)."""
+    return rotated(pose[:, 3:], np.array([[0.0, 0.0, 1.0]]))[:, 2]
+
+
+def window_around(
+    row: float, col: float, reach: float, map_shape: tuple[int, int]
+) -> tuple[slice, slice]:
+    """Rows and columns of a map within `reach` of a position [cells]."""
+    ends = [
+        slice(*(min(max(int(v), 0), size) for v in (math.floor(at - reach), at + reach + 1)))
+        for at, size in zip((row, col), map_shape, strict=True)
+    ]
+    return ends[0], ends[1]

@@ -1,0 +1,98 @@
+"""What is imported when it is first used: public names with their help, drawings, extras."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import io
+import textwrap
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import lazy_loader
+
+from locplan.errors import LocplanError
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+
+def attach(
+    package: str, file: str
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package whose names stand in its stub."""
+    get, names, public = lazy_loader.attach_stub(package, file)
+    return get, names, public
+
+
+def field_docs(kind: type) -> dict[str, str]:
+    """The docstring of each field in one line, those of base classes included.
+
+    A class that was not written in a file has none.
+    """
+    docs = dict.fromkeys(_types_of(kind), "")
+    for base in reversed(kind.__mro__[:-1]):
+        try:
+            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        except (OSError, TypeError):
+            continue
+        assert isinstance(tree, ast.ClassDef)
+        for one, after in zip(tree.body, tree.body[1:], strict=False):
+            match one, after:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(text))),
+                ):
+                    docs[name] = " ".join(text.split())
+    return docs
+
+
+def _types_of(kind: type) -> dict[str, str]:
+    """The fields that a class is made with, and their types as they are written."""
+    if dataclasses.is_dataclass(kind):
+        return {each.name: str(each.type) for each in dataclasses.fields(kind) if each.init}
+    hints = getattr(kind, "__annotations__", {})
+    names = getattr(kind, "_fields", ())
+    return {name: getattr(hints.get(name), "__forward_arg__", "") for name in names}
+
+
+class Pictured:
+    """An object with a figure, which is its display in a notebook."""
+
+    if TYPE_CHECKING:
+        figure: Callable[..., Any]
+
+    @property
+    def drawable(self) -> bool:
+        """Whether there is anything to draw."""
+        return True
+
+    def _repr_png_(self) -> bytes | None:
+        return png_of(self.figure()) if self.drawable else None
+
+
+def png_of(figure: object, dpi: int = 80) -> bytes:
+    """PNG image of a figure of matplotlib."""
+    written = io.BytesIO()
+    save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type
+    save(written, format="png", dpi=dpi, bbox_inches="tight", pad_inches=0.1)
+    return written.getvalue()
+
+
+def templates_of(package: str, **style: Any) -> Environment:
+    """The Jinja templates in a package's folder `templates`; they refuse names without a value."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader(package)
+    return Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, **style)
+
+
+def needed(library: str, extra: str, what: str) -> None:
+    """Raise a LocplanError if a library of an extra is missing; `what` needs it.
+
+    It is called before the work whose result the library takes.
+    """
+    if find_spec(library) is None:
+        raise LocplanError(f"{what} needs {library}: pip install 'locplan[{extra}]'")

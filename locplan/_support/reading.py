@@ -1,0 +1,248 @@
+"""The one door to files that are read: plain ones of a size known before, YAML, and stamps."""
+
+from __future__ import annotations
+
+import gzip
+import itertools
+import json
+import os
+import re
+import stat
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from io import BufferedReader, TextIOWrapper
+from pathlib import Path
+from typing import Any
+
+from locplan import __version__
+from locplan._support.checks import shown
+from locplan.errors import LocplanError, MapError
+
+MAX_BYTES, MAX_JSON_BYTES, MAX_LOG_BYTES = 2**24, 2**20, 2**32
+"""Maximum size of a text that is read at once, whose numbers may take fifty times as much; of a
+file of settings, or of a description in JSON; and, unpacked, of a log that is read line by line."""
+MAX_LINE, MAX_LINES = 2**22, 2**22
+"""Maximum length of a log's line [characters], and greatest number of lines."""
+
+NO_FILE = "there is no such file", "check its name and folder"
+"""Fault and remedy of a missing file."""
+
+
+def opened(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:
+    """Open a plain file of up to `limit` bytes; an OSError if it is none: a pipe would block."""
+
+    def without_waiting(path: str, flags: int) -> int:
+        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+    content = open(file, "rb", opener=without_waiting)  # noqa: SIM115
+    status = os.fstat(content.fileno())
+    if stat.S_ISREG(status.st_mode) and status.st_size <= limit:
+        return content
+    content.close()
+    if stat.S_ISREG(status.st_mode):
+        raise OSError(f"it is over {limit / 1e6:.3g} MB, too much for such a file")
+    raise OSError("it is no plain file, but a pipe or a device")
+
+
+def read_bytes(file: str | os.PathLike[str], limit: int) -> bytes:
+    """Content of a plain file of up to `limit` bytes; an OSError or a ValueError if it is none."""
+    with opened(file, limit) as content:
+        return content.read(os.fstat(content.fileno()).st_size)  # room is made for all of it
+
+
+@contextmanager
+def _readable(where: str = "") -> Iterator[None]:
+    """Say in one line what fails while a text is read; `where` begins the line."""
+    try:
+        yield
+    except UnicodeDecodeError:
+        raise LocplanError(f"{where}is no text; save it as UTF-8") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        raise LocplanError(f"{where}is cut off or damaged (gzip); copy it again") from None
+    except FileNotFoundError:
+        raise LocplanError(where + "; ".join(NO_FILE)) from None
+    except (OSError, ValueError) as error:  # the latter for names that no file can have
+        reason = getattr(error, "strerror", None) or error
+        raise LocplanError(f"{where}cannot be read ({reason})") from None
+
+
+def read_text(file: Path, limit: int = MAX_BYTES) -> str:
+    """Read a text in UTF-8, without a byte order mark.
+
+    Raises
+    ------
+    LocplanError
+        If it cannot be read, or is no text of up to `limit` bytes.
+    """
+    with _readable(f"{file}: "):
+        return read_bytes(file, limit).decode("utf-8-sig")
+
+
+def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, str]]:
+    """Lines of a log with their numbers, one at a time; one that ends in .gz is unpacked meanwhile.
+
+    Raises
+    ------
+    LocplanError
+        If it cannot be read, is damaged, is no text in UTF-8 (unless `errors` are replaced), or is
+        too long.
+    """
+    number = size = 0
+    with _readable(), opened(file, MAX_LOG_BYTES) as content:
+        unpacked = gzip.GzipFile(fileobj=content) if file.suffix == ".gz" else content
+        text = TextIOWrapper(unpacked, "utf-8-sig", errors)
+        while line := text.readline(MAX_LINE):
+            number, size = number + 1, size + len(line)
+            if len(line) == MAX_LINE:
+                raise LocplanError(f"line {number} is too long for a log of scans")
+            if number > MAX_LINES or size > MAX_LOG_BYTES:
+                most = f"{MAX_LINES:,} lines, or {MAX_LOG_BYTES / 1e6:.0f} MB"
+                raise LocplanError(f"goes on beyond {most}; split it")
+            yield number, line
+
+
+def parsed_json(text: str, entries: Callable[[dict[str, Any]], Any] | None = None) -> Any:
+    """Value of a text in JSON; a ValueError if it is none, or too deep or long to be read.
+
+    What `entries` makes of each dictionary stands in its place.
+    """
+    try:
+        return json.loads(text, object_hook=entries)
+    except RecursionError:
+        raise ValueError("its brackets are too deep") from None
+
+
+SCALAR_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "int", "float", "bool")}
+ROS_BOOLEANS = {"y": True, "Y": True, "n": False, "N": False}
+"""Plain words that are booleans to ROS, but texts to PyYAML."""
+ROS_NUMBER = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+")
+"""Plain words that are numbers to ROS, but texts to PyYAML."""
+MAX_DEPTH = 100
+"""Maximum depth of brackets; PyYAML's time grows with its square."""
+
+
+def compose(file: Path, content: bytes, remedy: str) -> Any:
+    """Nodes of a file's YAML or None, of which no tag is obeyed and no alias expanded."""
+    import yaml
+
+    if _depth(content) > MAX_DEPTH:
+        raise fault_of(file, f"has brackets over {MAX_DEPTH} deep", remedy)
+    try:
+        return yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
+        mark = getattr(error, "problem_mark", None)
+        fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
+        raise fault_of(file, fault, remedy) from error
+
+
+def document(file: Path, content: bytes, remedy: str) -> Any:
+    """Values of a file's YAML of locplan's own; None if it holds none, or others."""
+    import yaml
+
+    node = compose(file, content, remedy)
+    try:
+        # Aliases are not expanded: a node that comes again is one object.
+        return yaml.SafeLoader("").construct_document(node) if node else None
+    except Exception:  # a value that is none of its tag fails in as many ways as there are tags
+        return None
+
+
+def dumped(content: Mapping[str, Any], **style: Any) -> str:
+    """Text of values in their order, as YAML."""
+    import yaml
+
+    style = {"sort_keys": False, "allow_unicode": True, "width": 100, **style}
+    text: str = yaml.safe_dump(content, **style)
+    return text
+
+
+def scalar(node: Any) -> Any:
+    """Value of a scalar among YAML's nodes; its text where the value is none of its tag."""
+    import yaml
+
+    try:
+        return yaml.SafeLoader("").construct_object(node) if node.tag in SCALAR_TAGS else node.value
+    except (ValueError, ArithmeticError, LookupError, AttributeError):  # such as !!int x
+        return node.value
+
+
+def _depth(content: bytes) -> int:
+    """Depth of the brackets of a text, those in comments and quotes included."""
+    steps = (1 if bracket in b"[{" else -1 for bracket in re.findall(rb"[\[\]{}]", content))
+    depths = itertools.accumulate(steps, lambda depth, step: max(0, depth + step), initial=0)
+    return max(depths)
+
+
+def read_content(file: Path, limit: int, remedy: str) -> bytes:
+    """Read a plain file of up to `limit` bytes; what is none is a MapError with the remedy."""
+    try:
+        content = read_bytes(file, limit)
+    except FileNotFoundError:
+        raise fault_of(file, *NO_FILE) from None
+    except (OSError, ValueError) as error:
+        raise fault_of(file, f"cannot be read ({reason_of(error)})", remedy) from error
+    if not content:
+        raise fault_of(file, "is empty", "copy or export it again")
+    if content.startswith(b"version https://git-lfs.github.com/spec/"):
+        raise fault_of(file, "is a Git LFS pointer, not the content", "run git lfs pull")
+    return content
+
+
+def fault_of(file: Path, fault: str, remedy: str) -> MapError:
+    """Make the error of a file: the end of its name, what is wrong, and the remedy."""
+    return MapError(f"{str(file)[-200:]}: {fault}; {remedy}")
+
+
+def reason_of(error: Exception) -> str:
+    """Return the short reason in the message of another library's error."""
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr or Pillow's alarm
+
+
+def scalar_text(value: float | str | bool) -> str:
+    """Text of a value that YAML and ROS read as the same value of the same type."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = str(value) if isinstance(value, str) else repr(value)
+    if isinstance(value, float) and "e" in text and "." not in text:
+        text = text.replace("e", ".0e")
+    return text
+
+
+def flow_text(value: Any) -> str:
+    """Text of a value, a list or a mapping in a line, which YAML and ROS read as the same.
+
+    Names of plugins are quoted: libyaml below 0.2.2 fails on an unquoted :: between braces.
+    """
+    if isinstance(value, str) and "::" in value:
+        return f'"{value}"'
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key}: {flow_text(each)}' for key, each in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(flow_text, value))}]"
+    return scalar_text(value)
+
+
+STAMP = ("locplan", "kind", "version")
+"""Names of the entries."""
+
+
+def stamp(kind: str, version: int) -> dict[str, Any]:
+    """First entries of a file: who wrote it, and what it holds."""
+    return dict(zip(STAMP, (__version__, kind, version), strict=True))
+
+
+def check_stamp(file: object, content: object, kind: str, version: int) -> None:
+    """Raise a LocplanError unless a file holds this kind of thing, in a version that is known."""
+    entries = content if isinstance(content, dict) else {}
+    holds, found = entries.get("kind"), entries.get("version")
+    if not isinstance(holds, str) or not isinstance(found, int) or not 1 <= found < 10**6:
+        raise LocplanError(f"{file}: is damaged, or no {kind} that locplan has saved; save it anew")
+    if holds != kind:
+        raise LocplanError(f"{file}: holds a {shown(holds)[1:-1]}, not a {kind}; name another file")
+    if found > version:
+        raise LocplanError(
+            f"{file}: is of a newer locplan (version {found} of a {kind}, this one reads"
+            f" {version}); update locplan"
+        )

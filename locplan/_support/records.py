@@ -1,0 +1,284 @@
+"""Results: tables whose columns are declared once, in text and in files, and what is saved."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._support import tables
+from locplan._support.checks import file_path
+from locplan._support.output import Results
+from locplan._support.public import Pictured, needed
+from locplan._support.saved import Stored, plain
+
+if TYPE_CHECKING:
+    import pandas
+
+FILE_DPI = 130
+"""Pixels an inch of pictures in files."""
+IN_FILES: dict[str, Any] = {"dpi": FILE_DPI, "bbox_inches": "tight", "pad_inches": 0.1}
+"""How pictures are written into files."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """What one column of a table is called, in which unit, and how people see it."""
+
+    name: str
+    """Name in files, which stands for the same quantity in all of them."""
+    unit: str = ""
+    """Unit in files, where lengths are in metres and angles in radians; empty without one."""
+    title: str | None = None
+    """Heading for people, without the unit; None for a column that is in files only."""
+    digits: int = 2
+    """Digits behind the point for people."""
+    people: str = ""
+    """Unit that people see instead: "cm", "deg" or "%"."""
+    signed: bool = False
+    """True if people see a plus before what is above 0."""
+    interval: bool = False
+    """True if the values are `Interval`s, which take three columns in files."""
+    value: Callable[[Any], Any] | None = None
+    """Gives a record's value; by default it is the attribute of this name."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns in files."""
+        ends = ("", "_low", "_high") if self.interval else ("",)
+        return tuple(f"{self.name}{end}" for end in ends)
+
+    @property
+    def heading(self) -> str:
+        """Title and unit; a per cent sign stands behind each value instead."""
+        unit = self.people or self.unit
+        return f"{self.title} [{unit}]" if unit not in ("", "%") else str(self.title)
+
+    def of(self, record: object) -> Any:
+        """The value of a record."""
+        return self.value(record) if self.value else getattr(record, self.name)
+
+    def text(self, value: Any) -> str:
+        """A value for people; a dash where it is not known."""
+        if isinstance(value, str):
+            return value
+        middle, *ends = value if self.interval else (value,)
+        if not math.isfinite(middle):
+            return "-"
+        # Small errors are shown in millimetres.
+        exact = self.interval and self.unit == "m" and middle < 0.0995
+        # z: no minus before what rounds to 0
+        form = f"{'+' if self.signed else ''}z.{self.digits + exact}f"
+        percent = "%" if self.people == "%" else ""
+        scale = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}[self.people]
+        middle, *ends = (f"{scale * each:{form}}" for each in (middle, *ends))
+        known = self.interval and math.isfinite(value[1])
+        # Without a space in it, an interval is never broken over two rows.
+        return f"{middle}{percent} [{','.join(ends)}]" if known else f"{middle}{percent}"
+
+
+Outline = tuple[NDArray[np.float64], ...]
+"""A polygon's corners, and those of its holes, (n, 2) each [m]."""
+POSITION: tuple[Column, ...] = Column("x", "m", "x"), Column("y", "m", "y")
+POSE: tuple[Column, ...] = (*POSITION, Column("heading", "rad", "heading", 0, "deg"))
+"""Columns of poses in the world, and of positions."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under declared columns; `print` shows it as text."""
+
+    columns: tuple[Column, ...]
+    """The columns."""
+    rows: tuple[tuple[Any, ...], ...]
+    """A value for each column in each row: numbers in the column's unit, texts, or intervals."""
+
+    @classmethod
+    def of(
+        cls, columns: Iterable[Column], records: Iterable[object], *, number: str | None = None
+    ) -> Table:
+        """The table of some records.
+
+        Parameters
+        ----------
+        columns : iterable of Column
+            What is shown of each.
+        records : iterable
+            The records, a row each.
+        number : str, optional
+            Heading of a first column, `number`, that counts the rows from 1; none by default.
+        """
+        declared = tuple(columns)
+        rows = tuple(tuple(column.of(each) for column in declared) for each in records)
+        if number is None:
+            return cls(declared, rows)
+        counted = tuple((n, *row) for n, row in enumerate(rows, 1))
+        return cls((Column("number", title=number, digits=0), *declared), counted)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __str__(self) -> str:
+        return self.text()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all columns in files."""
+        return tuple(name for column in self.columns for name in column.names)
+
+    def text(self, first: int | None = None, width: int | None = None) -> str:
+        """The table for people.
+
+        Parameters
+        ----------
+        first : int, optional
+            Number of the rows that are shown; all by default.
+        width : int, optional
+            Maximum width [characters]; the terminal's by default.
+        """
+        shown = [n for n, column in enumerate(self.columns) if column.title is not None]
+        heads = [self.columns[n].heading for n in shown]
+        rows = [[self.columns[n].text(row[n]) for n in shown] for row in self.rows[:first]]
+        return tables.table(heads, rows, width=width)
+
+    def turned(self) -> list[list[str]]:
+        """Heading and values of each column for people, a row each: few records side by side."""
+        shown = [(n, column) for n, column in enumerate(self.columns) if column.title is not None]
+        return [[each.heading, *(each.text(row[n]) for row in self.rows)] for n, each in shown]
+
+    def records(self) -> list[dict[str, Any]]:
+        """The rows by the names of their columns, fit for JSON; null is what is not known."""
+        return [tables.finite(dict(zip(self.names, row, strict=True))) for row in self._values()]
+
+    def write_csv(self, file: Path) -> None:
+        """Write the rows, as a whole or not at all; what is not known is empty.
+
+        Parameters
+        ----------
+        file : path
+            The file.
+        """
+        tables.write_rows(file, self.names, self._values())
+
+    def write_geojson(
+        self, file: Path, outlines: Iterable[ArrayLike | Outline], *, frame: str = "map"
+    ) -> None:
+        """Write each row with its outline, as a whole or not at all.
+
+        Parameters
+        ----------
+        file : path
+            The file, whose name is that of the collection.
+        outlines : iterable of (n, 2) array, or of tuple of such arrays
+            Corners of a polygon for each row [m], the last one not the first one again; of a tuple
+            the further ones are its holes.
+        frame : str, default "map"
+            The frame of the corners, which each feature names.
+        """
+        features = []
+        for about, each in zip(self.records(), outlines, strict=True):
+            corners = tables.closed(*(each if isinstance(each, tuple) else [each]))
+            features.append(tables.feature("Polygon", corners, {**about, "frame": frame}))
+        tables.write_geojson(file, tables.collection(file.stem, features))
+
+    def to_frame(self) -> pandas.DataFrame:
+        """A data frame of pandas; a LocplanError if it is not installed."""
+        needed("pandas", "tables", "a data frame")
+        import pandas
+
+        return pandas.DataFrame([*self._values()], columns=[*self.names])
+
+    def _values(self) -> Iterator[Sequence[Any]]:
+        """The values of each row by `names`."""
+        for row in self.rows:
+            pairs = zip(self.columns, row, strict=True)
+            yield [own for c, value in pairs for own in (value if c.interval else (value,))]
+
+
+def values_of(columns: Iterable[Column], record: object) -> dict[str, Any]:
+    """Return the values of a record by the names of columns, fit for JSON; intervals are lists.
+
+    Parameters
+    ----------
+    columns : iterable of Column
+        The columns.
+    record : object
+        The record.
+    """
+    values = {column.name: column.of(record) for column in columns}
+    return dict(tables.finite(values))
+
+
+class Result(Pictured):
+    """What a command finds: numbers, text for people, a figure, and a folder with all of them."""
+
+    files: ClassVar[Results]
+    """The files of a folder of results."""
+    if TYPE_CHECKING:
+        report: Callable[..., str]
+
+    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+        """Return the result in numbers, fit for JSON: by default all of its fields.
+
+        Parameters
+        ----------
+        *about, **more
+            What belongs to it, such as the drives that verify it.
+        """
+        return plain(self)
+
+    def table(self) -> Table:
+        """What was found, a row each."""
+        raise NotImplementedError
+
+    def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
+        """Write the summary as JSON, the figure, and the tables, whole or not at all.
+
+        Parameters
+        ----------
+        folder : path
+            Folder of the results, which need not exist.
+        *about
+            What `summary` takes.
+        force : bool, default False
+            True overwrites files of the same names and removes other results; other files stay.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written, or the folder holds files that are not earlier results of
+            this kind.
+        """
+        target = self.files.into(file_path("a folder of results", folder), force=force)
+        with target.writing() as new:
+            self.write_files(new, *about)
+
+    def write_files(self, folder: Path, *about: Any) -> None:
+        """Write what `save` writes into a folder that is there.
+
+        Parameters
+        ----------
+        folder : path
+            The folder.
+        *about
+            What `summary` takes.
+        """
+        kind = self.files.kind
+        if isinstance(self, Stored) and self.suffix == ".json":
+            self.write(folder / f"{kind}.json")
+        else:
+            tables.write_json(folder / f"{kind}.json", self.summary(*about))
+        if self.drawable:
+            self.figure(*about).savefig(folder / f"{kind}.png", **IN_FILES)
+        self._write(folder, *about)
+
+    def _write(self, folder: Path, *about: Any) -> None:
+        """Write what there is beside the summary and the figure: the table, in the one CSV."""
+        (name,) = (each for each in self.files.names if each.endswith(".csv"))
+        self.table().write_csv(folder / name)

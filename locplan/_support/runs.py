@@ -1,0 +1,220 @@
+"""The run that results come from: a command with its settings, in the folder of its results."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path, PurePath
+from typing import Any
+
+from locplan._support.reading import (
+    MAX_JSON_BYTES,
+    check_stamp,
+    document,
+    dumped,
+    read_content,
+    stamp,
+)
+from locplan.errors import LocplanError
+
+RUN_FILE = "run.yaml"
+"""The file in a folder of results that records the command, its settings and the version."""
+BESIDE = f".{RUN_FILE}"
+"""Ending of the run beside a file."""
+KIND, VERSION = "run", 1
+REMEDY = "name the run.yaml of a folder of results"
+Setting = str | bool | list[str]
+"""What was typed for an option: its text, True for a switch, or texts of a repeated one."""
+POSITIONAL = "map", "file"
+"""Names of arguments that are typed without them."""
+_CURRENT: list[Run] = []
+
+
+@dataclass
+class Run:
+    """A command with its settings as they were typed, and what it read."""
+
+    command: str
+    """Name of the command."""
+    settings: dict[str, Setting]
+    """What was typed for each option, by its name; "map" has the maps."""
+    files: frozenset[str] = frozenset()
+    """Names of the settings that name files."""
+    maps: dict[str, str] = field(default_factory=dict)
+    """Digest of each map that was read, by its name."""
+    robot: dict[str, str] = field(default_factory=dict)
+    """Title and digest of the robot; nothing where there is none."""
+    written: list[str] = field(default_factory=list)
+    """A line for people on each of the most useful files that were written."""
+
+    def content(self, home: Path) -> dict[str, Any]:
+        """Entries of run.yaml, with files as they are named from the folder where it will be."""
+        settings = dict(self.settings)
+        for name in self.files & settings.keys():
+            settings[name] = _each(settings[name], lambda text: _relative(text, home))
+        content: dict[str, Any] = {"command": self.command, "settings": settings}
+        content |= {name: each for name in ("maps", "robot") if (each := getattr(self, name))}
+        content["files"] = sorted(self.files & settings.keys())
+        return content
+
+    @classmethod
+    def read(cls, path: Path) -> Run:
+        """The run of a file, or of the one in a folder, with files as they are named from here.
+
+        Raises
+        ------
+        LocplanError
+            If it cannot be read, is damaged, or of a newer locplan.
+        """
+        file = path / RUN_FILE if path.is_dir() else path
+        content = document(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
+        check_stamp(file, content, KIND, VERSION)
+        if "command" not in content:
+            raise LocplanError(f"{file}: was written in Python, not by a command; {REMEDY}")
+        try:
+            files = frozenset(map(str, content["files"]))
+            settings = {str(name): value for name, value in content["settings"].items()}
+            for name, value in settings.items():
+                if name in files:
+                    settings[name] = _each(value, partial(_from, file.parent))
+                elif value is not True:
+                    settings[name] = _each(value, str)
+            maps, robot = (
+                {str(name): str(each) for name, each in content.get(about, {}).items()}
+                for about in ("maps", "robot")
+            )
+            return cls(str(content["command"]), settings, files, maps, robot)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise LocplanError(f"{file}: is damaged; {REMEDY}") from None
+
+    def words(self) -> list[str]:
+        """The words of the command line, without those for the output."""
+        words = [self.command]
+        for name, value in self.settings.items():
+            option = f"--{name.replace('_', '-')}"
+            for each in value if isinstance(value, list) else [value]:
+                words.append(
+                    as_argument(str(each)) if name in POSITIONAL else option if each is True
+                    else f"{option}={each}"
+                )  # fmt: skip
+        return words
+
+
+@contextmanager
+def running(run: Run) -> Iterator[Run]:
+    """Let folders of results that are written in this block have the run's file."""
+    _CURRENT.append(run)
+    try:
+        yield run
+    finally:
+        _CURRENT.pop()
+
+
+def typed() -> list[str]:
+    """The words of the command that runs, without those for the output; none in Python."""
+    return ["locplan", *_CURRENT[-1].words()] if _CURRENT and _CURRENT[-1].command else []
+
+
+def note_map(name: str, digest: Callable[[], str]) -> None:
+    """Tell the run, if there is one, which map was read."""
+    if _CURRENT and _CURRENT[-1].command:
+        _CURRENT[-1].maps[name] = digest()
+
+
+def note_robot(title: str, digest: str) -> None:
+    """Tell the run, if there is one, which robot it is for."""
+    if _CURRENT:
+        _CURRENT[-1].robot = {"title": title, "digest": digest}
+
+
+def note_written(target: Path, files: Sequence[tuple[Path, str]], n_more: int) -> None:
+    """Tell the run, if there is one, which files were written.
+
+    Parameters
+    ----------
+    target : Path
+        The file or folder of the results.
+    files : sequence of (Path, str)
+        The most useful files with their purposes.
+    n_more : int
+        Number of the other files.
+    """
+    if _CURRENT:
+        lines = [f"wrote {file}: {purpose}" for file, purpose in files]
+        if n_more:
+            number = f"{n_more} more files" if n_more > 1 else "1 more file"
+            lines.append(f"wrote {target}: {number}" if files else f"wrote {target}")
+        _CURRENT[-1].written += lines
+
+
+def take_written() -> list[str]:
+    """Return the lines on the files that the run has written since the last call."""
+    if not _CURRENT:
+        return []
+    lines, _CURRENT[-1].written = _CURRENT[-1].written, []
+    return lines
+
+
+def run_text(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
+    """Text of run.yaml: the command that runs, if there is one, and what it has written.
+
+    Parameters
+    ----------
+    home : Path
+        The folder where it will be.
+    kind : str
+        The kind of the results.
+    outputs : mapping of str to str
+        SHA-256 of each file by its name.
+    """
+    content = stamp(KIND, VERSION)
+    if _CURRENT and _CURRENT[-1].command:
+        content |= _CURRENT[-1].content(home)
+    return dumped({**content, "results": kind, "outputs": dict(sorted(outputs.items()))})
+
+
+def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
+    """Kind of the results that a run has written, and SHA-256 of each file by its name.
+
+    The kind is None if there is no such run.
+    """
+    try:
+        content = document(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
+        check_stamp(file, content, KIND, VERSION)
+        outputs = {str(name): str(digest) for name, digest in content["outputs"].items()}
+        return str(content["results"]), outputs
+    except (LocplanError, KeyError, TypeError, AttributeError):
+        return None, {}
+
+
+def _each(value: Any, change: Any) -> Setting:
+    if isinstance(value, list):
+        return [change(str(each)) for each in value]
+    return str(change(str(value)))
+
+
+def _relative(text: str, home: Path) -> str:
+    """A file as it is named from a folder; on another drive it stays as it is.
+
+    So does the name of a built-in map, which is no file.
+    """
+    if not os.path.lexists(text):
+        return text
+    try:
+        return PurePath(os.path.relpath(text, home)).as_posix()
+    except ValueError:
+        return os.path.abspath(text)
+
+
+def _from(home: Path, text: str) -> str:
+    """A file that is named from a folder, as it is named from here."""
+    file = os.path.normpath(home / text)
+    return file if os.path.lexists(file) else text
+
+
+def as_argument(text: str) -> str:
+    """A file's name as an argument: one that begins with a dash would be an option."""
+    return f"./{text}" if text.startswith("-") else text

@@ -1,0 +1,179 @@
+"""Ctrl-C and SIGTERM within a second: a process that works, and one that outlives it and clears up.
+
+Why not a thread that waits on `signal.set_wakeup_fd`: it needs the interpreter, which numba holds
+for 0.3 s of CPU at a time while it compiles. On a busy machine the thread waited 3.3 s. In OMPL it
+waited at most 0.8 s, since the termination condition is in Python. Foreign code of a user's planner
+may hold the interpreter for any time.
+
+So the first process only waits. It passes a signal on, gives the second one a short time to end in
+good order, kills it otherwise, and clears its temporary folders. If nobody outlives a process that
+is killed, the next one that writes to the same place does so, see `locplan._support.output`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+_listener: tuple[int, int] | None = None
+"""Both ends of the pipe that names temporary folders to the process that outlives this one."""
+_there: set[str] = set()
+"""The temporary folders of this process."""
+
+
+def announce(folder: str, *, is_gone: bool = False) -> None:
+    """Tell the process that outlives this one of a temporary folder that it has to clear."""
+    if is_gone:
+        _there.discard(folder)
+        return
+    _there.add(folder)
+    if _listener is not None:
+        _name(*_listener, folder)
+
+
+def _name(heard: int, said: int, *folders: str) -> None:
+    """Name temporary folders to the process that outlives this one."""
+    try:
+        os.write(said, b"".join(os.fsencode(each) + b"\0" for each in folders))
+    except BlockingIOError:  # names are read at the end: it is full of folders that are long gone
+        with suppress(BlockingIOError):
+            os.read(heard, 1 << 20)
+        _name(heard, said, *_there)
+
+
+def existing(said: bytes) -> list[str]:
+    """Return those temporary folders, named each with a null behind, that are still there."""
+    return [folder for folder in map(os.fsdecode, said.split(b"\0")[:-1]) if os.path.isdir(folder)]
+
+
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit code after Ctrl-C."""
+TERMINATED = 128 + signal.SIGTERM
+"""Exit code after SIGTERM."""
+PASSED_ON = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
+"""Signals that the first process passes on to the second."""
+WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""What the first process reports after a signal; after others nobody is there to read it."""
+
+
+def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
+    """Run `work` in a process of its own, `clear` the folders that it leaves; return its exit code.
+
+    It does not return in the process that works, unless the system has no fork: there the only
+    process works.
+    """
+    if not hasattr(os, "fork"):
+        work()
+        return 0
+
+    passed_on = {each for each in PASSED_ON if signal.getsignal(each) != signal.SIG_IGN}
+    heard, said = os.pipe()
+    for end in (heard, said):  # it tells of what is left; nobody waits for that
+        os.set_blocking(end, False)
+    first = os.getpid()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, passed_on)
+    process = os.fork()
+    if not process:
+        _work(work, (heard, said), first, passed_on & set(WORDS), before)
+    os.close(said)
+    asked: list[int] = []
+
+    def send(number: int) -> None:
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(process, number)
+
+    def pass_on(number: int, _: object) -> None:
+        if not asked:
+            # Time that a process has to end in good order after a signal [s].
+            signal.setitimer(signal.ITIMER_REAL, 0.5)
+        asked.append(number)
+        send(number)
+
+    signal.signal(signal.SIGALRM, lambda *_: send(signal.SIGKILL))
+    for each in passed_on:
+        signal.signal(each, pass_on)
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    _, status = os.waitpid(process, 0)
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    for each in passed_on:
+        signal.signal(each, signal.SIG_IGN)
+    with suppress(BlockingIOError):  # there is nothing to hear
+        for folder in existing(os.read(heard, 1 << 20)):
+            clear(folder)
+    return _exit_code(asked, os.waitstatus_to_exitcode(status))
+
+
+def end_if_supervised(code: int = INTERRUPTED) -> None:
+    """End this process at once, without its threads, if another one clears up and reports."""
+    if _listener is not None:
+        os._exit(code)
+
+
+def end_with_parent(parent: int) -> None:
+    """Let the system end this process with its parent, even while it hangs (on Linux)."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        if os.getppid() != parent:
+            sys.exit()
+
+
+def _work(
+    work: Callable[[], None],
+    pipe: tuple[int, int],
+    parent: int,
+    interrupts: set[int],
+    mask: set[Any],
+) -> None:
+    """Do the work in the second process, and end it."""
+    global _listener
+    _listener = pipe
+    try:
+        for number in interrupts:
+            signal.signal(number, _interrupt)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        end_with_parent(parent)
+        work()
+        sys.exit()
+    except KeyboardInterrupt:
+        end_if_supervised()
+    finally:
+        for number in interrupts:  # all is done, and only the interpreter's own end is left
+            signal.signal(number, signal.SIG_IGN)
+
+
+def _exit_code(asked: list[int], code: int) -> int:
+    """The exit code of the first process, after it has said in one line how the second ended."""
+    if asked and os.isatty(2):
+        os.write(2, b"\r\x1b[2K\x1b[?25h")  # the bar goes, and the cursor that it hid comes back
+    if not asked and -code in PASSED_ON:
+        asked = [-code]  # the terminal sent it to both, and this process had it later
+    elif not asked and code == INTERRUPTED:
+        asked = [signal.SIGINT]
+    if asked and code:
+        if word := WORDS.get(asked[0]):
+            os.write(2, f"locplan: {word}\n".encode())
+        return 128 + asked[0]
+    if code < 0:
+        name = signal.Signals(-code).name
+        os.write(2, f"locplan: error: its process was ended by {name}\n".encode())
+        return 128 - code
+    return code
+
+
+def _interrupt(*_: object) -> None:
+    for number in WORDS:
+        signal.signal(number, _ignore)  # a second one must not disturb what ends in good order
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries wrap and report it in many ways
+    raise KeyboardInterrupt
+
+
+def _ignore(*_: object) -> None:
+    pass

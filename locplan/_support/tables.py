@@ -1,0 +1,226 @@
+"""Tables, sizes and ages for people to read, and numbers for CSV and JSON files."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import math
+import re
+import shutil
+import textwrap
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan import __version__
+from locplan._support.kernels.arrays import Floats
+from locplan._support.output import replacing
+
+T = TypeVar("T")
+
+TEXT_WIDTH, REPORT_WIDTH = 105, 100
+"""Maximum width of text beside tables, and that of running text in reports [characters]."""
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""Beginning of a text that a spreadsheet takes for a formula, or that `csv_cell` has guarded."""
+
+
+def write_csv(target: Path, values: Floats, header: str, number: str = "%.6f") -> None:
+    """Write columns of numbers with a header as CSV, whole or not at all."""
+    with replacing(target) as temporary:
+        np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
+
+
+def write_json(file: Path, about: Mapping[str, object]) -> None:
+    """Write numbers and texts with the version of locplan, as a whole or not at all."""
+    with replacing(file) as temporary:
+        text = json.dumps({"locplan": __version__, **about}, indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def write_rows(target: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows of names and numbers, as a whole or not at all; what is not known is empty.
+
+    Signs that UTF-8 does not have, such as in the names of some files, are question marks.
+    """
+    with (
+        replacing(target) as temporary,
+        temporary.open("w", newline="", encoding="utf-8", errors="replace") as file,
+    ):
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows([csv_cell(value) for value in row] for row in rows)
+
+
+def csv_cell(value: Any) -> Any:
+    """A value for a CSV file: nothing for what is not finite, and no formula of a spreadsheet.
+
+    A text that it would compute gets an apostrophe, as OWASP advises; a number in a text stays.
+    """
+    if isinstance(value, str) and _FORMULA.match(value):
+        with contextlib.suppress(ValueError):
+            float(value)
+            return value
+        return f"'{value}"
+    if isinstance(value, (str, int)):  # all digits of a seed count
+        return value
+    return f"{value:.9g}" if math.isfinite(value) else ""
+
+
+def from_csv_cell(text: str) -> str:
+    """The text that `csv_cell` has written."""
+    return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
+
+
+def finite(values: T) -> T:
+    """Values for JSON, which knows neither NaN nor infinity: null stands for both, at any depth."""
+    cleaned: T = _finite(values)
+    return cleaned
+
+
+def _finite(values: Any) -> Any:
+    if isinstance(values, Mapping):
+        return {key: _finite(value) for key, value in values.items()}
+    if isinstance(values, (list, tuple)):
+        return [_finite(value) for value in values]
+    return None if isinstance(values, float) and not math.isfinite(values) else values
+
+
+def table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, width: int | None = None
+) -> str:
+    """Text of a table, at most as wide as the terminal, or as `width` [characters]."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Column, Table
+    from rich.text import Text
+
+    # Plain text in a notebook and on a terminal, too: it may be written to a file.
+    console = Console(width=width, force_jupyter=False, color_system=None)
+    titles = columns or [""] * max(map(len, rows), default=0)
+    room = console.width - 3 * len(titles) - 1  # between the columns stand three characters
+    widths = _without_broken_words([*zip(titles, *rows, strict=True)], room)
+    heads = [
+        Column(Text(title), overflow="fold", width=wide)
+        for title, wide in zip(titles, widths, strict=True)
+    ]
+    grid = Table(*heads, box=box.SIMPLE if columns else None, show_header=bool(columns))
+    for row in rows:
+        grid.add_row(*(Text(text) for text in row))  # a map's name may hold brackets
+    with console.capture() as capture:
+        console.print(grid)
+    return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
+
+
+def align(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Text of a table of few columns, whose rows are never broken, however narrow the terminal."""
+    from rich.cells import cell_len
+
+    widths = [max(map(cell_len, column)) for column in zip(heads, *rows, strict=True)]
+    lines = (
+        "  ".join(
+            cell + " " * (width - cell_len(cell)) for cell, width in zip(row, widths, strict=True)
+        )
+        for row in (heads, *rows)
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _without_broken_words(columns: Sequence[Sequence[str]], room: int) -> list[int | None]:
+    """Widths of columns, headings first, whose texts break at spaces alone, and headings before
+    values; None for each where that has no room."""
+    from rich.cells import cell_len
+
+    least = [max(map(cell_len, [*" ".join(texts).split(), ""])) for texts in columns]
+    if sum(least) > room:
+        return [None] * len(columns)
+    wide = [max(map(cell_len, texts)) for texts in columns]
+    values = [max(map(cell_len, ["", *texts[1:]])) for texts in columns]
+    for floor in (np.maximum(values, least), np.array(least)):
+        while sum(wide) > room and (wide > floor).any():
+            wide[int(np.argmax(np.where(wide > floor, wide, 0)))] -= 1
+    return [*wide]
+
+
+JOINED = re.compile(r"(?<=\d) (?=%)|(?<=%) (?=\[)|(?<=\d,) (?=\d+\])")
+"""Spaces at which a line is not broken."""
+
+
+def wrapped(lines: Sequence[str]) -> list[str]:
+    """Lines broken where they are wider than the terminal, or than text is easy to read.
+
+    A figure stays with its % sign and its interval.
+    """
+    width = min(shutil.get_terminal_size((TEXT_WIDTH, 24)).columns, TEXT_WIDTH)
+    joined = (JOINED.sub("\xa0", each) for each in lines)
+    return [part.replace("\xa0", " ") for line in joined for part in textwrap.wrap(line, width)]
+
+
+def rounded_up(value: float) -> str:
+    """A number of four digits that is not below the value, so that it serves as a budget."""
+    text = f"{value:.4g}"
+    if float(text) < value:
+        step = 10.0 ** (math.floor(math.log10(value)) - 3)
+        text = f"{float(text) + step:.4g}"
+    return text
+
+
+def in_bytes(size: float) -> str:
+    """Text of a size [bytes], such as 1.5 GB."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 999.5:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:,.4g} TB"
+
+
+def in_square_metres(area: float) -> str:
+    """Text of an area [m^2], such as 1,234.5 m² or 0.25 m²."""
+    return f"{area:,.1f} m²" if area >= 10 else f"{area:.3g} m²"
+
+
+def age(moment: float) -> str:
+    """Text of the time since a moment [s since the epoch], such as 5 min ago."""
+    seconds = max(0.0, time.time() - moment)
+    for size, unit in ((86400, "d"), (3600, "h"), (60, "min")):
+        if seconds >= size:
+            return f"{seconds / size:.0f} {unit} ago"
+    return "just now"
+
+
+def file_name(name: str) -> str:
+    """A map's name with a dash for each character that some file systems refuse."""
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+
+
+def feature(
+    kind: Literal["Point", "LineString", "Polygon"],
+    coordinates: Any,
+    about: Mapping[str, Any],
+    **more: Any,
+) -> dict[str, Any]:
+    """A feature with its properties; null is what is not known."""
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", **more, "properties": finite(dict(about)), "geometry": geometry}
+
+
+def closed(*rings: ArrayLike) -> list[list[list[float]]]:
+    """Coordinates of a polygon of rings (n, 2) [m], to a tenth of a millimetre."""
+    corners = (np.asarray(ring).round(4).tolist() for ring in rings)
+    return [[*ring, ring[0]] for ring in corners]
+
+
+def collection(name: str, features: Iterable[dict[str, Any]], **more: Any) -> dict[str, Any]:
+    """A collection of features."""
+    return {"type": "FeatureCollection", "name": name, **more, "features": [*features]}
+
+
+def write_geojson(file: Path, found: Mapping[str, Any], *, indent: int | None = None) -> None:
+    """Write a collection, as a whole or not at all."""
+    text = json.dumps(found, allow_nan=False, indent=indent)
+    with replacing(file) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,10 @@
+"""Advice for a site: check, tune, repair, and landmarks."""
+
+from locplan.advice.check_result import Check
+from locplan.advice.checkup import check
+from locplan.advice.landmark_objects import Box, Pole
+from locplan.advice.landmarks import place_landmarks, verify_landmarks
+from locplan.advice.repair import mend
+from locplan.advice.tuning import Tuning
+
+__all__ = ["Box", "Check", "Pole", "Tuning", "check", "mend", "place_landmarks", "verify_landmarks"]

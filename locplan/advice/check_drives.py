@@ -1,0 +1,393 @@
+"""The drives of a check: of the baseline, with each fix, and with those that help together."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from locplan._support.progress import ProgressCallback, parts
+from locplan.advice import fixes as _fixes
+from locplan.advice.driving import Driver, Site
+from locplan.advice.failures import Passage, blame_spots, find_passage
+from locplan.advice.fixes import CHEAP, KINDS, MEND, REACH, SETTINGS, WALLS, Fix
+from locplan.advice.map_reading import Reading
+from locplan.advice.preset_choice import Case, PresetChoice
+from locplan.advice.rates import (
+    LARGE,
+    DriveRates,
+    FixResult,
+    RouteResult,
+    helps,
+    is_rare,
+    rank_fixes,
+    rates_of,
+    sort_routes,
+)
+from locplan.advice.recorded import Recorded
+from locplan.advice.settings import choose_settings, is_contradicted
+from locplan.advice.trials import Outcome, Trial, confirm_fixes, contrast, select_fixes, try_fix
+from locplan.advice.weak_spots import WeakSpot
+from locplan.field.field import CovarianceField
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.robots.amcl import Amcl
+from locplan.simulation.arrivals import Arrivals
+from locplan.simulation.driver import CHOOSING, FRESH
+from locplan.simulation.levels import USUAL
+from locplan.simulation.recommend import choose
+from locplan.simulation.recommendation import Choice
+from locplan.simulation.verdict import DriveSet, RatePair, Verdict, compare
+
+FAILING = 16
+"""Number of closed-loop drives along a route on which a drive fails."""
+LONG, MIN_SHARE = 30.0, 0.5
+"""Mean length of routes from which on they are driven less often [m], and the least share of the
+drives that remains: a long route has more places at which drives fail."""
+LOSING, LOSING_LENGTH = 3, 100.0
+"""Maximum number of routes for which other paths are tried, and their maximum length together [m],
+which the first one may exceed: a dozen candidates drive along each."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Amount of simulated drives."""
+
+    routes: int
+    """Maximum number of routes between places far apart."""
+    few: int
+    """Number of drives, along all routes together, that a fix has to lead after."""
+    drives: int
+    """Number of drives of the baseline, and of fixes that lead, on which they are judged."""
+    closed: int
+    """Number of closed-loop drives."""
+    choosing: int
+    """Maximum number of confirming drives of a path; 0 tries no other paths."""
+    landmarks: bool
+    """True if landmarks are tried."""
+    all_levels: bool = False
+    """True if all settings are driven at all levels of disturbance, and not only until one is
+    chosen."""
+
+
+EFFORTS = {
+    "quick": Effort(4, 12, 32, 16, 0, False),
+    "usual": Effort(6, 24, 96, 48, 16, True),
+    "thorough": Effort(6, 48, 288, 96, 64, True, all_levels=True),
+}
+
+
+class Baseline(NamedTuple):
+    """The drives of the robot and map as the user has them."""
+
+    rates: DriveRates
+    """Rates of all drives."""
+    routes: tuple[RouteResult, ...]
+    """The routes, first those with the highest rate of the main failure."""
+    spots: tuple[WeakSpot, ...]
+    """The places where drives fail, and the other weak spots."""
+    passage: Passage | None
+    """The place where robots fail with perfect localization, if most failed ones do."""
+
+
+class FixTrials:
+    """The drives of one check.
+
+    Parameters
+    ----------
+    site : Site
+        The site of the baseline.
+    effort : Effort
+        Amount of drives.
+    recorded : Recorded
+        What recorded drives show, over which settings are replayed.
+    seed : int
+        Seed of all random numbers.
+    threads : int or None
+        Number of threads.
+    """
+
+    def __init__(
+        self, site: Site, effort: Effort, recorded: Recorded, seed: int, threads: int | None
+    ) -> None:
+        self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
+        self.tried: dict[str, Fix] = {}
+        self.preset_choice: PresetChoice | None = None
+        self._recorded = recorded
+        self.taken: tuple[str, ...] = ()
+        mean_length = sum(path.length for path in site.paths.values()) / len(site.paths)
+        share = min(1.0, max(MIN_SHARE, LONG / mean_length))
+        few, many, closed = (
+            math.ceil(number * size / len(site.paths))
+            for number, size in ((effort.few, 1.0), (effort.drives, share), (effort.closed, share))
+        )
+        # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
+        self._few, self._many = range(CHOOSING, CHOOSING + few), range(many)
+        self._fresh = range(FRESH, FRESH + many)
+        self._closed = closed
+        self._n_closed = dict.fromkeys(site.paths, closed)
+        self._drive = _fixes.driver_of(seed, threads)
+        self._arrivals: dict[str, dict[str, Arrivals]] = defaultdict(dict)
+
+    def drive_baseline(self, spots: Sequence[WeakSpot], progress: ProgressCallback) -> Baseline:
+        """Drive the routes as the user has them, and count the failed drives of each place.
+
+        Parameters
+        ----------
+        spots : sequence of WeakSpot
+            The weak spots of the map.
+        progress : callable
+            Called with (done, total).
+        """
+        paths = self.site.paths
+        n_drives = len(self._many) * len(paths)
+        steps = parts(progress, [n_drives, n_drives])
+        self._before = outcome = self._drive(self.site, self._many, steps[0])
+        arrivals = self._drive_closed(self.site, self._n_closed)
+        # A route with a failure is driven often enough to be ranked.
+        for name, lost in zip(paths, outcome.lost, strict=True):
+            if lost.any() or (name in arrivals and arrivals[name].failed):
+                self._n_closed[name] = max(FAILING, self._n_closed[name])
+        arrivals = self._drive_closed(self.site, self._n_closed)
+        steps[1](n_drives, n_drives)
+        spots, failures = blame_spots(spots, paths, [*outcome.lost_at], arrivals)
+        rates = rates_of(outcome, arrivals)
+        routes = [
+            RouteResult(name, path, _rates_along(outcome, n, name, arrivals), *failures[n])
+            for n, (name, path) in enumerate(paths.items())
+        ]
+        passage = None
+        if rates.fails_localized:
+            passage = find_passage(self.site.world, self.site.robot, paths, arrivals)
+        self._baseline = Baseline(rates, sort_routes(routes, rates), spots, passage)
+        return self._baseline
+
+    def try_fixes(
+        self,
+        reading: Reading,
+        mended: OccupancyGrid,
+        costs: Costmap,
+        field: CovarianceField,
+        progress: ProgressCallback,
+    ) -> Iterator[FixResult]:
+        """Try the fixes that suit, each as far as it leads; other paths and poles if none suffices.
+
+        Parameters
+        ----------
+        reading : Reading
+            How the map's file should be read.
+        mended : OccupancyGrid
+            The repaired map for the filter.
+        costs, field
+            The costmap and the field, for other paths.
+        progress : callable
+            Called with (done, total).
+        """
+        first, second = parts(progress, [200, 150])
+        fixes = [*_fixes.fixes(self.site, reading, mended)]
+        rates, passage = self._baseline.rates, self._baseline.passage
+        is_localized = not rates.needs_fix and rates.error.value < LARGE
+        if passage and is_localized:
+            # No change of localization gets the robot through.
+            fixes = [fix for fix in fixes if fix.kind == WALLS]
+        if isinstance(self.site.robot.filter, Amcl) and (
+            self._recorded.replays or not (passage and is_localized)
+        ):
+            self.preset_choice = self._choose_preset()
+            fixes += filter(None, [_fixes.preset_settings(self.preset_choice)])
+        results = []
+        for fix, step in zip(fixes, parts(first, [1] * len(fixes)), strict=True):
+            results.append(self._try(fix))
+            yield results[-1]
+            step(1, 1)
+        if self.effort.choosing and self._is_still_lost(results):
+            choices = self._choices(costs, field, second)
+            if other_paths := _fixes.chosen_paths(self.site, choices, self._score):
+                results.append(self._try(other_paths))
+                yield results[-1]
+        if not self.effort.landmarks or is_rare(rates.lost) or not self._is_still_lost(results):
+            return
+        if poles := _fixes.landmarks(self.site, self.threads):
+            yield self._try(poles)
+
+    def _choose_preset(self) -> PresetChoice:
+        """Choose AMCL's settings; at the usual level they have the drives of all fixes."""
+
+        def drive_usual(amcl: Amcl, numbers: range) -> DriveSet:
+            return self._drive(_fixes.with_settings(self.site, amcl), numbers).drive_set
+
+        return choose_settings(
+            self.site,
+            Case(USUAL.name, drive_usual, (len(self._many),)),
+            self._recorded,
+            drives_all=self.effort.all_levels,
+            seed=self.seed,
+            threads=self.threads,
+        )
+
+    def _is_still_lost(self, results: Sequence[FixResult]) -> bool:
+        """True if drives get lost with the best combination of fixes so far."""
+        return not is_rare(
+            self._drive_together(self._select(results), self._many).drive_set.lost_rate
+        )
+
+    def _select(self, results: Sequence[FixResult]) -> tuple[str, ...]:
+        """Select the fixes that help together."""
+        order = [
+            result.kind for result in rank_fixes(results) if helps(result, self._baseline.rates)
+        ]
+        return select_fixes(
+            self._sure,
+            [kind for kind in order if kind not in self._sure],
+            self._drive_together,
+            self._many,
+            costly=[kind for kind in KINDS if kind not in CHEAP],
+        )
+
+    @property
+    def _sure(self) -> tuple[str, ...]:
+        return tuple(kind for kind, fix in self.tried.items() if fix.is_sure)
+
+    def _score(self, site: Site) -> float:
+        before = self._drive(self.site, self._few)
+        return contrast(before, self._drive(site, self._few)).score
+
+    def _choices(
+        self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
+    ) -> dict[str, Choice]:
+        """Return the recommended paths of the routes that lose most drives."""
+        site, found = self.site, {}
+        losses = dict(zip(site.paths, self._before.lost.sum(axis=1), strict=True))
+        losing = sorted(filter(losses.get, losses), key=lambda name: -losses[name])[:LOSING]
+        lengths = np.cumsum([site.paths[name].length for name in losing])
+        losing = losing[: max(1, int((lengths <= LOSING_LENGTH).sum()))]
+        for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
+            start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
+            choice = choose(
+                site.world,
+                start,
+                goal,
+                site.robot,
+                costs=costs,
+                drives=self.effort.choosing,
+                rival=None,
+                filter_map=None if site.filter_map is site.world else site.filter_map,
+                seed=self.seed,
+                threads=self.threads,
+            )
+            found[name] = choice.with_field(field)
+            step(100, 100)
+        return found
+
+    def _try(self, fix: Fix) -> FixResult:
+        """Drive with a fix, after a few drives no further if it does not lead."""
+        self.tried[fix.kind] = fix
+        site = fix.apply(self.site)
+        if fix.kind == SETTINGS:  # the choice of the preset has driven with it already
+            outcome = self._drive(site, self._many)
+            trial = Trial(contrast(self._before, outcome), outcome, False)
+        else:
+            before_few = self._drive(self.site, self._few)
+            known = (self._few, before_few), (self._many, self._before)
+            trial = try_fix(partial(self._drive, site), *known)
+        # The closed loop is simulated only for fixes that may be recommended.
+        is_candidate = trial.contrast.verdict.is_recommendable
+        return self._result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
+
+    def _result(
+        self, fix: Fix, site: Site, trial: Trial, arrivals: Mapping[str, Arrivals]
+    ) -> FixResult:
+        old, new = (sum(p.length for p in each.paths.values()) for each in (self.site, site))
+        return FixResult(
+            fix.kind,
+            fix.title,
+            fix.detail,
+            fix.effort,
+            trial.contrast.verdict.word,
+            rates_of(trial.outcome, arrivals),
+            trial.contrast.gain,
+            trial.contrast.verdict.ratio,
+            (new - old) / len(site.paths),
+            trial.contrast.keeps_more,
+            trial.contrast.verdict.loses_more,
+        )
+
+    def combine(
+        self, results: Sequence[FixResult], progress: ProgressCallback
+    ) -> tuple[DriveRates, DriveRates, Verdict | None]:
+        """Combine the fixes that help, and confirm them by fresh drives.
+
+        Parameters
+        ----------
+        results : sequence of FixResult
+            The fixes that were tried.
+        progress : callable
+            Called with (done, total).
+
+        Returns
+        -------
+        before, after, verdict
+            Rates of the fresh drives without and with the fixes, and their verdict.
+        """
+        rates = self._baseline.rates
+        selected = self._select(results)
+        if self._is_contradicted(selected):
+            selected = self._sure
+        if selected:
+            combination = confirm_fixes(self._sure, selected, self._drive_together, self._fresh)
+            self.taken = combination.kinds
+        progress(1, 1)
+        if not self.taken:
+            return rates, rates, None
+        site = _fixes.apply_fixes(self.tried, self.taken, self.site)
+        before = rates_of(combination.before, self._drive_closed(self.site, self._n_closed))
+        after = rates_of(combination.after, self._drive_closed(site))
+        verdict = compare(combination.before.drive_set, combination.after.drive_set)
+        return before, after, _with_reached(verdict, before, after)
+
+    def _is_contradicted(self, kinds: tuple[str, ...]) -> bool:
+        """True if a recorded drive contradicts fixes of the filter's map or range."""
+        if not {REACH, MEND} & {*kinds}:
+            return False
+        fixed = _fixes.apply_fixes(self.tried, kinds, self.site)
+        return is_contradicted(self.site, fixed, self._recorded)
+
+    def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> Outcome:
+        return self._drive(_fixes.apply_fixes(self.tried, kinds, self.site), numbers)
+
+    def _drive_closed(
+        self, site: Site, counts: Mapping[str, int] | None = None
+    ) -> dict[str, Arrivals]:
+        """Drive each route in closed loop, so often that each has its count; keep the drives."""
+        known = self._arrivals[site.digest]
+        missing: dict[range, list[str]] = defaultdict(list)
+        for name in site.paths:
+            count = counts[name] if counts else self._closed
+            missing[range(len(known[name].drives) if name in known else 0, count)].append(name)
+        for numbers, names in missing.items():
+            if numbers:
+                part = replace(site, paths={name: site.paths[name] for name in names})
+                driven = Driver(part, self.seed, self.threads).arrivals(numbers)
+                for name, arrivals in zip(names, driven, strict=False):
+                    so_far = known[name].drives if name in known else ()
+                    known[name] = Arrivals((*so_far, *arrivals.drives))
+        return dict(known)
+
+
+def _rates_along(
+    outcome: Outcome, row: int, name: str, arrivals: Mapping[str, Arrivals]
+) -> DriveRates:
+    closed = {name: arrivals[name]} if name in arrivals else {}
+    return rates_of(outcome.select(slice(row, row + 1)), closed)
+
+
+def _with_reached(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:
+    """Return a verdict with the rates of closed-loop drives that reach the goal."""
+    if not before.n_closed:
+        return verdict
+    return replace(verdict, reached=RatePair(before.reached, after.reached))

@@ -1,0 +1,282 @@
+"""Places where the baseline's drives fail, and the weak spot or passage behind them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from string import ascii_uppercase
+from typing import NamedTuple
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Floats, Ints
+from locplan.advice.weak_spots import CLEAR, WeakSpot, gathered, is_within, points_of
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import OCCUPIED
+from locplan.planning.path import Path
+from locplan.robots.robot import Robot
+from locplan.simulation.arrivals import (
+    ABORTED,
+    ARRIVED,
+    ELSEWHERE,
+    FOLLOWER,
+    TIMED_OUT,
+    WORLD,
+    Arrivals,
+)
+
+LETTERS = ascii_uppercase[:6]
+"""Letters of the worst places; further weak spots have none."""
+TOGETHER = 2.0
+"""Distance within which closed-loop drives stop at one place [m]."""
+STOPS = {
+    ELSEWHERE: "stop in the wrong place",
+    ABORTED: "are aborted",
+    TIMED_OUT: "run out of time",
+    FOLLOWER: "fail with perfect localization, too",
+}
+"""What closed-loop drives do at a place, by their outcome or fault."""
+
+
+def blame_spots(
+    spots: Sequence[WeakSpot],
+    paths: Mapping[str, Path],
+    lost_at: Sequence[Floats],
+    arrivals: Mapping[str, Arrivals],
+) -> tuple[tuple[WeakSpot, ...], list[Failures]]:
+    """Find the places where drives fail, the worst first.
+
+    A drive is lost because of the spot that it left last, or else at a place of its own. Places
+    where at least two closed-loop drives stop instead of at the goal are spots, too.
+
+    Parameters
+    ----------
+    spots : sequence of WeakSpot
+        The weak spots.
+    paths : mapping of str to Path
+        The routes by name.
+    lost_at : sequence of (drives,) array
+        Distance along each route where each drive was first off by more than 1 m [m]; NaN if it
+        never was.
+    arrivals : mapping of str to Arrivals
+        Closed-loop drives along each route; empty if none were simulated.
+
+    Returns
+    -------
+    spots, failures
+        The spots with letters and the numbers of failed drives, and the failures of each route.
+    """
+    lines = {name: points_of(path) for name, path in paths.items()}
+    wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
+    blames = [
+        _blame(spots, line, paths[name].length, at[np.isfinite(at)])
+        for (name, line), at in zip(lines.items(), lost_at, strict=True)
+    ]
+    where = [positions for _, positions in blames]
+    owner, every = (np.concatenate(parts) for parts in zip(*blames, strict=True))
+    places = [_with_lost(spot, every[owner == n], wide) for n, spot in enumerate(spots)]
+    alone = np.flatnonzero(owner < 0)
+    for at, members in gathered(every[alone], wide):
+        owner[alone[members]] = len(places)
+        near = {name: np.linalg.norm(line - at, axis=1).min() for name, line in lines.items()}
+        passing = tuple(name for name, distance in near.items() if distance <= wide)
+        places.append(_place_without_area(at, CLEAR, passing, lost=len(members)))
+    stops = _stops(arrivals)
+    stop_owner = np.full(len(stops), -1)
+    for at, members in gathered(np.array([stop.xy for stop in stops]).reshape(-1, 2), TOGETHER):
+        if len(members) >= 2:
+            stop_owner[members] = len(places)
+            kinds = {stops[n].what for n in members}
+            stopping = STOPS[kinds.pop()] if len(kinds) == 1 else "stop instead of at the goal"
+            passing = tuple(dict.fromkeys(stops[n].route for n in members))
+            places.append(
+                _place_without_area(at, f"drives {stopping}", passing, stopped=len(members))
+            )
+    order = sorted(range(len(places)), key=lambda n: places[n].hurts, reverse=True)
+    letters = dict(zip(order, LETTERS, strict=False))
+    failures = []
+    ends = np.cumsum([len(positions) for positions in where])[:-1]
+    for name, positions, owners in zip(paths, where, np.split(owner, ends), strict=True):
+        numbers = [n for n, stop in enumerate(stops) if stop.route == name]
+        stopped_at = np.array([stops[n].xy for n in numbers]).reshape(-1, 2)
+        near_to = [_main_letters(owned, letters) for owned in (owners, stop_owner[numbers])]
+        failures.append(Failures(near_to[0], positions, near_to[1], stopped_at))
+    return tuple(replace(places[n], letter=letters.get(n, "")) for n in order), failures
+
+
+class Failures(NamedTuple):
+    """Failures of the drives along one route."""
+
+    lost_near: str
+    """Letters of the places that lose a quarter of its lost drives or more."""
+    lost_at: Floats
+    """Positions where drives were first off by more than 1 m, (n, 2) [m]."""
+    stopped_near: str
+    """Letters of the places where a quarter of its stopped drives or more stop."""
+    stopped_at: Floats
+    """Positions where closed-loop drives stop instead of at the goal, (n, 2) [m]."""
+
+
+class _Stop(NamedTuple):
+    """The end of a closed-loop drive that does not reach the goal."""
+
+    route: str
+    what: str
+    xy: tuple[float, float]
+
+
+def _stops(arrivals: Mapping[str, Arrivals]) -> list[_Stop]:
+    """Return the drives that stop wrongly, and not for want of a way in their world."""
+    return [
+        _Stop(name, drive.fault or drive.outcome, drive.end[:2])
+        for name, drives in arrivals.items()
+        for drive in drives.drives
+        if drive.outcome != ARRIVED and drive.fault != WORLD
+    ]
+
+
+def _place_without_area(
+    at: Floats, missing: str, routes: tuple[str, ...], *, lost: int = 0, stopped: int = 0
+) -> WeakSpot:
+    x, y = at.tolist()
+    return WeakSpot(
+        letter="",
+        x=x,
+        y=y,
+        length=0.0,
+        width=0.0,
+        direction=math.nan,
+        position_std=math.nan,
+        heading_std=math.nan,
+        missing=missing,
+        routes=routes,
+        outline=np.empty((0, 2)),
+        lost=lost,
+        stopped=stopped,
+    )
+
+
+def _main_letters(owners: Ints, letters: Mapping[int, str]) -> str:
+    """Return the letters of the places that own a quarter of a route's drives or more."""
+    counts = Counter[int](owners.tolist()).most_common()
+    named = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(owners)]
+    return ", ".join(filter(None, named))
+
+
+def _blame(
+    spots: Sequence[WeakSpot], line: Floats, length: float, lost_at: Floats
+) -> tuple[Ints, Floats]:
+    """Number of the spot that each lost drive of a route left last, else -1, and where it was."""
+    distance = np.linspace(0, length, len(line))
+    since = lost_at[:, None] - distance
+    # A robot drives up to 10 m from a spot until it is off by over 1 m because of it.
+    near = (since >= -0.5) & (since <= 10.0)
+    own = [np.where(near & is_within(each, line), distance, -1.0).max(axis=1) for each in spots]
+    owner = np.argmax([np.full(len(lost_at), -0.5), *own], axis=0) - 1
+    return owner, np.column_stack([np.interp(lost_at, distance, each) for each in line.T])
+
+
+def _with_lost(spot: WeakSpot, where: Floats, wide: float) -> WeakSpot:
+    """A spot with its lost drives, placed where most of those in it are."""
+    own = where[is_within(spot, where)]
+    at = gathered(own, wide)[0][0] if len(own) else (spot.x, spot.y)
+    return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(where))
+
+
+SPARE = 0.3
+"""Room beside a robot up to which a passage counts as narrow, on both sides together [m]."""
+NEAR, REACH = 3.0, 3.0
+"""Distance from where robots end within which the passage lies, and greatest distance of a wall
+that bounds it [m]."""
+
+
+class Passage(NamedTuple):
+    """The place where most robots fail that fail with perfect localization, too."""
+
+    x: float
+    """World x of its narrowest point on the path [m]."""
+    y: float
+    """World y of it [m]."""
+    width: float
+    """Distance between its walls [m]; infinite if none are near."""
+    robot_width: float
+    """Width of the robot [m]."""
+    n_drives: int
+    """Number of closed-loop drives that fail near it, with perfect localization, too."""
+    routes: tuple[str, ...]
+    """Names of their routes."""
+
+    @property
+    def is_narrow(self) -> bool:
+        """True if the robot has little room in it."""
+        return self.width < self.robot_width + SPARE
+
+
+def find_passage(
+    grid: OccupancyGrid, robot: Robot, paths: Mapping[str, Path], arrivals: Mapping[str, Arrivals]
+) -> Passage | None:
+    """Find the place where most drives fail that fail with perfect localization, too.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    robot : Robot
+        The robot.
+    paths : mapping of str to Path
+        The path of each route by its name.
+    arrivals : mapping of str to Arrivals
+        Closed-loop drives along each route.
+
+    Returns
+    -------
+    Passage or None
+        None if no drive fails with perfect localization.
+    """
+    ends = [
+        (name, drive.end[:2])
+        for name, drives in arrivals.items()
+        for drive in drives.drives
+        if drive.fault
+    ]
+    if not ends:
+        return None
+    middle, members = gathered(np.array([end for _, end in ends]), TOGETHER)[0]
+    routes = tuple(dict.fromkeys(ends[n][0] for n in members))
+    # A wall may be a cell thick.
+    points = np.concatenate([paths[name].resampled(grid.resolution).xy for name in routes])
+    near = np.linalg.norm(points - middle, axis=1) <= NEAR
+    points = points[near] if near.any() else points
+    widths = measure_width(grid, points)
+    x, y = points[widths.argmin()].tolist()
+    radius = robot.radius - robot.margin
+    return Passage(x, y, float(widths.min()), 2 * radius, len(members), routes)
+
+
+def measure_width(grid: OccupancyGrid, points: Floats) -> Floats:
+    """Return the shortest distance between two walls on opposite sides of each point, (n,) [m].
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    points : (n, 2) array
+        Positions in the world [m].
+    """
+    angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    steps = np.arange(0.0, REACH, grid.resolution / 4)
+    away = steps[:, None] * np.stack([np.cos(angles), np.sin(angles)])[:, None]
+    widths = []
+    for x, y in points:
+        rows, cols = (
+            np.floor(at).astype(int) for at in grid.world_to_grid(x + away[0], y + away[1])
+        )
+        rows, cols = (
+            np.clip(at, 0, size - 1) for at, size in zip((rows, cols), grid.shape, strict=True)
+        )
+        is_wall = grid.cells[rows, cols] == OCCUPIED
+        distance = np.where(is_wall.any(axis=0), steps[is_wall.argmax(axis=0)], np.inf)
+        widths.append((distance[:36] + distance[36:]).min())
+    return np.array(widths)

@@ -1,0 +1,472 @@
+"""Figures of checks, of landmarks and of repaired maps."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from locplan._support import drawing as style
+from locplan._support.drawing import (
+    MAP_COLOURS,
+    Picture,
+    draw_number,
+    lines_within,
+    make_logarithmic,
+)
+from locplan._support.kernels.arrays import Floats
+from locplan.advice.landmark_objects import outline_of
+from locplan.advice.landmarks import EXPECTED, PAYING_SHARE, Landmarks, Verification
+from locplan.advice.weak_spots import points_of
+from locplan.maps.figures import draw_cells, draw_map, drawn_size, map_around, map_size, shrunk
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.figures import (
+    along_norm,
+    draw_along,
+    draw_along_bar,
+    draw_ends,
+    draw_path,
+)
+from locplan.simulation.drives import LOST, Drives
+from locplan.simulation.figures import (
+    MAP_MARKS,
+)
+
+if TYPE_CHECKING:
+    from locplan.advice.tuning import Tuning
+
+if TYPE_CHECKING:
+    from locplan.advice.check_result import Check
+    from locplan.advice.rates import RouteResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+if TYPE_CHECKING:
+    from locplan.advice.repair import Mended
+
+
+def tuning_figure(tuning: Tuning) -> Figure:
+    """Errors of the user's settings and of the presets, and drives off at the end, case by case.
+
+    Parameters
+    ----------
+    tuning : Tuning
+        The result of `tune` or `locplan.advice.tuning.tune_on_drive`.
+    """
+    figure = Picture(figsize=(9.6, 4.2), layout="constrained")
+    errors, off_at_end = figure.subplots(1, 2)
+    results = tuning.choice.results
+    cases = [*dict.fromkeys(result.case for result in results)]
+    for place, name in enumerate(dict.fromkeys(result.settings for result in results)):
+        mark = MAP_MARKS[place]
+        of_settings = [result for result in results if result.settings == name]
+        at = np.array([cases.index(result.case) for result in of_settings]) + 0.15 * (place - 1)
+        error = np.array([result.error for result in of_settings])
+        share = np.array([result.off_at_end for result in of_settings])
+        _draw_intervals(errors, at, error, mark, name)
+        _draw_intervals(off_at_end, at, 100 * share, mark, name)
+    for axes in (errors, off_at_end):
+        axes.set_xticks(range(len(cases)), [textwrap.fill(name, 10) for name in cases])
+        axes.tick_params(axis="x", labelsize="small")
+        axes.grid(axis="y", color="0.92")
+        axes.margins(x=0.1)
+    errors.set_title("error, 95 %", fontsize="medium")
+    off_at_end.set_title("share of the drives, 95 %", fontsize="medium")
+    make_logarithmic(errors.yaxis)
+    errors.set_ylabel("RMSE of the position [m]")
+    off_at_end.set_ylabel(f"drives off by > {LOST:g} m at the end [%]")
+    off_at_end.set_ylim(bottom=-0.04 * off_at_end.get_ylim()[1])
+    figure.key(errors.get_legend_handles_labels()[0], ncols=3)
+    figure.title(f"{tuning.conclusion}. {tuning.where}, {tuning.robot.known_lidar.title}")
+    return figure
+
+
+def _draw_intervals(
+    axes: Axes, at: NDArray[Any], intervals: Floats, mark: tuple[str, str], label: str
+) -> None:
+    """Values with their intervals, rows of (value, low, high), as marks of one colour."""
+    value, low, high = intervals.T
+    colour, marker = mark
+    bars = np.maximum([np.nan_to_num(value - low), np.nan_to_num(high - value)], 0)
+    axes.errorbar(at, value, bars, fmt="none", ecolor=colour, elinewidth=1.5)
+    axes.plot(at, value, marker, color=colour, label=label)
+
+
+FAILS, WORKS, WEAK, LETTER, MARK = "#d55e00", "#8a929c", "#e69f00", "#7a3b00", "#b00020"
+"""Colours of routes with a failure, of the others, of weak spots, of their letters, and of the
+places where drives were first off by more than 1 m, or stopped instead of at the goal."""
+N_NAMED = 3
+"""Maximum number of routes with a failure that have a label with its rate."""
+SIZE = 0.055
+"""Size of a label, as a share of the longer side of what is drawn."""
+
+
+STOP_MARK: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "s",
+    "color": MARK,
+    "markeredgecolor": "white",
+    "markersize": 8,
+    "zorder": 4,
+}
+"""Mark of a place where a drive stops instead of at the goal."""
+STYLES = {
+    "spot": (LETTER, "white", "white"),
+    "route": (FAILS, "white", "white"),
+    "end": ("white", "#1b1f24", "#5b6470"),
+}
+"""Colours of the face, the text and the edge of a label by its kind."""
+
+
+class Label(NamedTuple):
+    """A letter, the rate of failure of a route, or the name of an end of a route."""
+
+    kind: str
+    """"spot", "route" or "end"."""
+    text: str
+    """What it says."""
+    xy: tuple[float, float]
+    """The place that it names [m]."""
+    at: tuple[float, float]
+    """Where it stands, beside others [m]."""
+
+
+def place_labels(check: Check, size: float) -> list[Label]:
+    """Labels none of which stands on another.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    size : float
+        Height of a label [m].
+    """
+    around = [
+        (size * far * np.cos(turn), size * far * np.sin(turn))
+        for far in (0.0, 1.05, 1.6, 2.2, 3.0, 4.0)
+        for turn in np.radians(range(90, 450, 30))
+    ]
+    labels: list[Label] = []
+    marks: list[Label] = []
+    for kind, text, place in _named(check):
+        # The mark of a failure stays visible.
+        is_mark = kind == "failure"
+        marks += [Label("mark", "", place, place)] * is_mark
+        free = (
+            (place[0] + dx, place[1] + dy)
+            for dx, dy in around[12 * is_mark :]
+            if not any(
+                _overlap(text, (place[0] + dx, place[1] + dy), other, size)
+                for other in (*labels, *marks)
+            )
+        )
+        labels.append(Label("spot" if is_mark else kind, text, place, next(free, place)))
+    return labels
+
+
+def _overlap(text: str, at: tuple[float, float], other: Label, size: float) -> bool:
+    (x, y), (left, low) = at, other.at
+    wide = max(1.0, 0.2 * (len(text) + len(other.text)))
+    return abs(x - left) < size * wide and abs(y - low) < size
+
+
+def _named(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
+    """Kind, text and place of each label."""
+    for spot in check.spots:
+        if spot.letter:
+            kind = "failure" if spot.lost + spot.stopped else "spot"
+            yield kind, spot.letter, (spot.x, spot.y)
+    if check.passage and check.passage.is_narrow:
+        place = check.passage.x, check.passage.y
+        yield "failure", f"passage of {check.passage.width:.2f} m", place
+    ends: dict[str, tuple[float, ...]] = {}
+    for route in check.routes:
+        start, _, goal = route.name.partition(" to ")
+        ends.update(zip((start, goal), map(tuple, route.path.xy[[0, -1]].tolist()), strict=True))
+    yield from (("end", name, (x, y)) for name, (x, y) in ends.items() if name)
+    failing = [route for route in check.routes if route.rates.has_failure]
+    for route in failing[:N_NAMED]:
+        x, y = points_of(route.path)[len(points_of(route.path)) // 2].tolist()
+        yield "route", failure_text(route), (x, y)
+
+
+def failure_text(route: RouteResult) -> str:
+    """Return the rate of the worse failure of a route."""
+    rates = route.rates
+    if rates.is_mostly_lost:
+        return f"{100 * rates.lost.value:.0f} % lost"
+    return f"{100 * rates.reached.value:.0f} % reach the goal"
+
+
+def drawn_part(grid: OccupancyGrid) -> OccupancyGrid:
+    """The part of a map in which a robot can be, with its walls.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
+    rows, cols = (np.flatnonzero(grid.free.any(axis=axis)) for axis in (1, 0))
+    edge = max(2, round(0.03 * max(np.ptp(rows), np.ptp(cols))))
+    return grid.part(
+        *(slice(max(0, each[0] - edge), int(each[-1]) + edge) for each in (rows, cols))
+    )
+
+
+def check_figure(check: Check, *_: Any) -> Figure:
+    """Draw the map with its routes, weak spots, and where drives fail.
+
+    Parameters
+    ----------
+    check : Check
+        The result of `locplan.check`.
+    *_
+        What `save` takes, of which nothing is drawn.
+    """
+    part = drawn_part(check.site.world)
+    figure = Picture(figsize=map_size(part), layout="constrained")
+    axes = figure.subplots()
+    draw_map(axes, part)
+    for spot in check.spots:
+        rings = [Outline(np.vstack([ring, ring[:1]])) for ring in spot.rings]
+        if rings:
+            shape = Outline.make_compound_path(*rings)
+            axes.add_patch(PathPatch(shape, facecolor=WEAK, alpha=0.45, edgecolor="none"))
+    for route in check.routes[::-1]:  # the worst on top
+        fails = route.rates.has_failure
+        width, colour = (3.2, FAILS) if fails else (1.4, WORKS)
+        draw_path(axes, route.path, color=colour, linewidth=width, zorder=3 if fails else 2)
+        axes.plot(*route.lost_at.T, "x", color=MARK, markersize=7, markeredgewidth=2, zorder=4)
+        axes.plot(*route.stopped_at.T, **STOP_MARK)
+    for each in place_labels(check, SIZE * max(part.shape) * part.resolution):
+        back, ink, edge = STYLES[each.kind]
+        axes.plot(
+            *zip(each.xy, each.at, strict=True), color=back if edge == "white" else edge, zorder=5
+        )
+        axes.text(
+            *each.at,
+            each.text,
+            fontsize="small",
+            weight="normal" if each.kind == "end" else "bold",
+            ha="center",
+            va="center",
+            color=ink,
+            zorder=6,
+            bbox={"boxstyle": "round,pad=.25", "fc": back, "ec": edge},
+        )
+    text = caption(check)
+    title = f"{check.grid.name or 'Map'}. {text[:1].upper()}{text[1:]}"
+    axes.set_title(title, fontsize="small")
+    return figure
+
+
+def caption(check: Check) -> str:
+    """Explain what is drawn.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    """
+    lost, stopped = (
+        any(len(getattr(route, name)) for route in check.routes)
+        for name in ("lost_at", "stopped_at")
+    )
+    fails = any(route.rates.has_failure for route in check.routes)
+    explained = [
+        (True, "orange: routes on which drives fail" if fails else "no route fails"),
+        (lost, "x: a drive gets lost"),
+        (stopped, "square: a drive stops instead of at the goal"),
+        (bool(check.spots), "letters: weak spots (shaded)"),
+    ]
+    parts = [text for is_drawn, text in explained if is_drawn]
+    half = (len(parts) + 1) // 2
+    return ",\n".join(filter(None, [", ".join(parts[:half]), ", ".join(parts[half:])]))
+
+
+MAX_WIDTH, MIN_WIDTH = 11.0, 9.5
+"""Width of a figure that its maps fill if they can, and minimum of all [inch]."""
+BAR, LABELS = 1.6, 0.7
+"""Width of a colour bar, and the space of a map's labels on each axis [inch]."""
+PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
+"""Size of the plots, where they stand below the maps or beside them [inch]."""
+
+
+def _panels(
+    grid: OccupancyGrid, said: Sequence[str], plots: int
+) -> tuple[Figure, Any, list[Axes], list[Axes]]:
+    """An empty figure, its part for two maps, these maps, and plots.
+
+    The lines of its title, `said`, are broken where they are too wide.
+    """
+    wide, high = drawn_size(grid)
+    # Ratio of a map's height to its width up to which two maps stand above each other.
+    columns = 1 if high <= 0.9 * wide else 2
+    rows = 2 // columns
+    # Ratio of the maps' height to their width from which on the plots stand beside them.
+    tall = high > 1.5 * columns * wide
+    if not tall:
+        scale = ((MAX_WIDTH - BAR) / columns - LABELS) / wide
+        # Maximum height of a map [inch].
+        scale = min(scale, max(8.0 / high, 1.0))
+        wide, high = scale * wide, scale * high
+    width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
+    width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
+    lines = [part for line in said for part in lines_within(line, width)]
+    # Height of a line of the title [inch].
+    top = 0.24 * (len(lines) + 1)
+    height = max(height, plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT
+    figure: Any = Picture(figsize=(width, height + top), layout="constrained")
+    if tall:
+        parts = figure.subfigures(1, 2, width_ratios=(width - PLOT_WIDTH, PLOT_WIDTH))
+    else:
+        parts = figure.subfigures(2, height_ratios=(height - PLOT_HEIGHT, PLOT_HEIGHT))
+    lower = parts[1].subplots(*((plots, 1) if tall else (1, plots)), squeeze=False)
+    figure.suptitle("\n".join(lines), fontsize="medium")
+    upper = parts[0].subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    return figure, parts[0], list(upper.ravel()), list(lower.ravel())
+
+
+def landmarks_figure(made: Landmarks, verification: Verification | None = None) -> Figure:
+    """Maps before and after with the routes, the expected deviation, and the error on the way.
+
+    Parameters
+    ----------
+    made : Landmarks
+        The placement, as `place_landmarks` returns it.
+    verification : Verification, optional
+        Drives of `Landmarks.verify`; with them the routes are coloured by the mean position error.
+    """
+    grids = [
+        map_around(grid, list(made.setting.routes.values()))
+        for grid in (made.setting.grid, made.grid)
+    ]
+    title = f"{made.setting.grid.name or 'map'}: {len(made)} x {made.setting.kind.title}"
+    said = [title, verification.verdict if verification else "not verified by drives"]
+    said.append(f"with {made.setting.robot.title}")
+    figure, part, maps, plots = _panels(grids[0], said, 2 if verification else 1)
+    profiles = list(verification.profiles.values()) if verification else []
+    _draw_maps(part, maps, grids, made, profiles)
+    _draw_gains(plots[0], made)
+    if verification:
+        _draw_errors_along(plots[1], verification)
+    return figure
+
+
+def _draw_maps(
+    figure: Any,
+    axes: Sequence[Axes],
+    grids: Sequence[OccupancyGrid],
+    made: Landmarks,
+    profiles: Sequence[tuple[Drives, Drives]],
+) -> None:
+    """Draw the map without and with landmarks, and the routes over both."""
+    driven = [[each.profile() for each in pair] for pair in profiles]
+    errors = [profile[:, 4] for pair in driven for profile in pair] or [np.ones(1)]
+    norm = along_norm(np.concatenate(errors), of_errors=True)
+    image = None
+    for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
+        draw_map(own, grid)
+        own.set_title(("before", "after")[n], fontsize="medium", loc="left")
+        own.label_outer()
+        for k, path in enumerate(made.setting.routes.values()):
+            if profiles:
+                xy, error = driven[k][n][:, 1:3], driven[k][n][:-1, 4]
+                own.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
+                image = draw_along(own, xy, error, norm=norm, linewidths=3.5)
+            else:
+                draw_path(own, path, color="black", linewidth=1.5)
+            draw_ends(own, path.xy[0], path.xy[-1])
+    if image is not None:
+        draw_along_bar(figure, image, list(axes))
+    shapes = [outline_of(made.setting.kind.shape, pose) for pose in made.poses]
+    faces = PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
+    axes[1].add_collection(faces)
+    _draw_numbers(axes[1], made)
+
+
+def _draw_numbers(axes: Axes, made: Landmarks) -> None:
+    """Draw the landmarks' numbers beside them, away from the nearest route."""
+    from scipy.spatial import cKDTree
+
+    routes = made.setting.routes.values()
+    points = np.concatenate([path.resampled(0.1).xy for path in routes])
+    near = cKDTree(points)
+    for number, at in enumerate(made.positions, 1):
+        away = at - points[near.query(at)[1]]
+        aside = 17 * away / (float(np.hypot(*away)) or 1.0)
+        draw_number(axes, number, tuple(at.tolist()), tuple(aside.tolist()), style.VERMILION)
+
+
+def _draw_gains(axes: Axes, made: Landmarks) -> None:
+    """Draw the expected deviation over the number of landmarks."""
+    numbers: NDArray[Any] = np.arange(len(made.curve))
+    axes.plot(numbers, made.expected, "o-", color=style.VERMILION, markersize=4)
+    if made.expected[-1] > 0 and made.expected[0] > 10 * made.expected[-1]:
+        make_logarithmic(axes.yaxis)
+    else:
+        axes.set_ylim(0, 1.05 * float(made.expected.max()) or 1.0)
+    if 0 < made.paying < len(made):
+        axes.axvline(made.paying, color="0.6", linewidth=0.8)
+        note = f"further ones: less\nthan {PAYING_SHARE:.0%} each"
+        at = "data", "axes fraction"
+        axes.annotate(note, (made.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="number of landmarks", ylabel=EXPECTED.heading)
+
+
+def _draw_errors_along(axes: Axes, verification: Verification) -> None:
+    """Draw the error of drives along the first route, before and after."""
+    routes = verification.profiles
+    name, pair = next(iter(routes.items()))
+    styles = ("before", style.BLUE, "--"), ("after", style.VERMILION, "-")
+    for drives, (label, colour, line) in zip(pair, styles, strict=True):
+        profile = drives.profile()
+        axes.fill_between(
+            profile[:, 0], profile[:, 6], profile[:, 7], color=colour, alpha=0.2, linewidth=0
+        )
+        axes.plot(profile[:, 0], profile[:, 4], line, color=colour, label=label)
+    if axes.get_ylim()[1] > LOST / 2:
+        axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+        right: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 8}
+        at = (1, LOST), (-5, -2), ("axes fraction", "data"), "offset points"
+        axes.annotate("off by > 1 m", *at, **right)
+    make_logarithmic(axes.yaxis)
+    axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
+    of_route = f" of {name}" if len(routes) > 1 else ""
+    axes.set(
+        xlabel=f"distance along the route{of_route} [m]", ylabel="position error of drives [m]"
+    )
+    axes.set_title("mean, and where 80 % of the drives are", fontsize="small", loc="left")
+    axes.legend(fontsize="small", frameon=False)
+
+
+def mended_figure(mended: Mended) -> Figure:
+    """Draw the map as it is and mended, side by side.
+
+    Parameters
+    ----------
+    mended : Mended
+        What `locplan.mend` has made.
+    """
+    width, height = map_size(mended.grid)
+    figure = Picture(figsize=(2 * width, height), layout="constrained")
+    pair = figure.subplots(1, 2, sharex=True, sharey=True)
+    named = {"as it is": mended.grid, "for the filter": mended.filter_map}
+    for axes, (title, grid) in zip(pair, named.items(), strict=True):
+        draw_map(axes, grid)
+        # All that is occupied is black here, which maps in other pictures show as a rim.
+        levels = shrunk(grid.cells) // 127
+        draw_cells(axes, grid, levels, cmap=MAP_COLOURS, vmin=0, vmax=3)
+        axes.set_title(f"{grid.name or 'map'} {title}", fontsize="medium")
+    return figure

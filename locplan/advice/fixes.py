@@ -1,0 +1,240 @@
+"""Fixes that are tried: each makes of a site one on which the robot may localize better."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+from locplan._support.kernels.arrays import Floats
+from locplan._support.progress import ProgressCallback
+from locplan.advice.driving import Driver, Site
+from locplan.advice.landmark_objects import Pole, with_objects
+from locplan.advice.landmarks import place_landmarks
+from locplan.advice.map_reading import Reading
+from locplan.advice.preset_choice import PresetChoice
+from locplan.advice.trials import WORTHWHILE, Outcome
+from locplan.errors import ConfigError
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.planning.path import Path
+from locplan.planning.plans import plan
+from locplan.robots.amcl import Amcl
+from locplan.robots.presets import with_preset
+from locplan.simulation.recommendation import Choice
+
+POLES = 3
+"""Number of poles that are placed if no other fix helps enough."""
+WALLS, MEND, REACH = "walls", "map", "range"
+SETTINGS, PATHS, LANDMARKS = "settings", "paths", "landmarks"
+"""The kinds of fixes."""
+CHEAP = WALLS, MEND, REACH, SETTINGS
+"""Kinds that take a file or a parameter, and neither metres nor objects."""
+KINDS = (*CHEAP, PATHS, LANDMARKS)
+"""All kinds, by effort; those that mend what is wrong come before those that make up for it."""
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A change that may help, and what it makes of a site."""
+
+    kind: str
+    """One of the kinds above."""
+    title: str
+    """The fix in a few words."""
+    detail: str
+    """What exactly is changed."""
+    effort: str
+    """What has to be done at the site."""
+    apply: Callable[[Site], Site]
+    """Returns the site with it."""
+    is_sure: bool = False
+    """True if it is to be done whatever drives show."""
+    made: Any = None
+    """What its files are made of: a mask's costmap, or landmarks."""
+
+
+def fixes(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Fix]:
+    """Yield the fixes of the map and of the robot's file that suit a site.
+
+    Parameters
+    ----------
+    site : Site
+        What is driven.
+    reading : Reading
+        How the map's file should be read.
+    mended : OccupancyGrid
+        The map for the filter that `mend` makes.
+    """
+    if reading.reasons:
+        yield Fix(
+            *(WALLS, "corrected map file", reading.title, "the map's YAML"),
+            lambda old: replace(old, filter_map=reading.grid, stretch=1.0),
+            is_sure=reading.is_sure,
+        )
+    if mended not in (reading.grid, site.filter_map):
+        yield Fix(
+            *(MEND, "repaired map", "the repaired map for the filter", "a second map server"),
+            lambda old: replace(old, filter_map=mended),
+        )
+    own = site.robot.filter
+    if isinstance(own, Amcl) and own.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
+        full: dict[str, Any] = {"laser_max_range": Amcl().laser_max_range}
+        far = f"laser_max_range {Amcl().laser_max_range:g}"
+        yield Fix(
+            *(REACH, "full lidar range", far, "one parameter"),
+            lambda old: with_settings(old, replace(old.robot.amcl, **full)),
+        )
+
+
+def with_settings(site: Site, amcl: Amcl) -> Site:
+    """Return a site whose filter has other settings.
+
+    Parameters
+    ----------
+    site : Site
+        The site.
+    amcl : Amcl
+        The settings.
+    """
+    return replace(site, robot=replace(site.robot, filter=amcl))
+
+
+def preset_settings(choice: PresetChoice) -> Fix | None:
+    """Return the fix of the preset to use; None if the user's settings stay.
+
+    Parameters
+    ----------
+    choice : PresetChoice
+        The choice among the presets. If a recording has decided, no simulation contradicts it.
+    """
+    if not choice.is_preset:
+        return None
+    return Fix(
+        *(SETTINGS, f"{choice.name} settings", choice.changes, "a parameter file"),
+        lambda old: with_settings(old, with_preset(old.robot.amcl, choice.name)),
+        is_sure=bool(choice.recordings),
+    )
+
+
+def chosen_paths(
+    site: Site, choices: Mapping[str, Choice], score: Callable[[Site], float]
+) -> Fix | None:
+    """The recommended paths of routes, or a mask on which these or others are the cheapest.
+
+    Parameters
+    ----------
+    site : Site
+        What is driven.
+    choices : mapping of str to Choice
+        What was chosen for routes by their names, with costmaps.
+    score : callable
+        Drives a site, and gives what sites are ranked by; less is better.
+    """
+    chosen = {name: each for name, each in choices.items() if each.path and each.best > 0}
+    found = {name: each.path for name, each in chosen.items() if each.path}
+    if not found:
+        return None
+    best = _ways(site, found, "other paths", "routes for Nav2")
+    # A mask leads from everywhere to everywhere, and is worth a little more than routes.
+    least = score(best.apply(site)) - math.log(WORTHWHILE)
+    for each in chosen.values():
+        mask = each.costmap()
+        ways = {name: plan(mask, *path.xy[[0, -1]]).path for name, path in site.paths.items()}
+        known = {name: path for name, path in ways.items() if path and path.length}
+        if len(known) < len(ways):
+            continue
+        made = _ways(site, known, "a keepout mask, other paths", "a mask for Nav2", mask)
+        if (own := score(made.apply(site))) < least:
+            best, least = made, own
+    return best
+
+
+def _ways(
+    site: Site, paths: Mapping[str, Path], what: str, effort: str, mask: Costmap | None = None
+) -> Fix:
+    """The fix of other paths; those that are as long as they were count as the old ones."""
+    longer = {name: path.length - site.paths[name].length for name, path in paths.items()}
+    changed = {name: paths[name] for name, more in longer.items() if abs(more) > 0.01}
+    more = sum(longer.values()) / max(1, len(changed))
+    detail = f"{what} on {len(changed)} of {len(site.paths)} routes, {more:+.1f} m"
+    title = "keepout mask" if mask else "other paths"
+
+    def apply(old: Site) -> Site:
+        return replace(old, paths={**old.paths, **changed})
+
+    return Fix(PATHS, title, detail, effort, apply, made=mask)
+
+
+class Poles(NamedTuple):
+    """Where poles go."""
+
+    poses: Floats
+    """World x, y and heading of each, (n, 3) [m, m, rad]."""
+    grid: OccupancyGrid
+    """The map with them."""
+
+
+def landmarks(site: Site, threads: int | None) -> Fix | None:
+    """Three poles beside the routes; None where none may stand or none helps.
+
+    Parameters
+    ----------
+    site : Site
+        What is driven.
+    threads : int or None
+        Number of threads.
+    """
+    kind = Pole(max(0.2, 2 * site.world.resolution))
+    about: Any = {"paths": site.paths, "robot": site.robot, "threads": threads}
+
+    try:
+        poses = place_landmarks(site.world, kind, POLES, **about).poses
+    except ConfigError:
+        return None
+    if not len(poses):
+        return None
+
+    def apply(old: Site) -> Site:
+        world = with_objects(old.world, kind, poses)
+        same = old.filter_map is old.world
+        own = world if same else with_objects(old.filter_map, kind, poses)
+        return replace(old, world=world, filter_map=own)
+
+    made = Poles(poses, with_objects(site.world, kind, poses))
+    count = f"{len(poses)} poles"
+    return Fix(LANDMARKS, count, f"{count} beside the routes", count, apply, made=made)
+
+
+def apply_fixes(tried: Mapping[str, Fix], kinds: tuple[str, ...], site: Site) -> Site:
+    """A site with several fixes, one after the other: the mended map is that of the right file."""
+    for kind in sorted(kinds, key=KINDS.index):
+        site = tried[kind].apply(site)
+    return site
+
+
+class DriveOnce(Protocol):
+    """Function that drives a site with the drives of some numbers."""
+
+    def __call__(
+        self, site: Site, numbers: range, progress: ProgressCallback | None = None
+    ) -> Outcome: ...
+
+
+def driver_of(seed: int, threads: int | None) -> DriveOnce:
+    """Return a function that drives sites, but each drive only once."""
+    outcomes: dict[str, dict[int, Outcome]] = defaultdict(dict)
+
+    def drive(site: Site, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
+        known = outcomes[site.digest]
+        new = [number for number in numbers if number not in known]
+        if new:
+            missing = range(new[0], new[-1] + 1)
+            driven = Driver(site, seed, threads)(missing, progress)
+            for place, number in enumerate(missing):
+                known[number] = driven.select(drives=slice(place, place + 1))
+        return Outcome.join([known[number] for number in numbers])
+
+    return drive

@@ -1,0 +1,322 @@
+"""What objects would tell a robot along its routes.
+
+A robot looks around at poses along its routes, by rays that are evenly spaced. Of each ray its
+hit is known: the range, the surface's normal n, and the turn h x n, h counted from the robot's
+centre, so that g = (n_x, n_y, h x n) is the gradient of the end's distance from the surface (as in
+`information`). An object changes the rays that meet it before what they hit, and no others: it
+adds g g^T of its own surface, and takes away that of what was hit. Far hits weigh less, since a
+filter's heading errs anew with every update, and a beam's end swings by that times its range.
+
+Lengths are in metres, in the map's own axes: x along the columns, y along the rows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._support.kernels.arrays import Bools, Floats, Ints, Numbers, Octets, Singles
+from locplan._support.kernels.rays import cast
+
+RANGE, NORMAL_X, NORMAL_Y, TURN = 0, 1, 2, 3
+"""Columns of a hit; the range is infinite and all else 0 without one."""
+XX, XY, YY, XT, YT, TT, HITS = 0, 1, 2, 3, 4, 5, 6
+"""Columns of the sums over the rays of a pose."""
+
+
+class Rays(NamedTuple):
+    """The poses of the robot, and the rays at each."""
+
+    poses: Floats  # (n, 2) the robot's centre [m]
+    levers: Floats  # (n, 2) the lidar from there [m]
+    first: Floats  # (n,) bearing of the first ray [rad]
+    step: float  # from one ray to the next [rad]
+    beams: int  # rays at a pose
+    all_round: bool  # whether the last ray has the first as its neighbour
+    least: float  # nearer returns count as none [m]
+    most: float  # greatest range [m]
+    swing: float  # a beam of range r tells 1 / (1 + swing r^2) of what a short one does [1 / m^2]
+
+
+class Surfaces(NamedTuple):
+    """What rays meet on a map."""
+
+    squares: Octets  # (4, H + 2, W + 2) as `rays.empty_squares`
+    normals: Singles  # (H, W, 2) unit normals (row, col) of the cells that stop a ray
+    resolution: float  # edge of a cell [m]
+
+
+class Outline(NamedTuple):
+    """Outline of the objects: half the extents [m], or the radius of a disc twice."""
+
+    half_length: float
+    half_width: float
+    is_round: bool
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def hits_of_map(surfaces: Surfaces, rays: Rays, hits: Singles) -> None:
+    """Fill the hits (n, beams, 4) of all poses on a map."""
+    for n in range(len(hits)):
+        for b in range(rays.beams):
+            _write_hit(surfaces, rays, n, b, hits[n, b])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _write_hit(surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles) -> None:
+    """Write the hit (4,) of a ray on a map."""
+    squares, normals, resolution = surfaces
+    x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    bearing = rays.first[n] + b * rays.step
+    dx, dy = np.cos(bearing), np.sin(bearing)
+    at, row, col = cast(squares, y / resolution, x / resolution, dy, dx, rays.most / resolution)
+    at *= resolution
+    if not 0 < at < np.inf or at < rays.least:
+        # Nothing is seen behind a wall that is too near.
+        hit[RANGE] = at if at < rays.least else np.inf
+        hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
+        return
+    nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
+    _set_hit(hit, rays, n, at, dx, dy, nx, ny)
+
+
+@njit(inline="always")
+def _set_hit(
+    hit: Singles, rays: Rays, n: int, at: float, dx: float, dy: float, nx: float, ny: float
+) -> None:
+    """Write a hit at a range in the direction (dx, dy), where the surface has a normal."""
+    hx, hy = rays.levers[n, 0] + at * dx, rays.levers[n, 1] + at * dy
+    hit[RANGE], hit[NORMAL_X], hit[NORMAL_Y] = at, nx, ny
+    hit[TURN] = hx * ny - hy * nx
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def entry(
+    outline: Outline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
+) -> tuple[float, float, float]:
+    """Range at which a ray from (x, y) enters an object at the origin, and the normal there.
+
+    The object's heading has this cosine and sine. The range is infinite where the ray misses it,
+    or begins within it.
+    """
+    if outline.is_round:
+        along = -(x * dx + y * dy)
+        aside = x * dy - y * dx
+        inside = outline.half_length**2 - aside * aside
+        if inside < 0:
+            return np.inf, 0.0, 0.0
+        at = along - np.sqrt(inside)
+        if at <= 0:
+            return np.inf, 0.0, 0.0
+        return at, (x + at * dx) / outline.half_length, (y + at * dy) / outline.half_length
+    u, v, du, dv = cos * x + sin * y, cos * y - sin * x, cos * dx + sin * dy, cos * dy - sin * dx
+    enter_u, leave_u, enter_v, leave_v = -np.inf, np.inf, -np.inf, np.inf
+    if du != 0:
+        enter_u = (-np.copysign(outline.half_length, du) - u) / du
+        leave_u = (np.copysign(outline.half_length, du) - u) / du
+    elif abs(u) > outline.half_length:
+        return np.inf, 0.0, 0.0
+    if dv != 0:
+        enter_v = (-np.copysign(outline.half_width, dv) - v) / dv
+        leave_v = (np.copysign(outline.half_width, dv) - v) / dv
+    elif abs(v) > outline.half_width:
+        return np.inf, 0.0, 0.0
+    at = max(enter_u, enter_v)
+    if at > min(leave_u, leave_v) or at <= 0:
+        return np.inf, 0.0, 0.0
+    if enter_u > enter_v:
+        return at, cos, sin
+    return at, -sin, cos
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def meeting(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[int, int]:
+    """First ray of a pose that may meet an object at (x, y), and how many follow it; or none."""
+    reach = outline.half_length
+    if not outline.is_round:
+        reach = np.hypot(outline.half_length, outline.half_width)
+    away_x = x - rays.poses[n, 0] - rays.levers[n, 0]
+    away_y = y - rays.poses[n, 1] - rays.levers[n, 1]
+    away = np.hypot(away_x, away_y)
+    if away - reach > rays.most:
+        return 0, 0
+    if away <= reach:
+        return 0, rays.beams
+    half = np.arcsin(reach / away) / rays.step
+    middle = (np.arctan2(away_y, away_x) - rays.first[n]) / rays.step
+    turn = 2 * np.pi / rays.step
+    middle -= turn * np.floor((middle - half) / turn)
+    begin, end = int(np.ceil(middle - half - 1e-6)), int(np.floor(middle + half + 1e-6))
+    if rays.all_round:
+        return begin, min(end - begin + 1, rays.beams)
+    from_behind = int(np.floor(middle + half + 1e-6 - turn))
+    if begin < rays.beams <= end and from_behind >= 0:
+        return 0, rays.beams  # it reaches into the view at both ends
+    if begin >= rays.beams:  # it may still reach over the first ray from behind
+        begin, end = 0, from_behind
+    end = min(end, rays.beams - 1)
+    return begin, max(end - begin + 1, 0)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def add_object(
+    hits: Singles, rays: Rays, outline: Outline, x: float, y: float, heading: float, touched: Bools
+) -> None:
+    """Change the hits (n, beams, 4) as an object at (x, y) does, and mark the poses, (n,)."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    for n in range(rays.first.size):
+        begin, count = meeting(rays, n, outline, x, y)
+        from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+        for k in range(count):
+            b = (begin + k) % rays.beams
+            bearing = rays.first[n] + b * rays.step
+            dx, dy = np.cos(bearing), np.sin(bearing)
+            at, nx, ny = entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+            hit = hits[n, b]
+            if at >= hit[RANGE] or at > rays.most:
+                continue
+            touched[n] = True
+            if at < rays.least:
+                nx, ny = 0.0, 0.0
+            _set_hit(hit, rays, n, at, dx, dy, nx, ny)
+
+
+@njit(inline="always")
+def _change(sums: Floats, hit: Singles, sign: float, rays: Rays) -> None:
+    """Add a hit to the sums of a pose, or take it away."""
+    if rays.least <= hit[RANGE] < np.inf:
+        sign /= 1 + rays.swing * np.float64(hit[RANGE]) ** 2
+        nx, ny = np.float64(hit[NORMAL_X]), np.float64(hit[NORMAL_Y])
+        turn = np.float64(hit[TURN])
+        sums[XX] += sign * nx * nx
+        sums[XY] += sign * nx * ny
+        sums[YY] += sign * ny * ny
+        sums[XT] += sign * nx * turn
+        sums[YT] += sign * ny * turn
+        sums[TT] += sign * turn * turn
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sum_up(hits: Singles, rays: Rays, touched: Bools, sums: Floats) -> None:
+    """Write the weighted sums of g g^T over the rays of touched poses, and the hits, (n, 7)."""
+    for n in range(hits.shape[0]):
+        if not touched[n]:
+            continue
+        for k in range(7):
+            sums[n, k] = 0.0
+        for b in range(hits.shape[1]):
+            _change(sums[n], hits[n, b], 1.0, rays)
+            if rays.least <= hits[n, b, RANGE] < np.inf:
+                sums[n, HITS] += 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sums_of(hits: Singles, rays: Rays) -> Floats:
+    """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
+    sums = np.zeros((hits.shape[0], 7))
+    sum_up(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
+    return sums
+
+
+class Sightings(NamedTuple):
+    """The poses that see each object, in order, and their rays that meet it."""
+
+    starts: Ints  # (m + 1,) where those of each object begin
+    poses: NDArray[np.int32]  # (k,) the pose
+    rays: NDArray[np.int16]  # (k, 2) the first ray and how many follow it, itself counted
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def seeing_rays(
+    hits: Singles, rays: Rays, n: int, outline: Outline, x: float, y: float, heading: float
+) -> tuple[int, int]:
+    """First ray of a pose that an object at (x, y) shortens, and how many up to the last; or 0."""
+    begin, count = meeting(rays, n, outline, x, y)
+    from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    cos, sin = np.cos(heading), np.sin(heading)
+    first, last = -1, -1
+    for k in range(count):
+        b = (begin + k) % rays.beams
+        bearing = rays.first[n] + b * rays.step
+        dx, dy = np.cos(bearing), np.sin(bearing)
+        at, _, _ = entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+        if at < hits[n, b, RANGE] and at <= rays.most:
+            first, last = k if first < 0 else first, k
+    if first < 0:
+        return 0, 0
+    return (begin + first) % rays.beams, last - first + 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def find_sightings(
+    candidates: Floats,
+    begin: int,
+    end: int,
+    hits: Singles,
+    rays: Rays,
+    outline: Outline,
+    sightings: Sightings,
+    counts: Ints,
+) -> None:
+    """Fill how many poses see each candidate x, y, heading from `begin` to `end`, (m,).
+
+    Sightings that have room are filled, too. They are found twice, since as many as there are may
+    not fit the memory.
+    """
+    has_room = sightings.poses.size > 0
+    for m in range(begin, end):
+        x, y, heading = candidates[m, 0], candidates[m, 1], candidates[m, 2]
+        at = sightings.starts[m]
+        for n in range(rays.first.size):
+            first, count = seeing_rays(hits, rays, n, outline, x, y, heading)
+            if count > 0:
+                if has_room:
+                    sightings.poses[at] = n
+                    sightings.rays[at, 0], sightings.rays[at, 1] = first, count
+                at += 1
+        counts[m] = at - sightings.starts[m]
+
+
+class Scene(NamedTuple):
+    """What stands already, and the outline of the objects that may come."""
+
+    hits: Singles  # (n, beams, 4) on the map and the objects
+    sums: Floats  # (n, 7), what `sums_of` makes of them
+    rays: Rays
+    outline: Outline
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def with_object(
+    scene: Scene, n: int, place: Numbers, begin: int, count: int, changed: Floats
+) -> bool:
+    """Write a pose's sums with an object at a place into `changed` (7,); False if they stay.
+
+    The place is (x, y, heading); `count` rays from `begin` on may meet it, see `meeting`. The
+    number of hits stays in any case: it is that on the map without objects.
+    """
+    hits, sums, rays, outline = scene
+    x, y, heading = place
+    for k in range(7):
+        changed[k] = sums[n, k]
+    any_ray = False
+    new = np.zeros(4, np.float32)
+    from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
+    cos, sin = np.cos(rays.step), np.sin(rays.step)
+    along, aside = np.cos(heading), np.sin(heading)
+    bearing = rays.first[n] + (begin - 1) * rays.step
+    dx, dy = np.cos(bearing), np.sin(bearing)
+    for k in range(count):
+        b = (begin + k) % rays.beams
+        dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
+        at, nx, ny = entry(outline, along, aside, from_x - x, from_y - y, dx, dy)
+        if at >= hits[n, b, RANGE] or at > rays.most:
+            continue
+        any_ray = True
+        _change(changed, hits[n, b], -1.0, rays)
+        _set_hit(new, rays, n, at, dx, dy, nx, ny)
+        _change(changed, new, 1.0, rays)
+    return any_ray

@@ -1,0 +1,219 @@
+"""How uncertain a robot is along routes, with each of many objects besides.
+
+A covariance P (6,) is [xx, xy, yy, xt, yt, tt]. Along a route it becomes F P F^T + Q ds between two
+looks around, and at each (P^-1 + I)^-1; see `locplan.advice.kernels.landmarks` for the sums that
+make I.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from locplan._support.kernels.arrays import Floats, Ints
+from locplan.advice.kernels.landmarks import (
+    HITS,
+    TT,
+    XT,
+    XX,
+    XY,
+    YT,
+    YY,
+    Scene,
+    Sightings,
+    with_object,
+)
+
+
+class Sensing(NamedTuple):
+    """How the sum over the rays becomes information: share * sum / (1 + other * hits).
+
+    The hits are those on the map without objects: if those on objects counted, a search would
+    rather hide objects from each other than see them well.
+    """
+
+    share: float  # [1 / m^2]
+    other: float  # how far each further hit lessens the information of one
+
+
+class Motion(NamedTuple):
+    """Variances of the motion model per metre, and those at the start."""
+
+    along: float  # [m^2 / m]
+    across: float  # [m^2 / m]
+    turn: float  # [rad^2 / m]
+    start: float  # [m^2]
+    start_turn: float  # [rad^2]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def update(p: Floats, sums: Floats, sensing: Sensing) -> None:
+    """Turn a covariance P (6,) [xx, xy, yy, xt, yt, tt] into (P^-1 + I)^-1, I of the sums (7,)."""
+    share = sensing.share / (1 + sensing.other * max(sums[HITS], 0.0))
+    _invert(p)
+    for k in range(6):
+        p[k] += share * sums[k]
+    _invert(p)
+
+
+@njit(inline="always")
+def _invert(m: Floats) -> None:
+    """Invert a symmetric matrix (6,) in place."""
+    a, b, d, c, e, f = m[XX], m[XY], m[YY], m[XT], m[YT], m[TT]
+    one, two, three = d * f - e * e, c * e - b * f, b * e - c * d
+    factor = 1 / (a * one + b * two + c * three)
+    m[XX], m[XY], m[XT] = one * factor, two * factor, three * factor
+    m[YY], m[YT], m[TT] = (
+        (a * f - c * c) * factor,
+        (b * c - a * e) * factor,
+        (a * d - b * b) * factor,
+    )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def move(p: Floats, dx: float, dy: float, motion: Motion) -> None:
+    """Turn a covariance P (6,) into F P F^T + Q ds, as the robot moves by (dx, dy)."""
+    way = np.hypot(dx, dy)
+    xt, yt, tt = p[XT], p[YT], p[TT]
+    p[XX] += -2 * dy * xt + dy * dy * tt
+    p[XY] += dx * xt - dy * yt - dx * dy * tt
+    p[YY] += 2 * dx * yt + dx * dx * tt
+    p[XT] -= dy * tt
+    p[YT] += dx * tt
+    if way > 0:
+        cos, sin = dx / way, dy / way
+        along, across = motion.along * way, motion.across * way
+        p[XX] += along * cos * cos + across * sin * sin
+        p[XY] += (along - across) * cos * sin
+        p[YY] += along * sin * sin + across * cos * cos
+        p[TT] += motion.turn * way
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def covariances(
+    sums: Floats, poses: Floats, routes: Ints, sensing: Sensing, motion: Motion
+) -> tuple[Floats, Floats]:
+    """Covariances (n, 6) before and after each look around, along routes.
+
+    `routes` (r + 1,) are the indices at which the routes begin, and the number of all poses.
+    """
+    before, after = np.zeros((len(sums), 6)), np.zeros((len(sums), 6))
+    p = np.zeros(6)
+    for r in range(routes.size - 1):
+        _begin(p, motion)
+        for n in range(routes[r], routes[r + 1]):
+            if n > routes[r]:
+                move(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
+            for k in range(6):
+                before[n, k] = p[k]
+            update(p, sums[n], sensing)
+            for k in range(6):
+                after[n, k] = p[k]
+    return before, after
+
+
+@njit(inline="always")
+def _alike(p: Floats, other: Floats) -> bool:
+    """Whether an object that is out of sight no longer matters."""
+    share = 1e-6  # by which a variance may differ from what it was
+    alike = abs(p[XX] - other[XX]) <= share * other[XX]
+    alike &= abs(p[YY] - other[YY]) <= share * other[YY]
+    return alike and abs(p[TT] - other[TT]) <= share * other[TT]
+
+
+@njit(inline="always")
+def _begin(p: Floats, motion: Motion) -> None:
+    for k in range(6):
+        p[k] = 0.0
+    p[XX] = p[YY] = motion.start
+    p[TT] = motion.start_turn
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def uncertainties(
+    candidates: Floats,
+    indices: Ints,
+    sightings: Sightings,
+    scene: Scene,
+    routes: Ints,
+    sensing: Sensing,
+    motion: Motion,
+) -> Floats:
+    """Mean of P_xx + P_yy over all poses with each of some candidates besides, (m,) [m^2].
+
+    Parameters
+    ----------
+    candidates : (c, 3) array
+        x, y and heading of all [m, m, rad].
+    indices : (m,) array
+        The candidates that are asked for.
+    sightings : Sightings
+        The poses that see each of all candidates.
+    scene : Scene
+        What stands already, the poses with their rays, and the object.
+    routes, sensing, motion
+        See `covariances`.
+    """
+    known = covariances(scene.sums, scene.rays.poses, routes, sensing, motion)
+    after, count = known[1], len(scene.sums)
+    total = 0.0
+    for n in range(count):
+        total += after[n, XX] + after[n, YY]
+    result = np.empty(len(indices))
+    for m in range(len(indices)):
+        at = indices[m]
+        stretch = sightings.starts[at], sightings.starts[at + 1]
+        place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
+        models = sensing, motion
+        value = _sum_with(total, place, stretch, sightings, scene, routes, models, known)
+        result[m] = value / count
+    return result
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _sum_with(
+    value: float,
+    place: tuple[float, float, float],
+    stretch: tuple[int, int],
+    sightings: Sightings,
+    scene: Scene,
+    routes: Ints,
+    models: tuple[Sensing, Motion],
+    known: tuple[Floats, Floats],
+) -> float:
+    """Sum `value` of P_xx + P_yy over all poses, with an object besides that is seen in a stretch.
+
+    Covariances are followed only from a pose that sees the object to where it is forgotten; those
+    `known`, before and after each look, are without it.
+    """
+    sensing, motion = models
+    before, after = known
+    sums, poses = scene.sums, scene.rays.poses
+    changed, p = np.empty(7), np.empty(6)
+    k, stop = stretch
+    r = n = 0
+    differs = False  # whether the covariance before pose n is another one
+    while k < stop or differs:
+        if not differs:
+            n = sightings.poses[k]
+            while routes[r + 1] <= n:
+                r += 1
+        meets = k < stop and sightings.poses[k] == n
+        if meets:
+            begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
+            meets = with_object(scene, n, place, begin, many, changed)
+            k += 1
+        if not differs and not meets:
+            continue
+        if not differs:
+            for c in range(6):
+                p[c] = before[n, c]
+        update(p, changed if meets else sums[n], sensing)
+        value += p[XX] + p[YY] - after[n, XX] - after[n, YY]
+        differs = n + 1 < routes[r + 1] and (meets or not _alike(p, after[n]))
+        if differs:
+            n += 1
+            move(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
+    return value

@@ -1,0 +1,401 @@
+"""The greedy search for landmarks, and the places where an object may stand."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Bools, Floats
+from locplan._support.poses import way_along
+from locplan._support.progress import ProgressCallback
+from locplan.advice.landmark_objects import Shape, filled_cells, outline_of
+from locplan.advice.landmark_sight import Sight
+from locplan.errors import ConfigError
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import UNKNOWN
+from locplan.planning.path import Path
+
+AROUND = 3.0
+"""Distance from an object within which the robot must get from one side to the other [m]."""
+
+Pose = Floats
+"""Row, column and heading on the map, (3,) [cells, cells, rad]."""
+
+
+class Passages:
+    """The space where the centre of a robot can be, beside the objects that were placed.
+
+    A passage is cut if what was joined within `AROUND` of an object no longer is: for the
+    robot alone, since it may have to pass a narrow door, or for the robot with a clearance.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    shape : Shape
+        Outline of the objects.
+    robot_radius, clearance : float
+        Radius of the robot, and the distance that it keeps besides [m].
+    """
+
+    def __init__(
+        self, grid: OccupancyGrid, shape: Shape, robot_radius: float, clearance: float
+    ) -> None:
+        self.grid, self.shape = grid, shape
+        self.open = {
+            radius: grid.free & ~grid.closer_than(radius - 1e-9)
+            for radius in sorted({robot_radius, robot_radius + clearance})
+        }
+
+    def place(self, pose: Pose) -> None:
+        """Close the space around an object that stands from now on."""
+        for radius, space in self.open.items():
+            window, apart = self.shape.distances(self.grid, pose, radius)
+            space[window] &= apart >= radius - 1e-9
+
+    def copy(self) -> Passages:
+        """Copy in which other objects can be placed."""
+        other = copy.copy(self)
+        other.open = {radius: space.copy() for radius, space in self.open.items()}
+        return other
+
+    def cuts(self, pose: Pose) -> bool:
+        """Whether an object at a pose would cut a passage."""
+        return any(
+            self._cuts(radius, pose, 2 * self.grid.resolution)
+            and self._cuts(radius, pose, AROUND)  # the narrow look settles nearly all
+            for radius in self.open
+        )
+
+    def _cuts(self, radius: float, pose: Pose, around: float) -> bool:
+        import cv2
+
+        window, apart = self.shape.distances(self.grid, pose, radius + around)
+        before = self.open[radius][window]
+        after = before & (apart >= radius - 1e-9)
+        if (after == before).all():
+            return False
+        _, parts, about, _ = cv2.connectedComponentsWithStats(after.astype("u1"), connectivity=4)
+        # Area of free space that may be closed off, since it is no passage [m^2].
+        least = 0.25 / self.grid.resolution**2 if around >= AROUND else 0
+        large = np.flatnonzero(about[:, cv2.CC_STAT_AREA] >= least)
+        large = large[large > 0]
+        if large.size < 2:
+            return False
+        _, joined = cv2.connectedComponents(before.astype("u1"), connectivity=4)
+        owners = [joined[parts == part][0] for part in large.tolist()]
+        return any(owners.count(each) > 1 for each in np.unique(joined[before & ~after]).tolist())
+
+
+WALL_GAP, APART = 0.05, 0.05
+"""Minimum distance of an object from a wall, and between two objects [m]."""
+SPACING = 0.5
+"""Distance between the places along walls and beside routes [m]."""
+CLEARANCE = 0.2
+"""Distance that routes and passages keep from the objects, added to the robot's radius [m]."""
+
+
+def counted(reasons: Iterable[str]) -> str:
+    """How many places were refused for which reason."""
+    counts = Counter(reasons).items()
+    return ", ".join(f"{why} ({count})" for why, count in counts) or "there are no places"
+
+
+def candidate_places(
+    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
+) -> Floats:
+    """Return poses of an object along walls and free-standing, not yet checked, (n, 3).
+
+    Along walls it is turned as the wall is; a long object that stands free is tried both ways.
+    """
+    return np.concatenate(
+        [
+            _along_walls(grid, shape),
+            _free_standing(grid, shape),
+            _beside_routes(grid, shape, routes, keep),
+        ]
+    )
+
+
+def _along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
+    """Poses every `SPACING` [m] along the walls, at least `WALL_GAP` clear of them."""
+    import cv2
+
+    resolution = grid.resolution
+    distance = shape.half_width + WALL_GAP + resolution
+    clear = np.where(grid.free, grid.clearance, 0.0)
+    mask = (clear >= distance).astype(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    found = [np.empty((0, 3))]
+    for contour in contours:
+        at = contour[:, 0, ::-1].astype(np.float64) + 0.5  # (row, col) of the cells' centres
+        ring = np.concatenate([at, at[:1]])
+        way = way_along(ring) * resolution
+        count = max(1, int(way[-1] / SPACING))
+        where = (np.arange(count) + 0.5) * way[-1] / count
+        # Half the length along a wall over which its direction is measured [m].
+        half = min(0.25, way[-1] / 4)
+        length = max(way[-1], 1e-9)
+        d_row, d_col = (
+            np.interp((where + half) % length, way, v) - np.interp((where - half) % length, way, v)
+            for v in ring.T
+        )
+        nearest = np.searchsorted(way, where).clip(0, len(at)) % len(at)
+        rows, cols = at[nearest].T
+        # Maximum distance of an object from its wall beyond the least one [m].
+        near = clear[rows.astype(int), cols.astype(int)] < distance + 0.3
+        # Two headings half a turn apart are one.
+        heading = np.mod(np.arctan2(d_row, d_col) + 1e-9, np.pi) - 1e-9
+        found.append(np.column_stack([rows, cols, heading])[near])
+    return np.concatenate(found)
+
+
+def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
+    """Poses on a lattice of a metre, where the clearance is above 1.2 m."""
+    # Spacing of free-standing candidates [m].
+    step = 1.0 / grid.resolution
+    rows, cols = (np.arange(step / 2, size, step) for size in grid.shape)
+    row, col = (v.ravel() for v in np.meshgrid(rows, cols, indexing="ij"))
+    ways = (0.0,) if shape.half_length == shape.half_width else (0.0, math.pi / 2)
+    poses = [np.column_stack([row, col, np.full(len(row), way)]) for way in ways]
+    return _in_the_open(grid, np.concatenate(poses))
+
+
+def _in_the_open(grid: OccupancyGrid, poses: Floats) -> Floats:
+    """Those of some poses where the clearance is above 1.2 m."""
+    rows, cols = np.floor(poses[:, :2]).astype(int).T
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    poses, at = poses[inside], (rows[inside], cols[inside])
+    # Clearance from which on an object may stand free [m].
+    return np.asarray(poses[grid.free[at] & (grid.clearance[at] > 1.2)])
+
+
+def _beside_routes(
+    grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
+) -> Floats:
+    """Poses every `SPACING` [m] on both sides of routes through the open, as near as allowed.
+
+    Near objects help a filter most whose heading is uncertain. They are turned as the route is,
+    long ones also across it, and have the clearance of `free_standing`.
+    """
+    long = shape.half_length != shape.half_width
+    found = [np.empty((0, 3))]
+    for path in routes:
+        fine = path.resampled(SPACING, even=True)
+        ahead = np.arctan2(*np.gradient(fine.xy, axis=0).T[::-1]) - grid.origin[2]
+        row, col = grid.world_to_grid(*fine.xy.T)
+        for turn in (0.0, math.pi / 2) if long else (0.0,):
+            extent = shape.half_length if turn else shape.half_width
+            for side in (-1, 1):
+                away = side * (keep + extent) / grid.resolution + side
+                at_row, at_col = row + np.cos(ahead) * away, col - np.sin(ahead) * away
+                heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
+                found.append(np.column_stack([at_row, at_col, heading]))
+    return _in_the_open(grid, np.concatenate(found))
+
+
+def cells_in(grid: OccupancyGrid, rectangles: Any) -> Bools | None:
+    """Return the mask of the cells in rectangles in the world, (H, W), or None without any.
+
+    Raises
+    ------
+    ConfigError
+        If they are no rectangles (x0, y0, x1, y1) [m].
+    """
+    if rectangles is None:
+        return None
+    wrong = ConfigError("keep_out must be rectangles (x0, y0, x1, y1) in metres")
+    try:
+        values = np.asarray(rectangles)
+    except ValueError:  # rectangles of unequal length
+        raise wrong from None
+    if values.size == 0:
+        return None
+    numbers = np.issubdtype(values.dtype, np.number) and np.isfinite(values).all()
+    if values.ndim != 2 or values.shape[1] != 4 or not numbers:
+        raise wrong
+    rows, cols = np.indices(grid.shape)
+    at = np.stack(grid.grid_to_world(rows + 0.5, cols + 0.5), axis=-1)
+    inside = np.zeros(grid.shape, bool)
+    half = grid.resolution / 2
+    for corners in values.reshape(-1, 2, 2).astype(np.float64):
+        low, high = corners.min(axis=0) - half, corners.max(axis=0) + half
+        inside |= ((at > low) & (at < high)).all(axis=-1)
+    return inside
+
+
+def refusals(
+    places: Floats,
+    grid: OccupancyGrid,
+    passages: Passages,
+    routes: Floats,
+    keep: float,
+    keep_out: Bools | None,
+) -> list[str]:
+    """Why an object may not stand at each place on the map, or "" where it may.
+
+    Parameters
+    ----------
+    places : (n, 3) array
+        Row, column and heading [cells, cells, rad].
+    grid : OccupancyGrid
+        The map without objects.
+    passages : Passages
+        Space of the robot beside such objects.
+    routes : (m, 2) array
+        Row and column of positions along the routes [cells]; objects are `keep` [m] away.
+    keep : float
+        Minimum distance of an object from the routes [m].
+    keep_out : (H, W) array of bool, optional
+        Cells that no object may fill.
+    """
+    from scipy.spatial import cKDTree
+
+    shape, resolution = passages.shape, grid.resolution
+    taken = grid.clearance < WALL_GAP + resolution / 2 - 1e-9
+    unknown, tree = grid.cells == UNKNOWN, cKDTree(routes)
+
+    def reason(pose: Pose) -> str:
+        row, col, heading = pose.tolist()
+        cells = filled_cells(grid, shape, pose)
+        corners = outline_of(shape, np.array([0.0, 0.0, heading])) / resolution
+        reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
+        beyond = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
+        if beyond.any() or unknown[cells].any():
+            return "reaches beyond the map or into what is unknown"
+        if taken[cells].any():
+            return "less than 5 cm from a wall or another object"
+        if keep_out is not None and keep_out[cells].any():
+            return "in an area that is kept out"
+        near = tree.query_ball_point((row, col), (shape.reach + keep) / resolution)
+        y, x = (routes[near] - (row, col)).T * resolution
+        if (shape.distance(x, y, heading) < keep).any():
+            return "in the way of a route"
+        return "cuts a passage for the robot" if passages.cuts(pose) else ""
+
+    return [reason(pose) for pose in places]
+
+
+def too_close(shape: Shape, pose: Floats, others: Floats, resolution: float) -> bool:
+    """Whether an object would stand closer than `APART` to another one [cells, cells, rad]."""
+    apart = np.hypot(*(others[:, :2] - pose[:2]).T) * resolution
+    near = others[apart < 2 * shape.reach + APART]
+    return any(shape.is_round or _boxes_near(shape, pose, other, resolution) for other in near)
+
+
+def _boxes_near(shape: Shape, one: Floats, other: Floats, resolution: float) -> bool:
+    """Whether two rectangles come closer than `APART`; points along one against the other."""
+    along, across = np.meshgrid(
+        np.linspace(-shape.half_length, shape.half_length, 9),
+        np.linspace(-shape.half_width, shape.half_width, 9),
+    )
+    for base, against in ((one, other), (other, one)):
+        cos, sin = math.cos(base[2]), math.sin(base[2])
+        x = cos * along - sin * across + (base[1] - against[1]) * resolution
+        y = sin * along + cos * across + (base[0] - against[0]) * resolution
+        if (shape.distance(x, y, against[2]) < APART).any():
+            return True
+    return False
+
+
+@dataclass
+class Search:
+    """A greedy search for the places that lower the objective of `Sight` most."""
+
+    sight: Sight
+    """What the robot sees with objects at some of the places, and the objective."""
+    passages: Passages
+    """Space of the robot on the map without objects."""
+    lazy: int = 128
+    """Number of places that a lazy search looks at together."""
+
+    @property
+    def places(self) -> Floats:
+        """Row, column and heading of all places on the map, (n, 3) [cells, cells, rad]."""
+        return self.sight.places
+
+    def run(self, count: int, progress: ProgressCallback | None = None) -> tuple[list[int], Floats]:
+        """Return indices of at most `count` places, and the objective with 0, 1, ... of them."""
+        chosen: list[int] = []
+        bounds = np.full(len(self.places), np.inf)
+        curve = []
+        while True:
+            self.sight.start(np.array(chosen, np.int64))
+            curve.append(self.sight.value())
+            best = self.best(chosen, bounds) if len(chosen) < count else None
+            if progress:
+                progress(count if best is None else len(chosen) + 1, count)
+            if best is None:
+                return chosen, np.array(curve)
+            chosen.append(best)
+
+    def best(self, others: list[int], bounds: Floats | None = None) -> int | None:
+        """Return the best allowed place added to others; None if none lowers the objective.
+
+        With `bounds` (n,), which no gain exceeds, the search is lazy: places are looked at from the
+        greatest bound on, until none of the rest can gain more. Gains with fewer objects are such
+        bounds as far as the objective has diminishing returns; they are lowered in place.
+        """
+        self.sight.start(np.array(others, np.int64))
+        value = self.sight.value()
+        # Share of the objective by which a place must lower it.
+        least = 1e-6 * value
+        waiting = np.setdiff1d(np.arange(len(self.places)), others)
+        lot = max(len(waiting), 1)
+        if bounds is not None:
+            waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.lazy
+        gains = np.full(len(self.places), -np.inf)
+        passages = self.around(others)
+        for begin in range(0, len(waiting), lot):
+            part = waiting[begin : begin + lot]
+            gains[part] = value - self.sight.values(part)
+            rest = -np.inf
+            if bounds is not None:
+                bounds[part] = gains[part]
+                rest = bounds[waiting[begin + lot :]].max(initial=-np.inf)
+            for n in np.argsort(-gains, kind="stable").tolist():
+                if not gains[n] > least or gains[n] < rest:
+                    break
+                if self.is_allowed(n, others, passages):
+                    return int(n)
+                gains[n] = -np.inf
+            if not rest > least:
+                return None
+        return None
+
+    def around(self, chosen: list[int]) -> Passages:
+        """Return the robot's space with objects at these places."""
+        passages = self.passages.copy()
+        for n in chosen:
+            passages.place(self.places[n])
+        return passages
+
+    def is_allowed(self, place: int, others: list[int], passages: Passages) -> bool:
+        """True if an object may stand at a place together with others."""
+        pose, sight = self.places[place], self.sight
+        near = too_close(sight.shape, pose, self.places[others], sight.grid.resolution)
+        return not near and not passages.cuts(pose)
+
+    def at_random(self, count: int, random: np.random.Generator) -> list[int]:
+        """Return places drawn at random that are allowed together, at most `count`."""
+        chosen: list[int] = []
+        passages = self.passages.copy()
+        for n in random.permutation(len(self.places)).tolist():
+            if len(chosen) == count:
+                break
+            if self.is_allowed(n, chosen, passages):
+                chosen.append(n)
+                passages.place(self.places[n])
+        return chosen
+
+
+def poses_in_world(grid: OccupancyGrid, places: Floats) -> Floats:
+    """Return places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
+    x, y = grid.grid_to_world(places[:, 0], places[:, 1])
+    return np.column_stack([x, y, places[:, 2] + grid.origin[2]])

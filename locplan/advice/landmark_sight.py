@@ -1,0 +1,277 @@
+"""What a robot sees along its routes with some objects in place, and the models of its filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import check_memory
+from locplan._support.kernels.arrays import Floats, Ints, Singles
+from locplan._support.poses import Poses, way_along
+from locplan.advice.landmark_objects import Shape
+from locplan.field.beams import surface_normals
+from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan.maps.occupancy import OCCUPIED
+from locplan.planning.path import Path
+from locplan.robots.amcl import OMNIDIRECTIONAL, Amcl
+from locplan.robots.robot import Robot
+from locplan.simulation.worlds import poses_along
+
+SIGMA = 2.0
+"""Standard deviation of a beam's end, in times of the filter's own sigma_hit [1].
+
+Beams err alike, so that each has less information than alone: 0.4 m, with the default 0.2 m, ranks
+placements best by the errors of simulated drives.
+"""
+MIN_STEP, MAX_STEP = 0.1, 0.5
+"""Limits of the distance between two looks around [m]; else it is that of two updates."""
+MIN_RAYS, MAX_RAYS = 360, 2880
+"""Limits of the number of rays in a full circle."""
+MIN_VARIANCE = 1e-8
+"""Minimum variance of the first pose [m^2, rad^2]; 0 has no inverse."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Poses of a robot, what it sees there on the map, and its models."""
+
+    rays: Any
+    """`landmarks.Rays`: the poses and their rays, in the map's own axes."""
+    routes: Ints
+    """Indices at which the routes begin, and the number of all poses, (r + 1,)."""
+    a_step: Any
+    """`objectives.Sensing`: the information of a beam from one pose to the next."""
+    motion: Any
+    """`objectives.Motion`: how the covariance of the filter's pose grows on the way."""
+
+
+def surroundings(
+    grid: OccupancyGrid, lines: Sequence[Poses], shape: Shape, robot: Robot
+) -> Surroundings:
+    """Look around on a map at poses in the world, `step_of` apart on each line."""
+    rays = _rays_at(own_axes(grid, np.concatenate(lines)), shape, robot, grid.resolution)
+    count = len(rays.first)
+    check_memory(
+        f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
+    )
+    update = max(robot.amcl.update_min_d, 1e-3)
+    a_step = _information(robot, rays.beams, grid.resolution, step_of(robot) / update)
+    return Surroundings(rays, np.cumsum([0, *map(len, lines)]), a_step, _motion_of(robot))
+
+
+def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -> list[Poses]:
+    """Poses about every `step_of` [m] along each path.
+
+    Raises
+    ------
+    LocplanError
+        If a path leaves the free cells.
+    """
+    lines, step = [], step_of(robot)
+    for name, path in paths.items():
+        poses = poses_along(path, grid, f"path {name}")
+        way = way_along(poses)
+        at = np.searchsorted(way, np.arange(0.0, way[-1] + step / 2, step) - 1e-9)
+        lines.append(poses[np.unique(at.clip(0, len(poses) - 1))])
+    return lines
+
+
+def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any:
+    """`landmarks.Rays` at poses in the map's own axes, so dense that no object is missed."""
+    from locplan.advice.kernels.landmarks import Rays
+
+    lidar, amcl = robot.known_lidar, robot.amcl
+    reach = amcl.reach(lidar)
+    narrow = 2 * min(shape.half_length, shape.half_width)
+    # Number of rays that meet the narrowest side of an object at the lidar's full range.
+    round_ = min(max(MIN_RAYS, 2 * 2 * math.pi * reach / narrow), MAX_RAYS)
+    width = math.radians(lidar.field_of_view_deg)
+    beams = max(2, math.ceil(round_ * lidar.field_of_view_deg / 360))
+    step = width / beams  # rays stand for sectors that are equally wide
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    levers = np.column_stack(
+        [cos * lidar.mount_x - sin * lidar.mount_y, sin * lidar.mount_x + cos * lidar.mount_y]
+    )
+    return Rays(
+        np.ascontiguousarray(poses[:, :2]),
+        levers,
+        poses[:, 2] + lidar.mount_yaw - width / 2 + step / 2,
+        step,
+        beams,
+        lidar.sees_all_round,
+        max(lidar.min_range, amcl.laser_min_range, 0.0),
+        reach,
+        _swing_of(amcl, resolution),
+    )
+
+
+def step_of(robot: Robot) -> float:
+    """Distance between two looks around [m]."""
+    return min(max(robot.amcl.update_min_d, MIN_STEP), MAX_STEP)
+
+
+def _swing_of(amcl: Amcl, resolution: float) -> float:
+    """How fast the information of a beam falls with its range, see `landmarks.Rays` [1 / m^2].
+
+    It is the variance of the heading in one update over that of a beam's end at which it still
+    counts: sums of cubes are narrower than products.
+    """
+    times = 1 if amcl.robot_model_type == OMNIDIRECTIONAL else 2
+    turn = times * amcl.alpha2 * amcl.update_min_d**2
+    narrow = 1.0 if amcl.laser_model_type == "likelihood_field_prob" else 3.0
+    return narrow * turn / (SIGMA * max(amcl.sigma_hit, resolution)) ** 2
+
+
+def _information(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
+    """`objectives.Sensing` of a filter: the curvature of its log-weight, per look around.
+
+    A product of likelihoods adds the curvature of each beam. The other model of Nav2 weighs by
+    1 plus the sum of their cubes: the more beams hit, the less each counts.
+    """
+    from locplan.advice.kernels.objectives import Sensing
+
+    lidar, amcl = robot.known_lidar, robot.amcl
+    share = math.ceil(lidar.beams / amcl.beam_step(lidar.beams)) / rays
+    sigma = SIGMA * max(amcl.sigma_hit, resolution)
+    likelihood = amcl.z_hit + amcl.z_rand / amcl.reach(lidar)
+    if amcl.laser_model_type == "likelihood_field_prob":
+        return Sensing(looks * share * amcl.z_hit / likelihood / sigma**2, 0.0)
+    curvature = 3 * likelihood**2 * amcl.z_hit / sigma**2
+    return Sensing(looks * share * curvature, share * likelihood**3)
+
+
+def _motion_of(robot: Robot) -> Any:
+    """`objectives.Motion` of a filter with its updates, and of the odometry."""
+    from locplan.advice.kernels.objectives import Motion
+
+    amcl, odometry, disturbances = robot.amcl, robot.odometry, robot.disturbances
+    step = amcl.update_min_d
+    drift = math.radians(odometry.heading_drift_deg)
+    if amcl.robot_model_type == OMNIDIRECTIONAL:
+        across, turn = amcl.alpha5 * step, amcl.alpha2 * step
+    else:  # it turns before and after it drives
+        across, turn = amcl.alpha2 * step**3, 2 * amcl.alpha2 * step
+    return Motion(
+        amcl.alpha3 * step + odometry.distance_drift**2,
+        across,
+        turn + drift**2,
+        max(disturbances.start_sigma**2, MIN_VARIANCE),
+        max(math.radians(disturbances.start_sigma_deg) ** 2, MIN_VARIANCE),
+    )
+
+
+LOT = 64
+"""Number of places that a thread takes at a time: near ones cost alike."""
+
+
+@dataclass
+class Sight:
+    """What a robot sees along its routes with objects at some of the places, and what they gain.
+
+    The objective is the mean of P_xx + P_yy along the routes [m^2], P the covariance of an
+    information filter: between two looks around P becomes F P F^T + Q ds, and at each
+    (P^-1 + I)^-1, I the information of the beams that the filter compares.
+    """
+
+    grid: OccupancyGrid
+    """The map without objects."""
+    seen: Surroundings
+    shape: Shape
+    places: Floats
+    """Row, column and heading of each place on the map, (m, 3) [cells, cells, rad]."""
+    threads: int
+    hits: Singles = field(init=False)
+    """Hits of the rays with the objects, (n, beams, 4)."""
+    sums: Floats = field(init=False)
+    """What `sums_of` makes of them, but for the number of hits, which is that of the map."""
+    sightings: Any = field(init=False)
+    """`sightings.Sightings` of the places."""
+
+    def __post_init__(self) -> None:
+        from locplan._support.kernels.rays import empty_squares
+        from locplan.advice.kernels.landmarks import Outline, Scene, Surfaces, hits_of_map, sums_of
+
+        rays, resolution = self.seen.rays, self.grid.resolution
+        count, occupied = len(rays.first), self.grid.cells == OCCUPIED
+        self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
+        surfaces = Surfaces(empty_squares(occupied), surface_normals(occupied), resolution)
+        hits_of_map(surfaces, rays, self._hits_of_map)
+        self.own = np.ascontiguousarray(
+            np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])
+        )
+        self.outline = Outline(*self.shape)
+        self.hits = self._hits_of_map.copy()
+        self.sums = sums_of(self.hits, rays)
+        self.scene = Scene(self.hits, self.sums, rays, self.outline)
+        self._sums_of_map = self.sums.copy()
+        self._touched = np.zeros(count, bool)
+        self.sightings = self._found()
+
+    def start(self, chosen: Ints) -> None:
+        """Begin from objects at these places, (k,)."""
+        from locplan.advice.kernels.landmarks import HITS, add_object, sum_up
+
+        touched, rays = self._touched, self.seen.rays
+        self.hits[touched] = self._hits_of_map[touched]
+        self.sums[touched] = self._sums_of_map[touched]
+        touched[:] = False
+        for x, y, heading in self.own[chosen]:
+            add_object(self.hits, rays, self.outline, x, y, heading, touched)
+        sum_up(self.hits, rays, touched, self.sums)
+        self.sums[:, HITS] = self._sums_of_map[:, HITS]
+
+    def value(self) -> float:
+        """Return the objective with the objects [m^2]."""
+        from locplan.advice.kernels.landmarks import XX, YY
+        from locplan.advice.kernels.objectives import covariances
+
+        seen = self.seen
+        _, after = covariances(self.sums, seen.rays.poses, seen.routes, seen.a_step, seen.motion)
+        return float((after[:, XX] + after[:, YY]).mean())
+
+    def values(self, indices: Ints) -> Floats:
+        """Return the objective with an object at each of these places as well, (m,) [m^2]."""
+        from locplan.advice.kernels.objectives import uncertainties
+
+        seen = self.seen
+        given = self.sightings, self.scene, seen.routes, seen.a_step, seen.motion
+        return np.concatenate(
+            self._lots(
+                lambda part: uncertainties(self.own, part, *given), np.asarray(indices, np.int64)
+            )
+        )
+
+    def _found(self) -> Any:
+        """Which poses see which place, and by which rays."""
+        from locplan.advice.kernels.landmarks import Sightings, find_sightings
+
+        own, given = self.own, (self._hits_of_map, self.seen.rays, self.outline)
+        counts, every = np.zeros(len(own), np.int64), np.arange(len(own))
+
+        def sightings(starts: Ints) -> Sightings:
+            room = starts[-1]
+            found = Sightings(starts, np.empty(room, np.int32), np.empty((room, 2), np.int16))
+            self._lots(
+                lambda lot: find_sightings(own, lot[0], lot[-1] + 1, *given, found, counts), every
+            )
+            return found
+
+        sightings(np.zeros(len(own) + 1, np.int64))
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        check_memory(
+            f"{starts[-1]:,} sightings of {len(counts):,} places",
+            8.0 * starts[-1],
+            "take shorter routes",
+        )
+        return sightings(starts)
+
+    def _lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
+        """What a function gives for the indices of each lot of places."""
+        lots = np.split(indices, range(LOT, len(indices), LOT))
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(run, lots))

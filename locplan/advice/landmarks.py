@@ -1,0 +1,617 @@
+"""Landmarks: where to put objects that keep a robot from getting lost, and whether they help."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.checks import check_threads, keep, position, shown, whole
+from locplan._support.intervals import random_of
+from locplan._support.kernels.arrays import Bools, Floats
+from locplan._support.output import Results
+from locplan._support.progress import ProgressCallback, parts
+from locplan._support.records import POSE, Column, Result, Table
+from locplan._support.tables import finite, wrapped
+from locplan.advice.landmark_objects import (
+    LandmarkObject,
+    check_object,
+    on_grid,
+    outline_of,
+    with_objects,
+)
+from locplan.advice.landmark_search import (
+    CLEARANCE,
+    Passages,
+    Search,
+    candidate_places,
+    cells_in,
+    counted,
+    poses_in_world,
+    refusals,
+)
+from locplan.advice.landmark_sight import Sight, lines_along, surroundings
+from locplan.errors import ConfigError, LocplanError
+from locplan.field.config import equipped
+from locplan.maps.files import save_map
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.planning.costmap import Costmap
+from locplan.planning.path import Path
+from locplan.planning.plans import plan
+from locplan.robots.robot import Robot
+from locplan.simulation.driver import drive_open
+from locplan.simulation.drives import RATES, Drives, Rated, check_drives, rates_of
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.verdict import DriveSet, Verdict, compare
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+DRIVES = 100
+"""Number of drives along each route by default."""
+OUTCOME = (
+    Column("drives", title="drives", digits=0, value=lambda outcome: outcome.number),
+    *RATES,
+    Column("rmse", "m", "error, all drives", interval=True),
+    Column("kept_rmse", "m", "of those never lost", interval=True),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome(Rated):
+    """Drives along some routes with one set of objects, or several."""
+
+    drives: tuple[Drives, ...]
+    """Drives of each route and set."""
+
+    @property
+    def number(self) -> int:
+        """Number of drives."""
+        return len(self.lost)
+
+    @property
+    def lost(self) -> Bools:
+        """True for each drive that was lost, off by more than 1 m, at any time, (number,)."""
+        return np.concatenate([each.lost for each in self.drives])
+
+    @property
+    def mean_squares(self) -> Floats:
+        """Mean square of each drive's position error, (number,) [m^2]."""
+        return np.concatenate([each.mean_squares for each in self.drives])
+
+    @property
+    def off_at_end(self) -> Bools:
+        """True for each drive that is off by more than 1 m where it ends, (number,)."""
+        return np.concatenate([each.off_at_end for each in self.drives])
+
+    def __repr__(self) -> str:
+        return f"Outcome({self.number} drives, {rates_of(self)})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verification:
+    """Drives without landmarks, with them, and with as many objects at random places."""
+
+    before: Outcome
+    """Drives without landmarks."""
+    after: Outcome
+    """Drives with them."""
+    random: Outcome | None
+    """Drives with objects at random places; None if no other places are allowed."""
+    profiles: Mapping[str, tuple[Drives, Drives]]
+    """Drives of each route before and after."""
+    seed: int
+    """Seed of all random numbers."""
+
+    def __repr__(self) -> str:
+        return f"Verification({self.verdict})"
+
+    @cached_property
+    def comparison(self) -> Verdict:
+        """The verdict on the drives with landmarks beside those without, with its figures."""
+        return compare(*(DriveSet.from_drives(each.drives) for each in (self.before, self.after)))
+
+    @property
+    def word(self) -> str:
+        """The verdict: "better", "worse", "no difference" or "undecided"."""
+        return self.comparison.word
+
+    @property
+    def none_lost(self) -> bool:
+        """Whether no drive was lost before and after, but for 2 %."""
+        # Share of lost drives up to which none counts as lost to begin with.
+        return max(self.before.lost_rate.value, self.after.lost_rate.value) <= 0.02
+
+    @property
+    def verdict(self) -> str:
+        """The verdict with its figures, in one line."""
+        before, after, random = self.before, self.after, self.random
+        lost = before.lost_rate.value
+        error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
+        if self.none_lost:
+            few = f"{lost:.0%} of the drives were" if lost else "no drive was"
+            said = f"{self.word}: {few} lost to begin with; error {error}"
+            return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
+        said = f"{self.word}: {lost:.0%} of the drives lost before,"
+        said += f" {after.lost_rate.value:.0%} after"
+        said += f", {random.lost_rate.value:.0%} at random places" if random else ""
+        return f"{said}; error {error}"
+
+    def table(self) -> Table:
+        """The drives on each map: how many went wrong, and their errors."""
+        named = {"none": self.before, "proposed": self.after}
+        if self.random:
+            named["as many at random"] = self.random
+        rows = zip(named, Table.of(OUTCOME, named.values()).rows, strict=True)
+        return Table(
+            (Column("world", title="landmarks"), *OUTCOME),
+            tuple((name, *row) for name, row in rows),
+        )
+
+
+PAYING_SHARE = 0.05
+"""Share by which a landmark must lower what is expected to pay."""
+EXPECTED = Column("expected_deviation", "m", "expected deviation", 3)
+COLUMNS = (
+    Column("number", title="landmark", digits=0),
+    *POSE,
+    Column("kind"),
+    Column("length", "m"),
+    Column("width", "m"),
+    Column("gain"),
+    EXPECTED,
+)
+"""Columns of landmarks; a pole's length and width are its diameter."""
+ROUND_COLUMNS = tuple(
+    replace(column, title=None) if column.name == "heading" else column for column in COLUMNS
+)
+"""Columns of poles, whose heading is in files only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What landmarks are placed for: the map, the routes, and the robot."""
+
+    grid: OccupancyGrid
+    """The map without the objects."""
+    kind: LandmarkObject
+    """The object, of which several are placed."""
+    routes: Mapping[str, Path]
+    """Routes of the robot by name."""
+    planned: bool
+    """True if the routes are shortest paths, to be planned again among the objects."""
+    robot: Robot
+    """The robot that was simulated."""
+
+    def on(self, grid: OccupancyGrid) -> Mapping[str, Path]:
+        """The routes that were given, or the shortest paths between their ends on a map.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map, with landmarks or without.
+
+        Raises
+        ------
+        LocplanError
+            If the landmarks close a way.
+        """
+        if not self.planned:
+            return self.routes
+        costs = Costmap.blank(grid, robot=self.robot)
+        paths = {}
+        for name, path in self.routes.items():
+            (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
+            found = plan(costs, (x0, y0), (x1, y1)).path
+            if found is None:
+                raise LocplanError(
+                    f"no path of the robot leads along {name} on the map"
+                    f" {'with' if grid is not self.grid else 'without'} landmarks"
+                )
+            paths[name] = found
+        return paths
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Landmarks(Result):
+    """Places of equal objects, in order of gain."""
+
+    files: ClassVar[Results] = Results(
+        "landmarks",
+        (
+            "landmarks.json",
+            "landmarks.png",
+            "landmarks.csv",
+            "landmarks.geojson",
+            "verification.csv",
+            "map_with_landmarks.yaml",
+            "map_with_landmarks.pgm",
+        ),
+    )
+
+    setting: Setting
+    """The map, the routes and the robot that they are placed for."""
+    poses: Floats
+    """World x, y and heading of each, (k, 3) [m, m, rad]."""
+    curve: Floats
+    """Expected mean of P_xx + P_yy along the routes with 0, 1, ... landmarks, (k + 1,) [m^2]."""
+    search: Search
+    """The search, for places at random."""
+
+    grid: OccupancyGrid = field(init=False)
+    """The map with the landmarks."""
+
+    def __post_init__(self) -> None:
+        keep(self, grid=with_objects(self.setting.grid, self.setting.kind, self.poses))
+
+    def __repr__(self) -> str:
+        low, high = self.expected[-1], self.expected[0]
+        return (
+            f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
+            f" {EXPECTED.title} {high:.3g} -> {low:.3g})"
+        )
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @property
+    def positions(self) -> Floats:
+        """World x and y of each landmark, (k, 2) [m]."""
+        return np.asarray(self.poses[:, :2])
+
+    @property
+    def gains(self) -> Floats:
+        """What each landmark takes off the curve beside those before it, (k,) [m^2]."""
+        return -np.diff(self.curve)
+
+    @property
+    def expected(self) -> Floats:
+        """Expected deviation of the position along routes, the root of the curve, (k + 1,) [m]."""
+        return np.asarray(self.curve**0.5)
+
+    @property
+    def paying(self) -> int:
+        """Number of landmarks from which on no further one pays.
+
+        Each one after lowers what is expected by less than 5 %.
+        """
+        steps = 1 - self.expected[1:] / np.maximum(self.expected[:-1], 1e-12)
+        paying = np.flatnonzero(steps >= PAYING_SHARE)
+        return int(paying[-1]) + 1 if paying.size else 0
+
+    @property
+    def advice(self) -> str:
+        """The landmarks that hardly lower what is expected, in a sentence; empty if all pay."""
+        little = f"lowers it by less than {PAYING_SHARE:.0%}"
+        if self.paying == 0:
+            return f"each {little}"
+        if self.paying < len(self):
+            return f"from number {self.paying + 1} on each {little}: {self.paying} may do"
+        return ""
+
+    def table(self) -> Table:
+        """The landmarks in order of gain, and what is expected with each and those before it."""
+        kind, shape = self.setting.kind, self.setting.kind.shape
+        about = kind.word, 2 * shape.half_length, 2 * shape.half_width
+        values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
+        rows = enumerate(zip(*values, strict=True), 1)
+        return Table(
+            ROUND_COLUMNS if self.setting.kind.word == "pole" else COLUMNS,
+            tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows),
+        )
+
+    def _write(self, folder: FilePath, verification: Verification | None = None) -> None:
+        table = self.table()
+        table.write_csv(folder / "landmarks.csv")
+        outlines = (outline_of(self.setting.kind.shape, pose) for pose in self.poses)
+        table.write_geojson(folder / "landmarks.geojson", outlines)
+        if verification:
+            verification.table().write_csv(folder / "verification.csv")
+        save_map(self.grid, folder / "map_with_landmarks.yaml")
+
+    def summary(self, verification: Verification | None = None) -> dict[str, object]:
+        """Places, gains and settings in numbers, fit for JSON.
+
+        Parameters
+        ----------
+        verification : Verification, optional
+            The result of `verify_landmarks`.
+        """
+        setting = self.setting
+        return finite(
+            {
+                "verification": verification
+                and {
+                    "verdict": verification.word,
+                    "sentence": verification.verdict,
+                    "ratio": list(verification.comparison.ratio),
+                    "drives": verification.table().records(),
+                    "seed": verification.seed,
+                },
+                "map": {"name": setting.grid.name, "digest": setting.grid.digest},
+                "map_with_landmarks": {"digest": self.grid.digest},
+                "object": {"kind": setting.kind.word, **vars(setting.kind)},
+                "landmarks": self.table().records(),
+                EXPECTED.name: self.expected.tolist(),
+                "paying": self.paying,
+                "routes": {name: path.length for name, path in setting.routes.items()},
+                "robot": setting.robot.summary(),
+            }
+        )
+
+    def report(self, verification: Verification | None = None) -> str:
+        """What the drives say, then the landmarks in order of gain."""
+        return landmarks_report(self, verification)
+
+    def figure(self, verification: Verification | None = None) -> Figure:
+        """Maps before and after with the routes, the expected deviation, and the error on the way.
+
+        Parameters
+        ----------
+        verification : Verification, optional
+            Drives of `Landmarks.verify`; with them the routes are coloured by the mean position
+            error.
+        """
+        from locplan.advice.figures import landmarks_figure
+
+        return landmarks_figure(self, verification)
+
+
+def landmarks_report(made: Landmarks, verification: Verification | None = None) -> str:
+    """What the drives say, then the landmarks in order of gain."""
+    setting = made.setting
+    verdict = [verification.verdict if verification else "not verified: nothing was driven"]
+    verdict.append(f"with {setting.robot.title}")
+    gains = [
+        f"{len(made)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without any:"
+        f" {made.expected[0]:.3f}"
+    ]
+    if made.advice:
+        gains.append(made.advice)
+    drives = [str(verification.table())] if verification else []
+    return "\n".join([str(made.table()), *wrapped(gains), *drives, *wrapped(verdict)])
+
+
+MAX_PLACES = 8
+"""Maximum number of places; all of them are joined by routes."""
+
+
+def place_landmarks(
+    grid: OccupancyGrid,
+    kind: LandmarkObject,
+    count: int,
+    *,
+    paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
+    places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
+    robot: Robot | None = None,
+    keep_out: Sequence[Sequence[float]] | None = None,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Landmarks:
+    """Choose places for objects that keep a robot from getting lost on its routes.
+
+    The choice is greedy: each place makes the mean of P_xx + P_yy along the routes smallest, P the
+    covariance of an information filter with the noise of the robot's own. `Landmarks.verify` tests
+    by simulated drives whether the objects help.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    kind : Pole or Box
+        The object.
+    count : int
+        Number of objects, 1 to 200. There are fewer if no further one helps, or may stand.
+    paths : Path, or mapping of str to Path or to (n, 2) array, optional
+        Routes of the robot in the world [m], within the free cells. It drives just these.
+    places : sequence of (x, y), or mapping of str to (x, y), optional
+        Instead of paths: the robot drives the shortest paths between all of these, 2 to 8 [m],
+        planned again among the objects.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
+    keep_out : sequence of (x0, y0, x1, y1), optional
+        Rectangles in the world [m] in which no object may stand.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default. The result does not depend on it.
+    progress : callable, optional
+        Called with (done, total) objects.
+
+    Returns
+    -------
+    Landmarks
+        The places in order of gain, and the map with the objects.
+
+    Raises
+    ------
+    LocplanError
+        If an argument is out of its range, a path leaves the free cells, or no object may stand
+        anywhere.
+
+    See Also
+    --------
+    Landmarks.verify : Drives before, after, and with as many objects at random places.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> route = Path(np.array([[6.0, 3.0], [30.0, 3.0]]))
+    >>> robot = locplan.Robot().changed({"laser_model_type": "likelihood_field_prob"})
+    >>> made = place_landmarks(grid, locplan.advice.Pole(0.2), 2, paths=route, robot=robot)
+    >>> made.poses.shape, bool(made.curve[2] < made.curve[1] < made.curve[0])
+    ((2, 3), True)
+    """
+    check_grid(grid)
+    check_object(kind)
+    whole("count", count, 1, 200)
+    robot = equipped(robot)
+    threads = check_threads(threads)
+    if (paths is None) == (places is None):
+        raise ConfigError("give either paths or places")
+    routes = routes_of(grid, paths, places, robot.radius)
+    search = _search_along(grid, kind, routes, robot, keep_out, threads)
+    chosen, curve = search.run(count, progress)
+    setting = Setting(grid, kind, routes, paths is None, robot)
+    return Landmarks(setting, poses_in_world(grid, search.places[chosen]), curve, search)
+
+
+def _search_along(
+    grid: OccupancyGrid,
+    kind: LandmarkObject,
+    routes: Mapping[str, Path],
+    robot: Robot,
+    keep_out: Sequence[Sequence[float]] | None,
+    threads: int,
+) -> Search:
+    """Return the search among the allowed places that the robot can see from its routes.
+
+    Raises
+    ------
+    LocplanError
+        If a path leaves the free cells, or there is no such place.
+    """
+    from scipy.spatial import cKDTree
+
+    lines = lines_along(grid, routes, robot)
+    passages = Passages(grid, kind.shape, robot.radius, CLEARANCE)
+    seen = surroundings(grid, lines, kind.shape, robot)
+    keep, area = robot.radius + CLEARANCE, cells_in(grid, keep_out)
+    tried = candidate_places(grid, kind.shape, routes.values(), keep)
+    robots = cKDTree(on_grid(grid, np.concatenate(lines))[:, :2])
+    within = (seen.rays.most + kind.shape.reach) / grid.resolution
+    tried = tried[np.isfinite(robots.query(tried[:, :2], distance_upper_bound=within)[0])]
+    clear_of = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
+    at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
+    reasons = refusals(tried, grid, passages, at, keep, area)
+    allowed = np.array([not reason for reason in reasons], bool)
+    if not allowed.any():
+        raise ConfigError(
+            f"no {kind.title} may stand within the lidar's range of the robot:"
+            f" {counted(reasons)}; give a smaller object, or keep less of the map out"
+        )
+    return Search(Sight(grid, seen, kind.shape, tried[allowed], threads), passages)
+
+
+def routes_of(grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float) -> dict[str, Path]:
+    """Routes by name: the paths that were given, or the shortest ones between places.
+
+    Raises
+    ------
+    ConfigError
+        If they are none.
+    LocplanError
+        If the robot cannot stand at a place, or no path joins two.
+    """
+    if paths is not None:
+        given = {"path": paths} if isinstance(paths, Path) else paths
+        named = _named(given, "path", "paths by name")
+        if not named:
+            raise ConfigError("there must be at least one path along which landmarks help")
+        return {
+            str(name): path if isinstance(path, Path) else Path(np.asarray(path))
+            for name, path in named.items()
+        }
+    named = _named(places, "place", "positions x, y in metres")
+    if not 2 <= len(named) <= MAX_PLACES:
+        raise ConfigError(
+            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(named)};"
+            " give longer lists of routes as paths"
+        )
+    ends = {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
+    costs = Costmap.blank(grid, robot=robot_radius)
+    for name, xy in ends.items():
+        costs.cell_of(xy, name)
+    routes = {}
+    for (one, start), (other, goal) in combinations(ends.items(), 2):
+        found = plan(costs, start, goal).path
+        if found is None:
+            raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
+        routes[f"{one} to {other}"] = found
+    return routes
+
+
+def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
+    """What has names already, or is numbered from 1."""
+    if isinstance(values, Mapping):
+        return values
+    if not isinstance(values, Iterable) or isinstance(values, str):
+        raise ConfigError(f"{word}s must be {what}, not {shown(values)}")
+    return {f"{word} {n}": value for n, value in enumerate(values, 1)}
+
+
+def verify_landmarks(
+    landmarks: Landmarks,
+    drives: int = DRIVES,
+    *,
+    random_sets: int = 5,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Verification:
+    """Simulate drives without landmarks, with them, and with as many objects at random places.
+
+    Routes that were planned between places are planned again among the objects.
+
+    Parameters
+    ----------
+    landmarks : Landmarks
+        The landmarks, with the map, the robot and the routes.
+    drives : int, default 100
+        Number of drives along each route, 2 to 100,000; all sets of random places together have
+        as many. More narrow the intervals.
+    random_sets : int, default 5
+        Number of sets of random places, 1 to 1000.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) drives.
+
+    Returns
+    -------
+    Verification
+        Share of lost drives and errors on each map, and a verdict.
+
+    Raises
+    ------
+    ConfigError
+        If a number is out of its range.
+    """
+    check_drives(drives)
+    whole("random_sets", random_sets, 1, 1000)
+    setting = landmarks.setting
+    random_maps = _maps_with_random_objects(landmarks, min(random_sets, drives // 2), seed)
+    n_random = drives // max(len(random_maps), 1)
+    maps = [setting.grid, landmarks.grid, *random_maps]
+    counts = [drives, drives, *[n_random] * len(random_maps)]
+    callbacks = parts(progress, [count * len(setting.routes) for count in counts])
+    outcomes = []
+    for grid, count, report in zip(maps, counts, callbacks, strict=True):
+        simulator = Simulator(grid, setting.robot, seed=seed, threads=threads)
+        driven = drive_open(simulator, setting.on(grid), range(count), progress=report)
+        outcomes.append(Outcome(tuple(driven.values())))
+    before, after, *at_random = outcomes
+    pooled = Outcome(tuple(each for outcome in at_random for each in outcome.drives))
+    pairs = zip(before.drives, after.drives, strict=True)
+    profiles = dict(zip(setting.routes, pairs, strict=True))
+    return Verification(before, after, pooled if at_random else None, profiles, seed)
+
+
+def _maps_with_random_objects(landmarks: Landmarks, n_sets: int, seed: int) -> list[OccupancyGrid]:
+    """Return maps with objects at random places; none if too few places are allowed."""
+    grid, kind, search = landmarks.setting.grid, landmarks.setting.kind, landmarks.search
+    # Stream of random numbers of places at random, next to those of `Simulator`.
+    choices = [search.at_random(len(landmarks), random_of(seed, 100, n)) for n in range(n_sets)]
+    if not all(choices):
+        return []
+    poses = [poses_in_world(grid, search.places[choice]) for choice in choices]
+    return [with_objects(grid, kind, each) for each in poses]

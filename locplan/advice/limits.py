@@ -1,0 +1,98 @@
+"""Limits that a site's checks keep: `--fail-if`."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from locplan._support.checks import shown
+from locplan._support.intervals import Interval
+from locplan.advice.check_result import Check
+from locplan.errors import ConfigError
+
+FIGURES: dict[str, Callable[[Check], Interval]] = {
+    "reached": lambda check: check.baseline.reached,
+    "lost": lambda check: check.baseline.lost,
+    "error": lambda check: check.baseline.error,
+    "degenerate": lambda check: Interval(*[check.degenerate] * 3),
+    "faults": lambda check: Interval(*[float(len(check.faults))] * 3),
+}
+"""Figures with limits: shares, the error of a typical drive [m], and the number of faults."""
+SHARES = ("reached", "lost", "degenerate")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A figure beyond which a check fails."""
+
+    figure: str
+    """"reached", "lost", "error", "degenerate" or "faults"."""
+    sign: str
+    """">", ">=", "<" or "<="."""
+    number: float
+    """The number: a share 0..1, an error [m], or a count."""
+    text: str
+    """As it was written."""
+
+    @classmethod
+    def parse(cls, text: str) -> Limit:
+        """Read a limit such as "lost > 5%".
+
+        Parameters
+        ----------
+        text : str
+            A figure, a comparison and a number, which may end in % or m.
+
+        Raises
+        ------
+        ConfigError
+            If it is none.
+
+        Examples
+        --------
+        >>> Limit.parse("lost > 5%").number
+        0.05
+        """
+        words = re.fullmatch(r"\s*(\w+)\s*([<>]=?)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%|m)?\s*", text)
+        if words is None or words[1] not in FIGURES:
+            raise ConfigError(
+                f"a limit must be one of {', '.join(FIGURES)}, a comparison and a number, such as"
+                f" 'lost > 5%', not {shown(text)}"
+            )
+        name, sign, number, unit = words.groups()
+        units = {"error": ("m", None), "faults": (None,)}.get(name, ("%", None))
+        if unit not in units:
+            raise ConfigError(f"{name} is not in {unit}, as in {shown(text)}")
+        value = float(number) / (100 if unit == "%" else 1)
+        if name in SHARES and value > 1:
+            raise ConfigError(f"{name} is a share, 0 to 1 or 0% to 100%, not {shown(text)}")
+        return cls(name, sign, value, " ".join(text.split()))
+
+    def fails(self, check: Check) -> bool:
+        """Whether a check's figure lies beyond the limit with its whole interval.
+
+        Parameters
+        ----------
+        check : Check
+            The check.
+        """
+        _, low, high = FIGURES[self.figure](check)
+        nearest = low if self.sign.startswith(">") else high
+        compared = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
+        return bool(compared[self.sign](nearest, self.number))
+
+    def said(self, check: Check) -> str:
+        """The figure with its interval beside the limit.
+
+        Parameters
+        ----------
+        check : Check
+            The check.
+        """
+        value, low, high = FIGURES[self.figure](check)
+        scale, unit = (100, " %") if self.figure in SHARES else (1, "")
+        known = f"{scale * value:.3g} [{scale * low:.3g}, {scale * high:.3g}]{unit}"
+        said = "failed" if self.fails(check) else "passed"
+        return f"{said}: {self.figure} is {known}, it fails on {self.text}"

@@ -1,0 +1,182 @@
+"""The one thing to do after a check."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path as Folder
+from typing import NamedTuple
+
+from locplan._support.intervals import in_metres
+from locplan._support.runs import typed
+from locplan.advice.check_result import Check
+from locplan.advice.files import Params, as_files, has_amcl
+from locplan.advice.fixes import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
+from locplan.advice.rates import is_better, is_rare
+
+HALF = 0.5
+"""Share of lost drives that is still a failure."""
+
+
+class Action(NamedTuple):
+    """The one thing to do next."""
+
+    sentence: str
+    """What to do."""
+    command: str
+    """Commands to copy, a line each; empty without one."""
+    files: dict[str, str]
+    """The files that are written for it, and what each is."""
+
+
+def next_action(
+    check: Check, folder: Folder | None = None, params: Params = (), *_: object
+) -> Action:
+    """Return the one thing to do next.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    folder : path, optional
+        The folder that its files are in.
+    params : path or sequence of path, default ()
+        The user's parameters of Nav2, of which a copy was changed; without AMCL's only a section is
+        written.
+    """
+    if check.is_fine:
+        return Action(_nothing_to_do(check), "", {})
+    map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
+    again = typed() or ["locplan", "check", map_file]
+    if check.recommended and folder is None:
+        titles = " and ".join(fix.title for fix in check.advised)
+        command = shlex.join([*again, "-o", "report"])
+        return Action(f"write the files for {titles}:", command, check.written(params))
+    if check.recommended and folder:
+        commands = _commands(check, folder, again, map_file, params)
+        doing = " and ".join(_instructions(check, folder, params))
+        then = ", then check again" if "locplan check" in commands else ""
+        return Action(f"{doing}{then}:", commands, check.written(params))
+    if check.passage:
+        return Action(*_correct_footprint(check, again), {})
+    return Action(*_try_further(check, again, map_file), {})
+
+
+def remaining_text(check: Check) -> str:
+    """Describe what the recommended fixes leave; empty if nothing is left or recommended."""
+    if not check.recommended:
+        return ""
+    if not any(map(is_better, check.advised)):
+        if WALLS in check.recommended:
+            return "The map file is wrong, though drives do not show that it matters much."
+        return "A recording shows that the settings help, simulated drives do not."
+    if is_rare(check.after.lost):
+        return ""
+    share = "Most" if check.after.lost.value >= HALF else "Some"
+    get_lost = "still get lost" if check.before.lost.value > 0 else "get lost with the fix"
+    further = " With --effort usual, check also tries other paths and poles."
+    return f"{share} drives {get_lost}.{further if check.effort == 'quick' else ''}"
+
+
+def _nothing_to_do(check: Check) -> str:
+    """Return the sentence for a robot that rarely fails, and for which no fix is needed."""
+    rare = ": failures are rare, and no fix helps" if check.baseline.has_failure else ""
+    sentences = [f"Nothing to do{rare}."]
+    cheap = [fix for fix in check.fixes if is_better(fix) and fix.kind in CHEAP]
+    if cheap:
+        now, then = (in_metres(r.error.value) for r in (check.baseline, cheap[0].rates))
+        detail = f" ({cheap[0].detail})" if cheap[0].kind == SETTINGS else ""
+        title = f"{cheap[0].title[:1].upper()}{cheap[0].title[1:]}"
+        sentences.append(f"{title}{detail} would lower the error from {now} to {then}.")
+    if check.effort == "quick":
+        most = 100 * check.baseline.lost.high
+        sentences.append(f"--effort quick may miss a loss of up to {most:.0f} %.")
+    return " ".join(sentences)
+
+
+def _instructions(check: Check, folder: Folder, params: Params) -> list[str]:
+    """Return what to do for each recommended fix; one parameter file may hold two fixes."""
+    file = folder / "nav2_params.yaml"
+    parameters = f"copy the amcl section of {file} into your parameters"
+    kinds = {fix.kind for fix in check.advised}
+    if {REACH, SETTINGS} & kinds and has_amcl(as_files(params)):
+        parameters = f"start Nav2 with {file}"
+    texts = {
+        WALLS: f"use {folder / 'map.yaml'} as the map",
+        MEND: "give AMCL the repaired map (the line in amcl.yaml)",
+        REACH: parameters,
+        SETTINGS: parameters,
+    }
+    for fix in check.advised:
+        if fix.kind == PATHS:
+            texts[PATHS] = f"give Nav2 the {fix.title}"
+        if fix.kind == LANDMARKS:
+            texts[LANDMARKS] = f"put up {fix.title} at the places in {folder / 'landmarks.csv'}"
+    return [*dict.fromkeys(texts[fix.kind] for fix in check.advised)]
+
+
+def _correct_footprint(check: Check, again: list[str]) -> tuple[str, str]:
+    """Return what to do if robots fail with perfect localization, and the command for it."""
+    passage, robot = check.passage, check.site.robot
+    widen = "widen the passage, or " if passage and passage.is_narrow else ""
+    if robot.outline is not None:
+        sentence = f"{widen}correct the outline in the robot's file, then check again:"
+        return sentence, shlex.join(again)
+    command = [word for word in again if not word.startswith("--set=footprint=")]
+    return (
+        f"{widen}give the robot's true radius, now {robot.footprint:g} m, and check again:",
+        shlex.join([*command, f"--set=footprint={robot.footprint:g}"]),
+    )
+
+
+def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, str]:
+    """Return what to do if no fix is better, and the command for it."""
+    if check.effort == "quick":
+        return (
+            "no fix helps so far. Try other paths and poles, on three times as many drives:",
+            shlex.join([word for word in again if word != "--effort=quick"]),
+        )
+    if check.recorded:
+        drive = [word.partition("=")[2] for word in again if word.startswith("--recording=")]
+        command = ["locplan", "recording", *drive[:1], map_file, "-o", "recording"]
+        return "no fix helps. See where the scans do not fit the map:", shlex.join(command)
+    return (
+        "no fix helps. Record a drive on the site, and check again with --recording drive:",
+        "ros2 bag record -o drive /scan /odom /tf /tf_static",
+    )
+
+
+def _commands(check: Check, folder: Folder, again: list[str], map_file: str, params: Params) -> str:
+    """Return commands that put the fixes in force, or check that they help, a line each."""
+    taken, own = {*check.recommended}, folder.resolve()
+    lines = []
+    mask, params = bool(check.made.get(PATHS)), as_files(params)
+    # Before Nav2, which waits for its maps.
+    for place, needed in ((own, MEND in taken), (own / "mask", mask)):
+        if needed:
+            lines.append(["ros2", "launch", str(place / "localizability.launch.xml")])
+    if {WALLS, LANDMARKS} & taken:
+        name = "map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml"
+        map_file = str(own / name)
+    arguments = [f"map:={map_file}"]
+    settings = {REACH, SETTINGS} & taken and has_amcl(params)
+    changed = str(own / "nav2_params.yaml") if settings else ""
+    if mask and params:  # which has the other changes, too
+        whole = "nav2.yaml" if changed or len(params) == 1 else "merged.yaml"
+        changed = str(own / "mask" / whole)
+    if changed:
+        arguments.append(f"params_file:={changed}")
+    if len(arguments) > 1 or {WALLS, LANDMARKS} & taken:
+        lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
+    if PATHS in taken and not mask:
+        paths = [f"--path={own / name}" for name in check.changed_paths]
+        to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
+        lines.append(["locplan", "export", map_file, *to])
+    if len(arguments) == 1 and not {WALLS, LANDMARKS, PATHS} & taken:
+        # The user merges the lines of these files by hand, and can check before what they do.
+        again = [word for word in again if MEND not in taken or "--filter-map" not in word]
+        more = {MEND: ("--filter-map", "map_amcl.yaml"), SETTINGS: ("--robot", "nav2_params.yaml")}
+        for fix, (option, name) in more.items():
+            if fix in taken or (fix == SETTINGS and REACH in taken):
+                again += [option, str(folder / name)]
+        lines.append(again)
+    return "\n".join(map(shlex.join, lines))

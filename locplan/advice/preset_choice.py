@@ -1,0 +1,463 @@
+"""The choice among the presets of AMCL's settings, by simulated drives or by recorded ones.
+
+`check` and `tune` both choose with `choose_preset`. They differ in the paths that are driven.
+"""
+
+from __future__ import annotations
+
+import itertools
+import shlex
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from locplan._support.intervals import Interval, in_metres, share
+from locplan._support.poses import Poses, updates_of
+from locplan._support.progress import ProgressCallback
+from locplan._support.records import Column, Table
+from locplan._support.saved import plain
+from locplan.robots.amcl import Amcl
+from locplan.robots.presets import PRECISE, amcl_presets, describe_preset
+from locplan.simulation.drives import Drives, rate_column
+from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare
+
+OWN, BASELINE = "your settings", "baseline"
+"""Name of the user's settings, which may be Nav2's defaults, and their word in tables."""
+LEVEL_DRIVES = 64
+"""Least number of drives at each level, if fewer do not decide it.
+
+A preset that is off at the end in 16 of 100 drives more is found in 88 %, one of 11 in 55 %, and
+one of 6 in 8 %."""
+RESULTS = (
+    Column("settings", title="settings"),
+    Column("case", title="drives"),
+    Column("error", "m", "error", interval=True),
+    rate_column("lost", "lost"),
+    rate_column("off_at_end", "off at the end"),
+    Column("verdict", title="verdict"),
+    Column("n_drives"),
+)
+"""Columns of the drives with each settings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Simulated drives with any settings at one level of disturbance."""
+
+    name: str
+    """Name of the level, behind that of the map if there are several."""
+    drive: Callable[[Amcl, range], DriveSet]
+    """Drives with settings and of some numbers along each path. Drives in the same place of two
+    sets have the same world and the same random numbers."""
+    looks: tuple[int, ...]
+    """Numbers of drives along each path after which a level may be decided, the last one at all."""
+    fault: str = ""
+    """The fault of the level in words, such as "odometry stands still over 2 m"; empty at the usual
+    level. There presets must be better, and at others they must do no harm."""
+
+    @property
+    def is_usual(self) -> bool:
+        """True for the usual level."""
+        return not self.fault
+
+
+class RecordedCase(Protocol):
+    """A recorded drive on which settings are replayed."""
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+
+    def replay(self, amcl: Amcl) -> Drives:
+        """Replay settings over the whole drive."""
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """The drives with some settings in one case."""
+
+    settings: str
+    """"your settings", "safe" or "precise"."""
+    case: str
+    """Name of the case."""
+    error: Interval
+    """Error of a typical simulated drive, or RMSE of all runs on a recording [m]."""
+    lost: Interval
+    """Share of the drives that were lost, 0..1."""
+    off_at_end: Interval
+    """Share of the drives that are off at the end, 0..1."""
+    n_drives: int
+    """Number of drives, or of runs on a recording."""
+    verdict: str = ""
+    """Verdict on a preset against the user's settings, which are the baseline; on a recording,
+    confirmed or contradicted. Empty if the user's settings were not driven."""
+
+
+@dataclass(frozen=True)
+class PresetChoice:
+    """The settings to use, and the drives that chose them."""
+
+    user_settings: Amcl
+    """The user's settings."""
+    name: str
+    """Name of the settings to use: "your settings", "safe" or "precise"."""
+    results: tuple[CaseResult, ...]
+    """The drives with each settings, case by case."""
+    verdicts: Mapping[str, Verdict]
+    """Verdict on each preset at the usual level, by its name."""
+    objections: Mapping[str, str]
+    """Why presets are not to be used, by name, in a sentence without a full stop."""
+    cost_ratio: float
+    """Beams that the settings to use compare, over those of the user's settings. The CPU time of
+    the filter follows it."""
+    recordings: tuple[str, ...] = ()
+    """Names of the recordings that decided; empty if simulated drives did."""
+
+    @property
+    def settings(self) -> Amcl:
+        """The settings to use."""
+        return amcl_presets(self.user_settings).get(self.name, self.user_settings)
+
+    @property
+    def is_preset(self) -> bool:
+        """True if a preset is to be used, and not the user's settings."""
+        return self.name != OWN
+
+    @property
+    def untested_error(self) -> float | None:
+        """Simulated error of the precise preset [m] if only a recording is missing to use it."""
+        if self.recordings or self.name == PRECISE or PRECISE not in self.verdicts:
+            return None
+        errors = {
+            result.settings: result.error.value
+            for result in self.results
+            if result.case == self.results[0].case
+        }
+        is_promising = self.verdicts[PRECISE].is_recommendable
+        return errors[PRECISE] if is_promising and errors[PRECISE] < errors[self.name] else None
+
+    @property
+    def changes(self) -> str:
+        """The changes of the preset to use, and what they cost; empty without one."""
+        if not self.is_preset:
+            return ""
+        is_costly = self.cost_ratio >= 1.05
+        cost = f", {self.cost_ratio:.1f} times the filter's CPU" if is_costly else ""
+        return f"{describe_preset(self.name)}{cost}"
+
+    @property
+    def title(self) -> str:
+        """The settings to use, with what they change and what they cost."""
+        return f"{self.name}: {self.changes}" if self.is_preset else self.name
+
+    def advise_recording(self, command: Sequence[str]) -> str:
+        """Return the advice to test the precise preset on a recording; empty if there is no reason.
+
+        Parameters
+        ----------
+        command : sequence of str
+            The words of the command that was typed.
+        """
+        if self.untested_error is None:
+            return ""
+        return (
+            f"Precise settings reach {in_metres(self.untested_error)}, but a robot that gets lost"
+            " with them does not return. Test them on a recorded drive:"
+            f" `{shlex.join([*command, '--recording', 'FILE'])}`"
+        )
+
+    def table(self) -> Table:
+        """The drives with each settings, a row per case."""
+        return Table.of(RESULTS, self.results)
+
+    def describe_table(self, seed: int) -> str:
+        """Return the sentences that explain the table.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the random numbers.
+        """
+        runs = max((r.n_drives for r in self.results if r.case in self.recordings), default=0)
+        if runs:
+            return (
+                f"Lost: off by more than 1 m at some time. On a recording: {runs} runs over the"
+                f" whole drive (seed {seed}), with the RMSE of all runs against the recorded poses."
+                " The recording decides."
+            )
+        return (
+            "Lost: off by more than 1 m at some time. The usual level decides. At every other level"
+            f" the safe preset must not be off at the end significantly more often than {OWN}, and"
+            " the precise one only rarely."
+        )
+
+
+def choice_values(choice: PresetChoice) -> dict[str, object]:
+    """Return a choice in numbers, fit for JSON.
+
+    Parameters
+    ----------
+    choice : PresetChoice
+        The choice.
+    """
+    return {
+        "settings": choice.name,
+        "changes": choice.changes,
+        "cost_ratio": choice.cost_ratio,
+        "objections": dict(choice.objections),
+        "verdicts": {name: plain(verdict) for name, verdict in choice.verdicts.items()},
+        "results": choice.table().records(),
+        "recordings": list(choice.recordings),
+    }
+
+
+def choose_preset(
+    user_settings: Amcl,
+    cases: Sequence[Case],
+    lines: Sequence[Poses],
+    recordings: Sequence[RecordedCase] = (),
+    *,
+    are_recordings_sound: bool = True,
+    drives_all: bool = True,
+    progress: ProgressCallback | None = None,
+) -> PresetChoice:
+    """Choose among the presets: the precise one, the safe one, or the user's settings.
+
+    Without a recorded drive, a preset must be better at the usual level and do no harm at the
+    others: with the safe preset drives are not off at the end significantly more often than with
+    the user's settings, with the precise one only rarely. Small harm passes, see `LEVEL_DRIVES`.
+    A recorded drive decides if there is one, whatever happens at other levels in simulation.
+
+    Parameters
+    ----------
+    user_settings : Amcl
+        The user's settings.
+    cases : sequence of Case
+        The levels of disturbance, the usual one first; all are driven only without a recording.
+    lines : sequence of (n, 3) array
+        Poses of drives, by which the CPU time of settings is compared [m, m, rad].
+    recordings : sequence of RecordedCase, default ()
+        Recorded drives on which the settings are replayed.
+    are_recordings_sound : bool, default True
+        Whether odometry, map and scans of all recordings agree. Otherwise the precise preset, which
+        trusts odometry and map, is not to be used.
+    drives_all : bool, default True
+        True drives all settings at all levels, for the table; False only those that decide.
+    progress : callable, optional
+        Called with (done, total) settings and cases.
+
+    Returns
+    -------
+    PresetChoice
+        The settings to use, and the evidence.
+    """
+    trial = _PresetTrial(user_settings, cases, recordings, drives_all, progress)
+    for name in trial.presets:
+        trial.compare_at_usual_level(name)
+    if drives_all and not recordings:
+        trial.drive_all()
+    for name in trial.presets:
+        if name == PRECISE and not are_recordings_sound:
+            objection = f"{name} settings need a recording whose odometry and map fit the scans"
+        elif recordings:
+            objection = trial.object_on_recordings(name)
+        else:
+            objection = trial.object_at_levels(name)
+        if not objection:
+            return trial.choose(name, lines)
+        trial.objections[name] = objection
+    return trial.choose(OWN, lines)
+
+
+class _PresetTrial:
+    """The drives of one choice; each settings is driven only once in a case."""
+
+    def __init__(
+        self,
+        user_settings: Amcl,
+        cases: Sequence[Case],
+        recordings: Sequence[RecordedCase],
+        drives_all: bool,
+        progress: ProgressCallback | None,
+    ) -> None:
+        self.presets = amcl_presets(user_settings)
+        self.objections = dict[str, str]()
+        self._settings = {OWN: user_settings, **self.presets}
+        self._usual = [case for case in cases if case.is_usual]
+        self._others = [case for case in cases if not case.is_usual]
+        self._recordings = recordings
+        self._driven = defaultdict[tuple[str, str], list[DriveSet]](list)  # up to each look
+        self._drives_all = drives_all
+        self._replayed = dict[tuple[str, str], Drives]()
+        self._verdicts = dict[str, Verdict]()
+        self._progress = progress
+        n_cases = len(self._usual) + len(recordings or self._others)
+        self._n_steps = n_cases * len(self._settings)
+
+    def compare_at_usual_level(self, name: str) -> None:
+        """Compare a preset with the user's settings in all cases of the usual level together."""
+        pairs = [(self._drive(OWN, case), self._drive(name, case)) for case in self._usual]
+        baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
+        # Both presets share the error probability.
+        self._verdicts[name] = compare(baseline, alternative, n_alternatives=len(self.presets))
+
+    def drive_all(self) -> None:
+        """Drive all settings in all cases."""
+        for case in (*self._usual, *self._others):
+            for name in self._settings:
+                self._drive(name, case)
+
+    def object_at_levels(self, name: str) -> str:
+        """Return why simulated drives speak against a preset; empty if they do not."""
+        usual = self._verdicts[name]
+        if usual.word != BETTER:
+            return f"{name} settings are not better than {OWN}: {usual.word}"
+        if usual.loses_more:
+            lost, user_lost = map(share, reversed(usual.lost))
+            return f"{name} settings lose {lost} of the drives, {OWN} {user_lost}"
+        for case in self._usual:
+            if self._compare(name, case).word == WORSE:
+                return f"{name} settings are worse at {case.name}"
+        return next(filter(None, (self._find_harm(name, case) for case in self._others)), "")
+
+    def _find_harm(self, name: str, case: Case) -> str:
+        """Return the harm that a preset does at a level; empty if it does none.
+
+        Drives end as soon as that is known.
+        """
+        for n_looks in self._looks_at(case):
+            drives = self._drive(name, case, n_looks)
+            if drives.is_rarely_off:
+                return ""  # the user's settings need no drives
+            n_drives, looks_left = len(drives.lost), len(case.looks) - n_looks
+            harm = (
+                f"{name} settings are off at the end in {share(drives.off_at_end_rate)} of the"
+                f" drives if {case.fault}"
+            )
+            if name == PRECISE:
+                # A robot does not return with it. With other settings robots do, but on short
+                # routes not before the end, so that a comparison would show no harm.
+                n_all = n_drives * case.looks[-1] // case.looks[n_looks - 1]
+                if not drives.can_be_rarely_off(n_all):
+                    return harm
+            elif n_drives >= LEVEL_DRIVES / 2 or drives.can_be_off_more_often(looks_left):
+                verdict = self._compare(name, case, n_looks)
+                off = verdict.off_at_end
+                if verdict.more_off and off:
+                    return f"{harm}, {OWN} in {share(off.baseline)}"
+                is_half = n_drives >= LEVEL_DRIVES / 2
+                if is_half and off and off.alternative.value <= off.baseline.value:
+                    return ""  # all drives would hardly show that more are off
+        return ""
+
+    def _looks_at(self, case: Case) -> Iterator[int]:
+        """Yield the numbers of looks after which a level may be decided."""
+        yield from range(len(case.looks) if self._drives_all else 1, len(case.looks) + 1)
+
+    def object_on_recordings(self, name: str) -> str:
+        """Return why recorded drives speak against a preset; empty if they do not."""
+        if self._verdicts[name].word == WORSE:
+            return f"{name} settings are worse than {OWN} in simulation"
+        for recording in self._recordings:
+            before, after = (self._replay(each, recording) for each in (OWN, name))
+            if objection := find_objection(before, after):
+                return f"{name} settings: {objection} on {recording.name}"
+        return ""
+
+    def choose(self, name: str, lines: Sequence[Poses]) -> PresetChoice:
+        """Return the choice of some settings with all that was driven."""
+        results = [
+            self._result(settings, case)
+            for case in (*self._usual, *self._others)
+            for settings in self._settings
+            if (settings, case.name) in self._driven
+        ] + [
+            self._result_on_recording(settings, recording.name)
+            for recording in self._recordings
+            for settings in self._settings
+            if (settings, recording.name) in self._replayed
+        ]
+        if self._progress:
+            self._progress(self._n_steps, self._n_steps)
+        return PresetChoice(
+            user_settings=self._settings[OWN],
+            name=name,
+            results=tuple(results),
+            verdicts=self._verdicts,
+            objections=self.objections,
+            cost_ratio=_cost_ratio(self._settings[OWN], self._settings[name], lines),
+            recordings=tuple(recording.name for recording in self._recordings),
+        )
+
+    def _drive(self, name: str, case: Case, n_looks: int | None = None) -> DriveSet:
+        """Return the drives with some settings up to a look, by default all."""
+        parts = self._driven[name, case.name]
+        for first, last in [*itertools.pairwise((0, *case.looks))][len(parts) : n_looks]:
+            parts.append(case.drive(self._settings[name], range(first, last)))
+            self._report_step()
+        return DriveSet.join(parts[:n_looks])
+
+    def _replay(self, name: str, recording: RecordedCase) -> Drives:
+        key = name, recording.name
+        if key not in self._replayed:
+            self._replayed[key] = recording.replay(self._settings[name])
+            self._report_step()
+        return self._replayed[key]
+
+    def _report_step(self) -> None:
+        if self._progress:
+            self._progress(len(self._driven) + len(self._replayed), self._n_steps)
+
+    def _compare(self, name: str, case: Case, n_looks: int | None = None) -> Verdict:
+        sets = (self._drive(each, case, n_looks) for each in (OWN, name))
+        return compare(*sets, looks_left=len(case.looks) - n_looks if n_looks else 0)
+
+    def _result(self, name: str, case: Case) -> CaseResult:
+        drives = DriveSet.join(self._driven[name, case.name])
+        n_looks = min(len(self._driven.get((each, case.name), ())) for each in (OWN, name))
+        if name == OWN:
+            word = BASELINE
+        else:
+            word = self._compare(name, case, n_looks).word if n_looks else ""
+        rates = drives.error, drives.lost_rate, drives.off_at_end_rate
+        return CaseResult(name, case.name, *rates, len(drives.lost), word)
+
+    def _result_on_recording(self, name: str, recording: str) -> CaseResult:
+        runs, before = self._replayed[name, recording], self._replayed.get((OWN, recording))
+        if name == OWN:
+            word = BASELINE
+        else:
+            word = "contradicted" if before and find_objection(before, runs) else "confirmed"
+        rates = runs.rmse, runs.lost_rate, runs.off_at_end_rate
+        return CaseResult(name, recording, *rates, len(runs.errors), word)
+
+
+def find_objection(before: Drives, after: Drives) -> str:
+    """Return why settings must not be used that were replayed on a recording; empty if they may.
+
+    Parameters
+    ----------
+    before, after : Drives
+        Replays of the whole recording with the user's settings, and with the others.
+    """
+    if after.off_at_end.any():
+        return f"{after.off_at_end.sum()} of {len(after.errors)} runs are off at the end"
+    n_lost = [int(drives.lost.sum()) for drives in (before, after)]
+    if n_lost[1] > n_lost[0]:
+        return f"{n_lost[1]} of {len(after.errors)} runs get lost, {n_lost[0]} with {OWN},"
+    errors = [drives.rmse.value for drives in (before, after)]
+    if errors[1] > errors[0]:
+        user_error, error = map(in_metres, errors)
+        return f"the error is {error}, {user_error} with {OWN},"
+    return ""
+
+
+def _cost_ratio(before: Amcl, after: Amcl, lines: Sequence[Poses]) -> float:
+    """Return the beams that settings compare along some lines over those of others."""
+    beams = [
+        amcl.max_beams
+        * sum(len(updates_of(line, amcl.update_min_d, amcl.update_min_a)) for line in lines)
+        for amcl in (before, after)
+    ]
+    return beams[1] / max(1, beams[0])

@@ -1,0 +1,139 @@
+"""What recorded drives show of a map and a robot, before anything is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from locplan._support.intervals import Interval, in_percent
+from locplan._support.kernels.arrays import Bools
+from locplan.advice.map_reading import Reading
+from locplan.errors import LocplanError
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.map_faults import MapFault, MapFaults
+from locplan.recordings.calibration import odometry_noise, scan_noise
+from locplan.recordings.faults import RecordingFaults, find_recording_faults
+from locplan.recordings.map_fit import find_misfits, fit_to_map, range_fit
+from locplan.recordings.recording import Recording
+from locplan.recordings.replays import ReplayedDrive, find_replay_limit, sparse_notes
+from locplan.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The robot and the map as recorded drives say they are; as given without any."""
+
+    robot: Robot
+    """The robot, whose lidar and odometry err as recorded."""
+    faults: MapFaults
+    """Faults of the map, those that the drives show first."""
+    stretch: float = 1.0
+    """Ratio of the true lengths to those of the map; 1 unless it surely is another."""
+    said: tuple[str, ...] = ()
+    """What they say, in sentences without a full stop."""
+    findings: tuple[str, ...] = ()
+    """Those sentences that report how the map fits, and what is wrong with a drive."""
+    are_sound: tuple[bool, ...] = ()
+    """Whether each drive fits the map and is evidence for settings that trust odometry and map."""
+    replays: tuple[ReplayedDrive, ...] = ()
+    """The drives over which settings can be replayed: they fit the map, and have enough scans."""
+
+
+def recorded(
+    recordings: Sequence[Recording],
+    reading: Reading,
+    known: MapFaults,
+    robot: Robot,
+    filter_map: OccupancyGrid | None,
+    seed: int,
+    threads: int | None,
+) -> Recorded:
+    """Look at what recorded drives say.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        The drives.
+    reading : Reading
+        How the map's file should be read.
+    known : MapFaults
+        Faults of the map.
+    robot : Robot
+        The robot as given.
+    filter_map, seed, threads
+        See `locplan.check`.
+    """
+    grid, said, fitting, ranges = reading.grid, list[str](), [], None
+    faults, replays, findings = list[RecordingFaults](), list[ReplayedDrive](), list[str]()
+    for number, each in enumerate(recordings, 1):
+        fit = fit_to_map(each, grid)
+        ranges = ranges or fit.ranges
+        said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
+        faults.append(find_recording_faults(each, grid if fit.fits else None))
+        said += [f"drive {number}: {text.rstrip('.')}" for text in faults[-1].sentences]
+        texts = fit.sentence, *faults[-1].fault_sentences
+        findings += [f"drive {number}: {text.rstrip('.')}" for text in texts]
+        if not fit.fits:
+            continue
+        fitting.append(each)
+        name = f"drive {number}"
+        if each.odometry is not None and sparse_notes(each, robot.amcl):
+            said.append(
+                f"{name}: it has too few scans to tell how often the filter is lost; record every"
+                " scan"
+            )
+        if limit := find_replay_limit(each):
+            said.append(f"{name}: {limit}")
+        else:
+            replays.append(
+                ReplayedDrive(name, each, grid, robot, filter_map, seed=seed, threads=threads)
+            )
+    misfits: tuple[MapFault, ...] = ()
+    if fitting:
+        ranges = range_fit(grid, fitting)
+        longest = max(fitting, key=len)
+        faulty = faults[list(recordings).index(longest)].faulty_steps
+        robot, more = _calibrated(longest, grid, robot, faulty, threads)
+        said += more
+        try:
+            # On a map whose resolution is wrong, all walls seem to be.
+            misfits = () if ranges.is_scaled else (*find_misfits(grid, fitting).faults(grid),)
+        except LocplanError as error:  # of poses that are too bad to judge walls by
+            said.append(f"walls: {error}")
+    stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
+    of_ranges = ranges.faults(grid) if ranges else ()
+    known = replace(known, meant=grid, found=(*of_ranges, *misfits, *known))
+    sound = (each in fitting and own.is_sound for each, own in zip(recordings, faults, strict=True))
+    if stretch != 1:  # the poses are in other lengths than those of the map
+        replays = []
+    return Recorded(
+        robot, known, stretch, tuple(said), tuple(findings), tuple(sound), tuple(replays)
+    )
+
+
+def _calibrated(
+    drive: Recording, grid: OccupancyGrid, robot: Robot, faulty: Bools, threads: int | None
+) -> tuple[Robot, list[str]]:
+    """The robot whose lidar and odometry err as on a drive, and what that is."""
+
+    def text(name: str, value: Interval, unit: str) -> str:
+        return f"{name} {value.value:.3g} [{value.low:.2g}, {value.high:.2g}] {unit}"
+
+    try:
+        scans = scan_noise(drive, grid, threads=threads)
+    except LocplanError as error:
+        return robot, [f"calibration: {error}"]
+    changes = scans.settings()
+    said = [
+        f"lidar as recorded: {in_percent(scans.outliers)} of the beams end anywhere,"
+        f" {in_percent(scans.blocked)} are blocked"
+    ]
+    noise = odometry_noise(drive, robot.amcl, faulty)
+    if noise is None:
+        return robot.changed(changes), [*said, "odometry: too short a drive, taken as it was"]
+    changes |= noise.settings()
+    said.append(
+        f"odometry as recorded: {text('drift', noise.distance_drift, 'm/√m')},"
+        f" {text('heading', noise.heading_drift_deg, 'deg/√m')}"
+    )
+    return replace(robot.changed(changes), filter=robot.filter), said

@@ -1,0 +1,106 @@
+"""Routes that a robot is checked on: between stations, or between places far apart."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import shown
+from locplan.errors import ConfigError, LocplanError
+from locplan.planning.costmap import Costmap
+from locplan.planning.map_info import describe_map
+from locplan.planning.path import Path
+from locplan.planning.plans import check_ends, plan
+from locplan.planning.queries import Query, Station, queries_of, random_queries
+
+MAX_ROUTES = 12
+"""Maximum number of routes between stations; of more, some are taken at equal steps."""
+Stations = str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
+"""A file of stations or queries, stations, positions by name, or (start, goal) pairs [m]."""
+
+
+def routes_of(costs: Costmap, stations: Stations | None, count: int, seed: int) -> dict[str, Path]:
+    """The shortest path of each route by its name.
+
+    Parameters
+    ----------
+    costs : Costmap
+        A costmap without a field.
+    stations : see `locplan.check`
+        Where the robot has something to do; None takes places far apart.
+    count : int
+        Maximum number of routes between places far apart.
+    seed : int
+        Seed of those that are drawn at random.
+    """
+    queries = _far_apart(costs, count, seed) if stations is None else _between(costs, stations)
+    if len(queries) > MAX_ROUTES:
+        step = math.ceil(len(queries) / MAX_ROUTES)
+        queries = queries[::step]
+    paths = {}
+    for query in queries:
+        try:
+            start, goal = check_ends(costs, query.start[:2], query.goal[:2])
+        except LocplanError as error:
+            raise type(error)(f"route {shown(query.name)}: {error}") from None
+        path = plan(costs, query.start[:2], query.goal[:2]).path if start != goal else None
+        if path is None or not path.length:
+            raise ConfigError(
+                f"route {shown(query.name)}: no path leads from start to goal; leave it out, or"
+                " give the robot's own footprint and margin"
+            )
+        paths[query.name] = path
+    return paths
+
+
+def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
+    """Queries between each two stations, or those that a file has."""
+    if isinstance(stations, Mapping):
+        stations = [Station(str(name), *map(float, xy)) for name, xy in stations.items()]
+    if not isinstance(stations, str | os.PathLike) and all(
+        isinstance(each, Station) for each in stations
+    ):
+        named = [*stations]
+        found = [
+            Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
+            for n, one in enumerate(named)
+            for other in named[n + 1 :]
+        ]
+    else:
+        found = [*queries_of(costs, stations, 0.0, 1)]
+    if not found:
+        raise ConfigError("there is no route; give two stations at least")
+    return found
+
+
+def _far_apart(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
+    """Queries between the places far apart of `locplan.planning.describe_map`, and more if needed.
+
+    Further ones are drawn in the main part of the map.
+    """
+    info = describe_map(costs.grid, robot=costs.robot_radius)
+    if not info.pairs:
+        return _named(random_queries(costs, count, seed, min_distance=0.5))
+    ends = [(each.start, each.goal) for each in info.pairs[:count]]
+    found = [Query("", (one.x, one.y), (other.x, other.y)) for one, other in ends]
+    (x, y), (to_x, to_y) = (each[:2] for each in (found[0].start, found[0].goal))
+    if len(found) < count:
+        apart = min(10.0, math.hypot(x - to_x, y - to_y) / 2)
+        main = replace(costs, density=np.where(info.main_part, costs.density, np.inf))
+        found += random_queries(main, count - len(found), seed, min_distance=apart)
+    return _named(found)
+
+
+def _named(queries: Sequence[Query]) -> list[Query]:
+    """Queries whose ends have numbers for names, one for each place."""
+    numbers: dict[Any, int] = {}
+
+    def number(end: Any) -> int:
+        return numbers.setdefault(tuple(end[:2]), len(numbers) + 1)
+
+    return [Query(f"{number(q.start)} to {number(q.goal)}", q.start, q.goal) for q in queries]

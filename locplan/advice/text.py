@@ -1,0 +1,379 @@
+"""The output of a check in at most 25 lines: failures, weak spots, routes, and fixes."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path as Folder
+from typing import Any, NamedTuple
+
+from locplan._support.intervals import Interval, in_metres, share
+from locplan._support.records import Column, Table
+from locplan._support.runs import typed
+from locplan._support.tables import wrapped
+from locplan.advice.check_result import Check
+from locplan.advice.driving import Site
+from locplan.advice.failures import Passage
+from locplan.advice.fixes import SETTINGS
+from locplan.advice.next_step import next_action, remaining_text
+from locplan.advice.rates import DriveRates, FixResult, RouteResult
+from locplan.advice.weak_spots import ROUND, WeakSpot
+from locplan.maps.map_faults import MapFaults
+from locplan.simulation.arrivals import ABORTED, ELSEWHERE, FOLLOWER, TIMED_OUT, WORLD
+from locplan.simulation.drives import LOST
+from locplan.simulation.verdict import BETTER
+
+
+def faults(found: MapFaults) -> str:
+    """Name the faults of the map."""
+    kinds = "; ".join(f"{fault.kind}: {fault.what}" for fault in found)
+    return f"map: {kinds or 'no fault that the map alone shows'}"
+
+
+def spots(found: Sequence[WeakSpot]) -> str:
+    """Describe the worst weak spot, and count the others."""
+    if not found:
+        return "weak spots: none"
+    first = found[0]
+    more = f", and {len(found) - 1} more" if len(found) > 1 else ""
+    return f"weak spots: {first.size} at {first.place}, {first.missing}{more}"
+
+
+def baseline(rates: DriveRates) -> str:
+    """Report the rates of the baseline."""
+    lost = f"lost (error > {LOST:g} m) in {share(rates.lost)} of {rates.n_drives} drives"
+    return f"baseline: {lost}; {share(rates.reached)} reach the goal"
+
+
+def fix(result: FixResult, before: DriveRates) -> str:
+    """Report the gain of a fix that is better."""
+    return f"{result.title}: lost {share(before.lost)} -> {share(result.rates.lost)}"
+
+
+LINES = 25
+"""Maximum number of lines of the output."""
+ROWS = (
+    (3, 3, 4, 4, 2),
+    (2, 3, 3, 4, 2),
+    (2, 2, 3, 3, 2),
+    (1, 2, 3, 3, 2),
+    (1, 1, 3, 2, 2),
+    (0, 1, 3, 2, 2),
+    (0, 1, 3, 2, 1),
+    (0, 1, 2, 1, 1),
+    (0, 1, 1, 1, 1),
+    (0, 1, 1, 1, 0),
+)
+"""Numbers of further notes, weak spots, routes and fixes, and the amount of details, of which the
+output has the first that fit. 1 leaves out the legend, reasons against presets, and simulated rows
+next to replays; 0 also the advice on recordings. Findings on map and recordings always stay."""
+NARROW = 100
+"""Width of a terminal below which columns have short titles."""
+FAILS = {
+    ELSEWHERE: "stops in the wrong place",
+    ABORTED: "is aborted",
+    TIMED_OUT: "runs out of time",
+    FOLLOWER: "fails with perfect localization, too",
+    WORLD: "finds no way to the goal",
+}
+"""How a closed-loop drive ends that does not reach the goal."""
+
+
+def headline(check: Check) -> tuple[str, ...]:
+    """Return the first sentences: how often the robot gets lost, and reaches the goal."""
+    rates = check.baseline
+    lost = (
+        f"Your robot gets lost (error > {LOST:g} m) in {share(rates.lost)} of {rates.n_drives}"
+        f" simulated drives. It is off at the end in {share(rates.off_at_end)}."
+    )
+    if not rates.n_closed:
+        return (lost,)
+    reached = f"In closed loop it reaches the goal in {share(rates.reached)}."
+    if not rates.endings:
+        return lost, reached
+    mostly = "mostly " if len(rates.endings) > 1 else ""
+    return lost, f"{reached} When it fails, it {mostly}{FAILS[_main_ending(rates)]}."
+
+
+def _main_ending(rates: DriveRates) -> str:
+    return max(rates.endings, key=lambda ending: rates.endings[ending])
+
+
+def problem_text(route: RouteResult) -> str:
+    """Describe how drives along a route fail, and at which places; empty if none does."""
+    rates, problems = route.rates, []
+    if rates.lost.value > 0:
+        problems.append(_at("lost", route.lost_near))
+    if rates.endings:
+        problems.append(_at(FAILS[_main_ending(rates)], route.stopped_near))
+    return ", ".join(problems)
+
+
+def _at(problem: str, letters: str) -> str:
+    return f"{problem} at {letters}" if letters else problem
+
+
+def spot_text(spot: WeakSpot, n_routes: int) -> str:
+    """Describe a weak spot: where, how large, and what is missing there.
+
+    Parameters
+    ----------
+    spot : WeakSpot
+        The spot.
+    n_routes : int
+        Number of all routes.
+    """
+    name = f"Weak spot {spot.letter}".strip()
+    passed = f"on {len(spot.routes)} of {n_routes} routes"
+    if spot.stopped:
+        return f"{name} at {spot.place}: {spot.stopped} {spot.missing}, {passed}"
+    if not spot.rings:
+        return (
+            f"{name} at {spot.place}: {spot.lost} of the drives get lost, {spot.missing}, {passed}"
+        )
+    uncertain = "heading" if spot.missing == ROUND else "position"
+    details = f"{spot.missing}, {uncertain} uncertain by {spot.deviation}"
+    return f"{name} at {spot.place}, {spot.size}: {details}, {passed}"
+
+
+def passage_text(passage: Passage) -> str:
+    """Describe the passage in which robots fail with perfect localization, too.
+
+    Parameters
+    ----------
+    passage : Passage
+        The passage.
+    """
+    place = f"({passage.x:.1f}, {passage.y:.1f})"
+    fail = f"{passage.n_drives} drives fail near it with perfect localization, too"
+    if passage.is_narrow:
+        sizes = f"{passage.width:.2f} m wide, the robot {passage.robot_width:.2f} m"
+        return f"The passage at {place} is {sizes}: {fail}"
+    return f"The place at {place} is no narrow passage, but {fail}"
+
+
+class FixRow(NamedTuple):
+    """A row of the table of fixes."""
+
+    title: str
+    """The fix, or several; "none" for the baseline."""
+    detail: str
+    """What exactly is changed."""
+    rates: DriveRates
+    """Rates of the drives."""
+    change: str
+    """Change of the error, or the verdict if it is not better."""
+    is_recommended: bool = False
+    """True for what is recommended, of which the drives are fresh ones."""
+
+    @property
+    def error(self) -> str:
+        """Error, and its change."""
+        error = in_metres(self.rates.error.value)
+        return f"{error} ({self.change})" if self.change else error
+
+
+def fix_rows(check: Check) -> list[FixRow]:
+    """Return the rows of the baseline, of what is recommended, and of the fixes, the best first.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    """
+    rows = [FixRow("none", "", check.baseline, "")]
+    if check.confirmed:
+        titles, details = (
+            " + ".join(getattr(fix, name) for fix in check.advised) for name in ("title", "detail")
+        )
+        change = _change(check.confirmed.word, check.confirmed.ratio)
+        rows.append(FixRow(titles, details, check.after, change, True))
+    return rows + [
+        FixRow(fix.title, fix.detail, fix.rates, _change(fix.verdict, fix.ratio))
+        for fix in check.fixes
+        if check.recommended != (fix.kind,)
+    ]
+
+
+def _change(verdict: str, ratio: Interval) -> str:
+    """Describe the change of the error if a fix is better, otherwise the verdict."""
+    if verdict != BETTER:
+        return verdict
+    return f"-{100 * (1 - ratio.value):.0f} %" if ratio.value < 1 else "fewer lost"
+
+
+def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str:
+    """Return the output of a check, in at most 25 lines.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    folder : path, optional
+        The folder that its files are in.
+    *about
+        See `next_action`.
+    """
+    action = next_action(check, folder, *about)
+    last = wrapped([f"Next: {action.sentence}" if action.command else action.sentence])
+    last += [f"  {line}" for line in action.command.splitlines()]
+    first = wrapped([*headline(check), *_remarks(check)])
+    findings = [f"map: {fault.sentence}" for fault in check.faults if fault.boxes]
+    findings += check.findings
+    notes = [text for text in check.recorded if text not in check.findings]
+    notes += [f"map: {fault.sentence}" for fault in check.faults if not fault.boxes]
+    passage = [passage_text(check.passage)] if check.passage else []
+    remaining = wrapped([*filter(None, [remaining_text(check)])])
+    blocks: list[list[str]] = []
+    for n_notes, n_spots, n_routes, n_fixes, detail in ROWS:
+        spots = [spot_text(spot, len(check.routes)) for spot in check.spots[:n_spots]]
+        blocks = [
+            first,
+            wrapped([*findings, *notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
+            [
+                *wrapped([_drives_text(check.baseline)] if detail == 2 else []),
+                *_route_table(check, n_routes),
+            ],
+            [*_fix_table(check, n_fixes), *remaining],
+            [
+                *wrapped([*settings_texts(check, detail)]),
+                *_replay_table(check, is_complete=detail == 2),
+            ],
+            last,
+        ]
+        if sum(map(len, blocks)) + sum(map(bool, blocks)) - 1 <= LINES:
+            break
+    return "\n\n".join("\n".join(block) for block in blocks if block)
+
+
+def settings_texts(check: Check, detail: int = 2) -> tuple[str, ...]:
+    """Return the sentences about the choice of AMCL's settings: what decided.
+
+    Parameters
+    ----------
+    check : Check
+        The check.
+    detail : int, default 2
+        Amount of details, see `ROWS`.
+    """
+    choice = check.preset_choice
+    if choice is None:
+        return ()
+    advice = choice.advise_recording(typed() or ["locplan", "check", "MAP"])
+    is_contradicted = choice.recordings or any(
+        verdict.word == BETTER and name in choice.objections
+        for name, verdict in choice.verdicts.items()
+    )
+    objections = choice.objections.values() if is_contradicted and detail == 2 else ()
+    texts = [f"{text[:1].upper()}{text[1:]}." for text in objections]
+    if choice.is_preset and SETTINGS in check.recommended:
+        texts.insert(0, f"{choice.title}.")
+    return (*texts, advice) if advice and detail else tuple(texts)
+
+
+def _replay_table(check: Check, *, is_complete: bool) -> list[str]:
+    """Return the lines of the table of settings on recordings, if there are, and in simulation."""
+    choice = check.preset_choice
+    if choice is None or not choice.recordings:
+        return []
+    columns = (
+        Column("settings", value=lambda result: result.settings),
+        Column("case", title="drives", value=lambda result: result.case),
+        Column("error", title="error", value=lambda result: in_metres(result.error.value)),
+        Column("lost", title="lost", value=lambda result: _share(result.lost)),
+        Column(
+            "off_at_end", title="off at the end", value=lambda result: _share(result.off_at_end)
+        ),
+    )
+    results = [
+        result for result in choice.results if is_complete or result.case in choice.recordings
+    ]
+    return _table(columns, "settings", results)
+
+
+def _drives_text(rates: DriveRates) -> str:
+    """Name the drives from which the columns of the tables come."""
+    lost = f"Lost: of {rates.n_drives} open-loop drives."
+    reached = f" Goal: of {rates.n_closed} closed-loop drives, mean of routes."
+    return lost + (reached if rates.n_closed else "")
+
+
+def _remarks(check: Check) -> list[str]:
+    """Return what is unusual: an assumed lidar, and a filter's map of another size."""
+    remarks = []
+    if check.assumed:
+        remarks.append(f"The lidar is assumed: {check.site.robot.title}. Name yours with --lidar.")
+    return [*remarks, *filter(None, [_map_sizes(check.site)])]
+
+
+def _map_sizes(site: Site) -> str:
+    """Return the sizes of the map and of the filter's map, or nothing if they are the same."""
+    (width, height), (filter_width, filter_height) = (
+        (grid.shape[1] * grid.resolution, grid.shape[0] * grid.resolution)
+        for grid in (site.world, site.filter_map)
+    )
+    if math.isclose(width, filter_width) and math.isclose(height, filter_height):
+        return ""
+    return (
+        f"the map measures {width:.2f} x {height:.2f} m, the filter's map"
+        f" {filter_width:.2f} x {filter_height:.2f} m"
+    )
+
+
+def _rate_columns() -> tuple[Column, ...]:
+    is_narrow = shutil.get_terminal_size((NARROW, 24)).columns < NARROW
+    off_at_end, reached = "off at the end", "reaches the goal"
+    if is_narrow:
+        off_at_end, reached = "off at end", "at goal"
+    return (
+        Column("lost", title="lost", value=lambda row: _share(row.rates.lost)),
+        Column("off_at_end", title=off_at_end, value=lambda row: _share(row.rates.off_at_end)),
+        Column("reached", title=reached, value=lambda row: _share(row.rates.reached)),
+    )
+
+
+def _share(rate: Interval) -> str:
+    return _unbroken(share(rate))
+
+
+def _unbroken(text: str) -> str:
+    """Return a text that `_table` does not break."""
+    return text.replace(" ", "\u00a0")
+
+
+def _route_table(check: Check, n_rows: int) -> list[str]:
+    """Return the lines of the first routes, those that fail most."""
+    columns = (
+        Column("route", value=lambda route: route.name),
+        *_rate_columns(),
+        Column("problem", title="", value=problem_text),
+    )
+    title = _count_rows("route", "routes", n_rows, len(check.routes))
+    return _table(columns, title, check.routes[:n_rows])
+
+
+def _fix_table(check: Check, n_rows: int) -> list[str]:
+    """Return the lines of the baseline and of the best fixes."""
+    columns = (
+        Column("fix", value=lambda row: row.title),
+        *_rate_columns(),
+        Column("error", title="error", value=lambda row: _unbroken(row.error)),
+    )
+    rows = fix_rows(check)
+    title = _count_rows("fix", "fixes", n_rows, len(rows) - 1)
+    return _table(columns, title, rows[: n_rows + 1]) if check.fixes else []
+
+
+def _count_rows(name: str, plural: str, n_rows: int, n_all: int) -> str:
+    """Return the heading of a first column, with the number of rows if some are left out."""
+    return f"{n_rows} of {n_all} {plural}" if n_rows < n_all else name
+
+
+def _table(columns: Sequence[Column], title: str, records: Sequence[Any]) -> list[str]:
+    """Return the lines of a table."""
+    name, *others = columns
+    table = Table.of([replace(name, title=title), *others], records)
+    lines = [line.rstrip().replace("\u00a0", " ") for line in str(table).splitlines()]
+    return [line for line in lines if line.strip(" \u2500")]

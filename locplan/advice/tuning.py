@@ -1,0 +1,631 @@
+"""Tuning of AMCL: presets driven at levels of disturbance or replayed on a recording."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path as FilePath
+from typing import Any, ClassVar
+
+import numpy as np
+
+from locplan._support.checks import check_threads, instance, whole
+from locplan._support.intervals import in_metres
+from locplan._support.kernels.arrays import Floats
+from locplan._support.output import Results
+from locplan._support.progress import ProgressCallback
+from locplan._support.records import Result, Table
+from locplan._support.runs import typed
+from locplan._support.tables import REPORT_WIDTH, finite
+from locplan.advice.preset_choice import (
+    LEVEL_DRIVES,
+    OWN,
+    Case,
+    CaseResult,
+    PresetChoice,
+    choice_values,
+    choose_preset,
+)
+from locplan.errors import ConfigError, RecordingError
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.planning.costmap import Costmap
+from locplan.planning.path import Path
+from locplan.planning.plans import plan
+from locplan.planning.queries import random_queries
+from locplan.recordings.faults import find_recording_faults
+from locplan.recordings.recording import Recording
+from locplan.recordings.replays import RUNS, ReplayedDrive, Tracks, find_replay_limit, sparse_notes
+from locplan.robots.amcl import Amcl
+from locplan.robots.presets import CHANGES, describe_preset
+from locplan.robots.robot import Robot
+from locplan.simulation.amcl_parameters import (
+    BeamsLeft,
+    differing_names,
+    warn_of_settings,
+    write_tuned,
+)
+from locplan.simulation.driver import drive_open
+from locplan.simulation.drives import check_drives
+from locplan.simulation.levels import LEVELS, USUAL, Level, levels_for, select_paths
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.verdict import DriveSet
+from locplan.simulation.worlds import about_filter, check_filter_map, check_of_one_map, poses_along
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tuning(Result):
+    """The best settings of AMCL for a map or a recording: a preset or the user's, with evidence."""
+
+    files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
+
+    grids: tuple[OccupancyGrid, ...]
+    """The maps."""
+    robot: Robot
+    """The robot with the user's settings of AMCL."""
+    choice: PresetChoice
+    """The settings to use, and the drives that chose them."""
+    beams_left: BeamsLeft
+    """Number of the compared beams that return."""
+    warnings: tuple[str, ...]
+    """Warnings of the user's settings."""
+    paths: int
+    """Number of simulated paths on each map."""
+    drives: int
+    """Number of drives along each of them at the usual level."""
+    seed: int
+    """Seed of all random numbers."""
+    recording: str = ""
+    """Names of the recordings; empty for simulated drives."""
+    filter_map: OccupancyGrid | None = None
+    """The filter's map, if it is not that of `grids`."""
+    notes: tuple[str, ...] = ()
+    """Limits of the result, in sentences without a full stop."""
+
+    def __repr__(self) -> str:
+        return f"Tuning({self.where}, {self.choice.name})"
+
+    @property
+    def where(self) -> str:
+        """Names of the maps."""
+        return ", ".join(grid.name or "map" for grid in self.grids)
+
+    @property
+    def winner(self) -> Amcl:
+        """The settings to use: those of a preset, or the user's."""
+        return self.choice.settings
+
+    @property
+    def changes(self) -> dict[str, float | str]:
+        """Parameters to change, by their names; empty if no preset is to be used."""
+        user_settings, winner = self.robot.amcl, self.winner
+        return {name: getattr(winner, name) for name in differing_names(user_settings, winner)}
+
+    @property
+    def conclusion(self) -> str:
+        """The result in one sentence, without a full stop."""
+        choice = self.choice
+        if not choice.is_preset:
+            reasons = "; ".join(choice.objections.values()) or "they are those of the presets"
+            return f"Keep {OWN}: {reasons}"
+        if choice.recordings:
+            before, after = (
+                self._first_result(name, choice.recordings) for name in (OWN, choice.name)
+            )
+            errors = (
+                f"{in_metres(after.error.value)} on {after.case}, {in_metres(before.error.value)}"
+            )
+            return f"Use {choice.title}: an error of {errors} with {OWN}"
+        less = 100 * (1 - choice.verdicts[choice.name].ratio.value)
+        return f"Use {choice.title}: {less:.0f} % less error than with {OWN}"
+
+    def _first_result(self, name: str, cases: tuple[str, ...]) -> CaseResult:
+        return next(r for r in self.choice.results if r.settings == name and r.case in cases)
+
+    def table(self) -> Table:
+        """The drives with each settings, a row per case."""
+        return self.choice.table()
+
+    def figure(self, *about: Any, **options: Any) -> Any:
+        """The figure of matplotlib that shows it.
+
+        Parameters
+        ----------
+        *about, **options
+            What `save` takes, which the figure does not show.
+        """
+        return super().figure()
+
+    def _write(self, folder: FilePath, *about: Any) -> None:
+        write_tuned(folder / "nav2_params.yaml", self.winner, *about)
+
+    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+        """Everything in numbers, fit for JSON.
+
+        Parameters
+        ----------
+        *about, **more
+            What `save` takes, which the numbers do not have.
+        """
+        maps = [{"name": grid.name, "digest": grid.digest} for grid in self.grids]
+        return finite(
+            {
+                "conclusion": self.conclusion,
+                **({"maps": maps} if maps[1:] else {"map": maps[0]}),
+                "changes": self.changes,
+                "choice": choice_values(self.choice),
+                "notes": list(self.notes),
+                "warnings": list(self.warnings),
+                "beams_compared": self.beams_left.compared,
+                "beams_returned": self.beams_left.returned,
+                **{name: getattr(self, name) for name in ("paths", "drives", "seed")},
+                **about_filter(self.filter_map),
+                "robot": self.robot.summary(),
+                "recording": self.recording or None,
+            }
+        )
+
+    def report(self) -> str:
+        """Return the answer, the table of all drives, and warnings."""
+        return tuning_report(self)
+
+
+PRESETS = ". ".join(f"{name}: {describe_preset(name)}" for name in CHANGES) + "."
+"""The meaning of the presets' names."""
+
+
+def tuning_report(tuning: Tuning) -> str:
+    """Return the answer, the table of all drives, and warnings."""
+    choice = tuning.choice
+    recorded = f" on {tuning.recording}" if tuning.recording else ""
+    hint = choice.advise_recording(typed() or ["locplan", "tune", "MAP"])
+    lines = [
+        *(_wrap(f"note: {note}") for note in tuning.notes),
+        _wrap(f"{tuning.conclusion}."),
+        *([_wrap(hint)] if hint else []),
+        _wrap(PRESETS),
+        "",
+        str(tuning.table()),
+        _wrap(choice.describe_table(tuning.seed)),
+        *(_wrap(f"{text[:1].upper()}{text[1:]}.") for text in _minor_objections(tuning)),
+        "",
+        f"{tuning.robot.known_lidar.title}: {tuning.beams_left}{recorded}",
+        *(f"warning: {warning}" for warning in tuning.warnings),
+    ]
+    if choice.is_preset:
+        lines.append("To go back, use your own file again: it stays as it was.")
+    elif tuning.recording:
+        lines.append(
+            _wrap(
+                f"No preset holds on your drive: keep {OWN}. Look at how well the map fits there,"
+                " and how far odometry drifts (locplan recording FILE MAP)."
+            )
+        )
+    return "\n".join(lines)
+
+
+def _minor_objections(tuning: Tuning) -> list[str]:
+    """Return the objections that the conclusion does not name."""
+    return [*tuning.choice.objections.values()] if tuning.choice.is_preset else []
+
+
+def _wrap(text: str) -> str:
+    return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
+
+
+LONGEST = 40.0
+"""Length of a path beyond which settings are driven along a part of it [m]."""
+LEVEL_LOOKS = (16, 32)
+"""Numbers of drives along all paths together after which a level may be decided."""
+DISTANCES = (20.0, 8.0, 4.0, 2.0)
+"""Least distances between the ends of paths, of which the first is taken that the map is large
+enough for [m]. After 2 m of standstill most filters need 10 m or more to return: shorter drives end
+before."""
+
+
+def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
+    """Return shortest paths of random queries, of 20 to 40 m if the map is large.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Costmap that is blocked where the robot does not fit.
+    count : int
+        Number of paths.
+    seed : int
+        Seed of the random numbers.
+
+    Raises
+    ------
+    ConfigError
+        If no two positions of the map that are joined lie 2 m apart.
+    """
+    for least in DISTANCES:
+        try:
+            queries = random_queries(costs, count, seed, min_distance=least)
+            break
+        except ConfigError as error:
+            fault = str(error).split(";")[0]
+    else:
+        raise ConfigError(f"{fault}; give a larger map, or a smaller robot")
+    random = np.random.default_rng(seed)
+    paths = (plan(costs, query.start, query.goal).path for query in queries)
+    return [cut_path(path, random.random()) for path in paths if path is not None]
+
+
+def simulated_cases(
+    grid: OccupancyGrid,
+    robot: Robot,
+    paths: Sequence[Path],
+    levels: Sequence[Level],
+    *,
+    drives: int = 1,
+    label: str = "",
+    filter_map: OccupancyGrid | None = None,
+    stretch: float = 1.0,
+    seed: int = 1,
+    threads: int | None = None,
+) -> list[Case]:
+    """Return a case for each level of disturbance that can affect the paths.
+
+    Parameters
+    ----------
+    grid, robot, filter_map, stretch, seed, threads
+        See `Simulator`; the robot's filter is replaced by the settings that drive.
+    paths : sequence of Path
+        The paths.
+    levels : sequence of Level
+        The levels.
+    drives : int, default 1
+        Number of drives along each path at the usual level. At the others there are as many, and 64
+        along all paths at least.
+    label : str, default ""
+        Name of the map before that of the level; empty for a single map.
+    """
+    named = {f"{n}": path for n, path in enumerate(paths, 1)}
+
+    @cache
+    def simulator_with(amcl: Amcl) -> Simulator:
+        return Simulator(
+            grid,
+            replace(robot, filter=amcl),
+            filter_map=filter_map,
+            seed=seed,
+            threads=threads,
+            stretch=stretch,
+        )
+
+    def case_at(level: Level) -> Case:
+        is_usual = level == USUAL
+        affected = select_paths(level, named, grid)
+        least = 0 if is_usual else math.ceil(LEVEL_DRIVES / len(affected))
+        count = max(drives, least)
+        looks = {min(count, math.ceil(n / len(affected))) for n in LEVEL_LOOKS}
+
+        def drive(amcl: Amcl, numbers: range) -> DriveSet:
+            driven = drive_open(simulator_with(amcl), affected, numbers, level=level)
+            return DriveSet.from_drives(driven.values())
+
+        return Case(
+            f"{label} {level.name}".strip(),
+            drive,
+            (count,) if is_usual else (*sorted(looks - {count}), count),
+            "" if is_usual else level.phrase,
+        )
+
+    return [case_at(level) for level in levels_for(paths, grid, levels)]
+
+
+def cut_path(path: Path, where: float) -> Path:
+    """Return a part of a path of at most 40 m.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+    where : float
+        Where the part begins: 0 at the start of the path, 1 so that it ends at the goal.
+    """
+    spare = path.length - LONGEST
+    if spare <= 0:
+        return path
+    first, last = where * spare, where * spare + LONGEST
+    inner = (path.distance > first) & (path.distance < last)
+
+    def cut(values: Floats) -> Floats:
+        ends = np.interp([first, last], path.distance, values)
+        return np.concatenate([ends[:1], values[inner], ends[1:]])
+
+    heading = None if path.heading is None else cut(np.unwrap(path.heading))
+    return Path(np.column_stack([cut(values) for values in path.xy.T]), heading)
+
+
+FEWEST_PATHS = 5
+"""Minimum number of paths: drives along few of them are alike."""
+
+
+def tune(
+    grid: OccupancyGrid | Sequence[OccupancyGrid],
+    robot: Robot | None = None,
+    *,
+    paths: int = 16,
+    drives: int = 4,
+    levels: Sequence[Level] = LEVELS,
+    filter_map: OccupancyGrid | None = None,
+    others: Mapping[str, object] | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Tuning:
+    """Find the preset of AMCL's settings that localizes a robot best on its map.
+
+    The user's settings and the presets of `locplan.robots.presets` drive along random shortest
+    paths. A preset is to be used if it is better at the usual level of disturbance, and at no
+    other level off at the end significantly more often, see `locplan.simulation.verdict`.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid or sequence of OccupancyGrid
+        The map, or several for one parameter file: all count together at the usual level, and a
+        preset must do no harm on any of them.
+    robot : Robot, optional
+        The robot, such as `Robot.from_nav2` reads; by default one with Nav2's filter and a lidar
+        of 6 m that sees all round.
+    paths : int, default 16
+        Number of random paths on each map, 5 to 1000.
+    drives : int, default 4
+        Number of drives along each path, 2 to 100,000. At levels of disturbance all paths of a map
+        have 64 drives at least.
+    levels : sequence of Level, all by default
+        The levels of disturbance, the usual one first; by default all of
+        `locplan.simulation.levels`.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, if it differs from `grid`; see `simulate`.
+    others : mapping of str to object, optional
+        Further parameters in the user's file, such as `z_short`, for the warnings.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal results.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) drives of all settings.
+
+    Returns
+    -------
+    Tuning
+        The settings to use, and the evidence for them.
+
+    Raises
+    ------
+    LocplanError
+        If the map has no two free positions 2 m apart that are joined, or a number is out of its
+        range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> robot = locplan.Robot().changed({"min_particles": 20, "max_particles": 20})
+    >>> result = tune(grid, robot, paths=5, drives=2)
+    >>> result.winner.max_particles
+    20
+    """
+    grids = as_list(grid)
+    for one in grids:
+        check_grid(one)
+    check_of_one_map(filter_map, grids)
+    whole("paths", paths, FEWEST_PATHS, 1000)
+    check_drives(drives)
+    simulators = [
+        Simulator(one, robot, filter_map=filter_map, seed=seed, threads=threads) for one in grids
+    ]
+    known = simulators[0].robot
+    ways = [plan_random_paths(Costmap.blank(one, robot=known), paths, seed) for one in grids]
+    labels = number_names([one.name or "map" for one in grids]) if grids[1:] else [""]
+    shared: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
+    cases = [
+        case
+        for one, of_map, label in zip(grids, ways, labels, strict=True)
+        for case in simulated_cases(
+            one, known, of_map, levels, drives=drives, label=label, **shared
+        )
+    ]
+    lines = [
+        poses_along(path, one) for one, of_map in zip(grids, ways, strict=True) for path in of_map
+    ]
+    choice = choose_preset(known.amcl, cases, lines, progress=progress)
+    beams_left = min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned)
+    return Tuning(
+        grids=tuple(grids),
+        robot=known,
+        choice=choice,
+        beams_left=beams_left,
+        warnings=warn_of_settings(known, choice.settings, beams_left, others),
+        paths=paths,
+        drives=drives,
+        seed=seed,
+        filter_map=filter_map,
+    )
+
+
+def as_list(one_or_more: Any) -> list[Any]:
+    """Return a map or a recording, or a sequence of them that is not empty, as a list.
+
+    Parameters
+    ----------
+    one_or_more : object
+        A map, a recording, or a sequence of them.
+    """
+    values = one_or_more
+    is_sequence = isinstance(values, Sequence) and not isinstance(values, str) and len(values) > 0
+    return [*values] if is_sequence else [values]
+
+
+def number_names(names: Sequence[str]) -> list[str]:
+    """Return names with a number behind those that stood before.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The names.
+
+    Examples
+    --------
+    >>> number_names(["hall", "lab", "hall"])
+    ['hall', 'lab', 'hall 2']
+    """
+    counts = [names[:n].count(name) + 1 for n, name in enumerate(names)]
+    pairs = zip(names, counts, strict=True)
+    return [f"{name} {count}" if count > 1 else name for name, count in pairs]
+
+
+PATHS, DRIVES = 12, 4
+"""Number of random paths on each map that settings are simulated on, and of drives along each."""
+
+
+def tune_on_drive(
+    recording: Recording | Sequence[Recording],
+    grid: OccupancyGrid | Sequence[OccupancyGrid],
+    robot: Robot | None = None,
+    *,
+    drives: int = RUNS,
+    filter_map: OccupancyGrid | None = None,
+    others: Mapping[str, object] | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Tuning:
+    """Find the preset of AMCL's settings that localizes a robot best on its recorded drive.
+
+    The user's settings and the presets of `locplan.robots.presets` are replayed over the whole
+    drive. The precise preset is used if the recording has no fault, no run is off at the end, the
+    error is no larger than with the user's settings, and the preset is not worse in simulation.
+    Otherwise the safe preset is tried in the same way, and otherwise the user's settings stay. The
+    recorded poses are the ground truth, so they should not be those of the filter to be tuned.
+
+    Parameters
+    ----------
+    recording : Recording or sequence of Recording
+        The drive, with odometry; or several for one parameter file: settings must hold on each.
+    grid : OccupancyGrid or sequence of OccupancyGrid
+        The map; the poses are in its world frame. Of several drives, that of all, or one for each.
+    robot : Robot, optional
+        The robot with the user's settings of the filter, and with the deviation of the filter's
+        first pose; Nav2's defaults without it.
+    drives : int, default 12
+        Number of replays of the whole drive, 2 to 100,000.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, if it differs from `grid`.
+    others, seed, threads, progress
+        See `locplan.advice.tuning.tune`.
+
+    Returns
+    -------
+    Tuning
+        The settings to use, and the evidence for them.
+
+    Raises
+    ------
+    RecordingError
+        If the drive has no odometry, or is shorter than 30 m.
+    ConfigError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.recordings import record_drive
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> path = locplan.plan(locplan.Costmap.blank(grid), (2.0, 3.0), (36.0, 3.0)).path
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
+    >>> drive = record_drive(grid, path, robot)
+    >>> own = robot.changed({"min_particles": 20, "max_particles": 20})
+    >>> tune_on_drive(drive, grid, own, drives=2).winner.max_particles
+    20
+    """
+    recordings, grids = as_list(recording), as_list(grid)
+    for drive in recordings:
+        instance("recording", drive, Recording, "read one with locplan.recordings.read_recording")
+    for one in grids:
+        check_grid(one)
+    if len(grids) not in (1, len(recordings)):
+        raise ConfigError(
+            f"{len(recordings)} drives need one map, or one for each in their order, not"
+            f" {len(grids)}"
+        )
+    check_of_one_map(filter_map, grids)
+    check_drives(drives)
+    whole("seed", seed, 0)
+    check_threads(threads)
+    names = [drive.source.file or "the drive" for drive in recordings]
+    labels = number_names(names)
+    known = recordings[0].robot(robot)
+    drives_on_maps = [
+        ReplayedDrive(label, drive, one, drive.robot(robot), filter_map, drives, seed, threads)
+        for drive, one, label in zip(
+            recordings, grids * (len(recordings) // len(grids)), labels, strict=True
+        )
+    ]
+    for each in drives_on_maps:
+        _check_drive(each)
+    faults = [find_recording_faults(each.recording, each.grid) for each in drives_on_maps]
+    maps = [*dict.fromkeys(grids)]
+    map_labels = number_names([one.name or "map" for one in maps]) if maps[1:] else [""]
+    cases = []
+    for one, label in zip(maps, map_labels, strict=True):
+        paths = plan_random_paths(Costmap.blank(one, robot=known), PATHS, seed)
+        cases += simulated_cases(
+            one,
+            known,
+            paths,
+            [USUAL],
+            drives=DRIVES,
+            label=label,
+            filter_map=filter_map,
+            seed=seed,
+            threads=threads,
+        )
+    choice = choose_preset(
+        known.amcl,
+        cases,
+        [drive.poses for drive in recordings],
+        drives_on_maps,
+        are_recordings_sound=all(fault.is_sound for fault in faults),
+        progress=progress,
+    )
+    beams_left = min(map(_beams_left, drives_on_maps), key=lambda left: left.returned)
+    sparse = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, known.amcl))
+    of_faults = [
+        f"{each.name}: {text.rstrip('.')}"
+        for each, fault in zip(drives_on_maps, faults, strict=True)
+        for text in fault.sentences
+    ]
+    return Tuning(
+        grids=tuple(maps),
+        robot=known,
+        choice=choice,
+        beams_left=beams_left,
+        warnings=warn_of_settings(known, choice.settings, beams_left, others),
+        paths=PATHS,
+        drives=DRIVES,
+        seed=seed,
+        recording=", ".join(labels),
+        filter_map=filter_map,
+        notes=(*sparse, *of_faults),
+    )
+
+
+def _check_drive(drive: ReplayedDrive) -> None:
+    """Raise a RecordingError if a drive cannot be replayed, or is too short."""
+    Tracks(drive.recording, check_filter_map(drive.filter_map, drive.grid))
+    if limit := find_replay_limit(drive.recording):
+        raise RecordingError(f"{drive.name}: {limit}")
+
+
+def _beams_left(drive: ReplayedDrive) -> BeamsLeft:
+    """Return the beams that return on a drive."""
+    tracks = Tracks(drive.recording, check_filter_map(drive.filter_map, drive.grid))
+    ends = tracks.ends(drive.robot.amcl)
+    return BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))

@@ -1,0 +1,619 @@
+"""Weak spots of a map: connected places where a match is degenerate, as polygons."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import instance, number
+from locplan._support.kernels.arrays import Bools, Floats, Ints
+from locplan.errors import FieldError
+from locplan.field.covariance import DEGENERATE, position_axes, scalar
+from locplan.field.field import CovarianceField
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import OCCUPIED
+from locplan.planning.costmap import Costmap, check_costs
+from locplan.planning.grid import connected_parts
+from locplan.planning.path import Path
+
+QUARTERS = 4
+"""Units of a ring along the edge of a cell."""
+_STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+_CHUNK = 256
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DegenerateArea:
+    """A polygon of cells whose degeneracy u is high, in the world frame."""
+
+    outline: Floats
+    """Corners [m], counter-clockwise, the first one only once, (n, 2)."""
+    holes: tuple[Floats, ...]
+    """Corners of the holes [m], clockwise, (n, 2) each."""
+    middle: tuple[float, float]
+    """Position well inside the area [m]."""
+    area: float
+    """Area of the cells [m^2]."""
+    position_std: float
+    """Median of the largest standard deviation of the position [m]."""
+    heading_std: float
+    """Median of the heading's standard deviation [rad]; NaN in a field without rotation."""
+    direction: float
+    """Direction along which the position is uncertain, from x, in (-pi/2, pi/2] [rad]."""
+    agreement: float
+    """1 where all places are uncertain along that line only, 0 where there is no common one."""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the area counts as uncertain along one line, which robots drive along."""
+        return self.agreement >= 0.5
+
+    def __repr__(self) -> str:
+        return (
+            f"DegenerateArea({self.area:.3g} m²,"
+            f" position std. deviation {100 * self.position_std:.3g} cm)"
+        )
+
+
+class Ring(NamedTuple):
+    """A closed line around an area of cells, or around a hole in it."""
+
+    corners: Ints
+    """Columns and rows of its corners [quarters of a cell], (n, 2), one a cell's edge."""
+    cell: tuple[int, int]
+    """Row and column of a cell of the area, beside the ring."""
+
+
+def rings_of(mask: Bools) -> list[Ring]:
+    """All rings along the edges of the cells of a mask, (H, W).
+
+    Cells that meet at a corner alone do not belong together: both sides keep a quarter of a cell
+    away from it, so that no ring meets itself or another one.
+    """
+    inside = np.pad(mask, 1)
+    width = inside.shape[1]
+    codes, cells = [], []
+    for side, (first, ahead) in enumerate([((0, 0), -1), ((0, 1), 1), ((1, 1), 1), ((1, 0), -1)]):
+        beside = np.roll(inside, -ahead, axis=side % 2)
+        rows, cols = np.nonzero(inside & ~beside)
+        starts = (rows + first[0]) * width + cols + first[1]
+        codes.append(4 * starts + side)
+        cells.append(np.column_stack([rows, cols]) - 1)
+    code, cell = np.concatenate(codes), np.concatenate(cells)
+    if not code.size:
+        return []
+    order = np.argsort(code)
+    code, cell = code[order], cell[order]
+    direction = code % 4
+    end = code // 4 + np.array([1, width, -1, -width])[direction]
+    after = np.empty(len(code), np.int64)
+    turns = {}
+    for turn in (3, 0, 1):  # a left turn, which stays at the same cell, comes last and wins
+        following = 4 * end + (direction + turn) % 4
+        found = np.minimum(np.searchsorted(code, following), len(code) - 1)
+        turns[turn] = code[found] == following
+        after[turns[turn]] = found[turns[turn]]
+    corner = QUARTERS * (np.column_stack([end % width, end // width]) - 1)
+    away = _STEPS[(direction + 1) % 4] - _STEPS[direction]
+    corner[turns[1] & turns[3]] += away[turns[1] & turns[3]]
+    return [
+        Ring(corner[ring], (int(cell[ring[0], 0]), int(cell[ring[0], 1])))
+        for ring in _cycles(after.tolist())
+    ]
+
+
+def _cycles(after: list[int]) -> list[list[int]]:
+    """The cycles of a permutation."""
+    seen = bytearray(len(after))
+    cycles = []
+    for first in range(len(after)):
+        if not seen[first]:
+            cycle, at = [], first
+            while not seen[at]:
+                seen[at] = 1
+                cycle.append(at)
+                at = after[at]
+            cycles.append(cycle)
+    return cycles
+
+
+def signed_area(corners: NDArray[Any]) -> float:
+    """Area of a ring in the square of its unit, negative if it runs clockwise."""
+    x, y = (corners - corners[0]).T
+    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
+
+
+def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
+    """The corners that are left of an area's rings, as sorted indices, by Douglas and Peucker.
+
+    `tolerance` is the greatest distance of a corner that is left out [cells]; less is taken where
+    the area would change by more than 2 %.
+    """
+    exact = sum(map(signed_area, rings))
+    while tolerance >= 1 / 8:
+        kept = [_kept(ring, tolerance) for ring in rings]
+        left = (ring[k] for ring, k in zip(rings, kept, strict=True))
+        areas = [signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
+        alike = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
+        if alike and abs(sum(areas) - exact) <= 0.02 * exact:
+            return kept
+        tolerance /= 2
+    return [np.arange(len(ring)) for ring in rings]
+
+
+def _kept(ring: Ints, tolerance: float) -> Ints:
+    """Indices of the corners that Douglas and Peucker keep."""
+    import cv2
+
+    corners = cv2.approxPolyDP(ring.astype(np.int32)[:, None], QUARTERS * tolerance, True)[:, 0]
+    index = {tuple(at): n for n, at in enumerate(ring.tolist())}
+    return np.sort([index[tuple(at)] for at in corners.tolist()])
+
+
+def untangled(rings: Sequence[Ints], kept: Sequence[Ints]) -> list[Ints]:
+    """The corners that are left, and as many more as it takes that no lines meet."""
+    kept = list(kept)
+    while True:
+        corners = [ring[k] for ring, k in zip(rings, kept, strict=True)]
+        bounds = np.cumsum([0, *map(len, corners)])
+        met = meeting(corners)
+        if not met.any():
+            return kept
+        for n in np.flatnonzero(np.add.reduceat(met, bounds[:-1])).tolist():
+            lines = np.flatnonzero(met[bounds[n] : bounds[n + 1]]).tolist()
+            more = [_between(rings[n], kept[n], line) for line in lines]
+            kept[n] = np.unique(np.concatenate([kept[n], *more]))
+
+
+def _between(ring: Ints, kept: Ints, line: int) -> Ints:
+    """Index of the corner farthest from a line that left it out; none if it left out none."""
+    first, last = kept[line], kept[(line + 1) % len(kept)]
+    left_out = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
+    if not left_out.size:
+        return left_out
+    (dx, dy), (x, y) = ring[last] - ring[first], (ring[left_out] - ring[first]).T
+    away = np.abs(dx * y - dy * x)
+    farthest = int(np.argmax(away)) if away.any() else len(away) // 2
+    return np.asarray(left_out[farthest : farthest + 1])
+
+
+def meeting(rings: Sequence[Ints]) -> Bools:
+    """Whether each line of the rings, one after the other, meets any but its neighbours' ends."""
+    sizes = [len(ring) for ring in rings]
+    start = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    offsets = np.repeat(np.cumsum([0, *sizes[:-1]]), sizes)
+    after = offsets + (np.arange(len(start)) - offsets + 1) % np.repeat(sizes, sizes)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.argsort(low[:, 0], kind="stable")
+    lefts = low[order, 0]
+    met = np.zeros(len(start), bool)
+    for first in range(0, len(start), _CHUNK):
+        some = order[first : first + _CHUNK]
+        others = order[first : np.searchsorted(lefts, high[some, 0].max(), side="right")]
+        near = np.arange(len(others)) > np.arange(len(some))[:, None]
+        near &= low[others, 0] <= high[some, 0][:, None]
+        near &= low[others, 1] <= high[some, 1][:, None]
+        near &= high[others, 1] >= low[some, 1][:, None]
+        a, b = np.nonzero(near)
+        i, j = some[a], others[b]
+        along, across = end[i] - start[i], end[j] - start[j]
+        touch = _sides(along, start[i], start[j], end[j]) <= 0
+        touch &= _sides(across, start[j], start[i], end[i]) <= 0
+        neighbours = (after[i] == j) | (after[j] == i)
+        back = (_cross(along, across) == 0) & (np.sum(along * across, axis=1) < 0)
+        bad = np.where(neighbours, back, touch)
+        met[i[bad]] = met[j[bad]] = True
+    return met
+
+
+def _sides(along: Ints, origin: Ints, one: Ints, other: Ints) -> Ints:
+    """At most 0 where two points do not lie strictly on one side of a line."""
+    return np.sign(_cross(along, one - origin)) * np.sign(_cross(along, other - origin))
+
+
+def _cross(a: Ints, b: Ints) -> Ints:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def polygons_of(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict[int, list[Ints]]:
+    """The rings of each label, its outline first; holes of fewer cells are filled."""
+    of_label: dict[int, list[Ring]] = {}
+    for ring in rings_of(mask):
+        of_label.setdefault(int(labels[ring.cell]), []).append(ring)
+    rings, kept, owners = [], [], []
+    for label, own in of_label.items():
+        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in own])
+        first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
+        total = np.cumsum(-areas[holes])
+        # Holes that are filled have at most 2 % of the area.
+        filled = (areas[holes] > -min_hole) & (total <= 0.02 * areas[first])
+        corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
+        rings += corners
+        kept += thinned(corners, 1.0)  # [cells], which makes steps straight
+        owners += [label] * len(corners)
+    polygons: dict[int, list[Ints]] = {}
+    if rings:
+        for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
+            polygons.setdefault(label, []).append(ring[few])
+    return polygons
+
+
+def middle_of(inside: Bools) -> tuple[int, int]:
+    """Of the cells far from the edge of an area (H, W), that nearest to their mean."""
+    import cv2
+
+    distance = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)
+    cells = np.argwhere(distance[1:-1, 1:-1] >= 0.9 * distance.max())
+    row, col = cells[np.argmin(((cells - cells.mean(axis=0)) ** 2).sum(axis=1))].tolist()
+    return row, col
+
+
+def degenerate_areas(
+    costs: Costmap, field: CovarianceField, *, threshold: float | None = None, min_area: float = 1.0
+) -> tuple[DegenerateArea, ...]:
+    """Find the areas where u is at least a threshold, the largest first.
+
+    Cells belong together that share an edge. Polygons follow the edges of cells to within a cell;
+    they do not meet themselves, their holes or each other. The smallest holes
+    are filled: those below 0.1 m^2, up to 2 % of an area.
+
+    Parameters
+    ----------
+    costs : Costmap
+        A costmap that was made of the field; its law and criterion define u. One without a field
+        has no areas.
+    field : CovarianceField
+        The field; several headings count by their mean information.
+    threshold : float, optional
+        Minimum u of a cell, 0..1; by default half of the u of a corridor without features: .5 for
+        estimators that know the lidar, .18 for `Sad`. A lower one makes more and larger areas.
+    min_area : float, default 1.0
+        Minimum area [m^2], >= 0. Areas of a few lattice points may be chance.
+
+    Returns
+    -------
+    tuple of DegenerateArea
+        None where no area is large enough.
+
+    Raises
+    ------
+    ConfigError
+        If a number is out of its limits.
+    FieldError
+        If the field belongs to another map.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.maps import environments
+    >>> grid = environments.make("two_corridors", resolution=0.1)
+    >>> field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
+    >>> costs = locplan.Costmap.from_field(grid, field)
+    >>> area, *_ = locplan.advice.weak_spots.degenerate_areas(costs, field)
+    >>> area.outline.shape[1], area.area >= 1
+    (2, True)
+    """
+    import cv2
+
+    if threshold is not None:
+        number("threshold", threshold, 0, 1)
+    number("min_area", min_area, 0)
+    check_costs(costs)
+    instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
+    if field.grid.digest != costs.grid.digest:
+        raise FieldError("the field belongs to another map than the costmap; compute it for this")
+    threshold = _half_free(costs, field, threshold)
+    grid = costs.grid
+    cell_area = grid.resolution**2
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(
+        (costs.u >= threshold).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S
+    )
+    sizes = boxes[:, cv2.CC_STAT_AREA] * cell_area
+    large = np.flatnonzero(sizes[1:] >= min_area - 1e-9) + 1
+    large = large[np.argsort(-sizes[large], kind="stable")]
+    is_large = np.isin(np.arange(len(sizes)), large)
+    # Holes below 0.1 m^2 are filled, such as the legs of tables.
+    polygons = polygons_of(is_large[labels], labels, min(0.1, min_area) / cell_area)
+    points = _points_of(field, labels)
+    areas = []
+    for label in large.tolist():
+        left, low, width, height = boxes[label, :4].tolist()
+        window = slice(low, low + height), slice(left, left + width)
+        inside = labels[window] == label
+        row, col = middle_of(inside)
+        covariance = points.get(label)
+        if covariance is None:
+            covariance = _read(field, np.argwhere(inside) + np.array([low, left]))
+        outline, *holes = (
+            np.stack(grid.grid_to_world(*corners.T[::-1] / QUARTERS), axis=1)
+            for corners in polygons[label]
+        )
+        middle = grid.position(row + low, col + left)
+        about = _deviations_of(covariance) | {"area": float(sizes[label])}
+        areas.append(DegenerateArea(outline, tuple(holes), middle, **about))
+    return tuple(areas)
+
+
+def _half_free(costs: Costmap, field: CovarianceField, threshold: float | None) -> float:
+    """A threshold, or half of the u of a place that is featureless along one line.
+
+    Such a place, well marked across, is a corridor without features. Its u is 1 by the deviation of
+    the position, and less by e, to which the position across and the heading count as well. On a
+    logarithmic scale half of it is the geometric mean of the deviations of a perfect match and of
+    none: .21 m for those that know the lidar, .26 m for `Sad`. Where u is made of something else,
+    it is that of degenerate metres.
+    """
+    if threshold is not None:
+        return threshold
+    settings, estimator = costs.settings, field.config.estimator
+    if settings is None or settings.criterion not in ("e", "position_std", "position_rms"):
+        return DEGENERATE
+    corridor = estimator.perfect(field.window).copy()
+    corridor[0, 0] = estimator.featureless(field.window)[0, 0]
+    least, greatest = field.anchors(settings.criterion)
+    value = float(scalar(corridor, settings.criterion))
+    if settings.law == "logarithmic":
+        return math.log(value / least) / math.log(greatest / least) / 2
+    share = value / greatest
+    return (share ** (1 / 3) if settings.law == "cube-root" else share) / 2
+
+
+def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, Floats]:
+    """The covariances on the lattice points of each label, (n, d, d)."""
+    owner = np.where(field.evaluated, labels[:: field.stride, :: field.stride], 0)
+    rows, cols = np.nonzero(owner)
+    order = np.argsort(owner[rows, cols], kind="stable")
+    rows, cols = rows[order], cols[order]
+    found, starts = np.unique(owner[rows, cols], return_index=True)
+    parts = np.split(field.mean_covariance[rows, cols], starts[1:])
+    return dict(zip(found.tolist(), parts, strict=True)) if found.size else {}
+
+
+def _read(field: CovarianceField, cells: Ints) -> Floats:
+    """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
+    some = cells[:: -(-len(cells) // 50)]
+    xy = np.column_stack(field.grid.grid_to_world(*(some + 0.5).T))
+    covariances = field.at(xy, "covariance")
+    return covariances[np.isfinite(covariances).all(axis=(1, 2))]
+
+
+def _deviations_of(covariance: Floats) -> dict[str, Any]:
+    """What the covariances of places (n, d, d) say of their area: fields of `DegenerateArea`."""
+    major, minor, direction = position_axes(covariance)
+    heading = scalar(covariance, "heading_std")
+    if covariance.shape[-1] == 2:
+        heading = np.full_like(heading, np.nan)
+    total = major**2 + minor**2
+    longer = np.divide(major**2 - minor**2, total, where=total > 0, out=np.zeros_like(total))
+    mean = np.mean(longer * np.exp(2j * direction))  # a line's directions are alike, doubled
+    return {
+        "position_std": float(np.median(major)),
+        "heading_std": float(np.median(heading)),
+        "direction": float(np.angle(mean) / 2),
+        "agreement": float(np.abs(mean)),
+    }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WeakSpot:
+    """A place where scans fit the map at many poses, or where drives fail anyway."""
+
+    letter: str
+    """Its letter on the picture, A for the worst; empty beyond the sixth."""
+    x: float
+    """World x of a place in it, which a route passes if one does [m]."""
+    y: float
+    """World y of it [m]."""
+    length: float
+    """Its extent along the direction in which a pose is uncertain [m]."""
+    width: float
+    """Its extent across [m]."""
+    direction: float
+    """Direction in which a pose is uncertain, from x, 0..pi [rad]; NaN without a common one."""
+    position_std: float
+    """Standard deviation of a pose match along it, the median over the spot [m]; NaN where no scan
+    is weak."""
+    heading_std: float
+    """Standard deviation of the heading, the median over the spot [rad]; NaN where no scan is."""
+    missing: str
+    """What is missing there, in words."""
+    routes: tuple[str, ...]
+    """Names of the routes that pass it."""
+    outline: Floats
+    """Corners [m], (n, 2); none where no scan is weak."""
+    holes: tuple[Floats, ...] = ()
+    """Corners of the holes [m], (n, 2) each."""
+    lost: int = 0
+    """Number of the baseline's drives that get lost in it, or up to 10 m after."""
+    stopped: int = 0
+    """Number of the baseline's closed-loop drives that stop there instead of at the goal."""
+
+    def __repr__(self) -> str:
+        return f"WeakSpot({self.letter}: {self.size} at {self.place}, {self.missing})"
+
+    @property
+    def place(self) -> str:
+        """Position as text [m]."""
+        return f"({self.x:.1f}, {self.y:.1f})"
+
+    @property
+    def size(self) -> str:
+        """Its extent, as people read it."""
+        return f"{self.length:.0f} x {self.width:.0f} m" if self.rings else "-"
+
+    @property
+    def deviation(self) -> str:
+        """How uncertain a pose of a scan is there."""
+        if not self.rings:
+            return "-"
+        if self.missing == ROUND:
+            return f"{math.degrees(self.heading_std):.0f} deg"
+        return f"{100 * self.position_std:.0f} cm"
+
+    @property
+    def rings(self) -> tuple[Floats, ...]:
+        """Corners of its outline and of its holes [m]; nothing where no scan is weak."""
+        return (self.outline, *self.holes) if len(self.outline) else ()
+
+    @property
+    def hurts(self) -> tuple[float, ...]:
+        """What it is ranked by: failed drives, and deviation x length x number of routes."""
+        weight = self.position_std * self.length if self.rings else 0.0
+        return self.lost + self.stopped, self.stopped, weight * len(self.routes), weight
+
+
+ROUND, CLEAR = "no corner fixes the heading", "the filter errs although scans fit"
+"""What is missing if only the heading is uncertain, and at a place where scans are not weak."""
+
+
+def weak_spots(
+    costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
+) -> tuple[WeakSpot, ...]:
+    """The weak spots of a map, first those of the largest deviation x length x routes that pass.
+
+    They lie in the parts of the map that the robot can reach from the routes.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap of the field.
+    field : CovarianceField
+        The field.
+    reach : float
+        Range within which the filter reads the lidar [m].
+    paths : mapping of str to Path
+        The routes by name.
+    """
+    lines = {name: points_of(path) for name, path in paths.items()}
+    reachable = _mark_reachable(costs, lines)
+    costs = replace(costs, u=np.where(reachable, costs.u, np.nan))
+    free = np.count_nonzero(reachable) * costs.grid.resolution**2
+    spots = [_spot(area, costs.grid, reach, lines) for area in _areas(costs, field, free)]
+    return tuple(sorted(spots, key=lambda each: each.hurts, reverse=True))
+
+
+def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
+    """Mark the free cells that the robot covers in the parts of the map where routes lie."""
+    import cv2
+
+    _, labels = connected_parts(costs)
+    rows, cols = (
+        np.clip(np.floor(each).astype(int), 0, size - 1)
+        for each, size in zip(
+            costs.grid.world_to_grid(*np.concatenate([*lines.values()]).T),
+            labels.shape,
+            strict=True,
+        )
+    )
+    drivable = np.isin(labels, np.setdiff1d(labels[rows, cols], [0]))
+    distance = cv2.distanceTransform((~drivable).astype(np.uint8), cv2.DIST_L2, 5)
+    near = distance * costs.grid.resolution <= costs.robot_radius + costs.grid.resolution
+    return np.asarray(near & costs.grid.free)
+
+
+def _areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[DegenerateArea, ...]:
+    """Degenerate areas, none of which takes most of the map unless nothing divides it."""
+    found: tuple[DegenerateArea, ...] = ()
+    for threshold in (None, 0.6, 0.7, 0.8, 0.9):  # minimum u of a spot's cells
+        before, found = found, degenerate_areas(costs, field, threshold=threshold)
+        if not found:
+            return before
+        if found[0].area < 0.25 * free:  # else an area takes too much of the map
+            break
+    return found
+
+
+def _spot(
+    area: DegenerateArea, grid: OccupancyGrid, reach: float, lines: Mapping[str, Floats]
+) -> WeakSpot:
+    direction = area.direction % math.pi
+    along = np.array([math.cos(direction), math.sin(direction)])
+    length, width = (float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1]))
+    passing = {name: own for name, line in lines.items() if len(own := line[is_within(area, line)])}
+    longest = max(passing.values(), key=len, default=np.array([area.middle]))
+    x, y = longest[len(longest) // 2].tolist()
+    turns = area.heading_std > math.radians(10) and area.position_std < 0.2
+    degrees = round(math.degrees(direction)) % 180
+    axis = {0: "x", 9: "y", 18: "x"}.get(round(degrees / 10), f"{degrees} deg")
+    missing = f"no features along {axis}"
+    if seen_around(grid, (x, y), reach) < 0.35:  # of the directions
+        missing = f"few walls within {reach:g} m"
+    elif turns:
+        missing = ROUND
+    elif not area.agrees:
+        missing = "no long wall, only clutter"
+    return WeakSpot(
+        letter="",
+        x=x,
+        y=y,
+        length=length,
+        width=width,
+        direction=direction if area.agrees else math.nan,
+        position_std=area.position_std,
+        heading_std=area.heading_std,
+        missing=missing,
+        routes=tuple(passing),
+        outline=area.outline,
+        holes=area.holes,
+    )
+
+
+def seen_around(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> float:
+    """Share of 72 directions from a place in which a wall stands within a range [m]."""
+    angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
+    steps = np.arange(0.0, reach, grid.resolution / 2)
+    at = grid.world_to_grid(xy[0] + steps * np.cos(angles), xy[1] + steps * np.sin(angles))
+    rows, cols = (np.floor(each).astype(int) for each in at)
+    height, width = grid.shape
+    known = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+    walls = grid.cells[np.where(known, rows, 0), np.where(known, cols, 0)] == OCCUPIED
+    return float((walls & known).any(axis=1).mean())
+
+
+def points_of(path: Path) -> Floats:
+    """Points of a path every quarter of a metre, (n, 2) [m]."""
+    return np.asarray(path.resampled(0.25, even=True).xy)
+
+
+def inside(outline: Floats, points: Floats) -> Bools:
+    """Which of some points (n, 2) lie in an outline, (n,)."""
+    import cv2
+
+    if not len(outline):
+        return np.zeros(len(points), np.bool_)
+    corners = outline.astype(np.float32)
+    tested = [cv2.pointPolygonTest(corners, (x, y), False) for x, y in points.tolist()]
+    return np.array(tested) >= 0
+
+
+def is_within(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
+    """Which of some points lie in an area, and in none of its holes."""
+    found = inside(area.outline, points)
+    for hole in area.holes:
+        found &= ~inside(hole, points)
+    return found
+
+
+def gathered(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:
+    """Positions in groups, the largest first: one within a radius of all, and which they are.
+
+    Parameters
+    ----------
+    xy : (n, 2) array
+        The positions [m].
+    radius : float
+        The radius [m].
+    """
+    near = np.linalg.norm(xy[:, None] - xy, axis=2) <= radius
+    left, groups = np.ones(len(xy), np.bool_), []
+    while left.any():
+        middle = int(np.argmax((near & left).sum(axis=1) * left))
+        groups.append((xy[middle], np.flatnonzero(near[middle] & left)))
+        left &= ~near[middle]
+    return groups

@@ -1,0 +1,151 @@
+"""The command line, which reads options, calls the library, and prints results."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import shutil
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from io import TextIOWrapper
+from typing import Any
+
+from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
+
+from locplan._support.checks import shown, suggestion
+from locplan._support.files import inputs_are_kept
+from locplan._support.supervision import INTERRUPTED, end_if_supervised
+from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, launched
+from locplan.app.cli.wording import options_as_typed
+from locplan.errors import LocplanError, one_line
+
+__all__ = ["COMMANDS", "main"]
+MIN_COLUMNS = 20
+"""Width that a narrower terminal counts as [characters]: tables vanish, and help never ends."""
+
+
+def main() -> None:
+    """Run the command line; a user's error ends in one line on stderr and exit code 2."""
+    _mend_environment()
+    try:
+        with _warnings_as_lines(), inputs_are_kept():
+            _check_none_is_empty(sys.argv[1:])
+            code, _ = launched(sys.argv[1:])
+        _flush()
+    except (LocplanError, CycloptsError, MemoryError) as error:
+        notes = getattr(error, "__notes__", ())  # such as lines to save in a file
+        code = _complain(f"error: {_fault(error)}", WRONG_INPUT, *notes)
+    except KeyboardInterrupt:
+        end_if_supervised()
+        code = _complain("interrupted", INTERRUPTED)
+    except OSError as error:
+        code = _failed(error)
+    sys.exit(code or 0)
+
+
+def _failed(error: OSError) -> int:
+    """The exit code after a failure of the system, which is said unless nobody listens."""
+    if isinstance(error, BrokenPipeError):
+        sys.stdout = sys.stderr = None
+        return SYSTEM_ERROR
+    where = "the output" if error.filename is None else os.fsdecode(error.filename)
+    code = _complain(f"error: {where}: {error.strerror or error}", SYSTEM_ERROR)
+    sys.stdout = None
+    end_if_supervised(code)  # no thread in the background outlives the output
+    return code
+
+
+def _flush() -> None:
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        stream.flush()
+
+
+def _mend_environment() -> None:
+    """Replace what the environment asks for and no command can do."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
+    os.environ["MPLBACKEND"] = "agg"  # a notebook names its own, which may not be installed here
+    columns = shutil.get_terminal_size().columns
+    if "COLUMNS" in os.environ or columns < MIN_COLUMNS:
+        os.environ["COLUMNS"] = str(max(MIN_COLUMNS, columns))
+
+
+def _check_none_is_empty(tokens: list[str]) -> None:
+    """Raise a LocplanError if an argument is empty, which as a path would be the folder here."""
+    for before, token in zip(["", *tokens], tokens, strict=False):
+        name, equals, value = token.partition("=")
+        if equals and name.startswith("--") and not value.strip():
+            raise LocplanError(f"{name} is empty; give it a value, or leave it out")
+        if not token.strip():
+            what = before if before.startswith("-") else "an argument"
+            raise LocplanError(f"{what} is empty; give it a value, or leave it out")
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
+        if category.__module__.startswith("locplan."):
+            _complain(f"warning: {options_as_typed(str(message))}", 0)
+        else:  # that of a library says nothing to users
+            logging.getLogger("locplan.app.cli").debug("%s: %s", category.__name__, message)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        warnings.showwarning = show
+        yield
+
+
+def _fault(error: Exception) -> str:
+    """What a user is to read of an error."""
+    if isinstance(error, CycloptsError):
+        return f"{_in_one_line(error)} (--help shows how)"
+    if isinstance(error, MemoryError):
+        return "the memory does not suffice; give less at a time"
+    return options_as_typed(str(error))
+
+
+def _in_one_line(error: CycloptsError) -> str:
+    if isinstance(error, UnusedCliTokensError):
+        return _unexpected(error.unused_tokens or ())
+    if isinstance(error, MissingArgumentError) and (argument := error.argument):
+        guess = "".join(" ".join(str(error).split()).partition("Did you mean")[1:])
+        return f"{argument.name} is missing{'. ' if guess else ''}{guess}"
+    if isinstance(error, CoercionError) and (line := _no_choice(error)):
+        return line
+    words = re.split(r"\s+", str(error).strip())
+    return " ".join(map(_short, words)).removesuffix(".")
+
+
+def _no_choice(error: CoercionError) -> str:
+    """The line about a value that is none of an option's choices; empty where it has none."""
+    if not (error.argument and error.token):
+        return ""
+    choices = error.argument.get_choices(force=True) or ()
+    name, value = error.token.keyword or error.argument.name, error.token.value
+    if not choices:
+        return ""
+    guess = suggestion(value, choices)
+    return f"{name} must be one of {', '.join(choices)}, not {shown(value)}{guess}"
+
+
+def _unexpected(tokens: Sequence[str]) -> str:
+    numbers = all(re.fullmatch(r"-?[\d.]+", token) for token in tokens)
+    remedy = "; write positions as X,Y with a comma" if numbers else ""
+    return f"unexpected: {' '.join(map(_short, tokens))}{remedy}"
+
+
+def _short(word: str) -> str:
+    """A word as it is unless it is too long."""
+    return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
+
+
+def _complain(line: str, code: int, *notes: str) -> int:
+    try:
+        print(f"locplan: {one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)
+    except OSError:  # a full disk: the exit code alone says it
+        sys.stderr = None
+    return code

@@ -1,0 +1,243 @@
+"""The application: its commands, their launch, and the exit codes."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import textwrap
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+
+from cyclopts import App, Group, Parameter
+from cyclopts.help import DefaultFormatter
+
+from locplan import __version__
+from locplan._support.runs import Run, Setting, running
+from locplan._support.supervision import INTERRUPTED, TERMINATED
+
+if TYPE_CHECKING:
+    from cyclopts.argument import Argument, ArgumentCollection
+    from cyclopts.help import HelpPanel
+    from rich.console import Console, ConsoleOptions
+
+SYSTEM_ERROR, WRONG_INPUT, BEYOND_LIMIT = 1, 2, 4
+INSTALL_COMPLETION = "--install-completion"
+COMMANDS = {
+    "check": "Start",
+    "explore": "Start",
+    "info": "Start",
+    "plan": "Plan",
+    "compare": "Plan",
+    "tune": "Localize",
+    "simulate": "Localize",
+    "recording": "Localize",
+    "locate": "Localize",
+    "repair": "Site",
+    "landmarks": "Site",
+    "export": "Hand over",
+    "field": "Hand over",
+    "cache": "Upkeep",
+}
+"""The heading of each command in the help. Its module in this package has its name."""
+
+
+WORDS = {
+    "u": "degeneracy, from 0 (localizable) to 1 (degenerate)",
+    "e": "uncertainty of a match with the map: sqrt(det(covariance)) [m² rad]",
+    "J": "cost of a path: length + weight * degenerate metres (∫u ds) [m]",
+}
+"""Meaning of the words that help explains."""
+
+
+def command(*examples: str, words: str = "") -> Callable[[Callable[..., int | None]], App]:
+    """Return a decorator that makes a function a command, with examples and words for its help."""
+    explained = [f"  {word}  {WORDS[word]}" for word in words]
+
+    def decorate(function: Callable[..., int | None]) -> App:
+        app = App(name=function.__name__)
+        app.default(function)
+        summary = (inspect.getdoc(function) or "").partition("\nParameters\n---")[0].strip()
+        lines = [summary, "", "Examples", *map(wrap_example, examples)]
+        app.help = "\n".join([*lines, *(["", "Words", *explained] if words else [])])
+        return app
+
+    return decorate
+
+
+def wrap_example(words: str) -> str:
+    """Return a command as it is typed in a shell; a long one continues after a backslash.
+
+    >>> print(wrap_example("info lab.yaml"))
+      locplan info lab.yaml
+    """
+    lines = textwrap.wrap(
+        f"locplan {words}",
+        96,  # with the backslash 98, for terminals of 100 columns
+        initial_indent="  ",
+        subsequent_indent="      ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return " \\\n".join(lines)
+
+
+OPTIONS = Group("Options", sort_key=0)
+ROBOT = Group("Robot", sort_key=1)
+COMPUTATION = Group("Computation", sort_key=2)
+OUTPUT = Group("Output", sort_key=3)
+"""The headings of the options in a help, in their order."""
+
+
+def format_default(value: Any) -> str | None:
+    """Return a default for the help; None for an option that is off, or has no value."""
+    if value is None or value is False or value == ():
+        return None
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def application(*names: str) -> App:
+    """The command line with these commands, all of them by default."""
+    app = App(
+        name="locplan",
+        help="Plan paths along which a robot with a 2D lidar can still localize itself.",
+        version=f"locplan {__version__}",
+        help_flags=("-h", "--help"),
+        version_flags="--version",
+        help_format="plaintext",
+        help_formatter=Filling(),
+        help_epilogue=(
+            f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT}"
+            f" for a wrong input, {BEYOND_LIMIT} where a limit of check is exceeded, and"
+            f" {INTERRUPTED} after Ctrl-C and {TERMINATED} after SIGTERM."
+        ),
+        group_parameters=OPTIONS,
+        default_parameter=Parameter(
+            negative=(), show_default=format_default, json_list=False, json_dict=False
+        ),
+        suppress_keyboard_interrupt=False,
+        exit_on_error=False,
+        print_error=False,
+        result_action="return_value",
+    )
+    titles = dict.fromkeys(COMMANDS.values())  # in their order
+    headings = {title: Group(title, sort_key=n) for n, title in enumerate(titles)}
+    for n, (name, title) in enumerate(COMMANDS.items()):
+        if name in (names or COMMANDS):
+            app.command(f"locplan.app.cli.{name}:{name}", name=name)
+            # It is imported now, so that the help knows its first sentence.
+            app[name].group, app[name].sort_key = headings[title], n
+    flags = (Group("Help", sort_key=len(headings)),)
+    app.register_install_completion_command(
+        INSTALL_COMPLETION, help="Install the completion of commands and options for your shell."
+    )
+    for flag in (*app.help_flags, *app.version_flags, INSTALL_COMPLETION):
+        app[flag].group = flags
+    return app
+
+
+def launched(tokens: list[str]) -> tuple[int | None, Run]:
+    """Run the command that is named, and import no other; return its exit code and its run."""
+    first = next((token for token in tokens if not token.startswith("-")), "")
+    completing = INSTALL_COMPLETION in tokens  # which needs all commands
+    app = application(*({first} & COMMANDS.keys() if not completing else ()))
+    app.meta.suppress_keyboard_interrupt = False
+
+    @app.meta.default
+    def launch(
+        *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+        verbose: Annotated[bool, Parameter(alias="-v", group=OUTPUT)] = False,
+    ) -> int | None:
+        """Run a command.
+
+        Parameters
+        ----------
+        verbose
+            Show the log on stderr.
+        """
+        with _log_on_stderr(verbose):
+            command = app(tokens)  # with its options, or what a function has returned
+            return cast("int | None", command() if callable(command) else command)
+
+    with running(Run("", {})) as run:
+        app.config = (partial(_record, run),)
+        return cast("int | None", app.meta(tokens)), run
+
+
+def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Let folders of results have what was typed for each option, but those for the output."""
+    typed = {each.names[0]: each for each in arguments}
+    if "--output" not in typed:
+        return  # it writes no results, or those of a page
+    run.command = commands[0]
+    given = {name: each for name, each in typed.items() if each.tokens}
+    settings = {
+        name.removeprefix("--").replace("-", "_").lower(): each
+        for name, each in given.items()
+        if OUTPUT not in (each.parameter.group or ())  # type: ignore[operator]
+    }
+    run.settings = {name: _typed(each) for name, each in settings.items()}
+    run.files = frozenset(
+        name for name, each in settings.items() if _names_a_file(each.field_info.annotation)
+    )
+
+
+def _names_a_file(kind: Any) -> bool:
+    """Whether an option's type has paths in it."""
+    return kind is Path or any(map(_names_a_file, get_args(kind)))
+
+
+def _typed(argument: Argument) -> Setting:
+    """What was typed for an option."""
+    texts = [token.value for token in argument.tokens]
+    if argument.hint is bool and texts == [""]:
+        return True
+    return texts if len(texts) > 1 else texts[0]
+
+
+@contextmanager
+def _log_on_stderr(shown: bool) -> Iterator[None]:
+    log, libraries = logging.getLogger("locplan"), logging.getLogger()
+    # Without any handler Python itself shows what libraries warn of.
+    handler = logging.StreamHandler() if shown else logging.NullHandler()
+    handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    before = log.level
+    libraries.addHandler(handler)
+    if shown:
+        log.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        libraries.removeHandler(handler)
+        log.setLevel(before)
+
+
+class Filling(DefaultFormatter):
+    """The usual help, without the line ends and indents that texts have in the source.
+
+    Lines of examples stay as they are.
+    """
+
+    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
+        """Write a group of options or commands."""
+        for entry in panel.entries:
+            _fill(entry.description)
+        super().__call__(console, options, panel)
+
+    def render_description(self, console: Console, options: ConsoleOptions, text: Any) -> None:
+        """Write what a command does."""
+        _fill(text)
+        super().render_description(console, options, text)
+
+
+def _fill(description: Any) -> None:
+    """Join the lines of each paragraph of a text of cyclopts', which adds choices behind it."""
+    text = getattr(description, "primary_renderable", None)
+    if text is not None:
+        paragraphs = text.plain.split("\n\n")
+        text.plain = "\n\n".join(
+            each if each.startswith(("Examples\n", "Words\n")) else " ".join(each.split())
+            for each in paragraphs
+        )

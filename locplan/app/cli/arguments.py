@@ -1,0 +1,246 @@
+"""Types of the command line's arguments: how texts are parsed, checked, and shown in the help."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import math
+import re
+import runpy
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+import locplan
+from locplan._support.checks import MAX_AMOUNT, shown
+from locplan._support.files import keep_input
+from locplan._support.reading import parsed_json, read_text
+from locplan.errors import ConfigError, LocplanError, one_line
+
+if TYPE_CHECKING:
+    from cyclopts import Token
+
+
+def parse_with(
+    parse: Callable[[str, str], Any], metavar: str, *, is_repeatable: bool = False
+) -> Parameter:
+    """Return a parameter whose texts a function parses, which takes the option's name and a text.
+
+    A repeatable option gives a tuple.
+    """
+
+    def convert(_: object, tokens: Sequence[Token]) -> Any:
+        values = tuple(parse(str(token.keyword), token.value) for token in tokens)
+        return values if is_repeatable else values[-1]
+
+    # A text may begin with a minus sign, such as -2,3.
+    return Parameter(converter=convert, n_tokens=1, allow_leading_hyphen=True, metavar=metavar)
+
+
+def check_with(check: Callable[[Any], object]) -> Parameter:
+    """Return a parameter whose values, each of several, a function checks before any work."""
+
+    def validate(_: object, values: Any) -> None:
+        for value in values if isinstance(values, (list, tuple)) else [values]:
+            if value is not None:
+                check(value)
+
+    return Parameter(validator=validate)
+
+
+def parse_position(name: str, text: str) -> tuple[float, float]:
+    """Return the position of a text X,Y [m]."""
+    pose = parse_pose(name, text)
+    if len(pose) != 2:
+        raise LocplanError(f"{name} must be X,Y in metres, such as 2.0,3.5, not {shown(text)}")
+    return pose[0], pose[1]
+
+
+def parse_pose(name: str, text: str) -> tuple[float, ...]:
+    """Return the position of a text X,Y [m], or the pose of X,Y,DEG [m, m, rad]."""
+    with suppress(ValueError):
+        x, y, *heading = values = [float(value) for value in text.split(",")]
+        # False for NaN as well
+        if len(heading) <= 1 and all(abs(value) <= MAX_AMOUNT for value in values):
+            return (x, y, *map(math.radians, heading))
+    raise LocplanError(
+        f"{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading in degrees, not"
+        f" {shown(text)}"
+    )
+
+
+def parse_numbers(name: str, text: str, count: int | None = None) -> tuple[float, ...]:
+    """Return the numbers of a text with commas between them."""
+    with suppress(ValueError):
+        values = tuple(map(float, text.split(",")))
+        is_in_range = all(abs(value) <= MAX_AMOUNT for value in values)  # False for NaN as well
+        if is_in_range and count in (None, len(values)):
+            return values
+    amount = f"{count} numbers" if count else "numbers"
+    raise LocplanError(f"{name} must be {amount} with commas between, not {shown(text)}")
+
+
+def parse_shift(name: str, text: str) -> tuple[float, float, float]:
+    """Return the shift and turn of a text X,Y,DEG [m, m, rad]."""
+    x, y, turn = parse_numbers(name, text, 3)
+    return x, y, math.radians(turn)
+
+
+def parse_settings(
+    texts: Sequence[str], option: str, example: str, *, allows_words: bool = False
+) -> dict[str, Any]:
+    """Return settings by name from texts such as range=2.0 or k_nearest=false."""
+    settings: dict[str, Any] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            settings[name] = parsed_json(value)
+        except ValueError:
+            if not (allows_words and value):
+                raise LocplanError(
+                    f"{option} must be NAME=VALUE, such as {example}, not {shown(text)}"
+                ) from None
+            settings[name] = value
+    return settings
+
+
+def keep_map(path: Path) -> None:
+    """Let no result be written over a map that is read."""
+    from locplan.maps.files import source_files
+
+    for file in source_files(path):
+        keep_input(file)
+
+
+def refuse(reason: str, **options: object) -> None:
+    """Raise a ConfigError if an option was given that is not read.
+
+    Parameters
+    ----------
+    reason : str
+        When it is not read, such as "without --random".
+    **options
+        The values of options by their names in Python.
+    """
+    for name, value in options.items():
+        if value is not None and value is not False and value != ():
+            raise ConfigError(f"--{name.replace('_', '-')} is not read {reason}; leave it out")
+
+
+def _convert_count(_: object, tokens: Sequence[Token]) -> int:
+    """Return a whole number, which cyclopts would round."""
+    token = tokens[-1]
+    with suppress(ValueError, OverflowError):
+        number = float(token.value)
+        if (count := int(number if "." in token.value else token.value)) == number:
+            return count
+    raise LocplanError(f"{token.keyword} must be a whole number, not {shown(token.value)}")
+
+
+WHOLE = Parameter(converter=_convert_count)
+Whole = Annotated[int, WHOLE]
+"""A whole number whose range the library checks."""
+INPUT = check_with(keep_input)
+"""Of a file that is read: no result is written over it."""
+MAP = Parameter("MAP"), check_with(keep_map)
+
+MapFile = Annotated[Path, *MAP]
+"""A map, which is a positional argument."""
+MapFiles = Annotated[list[Path], *MAP]
+Position = Annotated[tuple[float, float] | None, parse_with(parse_position, "X,Y")]
+Pose = Annotated[Any, parse_with(parse_pose, "X,Y[,DEG]")]
+Poses = Annotated[tuple[Any, ...], parse_with(parse_pose, "X,Y[,DEG]", is_repeatable=True)]
+Positions = Annotated[tuple[Any, ...], parse_with(parse_position, "X,Y", is_repeatable=True)]
+Ranges = Annotated[tuple[float, ...] | None, parse_with(parse_numbers, "R1,R2")]
+Rectangles = Annotated[
+    Any, parse_with(partial(parse_numbers, count=4), "X0,Y0,X1,Y1", is_repeatable=True)
+]
+Limits = Annotated[Any, parse_with(partial(parse_numbers, count=2), "MIN,MAX")]
+Shift = Annotated[Any, parse_with(parse_shift, "X,Y,DEG")]
+InputFile = Annotated[Path | None, INPUT, Parameter(metavar="FILE")]
+PathFiles = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")]
+InputFiles = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="FILE")]
+InputFolders = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="FOLDER")]
+Count = Annotated[int, WHOLE, Parameter(validator=Number(gte=1, lte=100_000))]
+PairCount = Annotated[int, WHOLE, Parameter(validator=Number(gte=2, lte=100_000))]
+"""A number of objects of which there must be two at least."""
+Switch = Annotated[bool, Parameter(negative=())]
+
+
+PlannerTexts = Annotated[tuple[str, ...], Parameter(metavar="NAME|FILE")]
+_FUNCTION = re.compile(r"(?P<file>.+\.py)(:(?P<name>[^:]*)(:(?P<options>.*))?)?", re.DOTALL)
+"""A function in a file, such as my.py:plan or my.py:plan:step=2."""
+
+
+def parse_planners(texts: Sequence[str]) -> list[locplan.comparison.planners.PlannerSpec]:
+    """Return the planners of texts such as grid, BITstar:time_limit=2 or my.py:plan."""
+    return [_load_planner(text) for text in texts]
+
+
+def _load_planner(text: str) -> locplan.comparison.planners.PlannerSpec:
+    from locplan.comparison.planners import PlannerSpec, parse_options
+    from locplan.planning.requests import planner_for
+
+    function = _FUNCTION.fullmatch(text)
+    if function is None:
+        return PlannerSpec.of(text)
+    file, name = Path(function["file"]), function["name"] or ""
+    if not name.isidentifier():
+        example = f"--planner {file}:plan"
+        raise ConfigError(f"{text}: name a function f(costs, start, goal), such as {example}")
+    keep_input(file)
+    code = load_function(file, name)
+    options = parse_options(text, function["options"] or "")
+    planner = planner_for(code, options)
+    label = ":".join(filter(None, (file.name, name, function["options"])))
+    return PlannerSpec(label, planner)
+
+
+def load_function(file: Path, name: str) -> Callable[..., Any]:
+    """Return a function of a Python file; its folder's modules can be imported as well."""
+    source = read_text(file)
+    sys.path.insert(0, str(file.absolute().parent))
+    try:
+        # Under this name no module can be imported, so that workers get the code itself.
+        values = runpy.run_path(str(file), run_name="planner of the command line")
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise LocplanError(one_line(f"{file}: cannot be run ({reason}); correct it")) from None
+    if not inspect.isfunction(values.get(name)):
+        names = [
+            key for key, value in values.items()
+            if inspect.isfunction(value) and value.__code__.co_filename == str(file)
+        ]  # fmt: skip
+        known = f"it has {', '.join(names)}" if names else "it has none"
+        raise ConfigError(f"{file}: there is no function {shown(name)}; {known}")
+    function: Any = values[name]
+    if not hasattr(function, "version"):  # a comparison runs an edited planner again
+        function.version = hashlib.sha256(source.encode()).hexdigest()[:8]
+    return cast("Callable[..., Any]", function)
+
+
+def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
+    """Return paths by the names of their files, with the folder's if two files have one name."""
+    from locplan._support.checks import printable
+
+    stems = [file.stem for file in files]
+    paths: dict[str, locplan.Path] = {}
+    for file, stem in zip(files, stems, strict=True):
+        is_repeated = stems.count(stem) > 1
+        name = printable(f"{file.absolute().parent.name}/{stem}" if is_repeated else stem)
+        if name in paths:
+            raise LocplanError(f"two --path files are called {name}; rename one")
+        paths[name] = locplan.Path.load(file)
+    return paths
+
+
+def check_ends(start: object, goal: object) -> None:
+    """Raise a ConfigError if only one end of a path was given."""
+    if (start is None) != (goal is None):
+        raise ConfigError("--start and --goal belong together; give both or none")

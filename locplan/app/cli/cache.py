@@ -1,0 +1,65 @@
+"""The command that lists and clears cached fields and checks."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+
+from locplan.app.cli.application import wrap_example
+from locplan.app.cli.arguments import Switch
+from locplan.app.cli.groups import Output
+
+cache = App(name="cache")
+cache.help = "\n".join(
+    [
+        "List, clear or find the fields and trajectories computed before.",
+        "",
+        "Examples",
+        *map(wrap_example, ["cache list", "cache clear --older-than 30", "cache path"]),
+    ]
+)
+Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
+
+
+@cache.command(name="list")
+def list_entries(*, json: Switch = False) -> None:
+    """List the cached results, the last used first.
+
+    Parameters
+    ----------
+    json
+        Print the list as JSON.
+    """
+    from locplan.field.cache import cache_entries, cache_folder, cache_table
+
+    folder = cache_folder(None)
+    entries = cache_entries(folder)
+    table = cache_table(entries, folder)
+    Output(json=json).show([entry.to_json() for entry in entries], table)
+
+
+@cache.command
+def clear(*, older_than: Days = 0.0) -> None:
+    """Remove cached results, except those that are being computed.
+
+    Parameters
+    ----------
+    older_than
+        Days for which a removed result was not used.
+    """
+    from locplan._support.tables import in_bytes
+    from locplan.field.cache import cache_folder, clear_cache
+
+    removed, busy = clear_cache(cache_folder(None), older_than)
+    kept = f"; being computed, and kept: {len(busy)}" if busy else ""
+    print(f"removed {len(removed)}, {in_bytes(sum(entry.size for entry in removed))}{kept}")
+
+
+@cache.command
+def path() -> None:
+    """Print the folder of the cached results."""
+    from locplan.field.cache import cache_folder
+
+    print(cache_folder(None))

@@ -1,0 +1,107 @@
+"""The command that finds where a robot fails on a map, and the fix that helps most."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import locplan
+from locplan._support.progress import progress_bar
+from locplan.app.cli.application import BEYOND_LIMIT, command
+from locplan.app.cli.arguments import InputFile, MapFile, parse_with
+from locplan.app.cli.groups import (
+    SEED,
+    FilterMapFile,
+    Output,
+    RecordingFiles,
+    RobotOptions,
+    Seed,
+    Threads,
+    load_filter_map,
+    load_recording,
+)
+from locplan.errors import one_line
+
+if TYPE_CHECKING:
+    from locplan.advice.limits import Limit
+
+
+def parse_limit(_: str, text: str) -> Limit:
+    """Return the limit of a text such as "lost > 5%"."""
+    from locplan.advice import limits
+
+    return limits.Limit.parse(text)
+
+
+Limits = Annotated[tuple[Any, ...], parse_with(parse_limit, "LIMIT", is_repeatable=True)]
+
+
+@command(
+    "check lab.yaml --lidar turtlebot4 --robot nav2_params.yaml -o report",
+    "check lab.yaml --robot nav2_params.yaml --recording drive.npz -o report",
+    "check lab.yaml --robot robot.yaml --fail-if 'lost > 5%'",
+)
+def check(
+    map_file: MapFile,
+    /,
+    *,
+    recording: RecordingFiles = (),
+    stations: InputFile = None,
+    effort: Literal["quick", "usual", "thorough"] = "usual",
+    fail_if: Limits = (),
+    robot: RobotOptions = RobotOptions(),
+    filter_map: FilterMapFile = None,
+    seed: Seed = SEED,
+    threads: Threads = None,
+    output: Output = Output(),
+) -> int:
+    """Find where a robot gets lost on a map, and the fix that helps most.
+
+    Simulates the robot along routes, and each applicable fix on the same routes.
+    Takes one to two minutes.
+
+    Parameters
+    ----------
+    map_file
+        Map YAML, folder with one, or built-in map.
+    stations
+        Stations (CSV of name,x,y) or queries that routes join.
+    effort
+        Amount of simulated drives.
+    fail_if
+        Limit, such as "lost > 5%", beyond which the exit code is 4.
+    """
+    from locplan.advice.check_result import Check
+    from locplan.simulation.amcl_parameters import check_tunable
+
+    output.check(Check.files)
+    if output.output:
+        check_tunable(robot.nav2_file("amcl"))
+    grid = locplan.load_map(map_file)
+    if recording:
+        robot.check_recorded()
+    recordings = [load_recording(file, grid, map_file) for file in recording]
+    simulated = robot.load_recorded(recordings[0]) if recordings else robot.load()
+    with progress_bar("checking", "") as progress:
+        result = locplan.check(
+            map_file,
+            simulated,
+            stations,
+            recordings,
+            filter_map=load_filter_map(filter_map, [map_file]) if filter_map else None,
+            effort=effort,
+            seed=seed,
+            threads=threads,
+            found=_print_finding,
+            progress=progress,
+        )
+    output.finish(result, output.output, robot.nav2_files())
+    for limit in fail_if:
+        print(one_line(limit.said(result)), file=sys.stderr)
+    return BEYOND_LIMIT if any(limit.fails(result) for limit in fail_if) else 0
+
+
+def _print_finding(finding: str) -> None:
+    """Print a finding as it comes, if somebody sees the progress."""
+    if sys.stderr.isatty():
+        print(one_line(finding), file=sys.stderr, flush=True)

@@ -1,0 +1,137 @@
+"""The command that compares planners."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+import sys
+from typing import Annotated
+
+from cyclopts import Parameter
+
+import locplan
+from locplan._support.progress import progress_bar
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import (
+    Count,
+    InputFile,
+    MapFiles,
+    PlannerTexts,
+    Ranges,
+    parse_planners,
+    refuse,
+)
+from locplan.app.cli.groups import (
+    SEED,
+    FieldOptions,
+    Output,
+    RobotOptions,
+    Seed,
+    Threads,
+    with_range,
+)
+from locplan.errors import ConfigError
+
+Weights = Annotated[tuple[float, ...], Parameter(metavar="METRES")]
+
+
+@command(
+    "compare lab.yaml -o compared --planner any-angle --planner BITstar:time_limit=2 --seeds 5",
+    "compare lab.yaml hall.yaml -o compared --queries queries.csv --planner my.py:plan",
+    words="ueJ",
+)
+def compare(
+    maps: MapFiles,
+    /,
+    *,
+    planner: PlannerTexts = (),
+    baseline: str | None = None,
+    queries: InputFile = None,
+    random: Count | None = None,
+    min_distance: float | None = None,
+    seeds: Count = 1,
+    weight: Weights = (),
+    ranges: Ranges = None,
+    time_limit: float | None = None,
+    patience: float = 300.0,
+    memory: float | None = None,
+    workers: Count | None = None,
+    robot: RobotOptions = RobotOptions(),
+    field: FieldOptions = FieldOptions(),
+    seed: Seed = SEED,
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Run planners side by side, and report which one is best, where and by how much.
+
+    Parameters
+    ----------
+    maps
+        Map YAML files, folders with one, MovingAI maps, or built-in maps.
+    planner
+        BITstar:time_limit=2, my.py:plan or one of `locplan info`. Repeatable.
+    baseline
+        Planner that the others are compared with.
+    queries
+        Queries (CSV), stations (CSV of name,x,y) or MovingAI .scen.
+    random
+        Number of random queries on each map. [default: 10]
+    min_distance
+        Minimum distance from start to goal, in metres. [default: 5]
+    seeds
+        Number of runs of a planner with random numbers.
+    weight
+        Detour that a degenerate metre is worth, in metres. Repeatable.
+    ranges
+        Ranges of the lidar to compare, in metres.
+    time_limit
+        Time of OMPL's planners, in seconds. [default: 5]
+    patience
+        Time until a planner is stopped, in seconds.
+    memory
+        Maximum memory of a run, in GB.
+    workers
+        Number of runs at a time. [default: all cores]
+    """
+    from locplan.comparison.planners import specs_of
+    from locplan.comparison.result import Comparison
+    from locplan.comparison.settings import Execution, RandomQueries
+
+    if output.output is None:
+        raise ConfigError("name the folder for the results with --output")
+    if queries is not None and random is not None:
+        raise ConfigError("--random and --queries exclude each other; leave one out")
+    if queries is not None:
+        refuse("with --queries", min_distance=min_distance, seed=seed != SEED)
+    random_queries = RandomQueries(
+        count=10 if random is None else random,
+        min_distance=5.0 if min_distance is None else min_distance,
+        seed=seed,
+    )
+    planners = specs_of(parse_planners(planner)) if planner else None
+    compared_robot, config = field.choose(robot.load())
+    configs = [config] if ranges is None else [with_range(config, each) for each in ranges]
+    output.check(Comparison.files)
+    with progress_bar("runs", "runs") as progress:
+        execution = Execution(
+            workers=workers,
+            time_limit=time_limit,
+            patience=patience,
+            memory=None if memory is None else memory * 1e9,
+            journal=output.output / "runs.jsonl",
+            force=output.force,
+            field_of=lambda grid, config: field.compute(grid, config, threads),
+            progress=progress,
+        )
+        result = locplan.compare(
+            maps,
+            planners,
+            queries or random_queries,
+            compared_robot,
+            configs={f"{c.estimator.name}, {c.estimator.reach:g} m": c for c in configs},
+            weights=weight or None,
+            seeds=range(1, seeds + 1),
+            baseline=baseline,
+            execution=execution,
+        )
+    output.finish(dataclasses.replace(result, command=shlex.join(["locplan", *sys.argv[1:]])))

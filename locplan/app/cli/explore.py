@@ -1,0 +1,123 @@
+"""The command that opens the explorer."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+import locplan
+from locplan._support.progress import working
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import MapFile, Position, Positions, Switch, Whole, refuse
+from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan.app.explorer.check_reports import CheckReport
+
+ReportFolder = Annotated[Path | None, Parameter(metavar="FOLDER")]
+
+
+@command(
+    "explore lab.yaml --lidar turtlebot4",
+    "explore --check report",
+    "explore lab.yaml --lidar turtlebot4 --start 2,3 --goal 38,3 -o edited",
+)
+def explore(
+    map_file: MapFile | None = None,
+    /,
+    *,
+    check: ReportFolder = None,
+    start: Position = None,
+    goal: Position = None,
+    via: Positions = (),
+    weight: Weight = None,
+    port: Whole = 0,
+    no_browser: Switch = False,
+    robot: RobotOptions = RobotOptions(),
+    field: FieldOptions = FieldOptions(),
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
+
+    Serves the page to this machine alone. The page writes only into the output folder.
+    Ctrl-C ends it.
+
+    Parameters
+    ----------
+    map_file
+        Map YAML, folder with one, or built-in map. None with --check.
+    check
+        Folder that `locplan check -o` wrote: shows weak spots, routes and fixes.
+    start
+        First start of the path, in metres.
+    goal
+        First goal of the path, in metres.
+    via
+        Place to visit on the way at first, in metres. Repeatable.
+    weight
+        Detour that a degenerate metre is worth, in metres.
+    port
+        Port of the page. [default: any]
+    no_browser
+        Open no browser.
+    """
+    from locplan.app.explorer import check_reports
+    from locplan.app.explorer.explorer import check_installed, opened
+    from locplan.app.explorer.scene import Opening
+
+    refuse("by explore", json=output.json)
+    check_installed()
+    report = _read_report(check, map_file, robot)
+    shown_map = report.map_file if report else map_file
+    assert shown_map is not None
+    on_map, config = field.choose(report.robot if report else robot.load())
+    if report and field.stride is None:
+        config = dataclasses.replace(config, stride=check_reports.CheckReport.stride)
+    grid = locplan.load_map(shown_map)
+    ends = report.ends if report else {}
+    opening = Opening(
+        config,
+        on_map,
+        weight=weight,
+        threads=threads,
+        folder=output.output,
+        force=output.force,
+        start=start or ends.get("start"),
+        goal=goal or ends.get("goal"),
+        via=via,
+        report=report,
+    )
+    with working("opening the page"):
+        page = opened(grid, opening, port=port)
+    browse = "the page opens in your browser, or open the address above; Ctrl-C ends it"
+    if no_browser:
+        browse = "open the address above in a browser on this machine; Ctrl-C ends the page"
+    with page:
+        print(page.address, flush=True)
+        print(f"locplan: {browse}", file=sys.stderr, flush=True)
+        if not no_browser:
+            page.open()
+        page.wait()
+
+
+def _read_report(
+    folder: Path | None, map_file: Path | None, robot: RobotOptions
+) -> CheckReport | None:
+    """Return the report that the page opens on, if one was named."""
+    from locplan.app.explorer import check_reports
+
+    if folder is None:
+        if map_file is None:
+            raise ConfigError("name a map, or with --check the folder that check has written")
+        return None
+    if map_file:
+        raise ConfigError("--check names the map itself; leave out one of the two")
+    refuse("with --check, whose robot is taken", robot=robot.robot, lidar=robot.lidar)
+    refuse("with --check, whose robot is taken", set=robot.set)
+    return check_reports.CheckReport.read(folder)

@@ -1,0 +1,226 @@
+"""The command that exports to navigation stacks."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+import locplan
+from locplan._support.progress import working
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import (
+    INPUT,
+    InputFile,
+    InputFolders,
+    MapFile,
+    PathFiles,
+    Position,
+    Switch,
+    check_ends,
+    read_paths,
+    refuse,
+)
+from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight
+from locplan.errors import ConfigError
+from locplan.export.registry import formats
+
+if TYPE_CHECKING:
+    from locplan.export.registry import ExportJob, Format
+    from locplan.field.config import FieldConfig
+    from locplan.field.field import CovarianceField
+
+FORMATS = formats()
+WITH_PATHS = [name for name, format in FORMATS.items() if format.paths != "none"]
+FLAGS = {"set_cost": "set-cost", "planner": "nav2-planner"}
+"""Options of the command line that have another name than the format's."""
+FormatName = Annotated[str, Parameter(metavar="FORMAT", choices=tuple(FORMATS), help="Format.")]
+NavPlanner = Annotated[
+    Literal["smac2d", "smac-hybrid", "navfn", "thetastar"] | None, Parameter(show_choices=False)
+]
+Distro = Annotated[
+    Literal["humble", "jazzy", "kilted", "lyrical", "rolling"] | None, Parameter(show_choices=False)
+]
+TreeFile = Annotated[Path | None, INPUT, Parameter(metavar="XML")]
+
+
+@command(
+    "export lab.yaml --to nav2-keepout --robot nav2_params.yaml -o mask",
+    "export lab.yaml --to nav2-keepout --choice planned -o mask",
+    "export lab.yaml --to path --start 2,3 --goal 38,3 -o path.csv",
+)
+def export(
+    map_file: MapFile,
+    /,
+    *,
+    to: FormatName,
+    choice: InputFolders = (),
+    path: PathFiles = (),
+    start: Position = None,
+    goal: Position = None,
+    weight: Weight = None,
+    nav2_planner: NavPlanner = None,
+    distro: Distro = None,
+    tree: TreeFile = None,
+    slowest: float | None = None,
+    frame: str | None = None,
+    step: Annotated[float | None, Parameter(metavar="METRES")] = None,
+    graph: InputFile = None,
+    set_cost: Switch = False,
+    robot: RobotOptions = RobotOptions(),
+    field: FieldOptions = FieldOptions(),
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Write cost maps, route graphs and paths for navigation stacks.
+
+    Parameters
+    ----------
+    map_file
+        Map YAML, folder with one, or built-in map.
+    choice
+        Folder that `locplan plan -o` wrote. Repeatable for nav2-routes.
+    path
+        Path to export (CSV of x,y). Repeatable for nav2-routes.
+    start
+        Start of a path to plan and export, in metres.
+    goal
+        Goal of this path, in metres.
+    weight
+        Detour that a degenerate metre is worth, in metres.
+    nav2_planner
+        Planner of Nav2: smac2d, smac-hybrid, navfn or thetastar.
+    distro
+        humble, jazzy, kilted, lyrical or rolling. [default: jazzy]
+    tree
+        Behaviour tree to copy with the mask's planner.
+    slowest
+        Share of the speed that remains at u = 1. [default: 0.3]
+    frame
+        Frame of the coordinates. [default: map]
+    step
+        Maximum distance between the poses of a path, in metres.
+    graph
+        Route graph (GeoJSON) whose edges get our cost, instead of paths.
+    set_cost
+        Write our cost as Nav2's cost of the edges, too.
+    """
+    from locplan._support.tables import table
+
+    format = FORMATS[to]
+    check_ends(start, goal)
+    if format.paths == "none":
+        for name, value in (("path", path), ("choice", choice), ("start", start)):
+            if value:
+                raise ConfigError(f"--{name} is for --to {', '.join(WITH_PATHS)}, not for {to}")
+    options = _format_options(
+        format,
+        robot.nav2_files(),
+        planner=nav2_planner,
+        distro=distro,
+        tree=tree,
+        slowest=slowest,
+        frame=frame,
+        step=step,
+        graph=graph,
+        set_cost=set_cost or None,
+    )
+    if choice:
+        refuse("with --choice, which has its own", start=start, weight=weight, lidar=robot.lidar)
+        refuse("with --choice, which has its own", field=field.field, set=robot.set)
+        config, make_job = _job_of_choices(format, choice, path)
+    else:
+        config, make_job = _job_of_options(path, start, goal, weight, robot, field)
+    n_paths = len(path) + len(choice) + (start is not None)
+    if format.paths == "one" and n_paths != 1:
+        raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal, or --choice")
+    format.check(options, n_paths)
+    grid = locplan.load_map(map_file)
+    target = output.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
+    format.check_target(target, force=output.force)
+    job = make_job(field.compute(grid, config, threads))
+    with working(f"writing {target.name}"):
+        summary = format.export(target, dataclasses.replace(job, force=output.force), options)
+    values = {"map": grid.name, "to": to, "target": str(target), **summary.values}
+    rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
+    output.show(values, table([], [*rows, *job.rows, *summary.rows]), target)
+
+
+MakeJob = Callable[["CovarianceField"], "ExportJob"]
+"""Function that makes the objects to export from a field."""
+
+
+def _job_of_options(
+    path_files: tuple[Path, ...],
+    start: Any,
+    goal: Any,
+    weight: float | None,
+    robot: RobotOptions,
+    field: FieldOptions,
+) -> tuple[FieldConfig, MakeJob]:
+    """Return the settings of the field, and the job of the paths that options name."""
+    from locplan.export import registry
+
+    paths = read_paths(path_files)
+    on_map, config = field.choose(robot.load())
+
+    def make_job(computed: CovarianceField) -> ExportJob:
+        costs = locplan.Costmap.from_field(computed.grid, computed, robot=on_map, weight=weight)
+        if start and goal:
+            paths["aware"] = _plan_path(costs, start, goal)
+        return registry.ExportJob(costs, computed, paths, robot=on_map)
+
+    return config, make_job
+
+
+def _job_of_choices(
+    format: Format, folders: tuple[Path, ...], path_files: tuple[Path, ...]
+) -> tuple[FieldConfig, MakeJob]:
+    """Return the settings of the field of choices, and their job."""
+    from locplan.export import registry
+    from locplan.simulation.recommendations import read_choices
+
+    takes_several = format.paths == "several" and format.name == "nav2-routes"
+    if not takes_several:
+        refuse("with --choice, which has its own", path=path_files)
+    choices = read_choices(*folders)
+    if len(choices) > 1 and not takes_several:
+        raise ConfigError(f"--to {format.name} takes one --choice, not {len(choices)}")
+    paths, first = read_paths(path_files), next(iter(choices.values()))
+
+    def make_job(computed: CovarianceField) -> ExportJob:
+        if takes_several:
+            return registry.ExportJob.of_choices(choices, computed, paths)
+        return registry.ExportJob.of_choice(first, computed)
+
+    return first.config, make_job
+
+
+def _format_options(format: Format, params: list[Path], **options: Any) -> Any:
+    """Return the options of a format; a ConfigError if one is not for it."""
+    fields = {field.name for field in dataclasses.fields(format.options)}
+    values = {name: value for name, value in options.items() if value is not None}
+    for name in values:
+        if name not in fields:
+            readers = [
+                other.name
+                for other in FORMATS.values()
+                if name in {field.name for field in dataclasses.fields(other.options)}
+            ]
+            flag = FLAGS.get(name, name)
+            raise ConfigError(f"--{flag} is for --to {', '.join(readers)}, not for {format.name}")
+    if "params" in fields:
+        values["params"] = tuple(params)
+    return format.options(**values)
+
+
+def _plan_path(costs: locplan.Costmap, start: Any, goal: Any) -> locplan.Path:
+    """Return the path between two positions, for a car of the lattice; a ConfigError without."""
+    is_car = costs.robot is not None and costs.robot.kinematics.turning_radius > 0
+    plan = locplan.plan(costs, start, goal, planner="lattice" if is_car else None)
+    if plan.path is None:
+        raise ConfigError(f"no path leads from --start to --goal: {plan.note or plan.status}")
+    return plan.path

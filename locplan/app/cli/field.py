@@ -1,0 +1,59 @@
+"""The command that computes the covariance field of maps."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+import locplan
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import MapFiles
+from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads
+
+
+@command(
+    "field lab.yaml -o lab.npz",
+    "field lab.yaml --lidar turtlebot4 --picture heading_std -o heading.png",
+    words="ue",
+)
+def field(
+    maps: MapFiles,
+    /,
+    *,
+    picture: Annotated[str | None, Parameter(metavar="SCALAR")] = None,
+    robot: RobotOptions = RobotOptions(),
+    options: FieldOptions = FieldOptions(),
+    threads: Threads = None,
+    output: Output = Output(),
+) -> int:
+    """Compute how uncertain a pose match is throughout a map, or several.
+
+    Writes fields (.npz) or pictures (.png, .pdf, .svg), of several maps into a folder.
+
+    Parameters
+    ----------
+    maps
+        Map YAML files, folders with one, or built-in maps.
+    picture
+        e, position_std, position_rms, heading_std, ambiguity or entropy.
+    """
+    from locplan._support.saved import plain
+    from locplan.export.batch import field_jobs, field_runs_table, run_field_jobs
+    from locplan.field.summary import FieldSummary
+
+    _, config = options.choose(robot.load())
+    jobs = field_jobs(maps, output.output, picture, config, force=output.force)
+
+    def compute(grid: locplan.OccupancyGrid) -> locplan.CovarianceField:
+        return options.compute(grid, config, threads)
+
+    if len(jobs) == 1:
+        summary = FieldSummary.of(jobs[0].run(compute))
+        output.show(plain(summary), summary.table(), output.output)
+        return 0
+    runs = list(run_field_jobs(jobs, compute))
+    failed = [run for run in runs if run.error]
+    files = [output.output] if len(failed) < len(runs) else []
+    output.show([run.to_json() for run in runs], field_runs_table(runs), *files)
+    return 2 if failed else 0

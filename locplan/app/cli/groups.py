@@ -1,0 +1,493 @@
+"""Groups of options that commands share: the robot, the computation, and the output."""
+
+from __future__ import annotations
+
+import dataclasses
+import json as json_files
+import logging
+import math
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+import locplan
+from locplan._support.checks import check_threads, shown, suggestion
+from locplan._support.files import keep_input
+from locplan._support.progress import progress_bar, working
+from locplan._support.runs import note_robot, take_written
+from locplan.app.cli import arguments
+from locplan.app.cli.application import COMPUTATION, OUTPUT, ROBOT
+from locplan.app.cli.arguments import INPUT, WHOLE, Switch, check_with
+from locplan.app.cli.wording import options_as_typed
+from locplan.errors import ConfigError, LocplanError, RecordingError, one_line
+from locplan.robots.lidar import PRESETS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from locplan._support.output import Results
+    from locplan.field.config import FieldConfig
+    from locplan.field.field import CovarianceField
+    from locplan.maps.grid import OccupancyGrid
+    from locplan.recordings.recording import Recording
+    from locplan.robots.lidar import Lidar
+    from locplan.robots.robot import Robot
+
+LOG = logging.getLogger("locplan.app.cli")
+PAPER = "sad-paper"
+"""Name of the field's settings of Eq. 8-10 as printed."""
+
+
+def _keep_robot_file(file: Path) -> None:
+    from locplan.robots.parameters import file_and_robot
+
+    keep_input(file_and_robot(file)[0])
+
+
+@Parameter(name="*", group=ROBOT)
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions:
+    """The robot of a command."""
+
+    robot: Annotated[
+        tuple[Path, ...], Parameter(metavar="FILE[:NAMESPACE]"), check_with(_keep_robot_file)
+    ] = ()
+    """Nav2 parameters, robot file, URDF or SDF. Later files win."""
+    lidar: Annotated[
+        str | None, Parameter(metavar="NAME", choices=tuple(PRESETS), show_choices=False)
+    ] = None
+    """Lidar or robot, such as turtlebot4. See `locplan info`."""
+    set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
+    """Setting, such as range=8. See `locplan info --settings`."""
+
+    def load(self, lidar: Lidar | None = None, *, is_recorded: bool = False) -> Robot:
+        """Return the robot; the title of a robot from files goes to stderr.
+
+        Parameters
+        ----------
+        lidar : Lidar, optional
+            The lidar if the options name none, or in any case if it was recorded.
+        is_recorded : bool, default False
+            True for the robot of a recording.
+        """
+        from locplan.robots.nav2 import ParameterWarning
+
+        settings = arguments.parse_settings(self.set, "--set", "alpha1=0.05", allows_words=True)
+        planner = settings.pop("planner", None)
+        with warnings.catch_warnings():
+            if is_recorded or any(name.startswith("mount_") for name in settings):
+                warnings.filterwarnings("ignore", ".*set mount_x", ParameterWarning)
+            name = None if is_recorded else self.lidar
+            robot = locplan.Robot.load(*self.robot, lidar=name or lidar, planner=planner)
+        if is_recorded or robot.lidar is None:
+            robot = dataclasses.replace(robot, lidar=lidar)
+        robot = robot.changed(settings)
+        # Ten times the range of the data sheet was hardly meant in metres.
+        if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:
+            raise ConfigError(
+                f"--set range must be in metres; the data sheet of {self.lidar} names"
+                f" {PRESETS[self.lidar].range:g}, not {robot.known_lidar.range:g}"
+            )
+        note_robot(robot.title, robot.digest)
+        if self.robot:
+            print(one_line(f"robot: {robot.title}"), file=sys.stderr)
+        return robot
+
+    def load_recorded(self, recording: Recording, *, is_replayed: bool = True) -> Robot:
+        """Return the robot of a recording, which has the recording's lidar and speed.
+
+        Parameters
+        ----------
+        recording : Recording
+            The recording.
+        is_replayed : bool, default True
+            True if the filter is replayed, so that settings of noise are not read.
+
+        Raises
+        ------
+        ConfigError
+            If an option sets what the recording itself has.
+        """
+        self.check_recorded(is_replayed=is_replayed)
+        return recording.robot(self.load(recording.lidar, is_recorded=True))
+
+    def check_recorded(self, *, is_replayed: bool = True) -> None:
+        """Raise a ConfigError if an option sets what a recording has; called before long work.
+
+        Parameters
+        ----------
+        is_replayed : bool, default True
+            True if the filter is replayed, so that settings of noise are not read.
+        """
+        from locplan.robots.parts import Disturbances, Odometry
+
+        arguments.refuse("with --recording, whose lidar is taken", lidar=self.lidar)
+        kinds: list[type[Any]] = [locplan.Lidar]
+        if is_replayed:
+            kinds += [Odometry, Disturbances]
+        names = {field.name for kind in kinds for field in dataclasses.fields(kind)}
+        # The filter's start is drawn for recordings as well.
+        names -= {"start_sigma", "start_sigma_deg"}
+        for name in (text.partition("=")[0] for text in self.set):
+            if name in names:
+                raise ConfigError(
+                    f"--set {name} is not read with --recording, which has its own; leave it out"
+                )
+
+    def load_simulated(self, config: FieldConfig | None = None) -> Robot:
+        """Return the robot with a lidar, that of a field if it names none; warn of bad settings."""
+        from locplan.field.config import equipped
+
+        robot = equipped(self.load(), config)
+        self.warn(robot)
+        return robot
+
+    def warn(self, robot: Robot) -> None:
+        """Warn of settings of the filter that work badly with the robot's lidar."""
+        from locplan.robots.nav2 import ParameterWarning
+        from locplan.robots.parameters import read_parameters
+        from locplan.simulation.amcl_parameters import filter_warnings
+
+        others = read_parameters(*self.nav2_files()).of("amcl")
+        for fault in filter_warnings(robot.amcl, robot.known_lidar, others):
+            warnings.warn(ParameterWarning(fault), stacklevel=2)
+
+    def nav2_file(self, node: str) -> Path | None:
+        """Return the file with most of a node's parameters; the last one if none has any."""
+        from locplan.robots.parameters import read_parameters
+
+        files = self.nav2_files()
+        if not files:
+            return None
+        parameters = read_parameters(*files)
+        place = parameters.file_of(node)
+        if place is not None:
+            return files[place]
+        return files[-1] if parameters.of(node) else None
+
+    def nav2_files(self) -> list[Path]:
+        """Return the files of Nav2's parameters among the robot's files."""
+        from locplan.robots.parameters import read_parameters
+
+        files = []
+        for file in self.robot:
+            with suppress(LocplanError):  # a file of another kind
+                read_parameters(file)
+                files.append(file)
+        return files
+
+
+FilterMapFile = Annotated[
+    Path | None,
+    check_with(arguments.keep_map),
+    Parameter(
+        metavar="MAP", group=ROBOT, help="Map of the robot's filter, if it differs from MAP."
+    ),
+]
+
+
+def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | None:
+    """Return the filter's map, if it was named; warn of masks and of maps to repair.
+
+    Parameters
+    ----------
+    file : path or None
+        The filter's map.
+    maps : sequence of path
+        The maps that are driven in.
+    """
+    from locplan.advice import repair
+    from locplan.maps.files import MapWarning, find_maps, read_map
+    from locplan.maps.map_faults import of_mask
+    from locplan.simulation.worlds import check_filter_map, check_of_one_map
+
+    map_files = find_maps(*maps)
+    for map_file in map_files:
+        grid, source = read_map(map_file)
+        for fault in of_mask(grid, source) if source else ():
+            warning = MapWarning(one_line(f"{map_file}: {fault.sentence}"))
+            warnings.warn(warning, stacklevel=2)
+    grids = [locplan.load_map(each) for each in map_files]
+    filter_maps = [locplan.load_map(file)] if file else grids
+    for grid in filter_maps:
+        if offer := repair.offer(grid):
+            warnings.warn(MapWarning(offer), stacklevel=2)
+    if file is None:
+        return None
+    check_of_one_map(filter_maps[0], grids)
+    return check_filter_map(filter_maps[0], grids[0])
+
+
+RecordingFile = Annotated[
+    Path | None,
+    INPUT,
+    Parameter(metavar="FILE", help="Recording: drive.npz of `locplan recording`, a bag or a log."),
+]
+RecordingFiles = Annotated[
+    tuple[Path, ...],
+    INPUT,
+    Parameter(
+        metavar="FILE",
+        help="Recording: drive.npz of `locplan recording`, a bag or a log. Repeatable.",
+    ),
+]
+
+
+def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
+    """Return a recording, read with the defaults of `locplan recording`."""
+    from locplan.recordings import files
+
+    try:
+        with progress_bar(f"reading {file.name}", "messages") as progress:
+            read = files.read_recording
+            return read(file, needs_poses=needs_poses, progress=progress)
+    except LocplanError as error:
+        text = options_as_typed(str(error), "recording")
+        if text == str(error):
+            raise
+        remedy = f"read it with locplan recording {file} first, and its options"
+        raise RecordingError(f"{text}; {remedy}") from None
+
+
+def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording:
+    """Return a recording with its ground truth on a map; a LocplanError unless the map fits."""
+    from locplan.recordings.map_fit import check_place, fit_to_map
+    from locplan.recordings.smoothing import referenced
+
+    recording = read_recording(file)
+    with working("comparing the scans with the map"):
+        check_place(recording, grid)
+    with progress_bar("smoothing", "") as progress:
+        recording = referenced(recording, grid, progress=progress)
+    with working("comparing the scans with the map"):
+        fit = fit_to_map(recording, grid)
+    if not fit.fits:
+        x, y, turn = fit.move
+        align = f" --align {x:.3f},{y:.3f},{math.degrees(turn):.2f}" if fit.shifted else ""
+        raise LocplanError(
+            f"{map_file}: {fit.sentence.rstrip('.')}; find the ground truth with locplan recording"
+            f"{align}"
+        )
+    return recording
+
+
+SEED = 1
+"""Seed by default."""
+Seed = Annotated[
+    int,
+    Parameter(
+        group=COMPUTATION,
+        help="Seed of all random numbers.",
+        validator=Number(gte=0, lte=2**63 - 1),
+    ),
+    WHOLE,
+]
+Threads = Annotated[
+    int | None,
+    Parameter(group=COMPUTATION, help="Number of threads.", show_default="all cores"),
+    check_with(check_threads),
+]
+
+
+@Parameter(name="*", group=COMPUTATION)
+@dataclass(frozen=True, kw_only=True)
+class FieldOptions:
+    """The covariance field of a command."""
+
+    field: Annotated[str | None, Parameter(metavar="NAME|FILE", show_default="fused or sad")] = None
+    """fused, scan, fisher, sad, sad-paper, .json or .npz."""
+    stride: Annotated[float | None, Parameter(metavar="METRES", show_default="0.2")] = None
+    """Spacing of the evaluated cells, in metres."""
+
+    def choose(self, robot: Robot) -> tuple[Robot, FieldConfig]:
+        """Return the robot and the settings of the field.
+
+        A robot without a lidar gets that of a file of settings, if it has one.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+        """
+        config = self._config(robot)
+        lidar = getattr(config.estimator, "lidar", None)
+        if robot.lidar is None and self._is_file and lidar:
+            robot = dataclasses.replace(robot, lidar=lidar)
+        if (
+            robot.lidar
+            and lidar
+            and dataclasses.replace(lidar, model=robot.lidar.model) != robot.lidar
+        ):
+            raise ConfigError(
+                f"--field {self.field} is of another lidar ({lidar.title}); compute it with locplan"
+                " field and the options of this robot"
+            )
+        if self.stride is not None:
+            config = dataclasses.replace(config, stride=self.stride)
+        return robot, config
+
+    @property
+    def _is_file(self) -> bool:
+        return self.field is not None and Path(self.field).suffix.lower() in (".json", ".npz")
+
+    def _config(self, robot: Robot) -> FieldConfig:
+        name = self.field or ("fused" if robot.lidar else "sad")
+        if not self._is_file:
+            return config_by_name(name, robot.lidar)
+        file = Path(name)
+        keep_input(file)
+        if file.suffix.lower() == ".json":
+            return with_lidar(locplan.load_config(file), robot.lidar)
+        arguments.refuse("with a computed field", stride=self.stride)
+        return locplan.CovarianceField.load(file).config
+
+    def compute(
+        self,
+        grid: OccupancyGrid,
+        config: FieldConfig,
+        threads: int | None,
+        points: NDArray[np.bool_] | None = None,
+    ) -> CovarianceField:
+        """Return the field of a map: computed, cached, or read from the file.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        config : FieldConfig
+            The settings that `choose` returned.
+        threads : int or None
+            Number of threads.
+        points : (h, w) array of bool, optional
+            Lattice points that suffice; a stride that was set computes all.
+        """
+        if self.field is not None and Path(self.field).suffix.lower() == ".npz":
+            field = locplan.CovarianceField.load(self.field)
+            if field.grid.digest != grid.digest:
+                raise ConfigError(
+                    f"--field {self.field} is of another map ({field.grid.name or 'no name'});"
+                    f" compute it of {grid.name or 'this map'} with locplan field"
+                )
+            return field
+        started = time.perf_counter()
+        with progress_bar(f"field of {grid.name}", "cells") as progress:
+            field = locplan.load_or_compute(
+                grid,
+                config,
+                points=points if self.stride is None else None,
+                threads=threads,
+                progress=progress,
+            )
+        LOG.info("field of %s: %.1f s, %s", grid.name, time.perf_counter() - started, config)
+        return field
+
+
+def config_by_name(name: str, lidar: Lidar | None) -> FieldConfig:
+    """Return the settings of a field by the name of an estimator.
+
+    Parameters
+    ----------
+    name : str
+        An estimator, or `PAPER`.
+    lidar : Lidar or None
+        The robot's lidar.
+    """
+    from locplan.field.config import SHORT_LIDAR
+    from locplan.field.estimators import ESTIMATORS, estimator_class
+
+    if name == PAPER:
+        return with_lidar(locplan.FieldConfig(locplan.Sad.paper()), lidar)
+    if name not in ESTIMATORS:
+        names = ", ".join([*ESTIMATORS, PAPER])
+        raise ConfigError(
+            f"--field must be one of {names}, or a file (.json or .npz), not {shown(name)}"
+            f"{suggestion(name, [*ESTIMATORS, PAPER])}"
+        )
+    kind: Any = estimator_class(name)
+    if kind.casts_rays:
+        assumed = dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
+        return locplan.FieldConfig(kind(lidar or assumed))
+    return with_lidar(locplan.FieldConfig(kind()), lidar)
+
+
+def with_lidar(config: FieldConfig, lidar: Lidar | None) -> FieldConfig:
+    """Return settings with another lidar, and its number of headings unless they set another."""
+    if lidar is None or lidar == getattr(config.estimator, "lidar", None):
+        return config
+    is_default = config.headings == config.estimator.headings
+    return dataclasses.replace(
+        config,
+        estimator=config.estimator.with_lidar(lidar),
+        headings=0 if is_default else config.headings,
+    )
+
+
+def with_range(config: FieldConfig, reach: float) -> FieldConfig:
+    """Return settings with another range of the lidar, or of the template [m]."""
+    lidar = getattr(config.estimator, "lidar", None)
+    if lidar:
+        return with_lidar(config, dataclasses.replace(lidar, range=reach))
+    estimator: Any = config.estimator
+    return dataclasses.replace(config, estimator=dataclasses.replace(estimator, range=reach))
+
+
+Weight = Annotated[
+    float | None,
+    Parameter(metavar="METRES"),
+    check_with(lambda weight: locplan.planning.layers.check_weight(weight)),
+]
+
+
+@Parameter(name="*", group=OUTPUT)
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """The output of a command."""
+
+    output: Annotated[Path | None, Parameter(name=("--output", "-o"), metavar="PATH")] = None
+    """Folder or file for the results."""
+    force: Switch = False
+    """Overwrite existing files."""
+    json: Switch = False
+    """Print the result as JSON."""
+
+    def check(self, files: Results, *more: str) -> None:
+        """Raise a LocplanError if the folder cannot take the files; called before long work."""
+        if self.output:
+            files.into(self.output, *more, force=self.force)
+
+    def finish(
+        self, result: Any, *details: Any, saved_details: tuple[Any, ...] | None = None
+    ) -> None:
+        """Save a result if a folder or file was named, and print it.
+
+        Parameters
+        ----------
+        result : Result
+            The result.
+        *details
+            What belongs to it, such as the drives that verify it.
+        saved_details : tuple, optional
+            What is saved with it instead.
+        """
+        files = None
+        if self.output:
+            with working("writing the results"):
+                extra = details if saved_details is None else saved_details
+                files = result.save(self.output, *extra, force=self.force)
+        self.show(result.summary(*details), result.report(*details), *files or [self.output])
+
+    def show(self, values: object, text: object, *files: Path | None) -> None:
+        """Print a result as JSON or as text for people, and the files that were written."""
+        print(json_files.dumps(values, indent=2) if self.json else text)
+        lines = take_written() or [f"wrote {file}" for file in filter(None, files)]
+        for line in lines:
+            print(one_line(line), file=sys.stderr if self.json else sys.stdout)

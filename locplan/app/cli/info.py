@@ -1,0 +1,158 @@
+"""The command that describes a map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import locplan
+from locplan._support.files import PICTURES, check_target
+from locplan._support.output import Output as Target
+from locplan._support.progress import progress_bar, working
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import MapFile, Switch
+from locplan.app.cli.groups import Output, RobotOptions
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan._support.records import Table
+
+PRESETS = "turtlebot3", "turtlebot4", "tim571"
+"""Lidars of short, middle and long range."""
+
+
+@command(
+    "info lab.yaml -o lab_map.png",
+    "info lab.yaml --lidar turtlebot4 --lidars",
+    "info hall -o maps",
+    "info --settings",
+    "info",
+)
+def info(
+    map_file: MapFile | None = None,
+    /,
+    *,
+    lidars: Switch = False,
+    settings: Switch = False,
+    robot: RobotOptions = RobotOptions(),
+    output: Output = Output(),
+) -> None:
+    """Describe a map: size, faults, rooms, and places for start and goal.
+
+    With a lidar, reports the share of ambiguous places, and safe starts.
+    Without a map, lists the built-in maps, lidars and planners.
+
+    Parameters
+    ----------
+    map_file
+        Map YAML, folder with one, or built-in map.
+    lidars
+        Compare the degenerate share of the floor with lidars of short to long range.
+    settings
+        List the robot's settings for --set, with their values.
+    """
+    from locplan._support.drawing import save_figure
+    from locplan.planning.figures import info_figure
+    from locplan.planning.map_info import describe_map
+    from locplan.planning.metrics import compare_lidars, lidars_table
+    from locplan.robots.robot import list_settings
+
+    if settings:
+        listed = list_settings(robot.load())
+        return output.show(listed.records(), _format_settings(listed))
+    if map_file is None:
+        if output.output or lidars:
+            raise ConfigError("name a map, such as locplan info two_corridors")
+        names = _list_names()
+        return output.show(names, _format_names(names))
+    target = _target(map_file, output)
+    described_robot = robot.load()
+    described = describe_map(map_file, robot=described_robot)
+    lines, values = [described.report()], described.summary()
+    if described_robot.lidar:
+        line, values["ambiguous"] = _ambiguous_places(described.grid, described_robot)
+        lines.append(line)
+    compared = [*map(locplan.Lidar.preset, PRESETS)] if lidars else []
+    if described_robot.lidar:
+        compared = [described_robot.lidar, *compared]
+    if compared:
+        with progress_bar("lidars", "cells") as progress:
+            shares = compare_lidars(
+                described.grid, [*dict.fromkeys(compared)], robot=described_robot, progress=progress
+            )
+        compared_table = lidars_table(shares)
+        lines.append(str(compared_table))
+        values["lidars"] = compared_table.records()
+    if target and target.is_file:
+        with working("drawing"), target.writing() as new:
+            save_figure(info_figure(described), new)
+    elif target:
+        with target.writing(adds=True) as new:
+            locplan.save_map(described.grid, new / f"{described.grid.name}.yaml")
+    output.show(values, "\n".join(lines), output.output)
+
+
+def _format_settings(listed: Table) -> str:
+    """Return the robot's settings for people: name, unit and value."""
+    from locplan._support.tables import table
+
+    rows = [
+        (f"{name} [{unit}]" if unit else name, value) for _, name, unit, value, _ in listed.rows
+    ]
+    return f"{table(['setting', 'value'], rows)}\n--json shows the meaning of each setting."
+
+
+def _list_names() -> dict[str, list[str]]:
+    """Return the names that commands know: built-in maps, lidars and planners."""
+    from locplan.maps.environments import BUILT_IN
+    from locplan.planning import registry
+    from locplan.robots import lidar
+
+    return {
+        "maps": [*BUILT_IN],
+        "lidars": [*lidar.PRESETS],
+        "planners": [*registry.names()],
+    }
+
+
+def _format_names(names: dict[str, list[str]]) -> str:
+    """Return the names for people, and what to do with them."""
+    from locplan._support.tables import table
+
+    rows = [(title, ", ".join(values)) for title, values in names.items()]
+    return (
+        f"{table([], rows)}\n"
+        "Options of a planner: --planner BITstar:time_limit=2. A wrong one shows all.\n"
+        "Next: describe a map, or list the robot's settings:\n"
+        "  locplan info two_corridors\n"
+        "  locplan info --settings"
+    )
+
+
+def _target(map_file: Path, output: Output) -> Target | None:
+    """Return the file of a picture, or the folder for a built-in map's files; None for none."""
+    from locplan.maps.environments import is_built_in
+
+    if output.output is None:
+        return None
+    name = map_file.name
+    if not is_built_in(map_file) or output.output.suffix.lower() in PICTURES:
+        picture = Target(output.output, "info", output.force, is_file=True)
+        check_target(output.output, *PICTURES)
+        picture.check()
+        return picture
+    folder = Target(output.output, "maps", output.force)
+    folder.check(f"{name}.yaml", f"{name}.pgm")
+    return folder
+
+
+def _ambiguous_places(grid: locplan.OccupancyGrid, robot: locplan.Robot) -> tuple[str, object]:
+    """Return the line about ambiguous places and starts, and the same fit for JSON."""
+    from locplan.recordings.ambiguous_places import find_ambiguous_places
+
+    try:
+        with progress_bar("ambiguous places", "poses") as progress:
+            places = find_ambiguous_places(grid, robot, progress=progress)
+    except ConfigError as error:  # the robot fits nowhere, or there is no wall
+        return f"ambiguous places: not known, since {error}", None
+    return places.sentence, {"share": places.share, "starts": places.starts.tolist()}

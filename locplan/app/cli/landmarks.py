@@ -1,0 +1,106 @@
+"""The command that proposes places for landmarks."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+
+import locplan
+from locplan._support.progress import progress_bar
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import (
+    InputFile,
+    MapFile,
+    PathFiles,
+    Position,
+    Rectangles,
+    Whole,
+    check_ends,
+    read_paths,
+)
+from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads
+from locplan.errors import ConfigError
+
+
+@command(
+    "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
+)
+def landmarks(
+    map_file: MapFile,
+    /,
+    *,
+    start: Position = None,
+    goal: Position = None,
+    path: PathFiles = (),
+    places: InputFile = None,
+    object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2",
+    count: Whole = 6,
+    keep_out: Rectangles = None,
+    drives: Whole = 100,
+    robot: RobotOptions = RobotOptions(),
+    seed: Seed = SEED,
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Propose places for poles or boxes that keep the robot from getting lost.
+
+    Simulates drives without them, with them, and with objects at random places.
+
+    Parameters
+    ----------
+    map_file
+        Map YAML, folder with one, or built-in map.
+    start
+        Start of the route, in metres.
+    goal
+        Goal of the route, in metres.
+    path
+        Path of the robot (CSV of x,y). Repeatable.
+    places
+        Places (CSV of name,x,y) between all of which the robot drives.
+    object
+        pole:DIAMETER or box:LENGTH,WIDTH, in metres.
+    count
+        Maximum number of objects.
+    keep_out
+        Rectangle in which no object may stand, in metres. Repeatable.
+    drives
+        Number of drives that verify them, 0 for none.
+    """
+    from locplan.advice.landmark_objects import parsed_object
+    from locplan.advice.landmarks import Landmarks, verify_landmarks
+    from locplan.planning.queries import read_stations
+    from locplan.simulation.drives import check_drives
+
+    check_ends(start, goal)
+    if bool(path) + (places is not None) + (start is not None) != 1:
+        raise ConfigError("give one of --path, --start with --goal, and --places")
+    named_places = {"start": start, "goal": goal} if start and goal else None
+    if places:
+        stations = read_stations(places)
+        named_places = {station.name: (station.x, station.y) for station in stations}
+    kind = parsed_object(object)
+    check_drives(drives, or_none=True)
+    simulated, grid = robot.load_simulated(), locplan.load_map(map_file)
+    output.check(Landmarks.files)
+    with progress_bar("placing landmarks", "objects") as progress:
+        result = locplan.place_landmarks(
+            grid,
+            kind,
+            count,
+            paths=read_paths(path) if path else None,
+            places=named_places,
+            robot=simulated,
+            keep_out=keep_out or (),
+            threads=threads,
+            progress=progress,
+        )
+    verification = None
+    if drives:
+        with progress_bar("verifying by drives", "drives") as progress:
+            verification = verify_landmarks(
+                result, drives, seed=seed, threads=threads, progress=progress
+            )
+    output.finish(result, verification)

@@ -1,0 +1,116 @@
+"""The command that finds where on a map scans were taken."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+import locplan
+from locplan._support.progress import progress_bar, working
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import WHOLE, Count, InputFile, MapFile, refuse
+from locplan.app.cli.groups import Output, RecordingFile, Threads, read_recording
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan.recordings.recording import Recording
+
+WITHIN = 3.0
+"""Default of --within [m]."""
+
+
+@command(
+    "locate lab.yaml --recording drive.npz --at 12.5 -o located",
+    "locate lab.yaml --recording drive.npz --every 20 -o located",
+)
+def locate(
+    map_file: MapFile,
+    /,
+    *,
+    recording: RecordingFile = None,
+    scan: Annotated[int | None, WHOLE, Parameter(validator=Number(gte=0))] = None,
+    at: Annotated[float | None, Parameter(metavar="SECONDS")] = None,
+    every: Count | None = None,
+    near_path: InputFile = None,
+    within: float | None = None,
+    count: Count = 10,
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Find where on the map scans were taken, without their recorded poses.
+
+    Weights of the places show which ones look alike.
+
+    Parameters
+    ----------
+    map_file
+        Map YAML, folder with one, or built-in map.
+    scan
+        Number of the scan, from 0 on. Locates all scans by default.
+    at
+        Time of the scan after the first one, in seconds.
+    every
+        Step between the scans that are located. [default: 1]
+    near_path
+        Path (CSV of x,y) near which places count. All do by default.
+    within
+        Maximum distance from the path, in metres. [default: 3]
+    count
+        Maximum number of places.
+    """
+    from locplan.recordings.location import LocatedDrive, locate_drive
+    from locplan.recordings.map_fit import check_place
+    from locplan.recordings.matching import ScanDatabase
+
+    if recording is None:
+        raise ConfigError("name a recording with --recording")
+    if scan is not None:
+        refuse("with --scan", at=at, every=every)
+    if at is not None:
+        refuse("with --at", every=every)
+    if near_path is None:
+        refuse("without --near-path", within=within)
+    output.check(LocatedDrive.files)
+    grid = locplan.load_map(map_file)
+    drive = read_recording(recording, needs_poses=False)
+    scans = _select_scans(drive, scan, at, every or 1)
+    with working("looking around at all places of the map"):
+        database = ScanDatabase(grid, scans.lidar)
+        _ = database.everywhere
+        check_place(drive, grid, database=database)
+    with progress_bar("locating scans", "scans") as progress:
+        result = locate_drive(
+            scans,
+            grid,
+            near=locplan.Path.load(near_path) if near_path else None,
+            within=WITHIN if within is None else within,
+            count=count,
+            database=database,
+            threads=threads,
+            progress=progress,
+        )
+    output.finish(result)
+
+
+def _select_scans(
+    recording: Recording, scan: int | None, seconds: float | None, every: int
+) -> Recording:
+    """Return the recording of one scan, or of every n-th one."""
+    if seconds is not None:
+        if recording.times is None:
+            raise ConfigError("the recording has no times; choose by --scan")
+        after = recording.times - recording.times[0]
+        if not 0 <= seconds <= after[-1]:
+            raise ConfigError(
+                f"--at must lie within the recording's {after[-1]:.4g} s, not be {seconds:g}"
+            )
+        scan = int(abs(after - seconds).argmin())
+    if scan is None:
+        return recording.every(every)
+    if scan >= len(recording):
+        raise ConfigError(
+            f"--scan must be below the recording's {len(recording)} scans, not {scan}"
+        )
+    return recording[scan : scan + 1]

@@ -1,0 +1,266 @@
+"""The command that recommends a path, or computes the Pareto front."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+import locplan
+from locplan._support.progress import later_progress_bar, working
+from locplan._support.runs import as_argument, typed as typed_words
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import (
+    MapFile,
+    PathFiles,
+    PlannerTexts,
+    Pose,
+    Poses,
+    Switch,
+    Whole,
+    parse_planners,
+    read_paths,
+    refuse,
+)
+from locplan.app.cli.groups import (
+    SEED,
+    FieldOptions,
+    FilterMapFile,
+    Output,
+    RobotOptions,
+    Seed,
+    Threads,
+    Weight,
+    load_filter_map,
+)
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan.planning.protocol import Planner
+
+HALF = 0.5
+"""Share of failing drives from which the cause matters more than the path."""
+MAX_DRIVES = 1024
+"""Maximum number of confirming drives that `plan` simulates."""
+ROBOT_OPTIONS = "--robot", "--lidar", "--set", "--filter-map"
+Error = Literal["rmse", "lost", "goal-error", "heading"]
+LONGEST, MAX_CONFIRMING, PRICE = 1.5, 64, 0.3
+MINIMISE: Error = "rmse"
+"""Defaults of options that --front does not read."""
+FRONT_TIME = 30.0
+"""Time that the search for a front may take [s]."""
+
+
+@command(
+    "plan lab.yaml --start 2,3 --goal 38,3 --lidar turtlebot4 --robot nav2.yaml -o planned",
+    "plan lab.yaml --start 2,3 --goal 38,3 --planner BITstar:time_limit=2",
+    "plan lab.yaml --start 2,3 --goal 38,3 --front -o front",
+    words="ueJ",
+)
+def plan(
+    map_file: MapFile,
+    /,
+    *,
+    start: Pose,
+    goal: Pose,
+    via: Poses = (),
+    planner: PlannerTexts = (),
+    path: PathFiles = (),
+    weight: Weight = None,
+    longest: float = LONGEST,
+    max_e: Annotated[float | None, Parameter(metavar="E")] = None,
+    budget: Annotated[float | None, Parameter(metavar="METRES")] = None,
+    front: Switch = False,
+    drives: Whole = MAX_CONFIRMING,
+    thorough: Switch = False,
+    minimise: Annotated[Error, Parameter(show_choices=False)] = MINIMISE,
+    price: float = PRICE,
+    robot: RobotOptions = RobotOptions(),
+    filter_map: FilterMapFile = None,
+    field: FieldOptions = FieldOptions(),
+    seed: Seed = SEED,
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Recommend a path along which the robot can localize.
+
+    Simulates candidates until one is better than the shortest path.
+    Without a lidar, plans the shortest and the localizability-aware path.
+
+    Parameters
+    ----------
+    map_file
+        Map YAML, folder with one, or built-in map.
+    start
+        Start, in metres and degrees.
+    goal
+        Goal, in metres and degrees.
+    via
+        Place to visit on the way. Repeatable.
+    planner
+        BITstar:time_limit=2, my.py:plan or one of `locplan info`. Repeatable.
+    path
+        Further candidate (CSV of x,y). Repeatable.
+    weight
+        Detour that a degenerate metre is worth, in metres.
+    longest
+        Maximum length, in shortest paths.
+    max_e
+        Maximum e of the cells that a path enters, in m² rad.
+    budget
+        Maximum degenerate metres (∫u ds) of a path.
+    front
+        Compute the Pareto front of length and degeneracy instead.
+    drives
+        Maximum number of confirming drives, 0 for none.
+    thorough
+        Simulate 40 closed-loop drives instead of 16.
+    minimise
+        Error: rmse, lost, goal-error or heading.
+    price
+        Weight of the length next to the error.
+    """
+    if front:
+        refuse(
+            "with --front",
+            via=via,
+            planner=planner,
+            path=path,
+            weight=weight,
+            longest=longest != LONGEST,
+            max_e=max_e,
+            budget=budget,
+            drives=drives != MAX_CONFIRMING,
+            thorough=thorough,
+            minimise=minimise != MINIMISE,
+            price=price != PRICE,
+            seed=seed != SEED,
+            filter_map=filter_map,
+        )
+        return _find_front(map_file, start, goal, robot, field, threads, output)
+    simulated, config = field.choose(robot.load())
+    if simulated.lidar is not None and drives != 0:
+        robot.warn(simulated)
+    if simulated.outline and budget is not None:
+        radius = simulated.outline.inscribed_radius
+        print(
+            f"with a budget the robot counts as the circle of {radius:.3g} m within its outline",
+            file=sys.stderr,
+        )
+    candidates: dict[str, locplan.Path | Planner] = {**read_paths(path)}
+    for name, candidate in _planners(planner, seed, via, max_e, budget).items():
+        if name in candidates:
+            raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
+        candidates[name] = candidate
+    output.check(locplan.Choice.files, "history.png")
+    grid = locplan.load_map(map_file)
+    with later_progress_bar("driving the candidates", "drives") as progress:
+        choice = locplan.choose(
+            grid,
+            start,
+            goal,
+            simulated,
+            costs=config,
+            candidates=candidates,
+            compute=lambda grid, points=None: field.compute(grid, config, threads, points),
+            via=via,
+            max_e=max_e,
+            budget=budget,
+            longest=longest,
+            weight=weight,
+            minimise=minimise,
+            price=price,
+            drives=drives,
+            thorough=thorough,
+            filter_map=load_filter_map(filter_map, [map_file]),
+            seed=seed,
+            threads=threads,
+            progress=progress,
+        )
+    output.finish(choice)
+    if not output.json and (step := _next_step(choice, str(map_file), output)):
+        print(f"\nNext: {step[0]}", *step[1:], sep="\n  ")
+
+
+def _planners(
+    texts: tuple[str, ...], seed: int, via: Any, max_e: float | None, budget: float | None
+) -> dict[str, Planner]:
+    """Return planners by their labels, if they keep the limits that are set.
+
+    Planners with random numbers have the seed unless they have their own.
+    """
+    from locplan.planning.requests import planner_for, takes, with_options
+
+    planners = {}
+    for spec in parse_planners(texts):
+        planner_for(spec.planner, via=[*via], max_e=max_e, budget=budget)
+        (planner_seed,) = spec.seeds([seed])
+        is_random = takes(spec.planner, "seed")
+        planners[spec.label] = (
+            with_options(spec.planner, seed=planner_seed) if is_random else spec.planner
+        )
+    return planners
+
+
+def _next_step(choice: locplan.Choice, map_file: str, output: Output) -> tuple[str, ...]:
+    """Return what to do next, and the commands for it; empty if there is nothing to do."""
+    words, map_word, recommended = typed_words(), as_argument(map_file), choice.chosen
+    robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
+    if recommended is None:
+        info = shlex.join(["locplan", "info", map_word])
+        return "see the rooms of the map, and what misleads in it:", info
+    if choice.judgement is None:
+        simulate = shlex.join([*words, "--lidar=turtlebot4"])
+        has_lidar = choice.robot.lidar is not None
+        return () if has_lidar else ("simulate the paths with your lidar, such as:", simulate)
+    if choice.is_tuning_first:
+        tune = shlex.join(["locplan", "tune", map_word, *robot_words, "-o", "tuned"])
+        plan_again = shlex.join([*words, "--robot=tuned/nav2_params.yaml"])
+        return "tune the filter, then plan with its settings:", tune, plan_again
+    driven, arrivals = recommended.driven, recommended.arrivals
+    is_lost = driven is not None and driven.lost_rate.value >= HALF
+    if is_lost or (arrivals is not None and arrivals.arrived.value <= HALF):
+        check = shlex.join(["locplan", "check", map_word, *robot_words])
+        return "find why the robot fails, and what helps most:", check
+    if choice.is_undecided:
+        others = [word for word in words if word.partition("=")[0] != "--drives"]
+        drives = min(2 * choice.settings.drives, MAX_DRIVES)
+        return "simulate more drives:", shlex.join([*others, f"--drives={drives}"])
+    if output.output is None:
+        save = shlex.join([*words, "-o", "planned"])
+        return "save the path, its picture and all candidates:", save
+    if choice.best:
+        export = ["--to", "nav2-keepout", f"--choice={output.output}", "-o", "mask"]
+        command_line = shlex.join(["locplan", "export", map_word, *export])
+        return "write a mask that makes Nav2 follow the path:", command_line
+    return ()
+
+
+def _find_front(
+    map_file: Any,
+    start: Any,
+    goal: Any,
+    robot: RobotOptions,
+    field: FieldOptions,
+    threads: int | None,
+    output: Output,
+) -> None:
+    """Compute the Pareto front of length and degeneracy, and show where it bends."""
+    from locplan.field.summary import about_field
+    from locplan.planning.plans import check_ends
+
+    if len(start) > 2 or len(goal) > 2:
+        raise ConfigError("--front has no headings; give --start and --goal as X,Y")
+    on_map, config = field.choose(robot.load())
+    grid = locplan.load_map(map_file)
+    check_ends(locplan.Costmap.blank(grid, robot=on_map), start, goal)
+    output.check(locplan.ParetoFront.files)
+    computed = field.compute(grid, config, threads)
+    costs = locplan.Costmap.from_field(grid, computed, robot=on_map)
+    with working("searching the front"):
+        front = locplan.pareto_front(costs, start, goal, time_limit=FRONT_TIME)
+    output.finish(front)
+    if not output.json:
+        print(about_field(computed))

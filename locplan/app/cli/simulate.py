@@ -1,0 +1,216 @@
+"""The command that simulates drives along paths, or replays a recording."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import locplan
+from locplan._support.progress import progress_bar
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import (
+    MapFiles,
+    PairCount,
+    PathFiles,
+    Position,
+    check_ends,
+    read_paths,
+    refuse,
+)
+from locplan.app.cli.groups import (
+    SEED,
+    FieldOptions,
+    FilterMapFile,
+    Output,
+    RecordingFile,
+    RobotOptions,
+    Seed,
+    Threads,
+    Weight,
+    load_filter_map,
+    load_recording,
+)
+from locplan.errors import ConfigError
+
+
+@command(
+    "simulate lab.yaml --start 2,3 --goal 38,3 -o simulated",
+    "simulate lab.yaml --path planned/01-shortest.csv --path mine.csv -o simulated",
+    "simulate lab.yaml --random 20 -o queries",
+    "simulate lab.yaml --recording drive.npz --robot nav2_params.yaml -o replayed",
+)
+def simulate(
+    maps: MapFiles,
+    /,
+    *,
+    start: Position = None,
+    goal: Position = None,
+    path: PathFiles = (),
+    random: PairCount | None = None,
+    min_distance: float | None = None,
+    recording: RecordingFile = None,
+    weight: Weight = None,
+    drives: PairCount | None = None,
+    closed: PairCount | None = None,
+    replan: float | None = None,
+    robot: RobotOptions = RobotOptions(),
+    filter_map: FilterMapFile = None,
+    field: FieldOptions = FieldOptions(),
+    seed: Seed = SEED,
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Simulate drives with the robot's filter: its error, and how often it gets lost.
+
+    With a recording, replays the filter on its odometry and scans instead.
+
+    Parameters
+    ----------
+    maps
+        Map YAML files, folders with one, or built-in maps.
+    start
+        Start of the shortest and the aware path, in metres.
+    goal
+        Goal of both paths, in metres.
+    path
+        Path to drive (CSV of x,y). Repeatable.
+    random
+        Number of random queries on each map, instead of a start.
+    min_distance
+        Minimum distance of random queries, in metres. [default: 10]
+    weight
+        Detour that a degenerate metre is worth, in metres.
+    drives
+        Number of drives per path, or of replays. [default: 100 or 20]
+    closed
+        Number of further closed-loop drives along each path.
+    replan
+        Time between plans of closed-loop drives, in seconds.
+    """
+    from locplan.field.config import equipped
+    from locplan.maps.files import find_maps
+    from locplan.planning import plans
+    from locplan.planning.plans import plan_beside_shortest
+    from locplan.planning.queries import check_random, random_queries
+    from locplan.simulation import simulations
+    from locplan.simulation.arrivals import Closed
+    from locplan.simulation.query_routes import RoutesOnMaps, simulate_queries
+    from locplan.simulation.simulations import Simulation
+
+    check_ends(start, goal)
+    has_one_kind = bool(path) + (start is not None) + (random is not None) == 1
+    if recording is None and not has_one_kind:
+        raise ConfigError("give one of --path, --start with --goal, --random, and --recording")
+    if random is None:
+        refuse("without --random", min_distance=min_distance)
+    if closed is None:
+        refuse("without --closed", replan=replan)
+    if path and recording is None:
+        refuse("with --path: no path is planned", weight=weight, stride=field.stride)
+    files = find_maps(*maps)
+    if recording and len(files) > 1:
+        raise ConfigError(f"a recording is of one map: name one of these {len(files)}")
+    if random is None and len(files) > 1:
+        raise ConfigError(f"one path is of one map: name one of these {len(files)}, or --random")
+    if recording:
+        refuse("with --recording", start=start, goal=goal, path=path, random=random, weight=weight)
+        refuse("with --recording", closed=closed, field=field.field, stride=field.stride)
+        return _replay(recording, files[0], drives or 20, robot, filter_map, seed, threads, output)
+    simulated, config = field.choose(robot.load())
+    is_assumed = simulated.lidar is None
+    simulated = equipped(simulated, config)
+    robot.warn(simulated)
+    grids = [locplan.load_map(file) for file in files]
+    filter_grid = load_filter_map(filter_map, maps)
+
+    def costmap(grid: locplan.OccupancyGrid) -> locplan.Costmap:
+        computed = field.compute(grid, config, threads)
+        return locplan.Costmap.from_field(grid, computed, robot=simulated, weight=weight)
+
+    if random is not None:
+        refuse("with --random", closed=closed)
+        distance = 10.0 if min_distance is None else min_distance
+        check_random(random, seed, distance)
+        kind = RoutesOnMaps
+        output.check(kind.files, *kind.pictures([grid.name for grid in grids]))
+        routes = []
+        for grid in grids:
+            costs = costmap(grid)
+            queries = random_queries(costs, random, seed, min_distance=distance)
+            with progress_bar(f"simulating in {grid.name}", "drives") as progress:
+                routes.append(
+                    simulate_queries(
+                        costs,
+                        queries,
+                        simulated,
+                        drives=drives or 100,
+                        filter_map=filter_grid,
+                        seed=seed,
+                        threads=threads,
+                        progress=progress,
+                    )
+                )
+        return output.finish(kind(tuple(routes)))
+    output.check(Simulation.files, *["arrivals.csv"] * bool(closed))
+    (grid,) = grids
+    paths = read_paths(path)
+    path_costs: locplan.Costmap | None = None
+    if start and goal:
+        if start == goal:
+            raise ConfigError("start and goal are one place; a drive needs a way between two")
+        plans.check_ends(locplan.Costmap.blank(grid, robot=simulated), start, goal)
+        path_costs = costmap(grid)
+        both_plans = plan_beside_shortest(path_costs, start, goal)
+        paths = {name: plan.path for name, plan in both_plans.items() if plan.path is not None}
+    if not paths:
+        return output.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
+    with progress_bar("simulating", "drives") as progress:
+        result = simulations.simulate(
+            grid,
+            paths,
+            simulated,
+            costs=path_costs,
+            drives=drives or 100,
+            closed=Closed(drives=closed, replan=replan) if closed else None,
+            filter_map=filter_grid,
+            seed=seed,
+            threads=threads,
+            progress=progress,
+        )
+    if is_assumed:
+        assumed = f"{simulated.known_lidar.title}; name yours with --lidar"
+        print(f"robot: no lidar named, one assumed: {assumed}", file=sys.stderr)
+    output.finish(result)
+
+
+def _replay(
+    recording: Path,
+    map_file: Path,
+    runs: int,
+    robot: RobotOptions,
+    filter_map: Path | None,
+    seed: int,
+    threads: int | None,
+    output: Output,
+) -> None:
+    """Replay the filter on a recording."""
+    from locplan.recordings.replays import Replay, replay
+
+    output.check(Replay.files)
+    robot.check_recorded()
+    grid = locplan.load_map(map_file)
+    ground_truth = load_recording(recording, grid, map_file)
+    replayed = robot.load_recorded(ground_truth)
+    robot.warn(replayed)
+    with progress_bar("replaying", "runs") as progress:
+        result = replay(
+            ground_truth,
+            grid,
+            replayed,
+            runs=runs,
+            filter_map=load_filter_map(filter_map, [map_file]),
+            seed=seed,
+            threads=threads,
+            progress=progress,
+        )
+    output.finish(result)

@@ -1,0 +1,112 @@
+"""The command that tunes AMCL's settings by simulated drives and recordings."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+import locplan
+from locplan._support.progress import progress_bar
+from locplan.app.cli.application import command
+from locplan.app.cli.arguments import WHOLE, MapFiles, PairCount, refuse
+from locplan.app.cli.groups import (
+    SEED,
+    FilterMapFile,
+    Output,
+    RecordingFiles,
+    RobotOptions,
+    Seed,
+    Threads,
+    load_filter_map,
+    load_recording,
+)
+from locplan.errors import ConfigError
+
+
+@command(
+    "tune lab.yaml --lidar turtlebot4 --robot nav2_params.yaml -o tuned",
+    "tune lab.yaml --recording drive.npz --robot nav2_params.yaml -o tuned",
+)
+def tune(
+    maps: MapFiles,
+    /,
+    *,
+    recording: RecordingFiles = (),
+    paths: Annotated[int | None, WHOLE, Parameter(validator=Number(gte=5, lte=1000))] = None,
+    drives: PairCount | None = None,
+    robot: RobotOptions = RobotOptions(),
+    filter_map: FilterMapFile = None,
+    seed: Seed = SEED,
+    threads: Threads = None,
+    output: Output = Output(),
+) -> None:
+    """Find AMCL settings that localize the robot better, and write them for Nav2.
+
+    Simulates the presets and your settings along random paths.
+    Recordings decide: settings that they contradict are not written.
+
+    Parameters
+    ----------
+    maps
+        Map YAML files, folders with one, or built-in maps.
+    paths
+        Number of random paths. [default: 16]
+    drives
+        Number of drives per path, or of replays. [default: 4 or 12]
+    """
+    from locplan.advice import tuning
+    from locplan.advice.tuning import Tuning, tune_on_drive
+    from locplan.maps.files import find_maps
+    from locplan.robots.parameters import read_parameters
+    from locplan.simulation.amcl_parameters import check_tunable
+
+    output.check(Tuning.files)
+    params = robot.nav2_file("amcl")
+    if output.output:
+        check_tunable(params)
+    others = read_parameters(params).of("amcl")
+    if not recording:
+        grids = [locplan.load_map(file) for file in find_maps(*maps)]
+        names = ", ".join(grid.name for grid in grids)
+        with progress_bar(f"tuning in {names}", "") as progress:
+            result = tuning.tune(
+                grids,
+                robot.load(),
+                paths=paths or 16,
+                drives=drives or 4,
+                filter_map=load_filter_map(filter_map, maps),
+                others=others,
+                seed=seed,
+                threads=threads,
+                progress=progress,
+            )
+    else:
+        refuse("with --recording", paths=paths)
+        robot.check_recorded()
+        if len(maps) not in (1, len(recording)):
+            raise ConfigError(
+                "give one map for all recordings, or one for each in their order:"
+                f" {len(recording)} recordings, {len(maps)} maps"
+            )
+        map_files = maps * (len(recording) // len(maps))
+        grids = [locplan.load_map(file) for file in map_files]
+        recordings = [
+            load_recording(file, grid, map_file)
+            for file, grid, map_file in zip(recording, grids, map_files, strict=True)
+        ]
+        names = ", ".join(file.name for file in recording)
+        with progress_bar(f"tuning on {names}", "") as progress:
+            result = tune_on_drive(
+                recordings,
+                grids,
+                robot.load_recorded(recordings[0]),
+                drives=drives or 12,
+                filter_map=load_filter_map(filter_map, maps),
+                others=others,
+                seed=seed,
+                threads=threads,
+                progress=progress,
+            )
+    output.finish(result, saved_details=(params,))

@@ -1,0 +1,58 @@
+"""Messages of the library in the words of the command line: options as they are typed."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+from locplan.app.cli.application import COMMANDS, application
+
+KEYWORD = re.compile(
+    r"(?<!in Python )(?<![\w:.\-/'\"=,<{])([a-z]+(?:_[a-z]+)*)"
+    r"(?:=('[^']*'|\"[^\"]*\"|\([^()]*\)|[\w./-]*)|\b(?!['\":(=.]))"
+)
+"""A keyword of Python, with the value behind it if there is one."""
+
+
+def options_as_typed(text: str, command: str = "") -> str:
+    """Return a message with options of a command in place of Python's keywords.
+
+    Of a word without a value only one with an underscore is taken for a keyword.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+    command : str, default ""
+        The command; by default the one that runs.
+    """
+    # The options of a planner are typed with --planner, and as in Python.
+    if text.startswith("planner '") or not re.search(r"[a-z]=|[a-z]_[a-z]", text):
+        return text
+    metavars = _options(command)
+
+    def typed(match: re.Match[str]) -> str:
+        name, value = match.groups()
+        if name not in metavars or (value is None and "_" not in name):
+            return match.group()
+        flag = f"--{name.replace('_', '-')}"
+        if not value or value == "True":
+            return flag
+        if value.startswith("("):  # such as (x, y, yaw), whose form on the command line differs
+            value = metavars[name] or value[1:-1].replace(" ", "")
+        return f"{flag} {value.strip(chr(39) + chr(34))}"
+
+    return KEYWORD.sub(typed, text)
+
+
+def _options(command: str) -> dict[str, str]:
+    """Return the names of a command's options in Python, and their metavars."""
+    command = command or next((token for token in sys.argv[1:] if token in COMMANDS), "")
+    if not command:
+        return {}
+    arguments = application(command)[command].assemble_argument_collection()
+    flags = {name: each for each in arguments for name in each.names if name.startswith("--")}
+    return {
+        name.removeprefix("--").replace("-", "_"): str(each.parameter.metavar or "")
+        for name, each in flags.items()
+    }

@@ -1,0 +1,248 @@
+"""Opening the explorer from Python, in a browser or in a notebook's frame."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import webbrowser
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from locplan._support.checks import file_path, instance, whole
+from locplan._support.public import needed
+from locplan.errors import ConfigError
+from locplan.field.config import FieldConfig, config_of
+from locplan.field.estimator import Estimator
+from locplan.field.field import CovarianceField
+from locplan.field.fisher import Fused
+from locplan.field.sad import Sad
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.planning.costmap import Costmap
+from locplan.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from locplan.app.explorer.scene import Opening
+    from locplan.app.explorer.server import Server
+    from locplan.app.explorer.session import Session
+
+
+class Explorer:
+    """A page that is served on this machine, until it is closed or the program ends.
+
+    It is made by `locplan.explore`.
+
+    Parameters
+    ----------
+    server : Server
+        The server of the page, which runs.
+    """
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+
+    def __repr__(self) -> str:
+        return f"Explorer({self.address})"
+
+    def __enter__(self) -> Explorer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def address(self) -> str:
+        """Address of the page, with the secret that lets one in."""
+        return self._server.address
+
+    @property
+    def session(self) -> Session:
+        """The map, its field and its costs behind the page, which answer its questions."""
+        return self._server.session
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map as it was edited on the page."""
+        return self.session.grid
+
+    @property
+    def field(self) -> CovarianceField | None:
+        """The field that the page shows; None before it is there."""
+        return self.session.field
+
+    def _repr_html_(self) -> str | None:
+        """A frame with the page itself in a notebook, and a link to it below.
+
+        The frame stays empty where the notebook's browser runs on another machine, or where the
+        notebook forbids frames.
+        """
+        if not self._server.framed:
+            return None
+        link = escape(self.address, quote=True)
+        return (
+            f'<iframe src="{link}" title="locplan explorer" width="100%" height="720"'
+            ' style="border: 0" allow="clipboard-write; fullscreen"></iframe>'
+            f'<a href="{link}" target="_blank" rel="noopener">Open in a tab of its own</a>'
+        )
+
+    def open(self) -> None:
+        """Open the page in the browser."""
+        webbrowser.open(self.address)
+
+    def wait(self) -> None:
+        """Wait until the page is closed by `close`, or by Ctrl-C."""
+        self._server.wait()
+
+    def close(self) -> None:
+        """End the server."""
+        self._server.stop()
+
+
+def explore(
+    grid: OccupancyGrid,
+    field: CovarianceField | None = None,
+    robot: Robot | None = None,
+    *,
+    estimator: FieldConfig | Estimator | None = None,
+    port: int = 0,
+    open_browser: bool = True,
+    folder: str | os.PathLike[str] | None = None,
+) -> Explorer:
+    """Open a page on this machine where the map's weak spots and paths are explored.
+
+    A person drags start and goal, changes weight and lidar, draws walls, and sees what
+    follows. Nobody on another machine can open the page. The call returns at once; the page lives
+    until the explorer is closed or the program ends. A script ends with ``.wait()``.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    field : CovarianceField, optional
+        The map's field; by default it is read from the cache, or computed while the page is used.
+    robot : Robot, optional
+        The robot; where its lidar is not known, it has the field's.
+    estimator : FieldConfig or Estimator, optional
+        Settings of the field; by default `Fused` of the lidar, or `Sad` without one.
+    port : int, default 0
+        Port of the server, 0 to 65535; 0 takes any free one. Name one to find the page again.
+    open_browser : bool, default True
+        False opens no browser. In a notebook none is opened: the page is displayed there.
+    folder : path, optional
+        Folder that the page may write maps and exports to; without it, it writes none.
+
+    Returns
+    -------
+    Explorer
+        The page, which a notebook displays.
+
+    Raises
+    ------
+    LocplanError
+        If an argument is out of its range, the port is taken, or a library is missing.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> with locplan.explore(grid, open_browser=False) as page:
+    ...     page.address.startswith("http://127.0.0.1:")
+    True
+    """
+    from locplan.app.explorer.scene import Opening
+
+    check_grid(grid)
+    robot = Robot() if robot is None else robot
+    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    if field is not None and estimator is None:
+        config = field.config
+    elif estimator is None:
+        config = FieldConfig(Fused(robot.lidar) if robot.lidar else Sad())
+    else:
+        config = config_of(estimator)
+    opening = Opening(
+        config,
+        robot,
+        folder=None if folder is None else Path(file_path("folder", folder)),
+    )
+    module = sys.modules.get("IPython")
+    shell = module.get_ipython() if module is not None else None
+    framed = getattr(shell, "kernel", None) is not None  # a notebook's shows HTML
+    explorer = opened(grid, opening, port=port, field=field, framed=framed)
+    if open_browser and not framed:
+        explorer.open()
+    return explorer
+
+
+def check_installed() -> None:
+    """Raise a LocplanError unless the libraries of the server are installed."""
+    for library in ("starlette", "uvicorn", "websockets"):
+        needed(library, "explore", "the explorer")
+
+
+def opened(
+    grid: OccupancyGrid,
+    opening: Opening,
+    *,
+    port: int = 0,
+    field: CovarianceField | None = None,
+    framed: bool = False,
+) -> Explorer:
+    """Serve a page, and begin to compute its field.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    opening : Opening
+        What the page begins with.
+    port : int, default 0
+        Port of the server, 0 to 65535; 0 takes any free one.
+    field : CovarianceField, optional
+        The map's field, if it is there already.
+    framed : bool, default False
+        True for a page that a notebook displays.
+
+    Returns
+    -------
+    Explorer
+        The page.
+
+    Raises
+    ------
+    LocplanError
+        If an argument is out of its range, the port is taken, or a library is missing.
+    """
+    check_installed()
+    from locplan.app.explorer.server import Server
+    from locplan.app.explorer.session import Session
+
+    whole("port", port, 0, 65535)
+    _check_stops(grid, opening)
+    session = Session(grid, opening)
+    if not np.isfinite(session.scene.costs.density).any():
+        raise ConfigError(
+            f"a robot of radius {opening.robot.radius:g} m has no room on this map; give it a"
+            " smaller footprint or margin"
+        )
+    server = Server(session, port, framed=framed)
+    server.start()
+    session.begin(field)
+    threading.Thread(target=session.prepare, daemon=True).start()
+    return Explorer(server)
+
+
+def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
+    """Raise a PoseError if a place of the first path lies outside the map.
+
+    One in a wall is moved by the page to the nearest free cell.
+    """
+    named = {"start": opening.start, "goal": opening.goal}
+    named |= {f"waypoint {n}": xy for n, xy in enumerate(opening.via, 1)}
+    for role, xy in named.items():
+        if xy is not None and not grid.contains(*grid.cell(xy[:2])):
+            # A blank costmap makes the sentence of the planners, with the nearest free place.
+            Costmap.blank(grid, robot=opening.robot).cell_of(xy, role)

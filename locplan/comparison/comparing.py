@@ -1,0 +1,282 @@
+"""Comparing planners, in one call: maps x settings x weights x queries x planners x seeds."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import os
+import platform
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from locplan._support.checks import check_workers, instance, one_of, shown, usable_cores, whole
+from locplan._support.output import temporary_folder
+from locplan.comparison.benchmarks import read_map, read_scenarios
+from locplan.comparison.journal import Journal
+from locplan.comparison.planners import PlannerSpec, robot_of_maps, specs_of
+from locplan.comparison.result import Case, Comparison
+from locplan.comparison.runs import Order, orders_of, put_costmap, runs_of
+from locplan.comparison.settings import (
+    Execution,
+    RandomQueries,
+    described_field,
+    described_queries,
+    digest_of,
+    resolved_queries,
+    versions,
+)
+from locplan.comparison.workers import Workers
+from locplan.errors import ConfigError
+from locplan.field.config import FieldConfig, config_of
+from locplan.field.estimator import Estimator
+from locplan.field.fisher import Fused
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.planning.layers import check_weight
+from locplan.planning.named_maps import named_maps
+from locplan.planning.protocol import LATTICE, MAX_SEED, Planner
+from locplan.planning.queries import Query, queries_of
+from locplan.planning.requests import AnyPlanner
+from locplan.planning.robot_fit import default_planner
+from locplan.robots.robot import Robot
+
+
+def compare(
+    maps: Any,
+    planners: AnyPlanner | PlannerSpec | Sequence[AnyPlanner | PlannerSpec] | None = None,
+    queries: Any = 10,
+    robot: Robot | None = None,
+    *,
+    configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None = None,
+    weights: Sequence[float] | float | None = None,
+    criterion: str | None = None,
+    seeds: Iterable[int] = (1,),
+    baseline: str | None = None,
+    execution: Execution | None = None,
+) -> Comparison:
+    """Run every planner on every query of every map, in worker processes.
+
+    A run that crashes, hangs or takes too much memory is counted as a failure; the others go on.
+
+    Parameters
+    ----------
+    maps : map, or sequence or mapping of them
+        Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
+    planners : sequence, or one of them, optional
+        By default "grid" and the planner for the robot: "lattice" if it has an outline or a turning
+        radius, otherwise "any-angle". Names with options, such as "BITstar:time_limit=2";
+        "simulated choice", which drives each candidate path with the robot, and takes drives,
+        minimise, price, longest and robot (a file of another robot) as options; functions
+        ``f(costs, start, goal, **options)`` that return a `Path`, each with a costmap of its own;
+        objects such as ``planners.Ompl("BITstar", time_limit=2)``; or `PlannerSpec`.
+    queries : int, RandomQueries, path, sequence, or mapping of them by map, default 10
+        Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
+        goal_y [m], or a MovingAI .scen file (100 of its queries); `Query` objects, or (start, goal)
+        pairs [m]. Intervals are over the queries: more of them narrow these.
+    robot : Robot, optional
+        The robot, whose radius the costmaps have; by default 0.25 m. A Costmap has its own. A
+        simulated choice drives it, with the lidar of the field where fields of several lidars are
+        compared.
+    configs : FieldConfig or Estimator, or mapping of them by label, optional
+        Settings of the fields: the comparison is made for each of them; by default `Fused` for the
+        robot's lidar, or `Sad()` where that is not known.
+    weights : float or sequence of float, optional
+        Metres of detour accepted per degenerate metre, >= 0; each estimator's own by default. Give
+        several to see how the planners trade length.
+    criterion : str, optional
+        Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
+    seeds : iterable of int, default (1,)
+        Seeds of planners with random numbers, each 1 to 2^32 - 1; the others run once. Give several
+        where a planner's paths scatter.
+    baseline : str, optional
+        Label of the planner to compare with; by default the planner for the robot if it is there,
+        otherwise the first.
+    execution : Execution, optional
+        Number of workers, limits of time and memory, and the journal.
+
+    Returns
+    -------
+    Comparison
+        All runs, and their statistics as tables, a report or JSON.
+
+    Raises
+    ------
+    LocplanError
+        If anything is wrong with the input, before the first run.
+    """
+    execution = execution or Execution()
+    queries = resolved_queries(queries)
+    asked = [float(weights)] if isinstance(weights, (int, float)) else weights
+    if asked is not None:
+        _check_each_once("weight", asked)
+    seeds = _checked_seeds(seeds)
+    fields = named_configs(configs, robot)
+    usual = default_planner(robot or robot_of_maps(maps))
+    planners = ("grid", usual) if planners is None else planners
+    specs = _specs(planners, _driven(robot, fields), execution.time_limit)
+    labels = [spec.label for spec in specs]
+    baseline = baseline or max(labels, key=lambda label: label == usual)
+    one_of("baseline", baseline, labels)
+    began = datetime.now(UTC).astimezone()
+    limits: Any = {"memory": execution.memory, "patience": execution.patience}
+    radius = (robot or Robot()).radius
+    made = partial(Case, robot_radius=radius, field_of=execution.field_of)
+    named = named_maps(maps, read_map)
+    settings = {
+        "versions": versions(),
+        "maps": {name: digest_of(one) for name, one in named.items()},
+        "fields": {label: described_field(config) for label, config in fields.items()},
+        "criterion": criterion,
+        "queries": described_queries(queries),
+        "planners": {spec.label: spec.identity() for spec in specs},
+        "weights": asked and [float(weight) for weight in asked],
+        "seeds": seeds,
+        "robot": robot and robot.summary(),
+    }
+    with (
+        nullcontext()
+        if execution.journal is None
+        else Journal(execution.journal, settings, force=execution.force) as journal,
+        temporary_folder() as folder,
+        Workers(specs, check_workers(execution.workers), **limits, scratch=folder) as workers,
+    ):
+        cases: list[Case] = []
+        orders: list[Order] = []
+        headed = any(spec.planner.space not in ("R2", LATTICE) for spec in specs)
+        for case, costs in _cases(named, fields, criterion, queries, headed, made):
+            home = folder / str(len(cases))
+            costs = costs if robot is None else dataclasses.replace(costs, robot=robot)
+            put_costmap(costs, home)  # they may be many: no more than one is in memory here
+            orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
+            cases.append(case)
+        runs = runs_of(orders, specs, workers.run, journal, execution.progress)
+    about = _about(execution, specs, queries, began) | {
+        "weights": list(dict.fromkeys(run.task.weight for run in runs)),
+        "seeds": seeds,
+        "robot": robot and robot.summary(),
+    }
+    return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
+
+
+def _about(
+    execution: Execution, specs: Sequence[PlannerSpec], queries: Any, began: datetime
+) -> dict[str, Any]:
+    """Versions, the machine, the planners, random queries and the limits, fit for JSON."""
+    return {
+        **versions(),
+        "machine": f"{platform.machine()}, {usable_cores()} cores",
+        "workers": execution.workers or usable_cores(),
+        "began": began.isoformat(timespec="seconds"),
+        "planners": {spec.label: spec.identity() for spec in specs},
+        **{name: getattr(execution, name) for name in ("time_limit", "memory", "patience")},
+        "random_queries": dataclasses.asdict(queries)
+        if isinstance(queries, RandomQueries)
+        else None,
+    }
+
+
+def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
+    alone = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
+    specs = specs_of([planners] if alone else planners)
+    return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs]
+
+
+def named_configs(
+    configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None,
+    robot: Robot | None = None,
+) -> dict[str, FieldConfig]:
+    """The settings of fields by label."""
+    if robot is not None:
+        instance("robot", robot, Robot)
+    if configs is None and robot is not None and robot.lidar is not None:
+        configs = Fused(robot.lidar)
+    if configs is None or isinstance(configs, (FieldConfig, Estimator)):
+        config = config_of(configs)
+        return {f"{config.estimator.name}, {config.estimator.reach:g} m": config}
+    if not isinstance(configs, Mapping) or not configs:
+        raise ConfigError("configs must be a FieldConfig, or a mapping of labels to them")
+    return {label: config_of(config) for label, config in configs.items()}
+
+
+def _driven(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | None:
+    """The robot that is simulated: its lidar is left to the fields where these differ in it."""
+    lidars = {getattr(config.estimator, "lidar", None) for config in fields.values()}
+    if robot is None or lidars <= {robot.lidar, None}:
+        return robot
+    return dataclasses.replace(robot, lidar=None)
+
+
+def _checked_seeds(seeds: Iterable[int]) -> list[int]:
+    try:
+        first = list(itertools.islice(seeds, 1001))
+    except TypeError:
+        raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
+    if len(first) > 1000:
+        raise ConfigError("a comparison has at most 1,000 seeds")
+    _check_each_once("seed", first)
+    return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
+
+
+def _check_each_once(name: str, values: Sequence[float]) -> None:
+    """Raise a ConfigError if there are no values, or one of them twice."""
+    if not values or len(set(values)) < len(values):
+        raise ConfigError(f"a comparison needs at least one {name}, and none of them twice")
+
+
+def _cases(
+    maps: Mapping[str, OccupancyGrid | Costmap],
+    fields: Mapping[str, FieldConfig],
+    criterion: str | None,
+    queries: Any,
+    headed: bool,
+    made: partial[Case],
+) -> Iterator[tuple[Case, Costmap]]:
+    """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
+    for name, given in maps.items():
+        if isinstance(queries, Mapping) and name not in queries:
+            raise ConfigError(f"there are no queries for map {shown(name)}")
+        asked = queries[name] if isinstance(queries, Mapping) else queries
+        found: tuple[Query, ...] = ()
+        if isinstance(given, Costmap):
+            cases = [Case(name, "own cost", given.grid, given.robot_radius, own=given)]
+        else:
+            cases = [
+                made(
+                    name,
+                    label,
+                    given,
+                    settings=each,
+                    criterion=criterion or each.estimator.criterion,
+                )
+                for label, each in fields.items()
+            ]
+        for case in cases:
+            costs, _ = case.costmap()
+            found = found or _queries(asked, costs, headed)
+            yield dataclasses.replace(case, queries=found), costs
+
+
+def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
+    """The queries that `resolved_queries` has left random, or in a file."""
+    if isinstance(asked, RandomQueries):
+        return queries_of(costs, asked.count, asked.min_distance, asked.seed, headed)
+    if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":
+        # A file may hold fifteen thousand.
+        return tuple(read_scenarios(asked, costs.grid, count=100))
+    return queries_of(costs, asked, 0.0, 1, headed)
+
+
+def _weights(weights: Sequence[float] | None, case: Case, costs: Costmap) -> list[float]:
+    """The weights of a case, checked; by default the costmap's own."""
+    own = 0.0 if math.isnan(costs.weight) else costs.weight
+    asked = [own] if weights is None else [float(weight) for weight in weights]
+    for weight in asked:
+        check_weight(weight)
+    if any(asked) and math.isnan(costs.weight):
+        raise ConfigError(f"map {shown(case.map)} has no field, so that its only weight is 0")
+    return asked

@@ -1,0 +1,167 @@
+"""The journal of a comparison: its settings, and each run as soon as it is done."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Any
+
+from locplan._support.checks import file_path
+from locplan._support.files import errors_in_one_line, make_folder
+from locplan._support.reading import opened, parsed_json
+from locplan._support.saved import made
+from locplan._support.tables import finite
+from locplan.comparison.statistics import STATUSES, Run, Task
+from locplan.errors import LocplanError
+
+FORMAT = "locplan comparison"
+VERSION = 2
+
+
+class Journal:
+    """A JSON-lines file: settings and versions in the first line, then a run per line.
+
+    The last line of a run counts. A context manager, which removes a new file without runs if
+    its block fails.
+
+    Parameters
+    ----------
+    file : path
+        The file, which need not exist.
+    settings : mapping
+        Everything that decides the runs, and the versions, fit for JSON.
+    force : bool, default False
+        True forgets the runs in the file.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be written, is no journal, or has runs of other settings.
+    """
+
+    def __init__(
+        self, file: str | os.PathLike[str], settings: Mapping[str, Any], *, force: bool = False
+    ) -> None:
+        self.path = file_path("a journal", file)
+        self.runs: dict[Task, Run] = {}
+        self._head = {"format": FORMAT, "version": VERSION, **finite(settings)}
+        self._has_made_folder = not self.path.parent.exists()
+        make_folder(self.path.parent)
+        with errors_in_one_line(self.path):
+            if self.path.exists():
+                opened(self.path, 2**28).close()
+            self._file = self.path.open("a+", encoding="ascii")
+        try:
+            self._lock()
+            self._read(force)
+        except BaseException:
+            with suppress(OSError):
+                self._file.close()
+            raise
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        # Closing writes what could not be written before.
+        with errors_in_one_line(self.path) if error is None else suppress(OSError):
+            self._file.close()
+        if error is not None and not self.runs:
+            self.path.unlink(missing_ok=True)
+            if self._has_made_folder:
+                with suppress(OSError):  # another process has written into it
+                    self.path.parent.rmdir()
+
+    def add(self, run: Run) -> None:
+        """Append a run; numbers that are not finite become null.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+        """
+        self._append(finite(asdict(run)))
+        self.runs[run.task] = run
+
+    def _read(self, force: bool) -> None:
+        """Read the runs of the file, without the half-written last line of a killed process."""
+        self._file.seek(0)
+        try:
+            *lines, torn = self._file.read().split("\n")
+        except UnicodeDecodeError:
+            raise self._refusal from None
+        start = _line({"format": FORMAT})[:-2]
+        if not lines and torn and not (start.startswith(torn) or torn.startswith(start)):
+            raise self._refusal
+        head = self._parsed_head(lines[0]) if lines else None
+        if head is None or force:
+            self._file.truncate(0)
+            self._append(self._head)
+            return
+        self._check(head)
+        if torn:
+            self._file.truncate(sum(len(line) + 1 for line in lines))
+        for number, line in enumerate(lines[1:], 2):
+            run = self._parsed(number, line)
+            self.runs[run.task] = run
+
+    @property
+    def _refusal(self) -> LocplanError:
+        return LocplanError(f"{self.path}: is no journal of a comparison; name another file")
+
+    def _parsed_head(self, line: str) -> dict[str, Any]:
+        try:
+            head = parsed_json(line)
+            if str(head["format"]).startswith(FORMAT):  # version 1 had it in the same text
+                return dict(head)
+        except (LookupError, TypeError, ValueError):
+            pass
+        raise self._refusal
+
+    def _check(self, head: Mapping[str, Any]) -> None:
+        """Raise a LocplanError if the runs in the file are of other settings."""
+        mine = parsed_json(_line(self._head))
+        names = [name for name in {**mine, **head} if mine.get(name) != head.get(name)]
+        if names:
+            raise LocplanError(
+                f"{self.path}: has runs of other settings ({', '.join(names)}); name another place,"
+                " or replace them with force=True"
+            )
+
+    def _parsed(self, number: int, line: str) -> Run:
+        try:
+            run: Run = made(Run, parsed_json(line))
+            if run.status not in STATUSES or math.isnan(run.task.weight):
+                raise ValueError("is no run")
+            return run
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+            raise LocplanError(
+                f"{self.path}: line {number} is damaged; delete it to make its run again"
+            ) from None
+
+    def _append(self, content: Mapping[str, Any]) -> None:
+        with errors_in_one_line(self.path):
+            self._file.write(_line(content) + "\n")
+            self._file.flush()
+
+    def _lock(self) -> None:
+        try:
+            import fcntl
+        except ModuleNotFoundError:
+            return  # a system without locks (Windows)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise LocplanError(
+                f"{self.path}: another comparison writes to it; wait, or name another file"
+            ) from None
+        except OSError:
+            return  # a file system without locks
+
+
+def _line(content: Mapping[str, Any]) -> str:
+    return json.dumps(content, allow_nan=False)

@@ -1,0 +1,279 @@
+"""The planners of a comparison: names with options, functions, or objects."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from locplan._support.checks import shown
+from locplan._support.public import needed
+from locplan.errors import ConfigError, LocplanError
+from locplan.planning.costmap import Costmap
+from locplan.planning.ompl.planner import Ompl
+from locplan.planning.plans import check_ends, run_planner
+from locplan.planning.protocol import Planner, Position
+from locplan.planning.registry import PLANNERS, Entry, known_name, named_planner, names
+from locplan.planning.requests import (
+    AnyPlanner,
+    FunctionPlanner,
+    innermost,
+    options_of,
+    own_planner,
+    planner_for,
+    takes,
+    with_options,
+)
+from locplan.planning.results import Plan
+from locplan.planning.robot_fit import needs_lattice
+from locplan.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class PlannerSpec:
+    """A planner and its label."""
+
+    label: str
+    """The planner's name in tables; no two planners of a comparison share it."""
+    planner: Planner
+    """The planner with its options, as `locplan.planning.requests.planner_for` makes it."""
+
+    @classmethod
+    def of(cls, planner: AnyPlanner | PlannerSpec) -> PlannerSpec:
+        """Make a spec from text, a function or a Planner.
+
+        Parameters
+        ----------
+        planner : str, function, Planner or PlannerSpec
+            A name with options, such as "BITstar:time_limit=2,seed=3", whose values are numbers,
+            true, false or words. OMPL's planners also take OMPL's own settings. Or a function
+            ``f(costs, start, goal, **options)`` with a name, or an object such as
+            ``planners.AnyAngle()``.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such planner, or it does not take an option.
+
+        Examples
+        --------
+        >>> spec = PlannerSpec.of("RRT*: iterations=500, range=2")
+        >>> spec.label, options_of(spec.planner)
+        ('RRTstar:iterations=500,range=2', {'iterations': 500, 'settings': {'range': 2}})
+        """
+        if isinstance(planner, str):
+            return _parsed(planner)
+        if isinstance(planner, PlannerSpec):
+            return cls(planner.label, planner_for(planner.planner))
+        made = planner_for(planner)
+        if made.name == "<lambda>":
+            raise ConfigError(
+                "a planner must be a name or a function with a name, such as"
+                f" PlannerSpec('mine', FunctionPlanner(f)), not {shown(planner)}"
+            )
+        options = ",".join(f"{name}={value}" for name, value in options_of(made).items())
+        return cls(f"{made.name}:{options}" if options else made.name, made)
+
+    def with_time_limit(self, limit: float | None) -> PlannerSpec:
+        """The spec with a time limit, if the planner takes one and has no end of its own.
+
+        Parameters
+        ----------
+        limit : float or None
+            Time after which a planner ends [s], above 0; None changes nothing.
+        """
+        ends = "iterations" in options_of(self.planner)
+        return self if ends else self._with("time_limit", limit)
+
+    def with_robot(self, robot: Robot | None) -> PlannerSpec:
+        """The spec with a robot, if the planner drives one and has none of its own.
+
+        Parameters
+        ----------
+        robot : Robot or None
+            The robot; None changes nothing.
+        """
+        return self._with("robot", robot)
+
+    def _with(self, option: str, value: Any) -> PlannerSpec:
+        given = value is None or option in options_of(self.planner)
+        if given or not takes(self.planner, option):
+            return self
+        changed = with_options(self.planner, **{option: value})
+        changed.check()
+        return dataclasses.replace(self, planner=changed)
+
+    @property
+    def guarded(self) -> bool:
+        """Whether the planner is a user's own."""
+        return own_planner(self.planner) is not None
+
+    @property
+    def time_limit(self) -> float | None:
+        """The time after which the planner ends by itself [s], if that is known."""
+        planner = innermost(self.planner)
+        if isinstance(planner, Ompl):
+            return planner.seconds
+        limit = options_of(self.planner).get("time_limit")
+        return None if limit is None else float(limit)
+
+    def seeds(self, seeds: Sequence[int]) -> tuple[int, ...]:
+        """The seeds that the planner runs with: its own if it has one, 0 if it takes none.
+
+        Parameters
+        ----------
+        seeds : sequence of int
+            Seeds of the comparison, 1 to 2^32 - 1.
+        """
+        own = options_of(self.planner).get("seed")
+        if own is not None:
+            return (int(own),)
+        return tuple(seeds) if takes(self.planner, "seed") else (0,)
+
+    @property
+    def version(self) -> str | None:
+        """The version that a user's planner declares; None without one."""
+        planner = own_planner(self.planner)
+        code = planner.function if isinstance(planner, FunctionPlanner) else planner
+        version = getattr(code, "version", None)
+        return None if version is None else str(version)
+
+    def identity(self) -> list[Any]:
+        """Everything that decides the planner's paths, fit for JSON.
+
+        A user's planner counts as the same if its name, its declared version and its options are
+        the same.
+        """
+        options, planner = options_of(self.planner), own_planner(self.planner)
+        if planner is None:
+            return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
+        code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
+        known = "no version" if self.version is None else f"version {self.version}"
+        texts = {name: shown(value) for name, value in options.items()}
+        return [getattr(code, "__qualname__", ""), known, texts]
+
+    def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
+        """Plan once; the path is measured on the costmap.
+
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap to plan on.
+        start, goal : (x, y) or (x, y, heading)
+            Positions in the world [m, rad]; headings are left out where the planner has none.
+        seed : int
+            Seed of the planner's random numbers, if it has some.
+
+        Raises
+        ------
+        PoseError
+            If the robot cannot stand at start or goal, or a heading is missing.
+        LocplanError
+            If a user's planner returns something else than a path that can be driven.
+        """
+        planner = self.planner
+        if takes(planner, "seed"):
+            planner = with_options(planner, seed=seed)
+        if planner.space == "R2":
+            start, goal = start[:2], goal[:2]
+        stops = check_ends(costs, start, goal, space=planner.space)
+        return run_planner(planner, costs, *stops)
+
+
+def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
+    """Specs of all planners, checked, each with a label of its own.
+
+    Parameters
+    ----------
+    planners : iterable of str, function, Planner or PlannerSpec
+        The planners, at least one; see `PlannerSpec.of`.
+
+    Raises
+    ------
+    ConfigError
+        If there are no planners, two have one label, or one is wrong.
+    """
+    specs = [PlannerSpec.of(planner) for planner in planners]
+    if not specs:
+        raise ConfigError("a comparison needs at least one planner")
+    labels = [spec.label for spec in specs]
+    for spec in specs:
+        name = f"planner {shown(spec.label)}"
+        if labels.count(spec.label) > 1:
+            raise ConfigError(f"{name} is there twice; leave one out, or name it anew")
+        if spec.guarded:  # it is sent to workers by value
+            needed("cloudpickle", "functions", f"{name}, one of your own,")
+    return specs
+
+
+def robot_of_maps(maps: Any) -> Robot | None:
+    """The robot of the first map that is a costmap for one that is no circle."""
+    every = maps.values() if isinstance(maps, Mapping) else maps
+    every = every if isinstance(every, Iterable) else [every]
+    robots = [each.robot for each in every if isinstance(each, Costmap)]
+    return next((robot for robot in robots if needs_lattice(robot)), None)
+
+
+def _parsed(text: str) -> PlannerSpec:
+    name, _, rest = text.partition(":")
+    name = name.strip()
+    parts = [part.strip() for part in rest.split(",") if part.strip()]
+    options = parse_options(text, rest)
+    squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
+    label = f"{name}:{squeezed}" if parts else name
+    limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
+    home = "locplan.simulation.recommend:SimulatedChoice"
+    # Only comparisons know it by name, since it needs more than a costmap.
+    known = PLANNERS | {"simulated choice": Entry(home, "simulated error")}
+    try:
+        if name:
+            name = known_name(name, known)
+        if name in (*names(), "") or limits["budget"] is not None:
+            planner = planner_for(name, options, **limits)
+        else:
+            planner = planner_for(named_planner(name, options, known), **limits)
+    except LocplanError as error:
+        raise ConfigError(f"planner {shown(label)}: {error}") from None
+    return PlannerSpec(f"{name}:{squeezed}" if parts else name, planner)
+
+
+def parse_options(text: str, rest: str) -> dict[str, Any]:
+    """Return the options of a planner from the text NAME=VALUE,NAME=VALUE.
+
+    Parameters
+    ----------
+    text : str
+        The planner as it was typed, for errors.
+    rest : str
+        The options.
+    """
+    options: dict[str, Any] = {}
+    for part in filter(None, map(str.strip, rest.split(","))):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not (name and equals and value):
+            raise ConfigError(
+                f"planner {shown(text)}: {shown(part)} must be NAME=VALUE, such as time_limit=2"
+            )
+        if name.partition(".")[0] == "settings":
+            raise ConfigError(
+                f"planner {shown(text)}: write OMPL's settings by their names, such as range=2"
+            )
+        options[name] = _value(value)
+    return options
+
+
+def _plain(option: Any) -> Any:
+    """The value of an option, fit for JSON."""
+    return option.summary() if isinstance(option, Robot) else option
+
+
+def _value(text: str) -> Any:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            continue
+    return text

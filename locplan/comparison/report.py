@@ -1,0 +1,175 @@
+"""The report of a comparison: one HTML file that needs nothing else, made of `templates`."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from markupsafe import Markup, escape
+
+from locplan._support.public import png_of, templates_of
+from locplan.comparison.figures import cost_figure, most_telling_scene, path_figure
+from locplan.comparison.result import Comparison, Standing
+from locplan.comparison.statistics import Run, grouped
+
+MAX_FAILURES = 30
+"""Number of kinds of failures that the report lists."""
+
+
+class Answer(NamedTuple):
+    """What the comparison says with one kind of field, over all maps."""
+
+    scope: str
+    """The field and the weight."""
+    title: str
+    sentences: list[str]
+
+
+class Drawing(NamedTuple):
+    """A picture with its caption and the text that stands for it."""
+
+    data: str
+    """The image as a URL."""
+    caption: str
+    text: str
+
+
+def write_report(path: Path, comparison: Comparison) -> None:
+    """Write the report; names, labels and notes may hold any text."""
+    environment = templates_of("locplan.comparison", autoescape=True, lstrip_blocks=True)
+    environment.filters |= {"breakable": breakable, "key": key, "number": number}
+    script = environment.get_template("report.js").render()
+    rows = comparison.standings()
+    text = environment.get_template("report.html").render(
+        comparison=comparison,
+        answers=list(answers(comparison)),
+        drawings=list(drawings(comparison)),
+        rows=rows,
+        varying=[
+            name for name in ("map", "config", "weight") if len({_part(r, name) for r in rows}) > 1
+        ],
+        solved=sum(run.status == "solved" for run in comparison.runs),
+        queries=len({(run.task.map, run.task.query) for run in comparison.runs}),
+        maps=comparison.answers(),
+        failures=failures(comparison),
+        max_failures=MAX_FAILURES,
+        settings=settings(comparison),
+        script=Markup(script),
+        digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+    )
+    path.write_text(text, encoding="utf-8", errors="replace")
+
+
+def answers(comparison: Comparison) -> Iterator[Answer]:
+    """Yield the answer for each kind of field, over all maps, at the greatest weight."""
+    groups = grouped(comparison.standings(pooled=True), lambda row: row.setting.config)
+    for config, group in groups.items():
+        weight = max(row.setting.weight for row in group)
+        rows = [row for row in group if row.setting.weight == weight]
+        sentences = list(filter(None, (row.answer for row in rows)))
+        yield Answer(f"{config}, weight {weight:g}", _title(rows), sentences)
+
+
+def _title(rows: list[Standing]) -> str:
+    baseline = rows[0].cost.baseline
+    others = [row for row in rows if row.summary.planner != baseline]
+    cheaper = sorted(
+        (row for row in others if row.verdict == "cheaper"), key=lambda r: r.cost.estimate.value
+    )
+    if cheaper:
+        names = " and ".join(row.summary.planner for row in cheaper[:3])
+        return f"{names} {'beats' if len(cheaper) == 1 else 'beat'} {baseline}"
+    if not others:
+        return f"Only {baseline} was run"
+    if not any(row.cost.is_sure for row in others):
+        return "Too few queries to tell"
+    return f"No planner beats {baseline}"
+
+
+def drawings(comparison: Comparison) -> Iterator[Drawing]:
+    """Yield the picture of the costs, and that of the paths if there are any."""
+    rows = [
+        f"{row.summary.planner} {row.cost.estimate.value:.3f}"
+        for row in comparison.standings(pooled=True)
+        if row.cost.pairs
+    ]
+    yield Drawing(
+        _url(cost_figure(comparison)),
+        f"Cost J as a multiple of that of {comparison.baseline}, with 95 % intervals. Grey: no"
+        " significant difference.",
+        f"J as a multiple of that of {comparison.baseline}: {'; '.join(rows)}.",
+    )
+    scene = most_telling_scene(comparison)
+    if scene is not None:
+        costs = [f"{name} {run.measures['cost']:.1f} m" for name, run in scene.runs.items()]
+        yield Drawing(
+            _url(path_figure(scene)),
+            f"Paths where the planners differ most: {scene.title}.",
+            f"Paths of {scene.title}, with J: {'; '.join(costs)}.",
+        )
+
+
+def _url(figure: Any) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png_of(figure, dpi=130)).decode()}"
+
+
+def failures(comparison: Comparison) -> list[list[Run]]:
+    """Return the runs without a path, grouped by kind of failure, the most frequent first."""
+
+    def kind(run: Run) -> tuple[str, ...]:
+        return run.status, run.task.planner, run.task.map, run.note
+
+    groups = grouped((run for run in comparison.runs if run.status != "solved"), kind)
+    return sorted(groups.values(), key=len, reverse=True)
+
+
+def settings(comparison: Comparison) -> dict[str, str]:
+    """Return versions, options, the machine and the time, each by its name in the report."""
+    names = (
+        *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers"),
+        *("began", "time_limit", "random_queries"),
+    )
+    found = {name: str(comparison.about[name]) for name in names if name in comparison.about}
+    for case in comparison.cases.values():
+        config = json.dumps(case.settings and case.settings.to_json())
+        made = f"{config}, u of {case.criterion}" if case.criterion else config
+        found[f"field of {case.map}, {case.config}"] = made
+        found["robot radius"] = f"{case.robot_radius:g} m"
+    tasks = [run.task for run in comparison.runs]
+    seeds = sorted({task.seed for task in tasks if task.seed})
+    return found | {
+        "planners": "\n".join(dict.fromkeys(task.planner for task in tasks)),
+        "baseline": comparison.baseline,
+        "weights": ", ".join(f"{weight:g}" for weight in sorted({task.weight for task in tasks})),
+        "seeds": ", ".join(map(str, seeds)) or "none needed",
+    }
+
+
+def _part(row: Standing, name: str) -> str | float:
+    value: str | float = getattr(row.setting, name)
+    return value
+
+
+def breakable(label: str) -> Markup:
+    """Return a planner's label that may be broken between its options."""
+    return Markup(str(escape(label)).replace(":", ":<wbr>").replace(",", ",<wbr>"))
+
+
+def key(value: float) -> str:
+    """Return the key by which a table is sorted; what is not known comes last."""
+    return f"{value:.9g}" if math.isfinite(value) else "x"
+
+
+def number(value: float) -> str:
+    """Return text with four significant digits above 10, three above 1 and two below."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else "–"
+    size = math.floor(math.log10(abs(value)))
+    if size < -4:
+        return f"{value:.1e}".replace("e-0", "e-")
+    return f"{value:,.{1 - size if size < 0 else max(0, min(2, 3 - size))}f}"

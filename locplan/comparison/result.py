@@ -1,0 +1,315 @@
+"""The result of a comparison: its runs, statistics and verdicts, and the files that show them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from locplan._support.output import Results
+from locplan._support.records import Column, Result, Table
+from locplan._support.saved import plain
+from locplan._support.tables import wrapped
+from locplan.comparison import statistics
+from locplan.comparison.benchmarks import write_ompl_logs
+from locplan.comparison.statistics import Contrast, Run, Setting, Summary, contrasts
+from locplan.field.config import FieldConfig
+from locplan.field.field import CovarianceField
+from locplan.field.store import load_or_compute
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.planning.queries import Query
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A map with one kind of field, which is read from the cache whenever it is needed."""
+
+    map: str
+    """The map's name."""
+    config: str
+    """The label of the field's settings."""
+    grid: OccupancyGrid
+    """The map."""
+    robot_radius: float
+    """Radius of the robot [m]."""
+    settings: FieldConfig | None = None
+    """The settings of the field; None for a user's own costmap."""
+    criterion: str | None = None
+    """The scalar that u is made of; None for a user's own costmap."""
+    own: Costmap | None = None
+    """The user's own costmap, which has no field."""
+    queries: tuple[Query, ...] = ()
+    """The queries."""
+    field_of: Callable[[OccupancyGrid, FieldConfig], CovarianceField] = load_or_compute
+    """The function that makes or reads a field."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The names of map and settings."""
+        return self.map, self.config
+
+    def costmap(self) -> tuple[Costmap, CovarianceField | None]:
+        """The costmap, of the estimator's own weight, and the field that it is made of."""
+        if self.settings is None:
+            assert self.own is not None
+            return self.own, None
+        made = self.field_of(self.grid, self.settings)
+        about: Any = {"robot": self.robot_radius, "criterion": self.criterion}
+        return Costmap.from_field(self.grid, made, **about), made
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A planner's statistics, and each of its measures compared with the baseline's.
+
+    Medians are over the queries that the planner and the baseline have both solved, as the ratio
+    is: otherwise a planner that fails at hard queries would look better than it is.
+    """
+
+    summary: Summary
+    """The statistics of the planner by itself."""
+    contrasts: Mapping[str, Contrast]
+    """The comparisons with the baseline, by measure."""
+
+    @property
+    def setting(self) -> Setting:
+        """The map, the field's settings and the weight."""
+        return self.summary.setting
+
+    @property
+    def cost(self) -> Contrast:
+        """J compared with the baseline's."""
+        return self.contrasts["cost"]
+
+    @property
+    def verdict(self) -> str:
+        """ "cheaper" or "costlier" if J differs significantly from the baseline's, or empty."""
+        _, low, high = self.cost.estimate
+        if not self.cost.is_sure or self.summary.planner == self.cost.baseline:
+            return ""
+        return "cheaper" if high < 1 - 1e-6 else "costlier" if low > 1 + 1e-6 else ""
+
+    @property
+    def answer(self) -> str:
+        """What there is to say of the planner in a verdict; nothing of a perfect baseline."""
+        share = self.summary.success.value
+        parts = [self.cost.sentence, f"solves {share:.0%}" if share < 1 else ""]
+        text = ", ".join(filter(None, parts))
+        return f"{self.summary.planner}: {text}" if text else ""
+
+
+def _failure(runs: Sequence[Run], planner: str) -> str:
+    """Return the first exception of a planner all of whose runs raise one; empty otherwise."""
+    notes = [run.note for run in runs if run.task.planner == planner and run.status == "error"]
+    if not notes or len(notes) < sum(run.task.planner == planner for run in runs):
+        return ""
+    return f"{planner} raises in all {len(notes)} runs, first {notes[0]}"
+
+
+def _median(name: str) -> Callable[[Standing], float]:
+    return lambda each: each.contrasts[name].ours.median
+
+
+STANDINGS = (
+    Column("map", value=lambda each: each.setting.map),
+    Column("config", value=lambda each: each.setting.config),
+    Column("weight", "m", value=lambda each: each.setting.weight),
+    Column("planner", title="planner", value=lambda each: each.summary.planner),
+    Column("success", "", "solved", 0, "%", value=lambda each: each.summary.success.value),
+    Column("pairs", "", "n", 0, value=lambda each: each.cost.pairs),
+    Column("ratio", "", "ratio\nof J", 3, value=lambda each: each.cost.estimate.value),
+    Column("ratio_low", value=lambda each: each.cost.estimate.low),
+    Column("ratio_high", value=lambda each: each.cost.estimate.high),
+    Column("cost", "m", "J", value=_median("cost")),
+    Column("baseline_cost", "m", "base\nJ", value=lambda each: each.cost.theirs.median),
+    Column("integrated_u", "m", "∫u", value=_median("integrated_u")),
+    Column("seconds", "s", "time", 3, value=_median("seconds")),
+    Column("sentence", value=lambda each: each.cost.sentence),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Result):
+    """All runs of a comparison with their statistics; `compare` makes it."""
+
+    files: ClassVar[Results] = Results(
+        "comparison",
+        ("report.html", "comparison.csv", "runs.csv"),
+        unfinished=("runs.jsonl",),
+    )
+
+    runs: tuple[Run, ...]
+    """The runs by map, settings, weight, query, planner and seed."""
+    baseline: str
+    """The label of the planner that the others are compared with."""
+    cases: Mapping[tuple[str, str], Case]
+    """The map, settings and queries of each case, by the names of map and settings."""
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """Settings, versions, the machine and the time of the comparison, fit for JSON."""
+    command: str = ""
+    """Command that repeats the comparison, which the report shows."""
+
+    def __repr__(self) -> str:
+        planners = dict.fromkeys(run.task.planner for run in self.runs)
+        failures = filter(None, (_failure(self.runs, planner) for planner in planners))
+        about = "; ".join([", ".join(planners), *failures])
+        return f"Comparison({len(self.runs)} runs of {about})"
+
+    def summaries(self, *, pooled: bool = False) -> list[Summary]:
+        """Success, medians and quartiles of each planner.
+
+        Parameters
+        ----------
+        pooled : bool, default False
+            True takes all maps together; by default each map has its own.
+        """
+        return statistics.summaries(self.runs, pooled)
+
+    def contrasts(self, *, pooled: bool = False) -> list[Contrast]:
+        """Each planner and measure compared with the baseline's, with interval and sentence.
+
+        Parameters
+        ----------
+        pooled : bool, default False
+            True takes all maps together, each query alike; by default each map has its own.
+        """
+        return contrasts(self.runs, self.baseline, pooled)
+
+    def standings(self, *, pooled: bool = False) -> list[Standing]:
+        """Each planner's statistics, by map, settings and weight.
+
+        Parameters
+        ----------
+        pooled : bool, default False
+            True takes all maps together; by default each map has its own.
+        """
+        found: dict[tuple[Setting, str], dict[str, Contrast]] = {}
+        for each in self.contrasts(pooled=pooled):
+            found.setdefault((each.setting, each.planner), {})[each.measure] = each
+        summaries = self.summaries(pooled=pooled)
+        rows = [Standing(each, found[each.setting, each.planner]) for each in summaries]
+        cases = [statistics.setting_of(run, pooled)[:2] for run in self.runs]
+        order = {case: n for n, case in enumerate(dict.fromkeys([*self.cases, *cases]))}
+        return sorted(rows, key=lambda row: (order[row.setting[:2]], row.setting.weight))
+
+    def answers(self) -> dict[str, str]:
+        """The verdict on each map in words: each planner's J compared, at the greatest weight."""
+        texts: dict[str, list[str]] = {}
+        for case, group in itertools.groupby(self.standings(), lambda row: row.setting[:2]):
+            rows = list(group)
+            weight = rows[-1].setting.weight
+            said = [row.answer for row in rows if row.setting.weight == weight]
+            text = f"At weight {weight:g}, {case[1]}: {'; '.join(filter(None, said))}."
+            texts.setdefault(str(case[0]), []).append(text)
+        return {name: " ".join(sentences) for name, sentences in texts.items()}
+
+    def table(self) -> Table:
+        """Each planner's success, J, degeneracy and time, by map, settings and weight."""
+        return Table.of(STANDINGS, self.standings())
+
+    def report(self) -> str:
+        """A table for each map, settings and weight, with what is to be said of J below it.
+
+        The tables then fit a terminal of 80 columns.
+        """
+        parts = []
+        for setting, group in itertools.groupby(self.standings(), lambda row: row.setting):
+            rows = list(group)
+            parts.append(f"{setting.map}, {setting.config}, weight {setting.weight:g}")
+            parts.append(str(Table.of(STANDINGS, rows)))
+            runs = [run for run in self.runs if statistics.setting_of(run) == setting]
+            said = [
+                _failure(runs, r.summary.planner)
+                or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._undriven(r)}"
+                for r in rows
+            ]
+            parts += wrapped(said)
+        note = (
+            "n: queries that planner and baseline both solved. Over these: the ratio of J, and the"
+            " medians of J, of the baseline's (base J), of degenerate metres (∫u) and of time."
+        )
+        return "\n".join([*parts, *wrapped([note])])
+
+    def _undriven(self, row: Standing) -> str:
+        """How many of a planner's paths the robot cannot drive, for the end of a sentence."""
+        mine = row.setting, row.summary.planner
+        runs = [
+            r
+            for r in self.runs
+            if (statistics.setting_of(r), r.task.planner) == mine and r.measures
+        ]
+        count = sum(run.note.startswith(Run.undriven) for run in runs)
+        return f"; the robot cannot drive {count} of its {len(runs)} paths" if count else ""
+
+    def to_frame(self) -> Any:
+        """A pandas data frame with one row for every run; a LocplanError without pandas."""
+        return Table.of(statistics.RUN_COLUMNS, self.runs).to_frame()
+
+    def summary(self) -> dict[str, Any]:
+        """The settings and all statistics, fit for JSON."""
+        return {
+            **self.about,
+            "cases": [
+                {
+                    "map": case.map,
+                    "digest": case.grid.digest,
+                    "field": case.config,
+                    "config": case.settings and case.settings.to_json(),
+                    "criterion": case.criterion,
+                    "robot_radius": case.robot_radius,
+                    "queries": [dataclasses.asdict(query) for query in case.queries],
+                }
+                for case in self.cases.values()
+            ],
+            "baseline": self.baseline,
+            "command": self.command,
+            "summaries": [_plain(each) for each in self.summaries()],
+            "contrasts": [_plain(each) for each in self.contrasts()],
+        }
+
+    def write_files(self, folder: Path, *about: Any) -> None:
+        """Write the report, the tables and OMPL's logs into a folder that is there.
+
+        Parameters
+        ----------
+        folder : path
+            The folder.
+        *about
+            What `summary` takes.
+        """
+        from locplan.comparison.report import write_report
+
+        write_report(folder / "report.html", self)
+        self.table().write_csv(folder / "comparison.csv")
+        Table.of(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
+        seconds, size = (self.about.get(name) or math.nan for name in ("time_limit", "memory"))
+        write_ompl_logs(
+            self.runs,
+            folder / "ompl_logs",
+            baseline=self.baseline,
+            time_limit=seconds,
+            memory_limit=size / 1e6,  # in MB
+            started=datetime.fromisoformat(self.about["began"]),
+        )
+
+    def figure(self) -> Figure:
+        """J of each planner as a multiple of the baseline's with its interval, a row for each
+        setting.
+        """
+        from locplan.comparison.figures import cost_figure
+
+        return cost_figure(self)
+
+
+def _plain(figures: Summary | Contrast) -> dict[str, Any]:
+    """Return statistics as plain data, with the map, field and weight by name."""
+    return plain(figures) | {"setting": figures.setting._asdict()}

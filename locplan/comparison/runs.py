@@ -1,0 +1,257 @@
+"""Runs of a comparison: jobs for workers, their shared costmaps, and one run of a planner."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import logging
+import math
+import pickle
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from locplan._support.checks import shown
+from locplan._support.progress import ProgressCallback
+from locplan.comparison.journal import Journal
+from locplan.comparison.planners import PlannerSpec
+from locplan.comparison.statistics import MEASURES, Run, Task, grouped
+from locplan.errors import ConfigError, LocplanError
+from locplan.planning.costmap import Costmap
+from locplan.planning.path import Path as Route
+from locplan.planning.path_check import path_faults
+from locplan.planning.plans import check_ends
+from locplan.planning.protocol import Position
+from locplan.planning.results import Plan
+
+if TYPE_CHECKING:
+    from locplan.comparison.result import Case
+
+
+LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Order:
+    """A task with everything that a worker needs for it."""
+
+    task: Task
+    costs: Path
+    """Folder of the shared costmap."""
+    start: Position
+    goal: Position
+    planner: int
+    """Index of the planner among those that the worker was given."""
+
+
+def orders_of(
+    case: Case,
+    costs: Costmap,
+    home: Path,
+    specs: Sequence[PlannerSpec],
+    weights: Sequence[float],
+    seeds: Sequence[int],
+) -> Iterator[Order]:
+    """Yield the orders of a case, whose costmap is in the folder `home`."""
+    _check_queries(case, costs, {spec.planner.space for spec in specs})
+    for weight, query, (n, spec) in itertools.product(weights, case.queries, enumerate(specs)):
+        for seed in spec.seeds(seeds):
+            task = Task(case.map, case.config, query.name, weight, spec.label, int(seed))
+            yield Order(task, home, query.start, query.goal, n)
+
+
+def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
+    """Raise a LocplanError unless all planners' spaces hold the ends of all queries."""
+    names = [query.name for query in case.queries]
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f"map {shown(case.map)} needs queries, each with a name of its own")
+    for query, space in itertools.product(case.queries, {"R2", *spaces}):
+        headed = slice(None) if space != "R2" else slice(2)
+        try:
+            check_ends(costs, query.start[headed], query.goal[headed], space=space)
+        except LocplanError as error:
+            where = f"map {shown(case.map)}, query {shown(query.name)}"
+            raise LocplanError(f"{where}: {error}") from None
+
+
+def runs_of(
+    orders: Sequence[Order],
+    specs: Sequence[PlannerSpec],
+    start: Callable[[Sequence[Order]], Iterator[Run]],
+    journal: Journal | None,
+    progress: ProgressCallback | None,
+) -> list[Run]:
+    """Return the runs of all orders, in their order; those in the journal are not made again.
+
+    Runs that were ended from outside are made again, and those of a user's planner that declares
+    no version: nobody knows if it has changed.
+    """
+    known = journal.runs if journal else {}
+    lasting = [spec.label for spec in specs if not spec.guarded or spec.version is not None]
+    runs = {
+        order.task: run
+        for order in orders
+        if (run := known.get(order.task)) and not run.ended and run.task.planner in lasting
+    }
+    for spec in specs:
+        count = sum(task.planner == spec.label for task in runs)
+        if spec.guarded and count:
+            LOG.warning("planner %s: %d runs cached, version %s", spec.label, count, spec.version)
+    if progress:
+        progress(len(runs), len(orders))
+    for run in start(_longest_first([o for o in orders if o.task not in runs], specs)):
+        runs[run.task] = run
+        if journal:
+            journal.add(run)
+        if progress:
+            progress(len(runs), len(orders))
+    return [runs[order.task] for order in orders]
+
+
+def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> list[Order]:
+    """Sort by costmap, and within each put long runs first, so that none is left at the end."""
+
+    def limit(order: Order) -> float:
+        spec = specs[order.planner]
+        unknown = math.inf if spec.guarded else 0.0
+        return unknown if spec.time_limit is None else spec.time_limit
+
+    groups = grouped(orders, lambda order: (order.costs, order.task.weight))
+    return [each for own in groups.values() for each in sorted(own, key=limit, reverse=True)]
+
+
+def put_costmap(costs: Costmap, folder: Path) -> None:
+    """Write a costmap into a new folder, each of its arrays to a file of its own."""
+    # Paths are measured with these: made once for all, and in no planner's time.
+    _ = costs.grid.clearance, costs.u_of_heading
+    buffers: list[pickle.PickleBuffer] = []
+    about = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
+    try:
+        folder.mkdir()
+        for n, buffer in enumerate(buffers):
+            (folder / f"{n}.raw").write_bytes(buffer.raw())
+        (folder / "about.pickle").write_bytes(about)
+    except OSError as error:
+        why = error.strerror or error
+        raise LocplanError(f"{folder}: cannot be written ({why}); TMPDIR names another") from None
+
+
+@lru_cache(maxsize=1)
+def read_costmap(folder: Path) -> Costmap:
+    """Read a costmap, whose read-only arrays all processes share in memory; the last is kept."""
+    names = (folder / f"{n}.raw" for n in itertools.count())
+    files = itertools.takewhile(Path.exists, names)
+    buffers = [np.memmap(file, mode="r") for file in files]
+    costs: Costmap = pickle.loads((folder / "about.pickle").read_bytes(), buffers=buffers)
+    return costs
+
+
+@lru_cache(maxsize=1)
+def weighted_costmap(folder: Path, weight: float) -> Costmap:
+    """The costmap with a weight, which is 0 for one without a field; the last one is kept."""
+    costs = read_costmap(folder)
+    if math.isnan(costs.weight) and weight == 0:
+        return costs
+    return costs if costs.weight == weight else costs.with_weight(weight)
+
+
+def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
+    """Make one run within a limit of memory [bytes]; an exception of the planner is a result."""
+    began = time.perf_counter()
+    try:
+        costs = weighted_costmap(order.costs, order.task.weight)
+        with limited_memory(memory):
+            result = planner.plan(costs, order.start, order.goal, order.task.seed)
+    except MemoryError as error:
+        status, note = "out of memory", str(error) or "the planner ran out of memory"
+    except LocplanError as error:
+        status, note = "error", str(error)
+    except BaseException as error:  # sys.exit in a planner shall not end the comparison
+        status, note = "error", f"{type(error).__name__}: {error}"
+    else:
+        run = run_of(order.task, result)
+        return dataclasses.replace(run, note=undriven(costs, result.path) or run.note)
+    elapsed = time.perf_counter() - began
+    return Run(order.task, status, elapsed, elapsed, note=(note.splitlines() or [""])[0])
+
+
+def run_of(task: Task, result: Plan) -> Run:
+    """A plan as a run; the caller measures the wall time and adds it."""
+    seconds, path = float(result.solve_time), result.path
+    found: dict[str, Any] = {}
+    if path is not None:
+        names = [name for name in MEASURES if name not in ("seconds", "turning")]
+        known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
+        history = ((float(at), float(cost)) for at, cost in result.history)
+        found["measures"] = known | {"turning": turning(path)}
+        found["history"] = tuple(point for point in history if math.isfinite(sum(point)))
+        found["xy"] = tuple(map(tuple, path.xy.tolist()))
+    expanded = None if result.expanded is None else int(result.expanded)
+    about = {"note": str(result.note or ""), "expanded": expanded, **found}
+    return Run(task, str(result.status), seconds, seconds, **about)
+
+
+def undriven(costs: Costmap, path: Route | None) -> str:
+    """Why a robot with an outline or a turning radius cannot drive a path; empty where it can."""
+    robot = costs.robot
+    if path is None or robot is None or not (robot.outline or robot.kinematics.turning_radius):
+        return ""
+    faults = path_faults(costs.grid, path, robot)
+    found = [f"{each.kind} near {each.x:.2f},{each.y:.2f}" for each in faults]
+    return f"{Run.undriven}: {found[0]}" if found else ""
+
+
+def turning(path: Route) -> float:
+    """The sum of all changes of direction along a path [rad].
+
+    >>> round(turning(Route(np.array([(0, 0), (1, 0), (1, 1), (1, 1), (0, 1)]))), 4)
+    3.1416
+    """
+    steps = np.diff(path.xy, axis=0)
+    steps = steps[steps.any(axis=1)]
+    turns = np.diff(np.arctan2(steps[:, 1], steps[:, 0]))
+    return float(np.abs(turns - 2 * np.pi * np.round(turns / (2 * np.pi))).sum())
+
+
+def forbid_core_files() -> None:
+    """Let a crash of this process leave no file, where the system has such limits."""
+    with suppress(ModuleNotFoundError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+@contextmanager
+def limited_memory(extra: float) -> Iterator[None]:
+    """Limit the memory that this process may take in addition [bytes], on Linux."""
+    used = _data_size()
+    try:
+        import resource
+    except ModuleNotFoundError:
+        used = 0  # Windows has no such limits
+    if not used or not math.isfinite(extra):
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    soft, hard = used + int(extra), before[1]
+    soft = soft if hard == resource.RLIM_INFINITY else min(soft, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def _data_size() -> int:
+    """The memory that counts against the limit: private and writable, touched or not [bytes]."""
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return 0
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmData")), 0)

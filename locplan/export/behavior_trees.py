@@ -1,0 +1,86 @@
+"""What makes Nav2 plan with the planner of an export: a robot's own behaviour tree, edited."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from locplan._support.reading import read_text
+from locplan.errors import LocplanError
+from locplan.export.masks import NavPlanner
+from locplan.export.parameters import Robot
+from locplan.robots.parameters import Nav2Parameters
+
+SMOOTHER = "simple_smoother"
+
+
+def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
+    """The text of a behaviour tree of Nav2 that plans with the planner that is called so.
+
+    Parameters
+    ----------
+    path : path
+        The tree's file; all else in it stays.
+    called : str
+        Name of the planner.
+    smooth : bool
+        Whether its paths are smoothed.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or computes no path.
+    """
+    text = read_text(Path(path), 2**20)
+    # A name between braces is that of a selector's choice, where the tree has one.
+    chosen = r"(?!\{)" if "<PlannerSelector" in text else ""
+    named = rf"planner_id=([\"']){chosen}.*?\1"
+
+    def planning(node: re.Match[str]) -> str:
+        own = node[0]
+        if "planner_id=" not in own:
+            own = f'{own[:-2].rstrip()} planner_id="{called}"/>'
+        own = re.sub(named, f'planner_id="{called}"', own)
+        out = re.search(r"\bpath=[\"'](\{.*?\})[\"']", own)
+        if not (smooth and out) or "<SmoothPath" in text:
+            return own
+        path = f'unsmoothed_path="{out[1]}" smoothed_path="{out[1]}"'
+        return f'<Sequence>{own}<SmoothPath {path} smoother_id="{SMOOTHER}"/></Sequence>'
+
+    made, count = re.subn(r"<ComputePath(?:ToPose|ThroughPoses)\b[^>]*/>", planning, text)
+    if not count:
+        raise LocplanError(
+            f"{path}: has no ComputePathToPose or ComputePathThroughPoses; give the behaviour tree"
+            " by which the robot navigates"
+        )
+    selected = r"(<PlannerSelector\b[^>]*\bdefault_planner=)([\"']).*?\2"
+    return re.sub(selected, rf'\g<1>"{called}"', made)
+
+
+def with_tree(
+    robot: Robot, merged: Nav2Parameters, called: str, planner: NavPlanner, folder: Path
+) -> tuple[Nav2Parameters, str | None]:
+    """Parameters by which Nav2 takes a robot's tree from a folder, and the tree; None without one.
+
+    Paths at any angle are smoothed, by a smoother as nav2_bringup has it where none is called so.
+    """
+    if robot.tree is None:
+        return merged, None
+    text = edited_tree(robot.tree, called, smooth=planner.any_angle)
+    file = str(folder.resolve() / "tree.xml")
+    kinds = {"ToPose": "to_pose", "ThroughPoses": "through_poses"}
+    own = {
+        f"default_nav_{name}_bt_xml": file
+        for kind, name in kinds.items()
+        if f"<ComputePath{kind}" in text
+    }
+    merged = merged.changed("bt_navigator", own)
+    server = merged.of(node := "smoother_server")
+    names = merged.names(node, "smoother_plugins", [SMOOTHER] if server else [])
+    if planner.any_angle and SMOOTHER not in names:
+        smoother: dict[str, Any] = {"plugin": "nav2_smoother::SimpleSmoother", "tolerance": 1e-10}
+        smoother |= {"max_its": 1000, "do_refinement": True}
+        settings = {f"{SMOOTHER}.{name}": value for name, value in smoother.items()}
+        merged = merged.changed(node, {"smoother_plugins": [*names, SMOOTHER], **settings})
+    return merged, text

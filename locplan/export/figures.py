@@ -1,0 +1,97 @@
+"""Figures of exports: masks and route graphs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
+
+from locplan._support.drawing import FIELD_COLOURS, LIGHT_MAP_COLOURS, PREVIEW_DPI, save_figure
+from locplan.export.route_graph import RouteGraph
+from locplan.maps.figures import coarse, draw_cells, draw_map, map_axes, map_size, shrunk
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.planning.metrics import costs_caption
+
+
+def save_preview(folder: Path, figure: Figure, dpi: int = PREVIEW_DPI) -> None:
+    """Write the picture of an export into its folder."""
+    save_figure(figure, folder / "preview.png", dpi=dpi)
+
+
+def values_figure(
+    grid: OccupancyGrid, values: NDArray[Any], label: str, title: str, falling: bool = False
+) -> Figure:
+    """A figure of the values of a mask over its map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    values : (H, W) array of int
+        The values 0..100, or -1 where there is none.
+    label : str
+        Label of the values, with their unit.
+    title : str
+        Title of the figure.
+    falling : bool, default False
+        Whether the scale names what is left of 100, such as the speed of which the values say how
+        much is given up.
+    """
+    grid, shown = coarse(grid, 1000), shrunk(values, maximum=True, most=1000)
+    figure, axes = map_axes(grid)
+    draw_map(axes, grid)
+    if (shown >= 0).any():
+        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(25.0, shown.max()))
+        image = draw_cells(axes, grid, known, cmap=FIELD_COLOURS, norm=norm)
+        bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
+        if falling:
+            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 - value:.0f}"))
+    axes.set_title(title, fontsize="medium")
+    return figure
+
+
+def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
+    """A figure of a route graph over its map, the edges coloured by their cost per metre.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap that the graph was made of.
+    graph : RouteGraph
+        The graph.
+    title : str
+        Title of the figure.
+    """
+    figure, axes = map_axes(costs.grid)
+    draw_map(axes, costs.grid)
+    axes.images[0].set_cmap(LIGHT_MAP_COLOURS)
+    per_metre = graph.cost / np.maximum(graph.length, 1e-9)
+    order = np.argsort(per_metre, kind="stable")  # the costliest on top
+    order = order[graph.length[order] > 0]
+    width, _ = map_size(costs.grid)
+    # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
+    scale = 72 * width / np.ptp(axes.get_xlim())
+    drawn = 0.07 * scale * np.median(graph.length) if len(order) else 0.0
+    # The costly ones dark, and none so pale that it is lost on white.
+    lines = LineCollection(
+        list(graph.nodes[graph.edges[order]]),
+        array=per_metre[order],
+        cmap=ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256))),
+        norm=Normalize(1.0, max(1.1, per_metre.max(initial=1.0))),
+        linewidths=np.clip(drawn, 0.6, 1.8),
+        capstyle="round",
+    )
+    axes.add_collection(lines)
+    size = np.clip(2 * drawn, 0.8, 3.6)
+    axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
+    figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
+    axes.set_title(f"{title}{costs_caption(costs)}", fontsize="medium")
+    return figure

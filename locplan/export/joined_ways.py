@@ -1,0 +1,325 @@
+"""Paths that run side by side, joined to ways over common nodes, and the costs that lead there.
+
+Where the cheapest route of a query is another one than its way, a linear programme changes the
+costs of edges as little as that takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Floats, Ints
+from locplan._support.kernels.search import bordered_half
+from locplan.export.kernels.route import line_costs
+from locplan.export.route_graph import Pairs, Positions, space_of
+from locplan.planning.costmap import Costmap
+from locplan.planning.path import Path
+
+MERGED = 2.0
+"""Maximum distance of a lane that a way can join [m]."""
+SAME = 0.01
+"""Maximum distance of ends that are one place [m]."""
+SPACING = 0.5
+"""Maximum distance of the positions at which a way can join a lane [m]."""
+COSTLIER = 1.1
+"""Maximum cost of a way over the lanes of others, as a multiple of its own."""
+MARGIN = 0.02
+"""Minimum cost by which any other route exceeds a recommended way [m]."""
+
+Ways = dict[str, list[int]]
+"""The nodes of each way, from start to goal."""
+
+
+class Lines:
+    """The costs of straight lines on a map, also of those that graze blocked cells.
+
+    A line is free, too, if it is a step `aside` [cells].
+    """
+
+    def __init__(self, costs: Costmap, aside: float = 0.0) -> None:
+        self.resolution = costs.grid.resolution
+        self.aside = aside * self.resolution
+        _, *self.frame = space_of(costs)
+        price = costs.unblocked_density
+        priced = np.isfinite(price)
+        self.density = np.where(priced, price, price[priced].max(initial=1.0))
+        self.price = bordered_half(self.density, 1)
+        self.blocked = bordered_half(np.where(np.isfinite(costs.density), 0.0, 1.0), 1)
+
+    def costs(self, xy: Positions, pairs: Pairs) -> Floats:
+        """J of the lines between pairs of positions [m]; infinite through what is blocked."""
+        within = line_costs(self.blocked, *self.frame, xy, pairs)
+        # A twentieth of a cell counts as none: planned paths touch the corners of blocked cells,
+        # and Nav2 keeps positions in single precision.
+        grazed = 0.05
+        if self.aside:
+            beyond = np.flatnonzero(within > grazed)
+            ends = xy[pairs[beyond]]
+            along = ends[:, 1] - ends[:, 0]
+            length = np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+            aside = self.aside * along[:, ::-1] * (1, -1) / length
+            own = np.arange(2 * len(beyond)).reshape(-1, 2)
+            for moved in (ends - aside[:, None], ends + aside[:, None]):
+                beside = moved.reshape(-1, 2), own
+                found = line_costs(self.blocked, *self.frame, *beside)
+                within[beyond] = np.minimum(within[beyond], found)
+        price = line_costs(self.price, *self.frame, xy, pairs)
+        return np.where(within <= grazed, price * self.resolution, np.inf)
+
+    def integrals(self, layer: Floats, xy: Positions, pairs: Pairs) -> Floats:
+        """Integral of a layer along the lines between pairs of positions; NaN without a layer."""
+        if np.isnan(layer).all():
+            return np.full(len(pairs), np.nan)
+        half = bordered_half(np.nan_to_num(layer), 1)
+        return np.asarray(line_costs(half, *self.frame, xy, pairs)) * self.resolution
+
+    def along(self, xy: Positions) -> Floats:
+        """J of the lines from each position to the next [m]."""
+        return self.costs(xy, np.column_stack([np.arange(len(xy) - 1), np.arange(1, len(xy))]))
+
+
+def joined(lines: Lines, paths: Mapping[str, Path]) -> tuple[Positions, Ways]:
+    """Nodes, and each path's way over them; a path takes the lanes of those before it.
+
+    The longest path comes first, since it is most likely to be the lane of others. The next ones
+    take the cheapest way over their own positions and over the lanes beside them.
+    """
+    nodes = np.empty((0, 2))
+    ways: Ways = {}
+    for name in sorted(paths, key=lambda name: -paths[name].length):
+        lanes = np.array([two for way in ways.values() for two in pairwise(way)], int)
+        nodes, way = _with_lane(lines, nodes, lanes.reshape(-1, 2), divided(paths[name]))
+        for other in ways.values():
+            way = _between_same(lines, nodes, way, other)
+        ways[name] = way
+    return nodes, {name: ways[name] for name in paths}
+
+
+def _between_same(
+    lines: Lines, nodes: Positions, way: list[int], other: Sequence[int]
+) -> list[int]:
+    """The way, which takes that of another one between nodes of both where it is close and cheap.
+
+    A graph has one cheapest route between two nodes, so that different ways would contradict.
+    """
+    common = [node for node in way if node in other]
+    if len(common) < 2:
+        return way
+    (a, b), (i, j) = ([each.index(common[k]) for k in (0, -1)] for each in (way, list(other)))
+    own, theirs = way[a : b + 1], list(other[i : j + 1] if i < j else other[j : i + 1][::-1])
+    limit = COSTLIER * lines.along(nodes[own]).sum()
+    if own == theirs or lines.along(nodes[theirs]).sum() > limit or apart(nodes, own, theirs):
+        return way
+    return _without_loops(way[:a] + theirs + way[b + 1 :])
+
+
+def apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
+    """Whether two ways lie farther apart than ways that are one."""
+    one, two = (Path(nodes[list(each)]).resampled(SPACING).xy for each in (way, other))
+    away = np.hypot(*(one[:, None] - two[None]).transpose(2, 0, 1))
+    return bool(max(away.min(axis=0).max(), away.min(axis=1).max()) > MERGED)
+
+
+def _without_loops(way: Sequence[int]) -> list[int]:
+    """A way that comes to no node twice, as a server's routes do."""
+    result: dict[int, None] = {}
+    for node in way:
+        while node in result:
+            result.popitem()
+        result[node] = None
+    return list(result)
+
+
+def _first_alike(xy: Positions) -> Ints:
+    """The number of the first position that is one place with each."""
+    from scipy.spatial import cKDTree
+
+    first = np.arange(len(xy))
+    pairs = cKDTree(xy).query_pairs(SAME, output_type="ndarray")
+    np.minimum.at(first, pairs[:, 1], pairs[:, 0])
+    return first
+
+
+def _with_lane(
+    lines: Lines, nodes: Positions, lanes: Pairs, xy: Positions
+) -> tuple[Positions, list[int]]:
+    """The nodes with those that a path adds to them, and its way."""
+    from scipy.sparse import coo_array
+
+    old = len(nodes)
+    both = np.concatenate([nodes, xy])
+    of_own = old + _first_alike(xy)  # the number of each position, an old one where it is there
+    links = np.empty((0, 2), int)
+    if old:
+        away = np.hypot(*(nodes[:, None] - xy[None]).transpose(2, 0, 1))
+        there = away.min(axis=0) <= SAME
+        of_own[there] = away.argmin(axis=0)[there]
+        beside = away.min(axis=1) <= MERGED
+        lanes = lanes[beside[lanes].all(axis=1)]
+        link = np.argwhere((away <= 3.0) & beside[:, None])  # [m]
+        links = np.column_stack([link[:, 0], of_own[link[:, 1]]])
+    chain = np.column_stack([of_own[:-1], of_own[1:]])
+    pairs = np.concatenate([chain, links, lanes])
+    cost = lines.costs(both, pairs)
+    cost[len(chain) + len(links) :] /= 2  # lanes are cheaper for further ways, which then take them
+    usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
+    pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
+    graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(both), len(both))).tocsr()
+    way = _cheapest(graph, int(of_own[0]), int(of_own[-1]), directed=False)
+    own = _without_loops(of_own.tolist())
+    if lines.along(both[way]).sum() > COSTLIER * lines.along(both[own]).sum():
+        way = own
+    added = sorted(node for node in way if node >= old)
+    number = {node: old + n for n, node in enumerate(added)}
+    return np.concatenate([nodes, both[added]]), [number.get(node, node) for node in way]
+
+
+def divided(path: Path) -> Positions:
+    """The corners of a path, and positions between them, in the single precision of Nav2."""
+    between = np.arange(0.0, path.length, SPACING)
+    at = np.union1d(path.distance, between)
+    at = at[np.concatenate([[True], np.diff(at) > SAME])]
+    at[-1] = path.length
+    xy = np.stack([np.interp(at, path.distance, v) for v in path.xy.T], axis=1)
+    return xy.astype(np.float32).astype(np.float64)
+
+
+def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions, Ways]:
+    """Nodes and ways without the nodes that a straight line makes needless.
+
+    Ends and nodes where ways part stay, and no way moves farther than `SPACING`.
+    """
+    beside: dict[int, set[int]] = {}
+    for way in ways.values():
+        for one, other in pairwise(way):
+            beside.setdefault(one, set()).add(other)
+            beside.setdefault(other, set()).add(one)
+    ends = {end for way in ways.values() for end in (way[0], way[-1])}
+    replaced: dict[frozenset[int], list[int]] = {}  # the nodes that a line stands for, by its ends
+    for node in sorted(beside):
+        if node in ends or len(beside[node]) != 2:
+            continue
+        one, other = sorted(beside[node])
+        gone = [node, *replaced.get(frozenset((one, node)), [])]
+        gone += replaced.get(frozenset((node, other)), [])
+        if other in beside[one] or _aside(nodes[[one, other]], nodes[gone]) > SPACING:
+            continue
+        pairs = np.array([(one, node), (node, other), (one, other)])
+        before, after, straight = lines.costs(nodes, pairs)
+        if straight <= 1.001 * (before + after):
+            replaced[frozenset((one, other))] = gone
+            beside[one] = beside[one] - {node} | {other}
+            beside[other] = beside[other] - {node} | {one}
+            del beside[node]
+    left = sorted(beside)
+    number = {node: n for n, node in enumerate(left)}
+    kept = {name: [number[n] for n in way if n in number] for name, way in ways.items()}
+    return nodes[left], kept
+
+
+def _aside(ends: Positions, xy: Positions) -> Any:
+    """Maximum distance of positions from the line between two."""
+    along = ends[1] - ends[0]
+    away = xy - ends[0]
+    across = along[0] * away[:, 1] - along[1] * away[:, 0]
+    return np.abs(across).max() / max(np.hypot(*along), 1e-9)
+
+
+def followed_costs(
+    nodes: Floats, edges: Pairs, price: Floats, least: Floats, ways: list[list[int]], worth: Floats
+) -> tuple[Floats, list[bool]]:
+    """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
+
+    The sum of the changes is the least there is. Not all ways are followed where they contradict
+    one another, such as two ways between the same nodes. A route that is not `apart` from a way
+    counts as that way.
+
+    Parameters
+    ----------
+    nodes : (n, 2) array
+        World positions [m].
+    edges : (m, 2) array of int
+        Pairs of nodes, from the first to the second.
+    price, least : (m,) arrays
+        The costs as they should be, and their lower bounds.
+    ways : sequence of sequences of int
+        The nodes of each way.
+    worth : (ways,) array
+        What each way is worth, in changed costs, where not all can be followed.
+    """
+    index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
+
+    def over(ways: list[list[int]]) -> Floats:
+        """1 for the edges of each way, (ways, edges)."""
+        used = np.zeros((len(ways), len(edges)))
+        for row, way in zip(used, ways, strict=True):
+            row[[index[two] for two in pairwise(way)]] = 1
+        return used
+
+    cost, used = price, over(ways)
+    excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
+    for _ in range(50):
+        routes = {
+            n: route
+            for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
+            if apart(nodes, ways[n], route)
+        }
+        numbers = np.array(list(routes), int)
+        more = used[numbers] - over([*routes.values()])
+        new = zip(numbers, more, strict=True)
+        if all((excess[of_way == n] == row).all(axis=1).any() for n, row in new):
+            break
+        of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
+        cost = _min_changed(price, least, excess, of_way, worth)
+    return cost, [n not in routes for n in range(len(ways))]
+
+
+def _cheapest_routes(
+    edges: Pairs, cost: Floats, used: Floats, ways: Sequence[Sequence[int]]
+) -> Iterator[list[int]]:
+    """The nodes of the cheapest route between the ends of each way."""
+    from scipy.sparse import csr_array
+
+    count = int(edges.max()) + 1
+    for way, own in zip(ways, used, strict=True):
+        costlier = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
+        graph = csr_array((costlier, edges.T), shape=(count, count))
+        yield _cheapest(graph, way[0], way[-1])
+
+
+def _cheapest(graph: Any, start: int, goal: int, directed: bool = True) -> list[int]:
+    """The nodes of the cheapest route in a sparse matrix of costs."""
+    from scipy.sparse.csgraph import dijkstra
+
+    before = dijkstra(graph, directed, start, return_predecessors=True)[1]
+    route = [goal]
+    while route[-1] != start:
+        route.append(int(before[route[-1]]))
+    return route[::-1]
+
+
+def _min_changed(
+    price: Floats, least: Floats, excess: Floats, of_way: Ints, weights: Floats
+) -> Floats:
+    """The costs nearest to `price` with ``excess @ cost <= -MARGIN``, but for contradictions.
+
+    The unknowns are the costs, their changes, and by how much each way misses its margin.
+    """
+    from scipy.optimize import linprog
+    from scipy.sparse import block_array, csr_array, eye_array
+
+    edges, one = len(price), eye_array(len(price))
+    missed = csr_array((of_way[:, None] == np.arange(len(weights))).astype(float))
+    changes = [[one, -one, None], [-one, -one, None]]
+    limits = block_array([[csr_array(excess), None, -missed], *changes])
+    found = linprog(
+        np.concatenate([np.zeros(edges), np.ones(edges), weights]),
+        limits,
+        np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
+        bounds=[(low, None) for low in least] + [(0, None)] * (edges + len(weights)),
+    )
+    return np.asarray(np.maximum(found.x[:edges], least))

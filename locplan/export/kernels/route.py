@@ -1,0 +1,45 @@
+"""Kernels of route graphs: the costs of lines.
+
+Cells are flat indices into a grid with a blocked border of one cell; positions are in the world
+[m]. `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], and the world's
+x and y of its origin. `half` is half the density, see `locplan._support.kernels.search`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from locplan._support.kernels.arrays import Array, Numbers
+from locplan._support.kernels.rays import TOUCH, segment_cost
+
+
+@njit(nogil=True, cache=True)
+def line_cost(half: Array, columns: int, frame: Numbers, a: Array, b: Array) -> float:
+    """Integral along the line between two positions, the costlier way [density x cells].
+
+    Infinite where it is blocked either way, or an end lies outside the grid or at a blocked cell.
+    """
+    along, across, x, y = frame
+    row0 = along * (a[1] - y) - across * (a[0] - x) + 1
+    row1 = along * (b[1] - y) - across * (b[0] - x) + 1
+    col0 = along * (a[0] - x) + across * (a[1] - y) + 1
+    col1 = along * (b[0] - x) + across * (b[1] - y) + 1
+    for row, col in ((row0, col0), (row1, col1)):
+        if not (1 <= row < len(half) // columns - 1 and 1 <= col < columns - 1):
+            return np.inf
+        for up in (-TOUCH, TOUCH):
+            for right in (-TOUCH, TOUCH):
+                if half[int(row + up) * columns + int(col + right)] == np.inf:
+                    return np.inf
+    there = segment_cost(half, columns, row0, col0, row1, col1, False)
+    return max(there, segment_cost(half, columns, row1, col1, row0, col0, False))
+
+
+@njit(nogil=True, cache=True)
+def line_costs(half: Array, columns: int, frame: Numbers, xy: Array, pairs: Array) -> Array:
+    """Costs, by `line_cost`, of the lines between pairs (m, 2) of positions (n, 2)."""
+    result = np.empty(len(pairs))
+    for n, (i, j) in enumerate(pairs):
+        result[n] = line_cost(half, columns, frame, xy[i], xy[j])
+    return result

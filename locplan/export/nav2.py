@@ -1,0 +1,310 @@
+"""Filter masks for ROS 2 Nav2, with the parameters and the launch file to use them.
+
+Formats read from ros-navigation/navigation2, branches humble to main (2026-08): keepout_filter.cpp,
+speed_filter.cpp and the documentation of their servers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan.errors import LocplanError
+from locplan.export.behavior_trees import with_tree
+from locplan.export.masks import (
+    Conversion,
+    CostmapInflation,
+    PlannedPath,
+    checked_planner,
+    follower_room,
+    keepout_mask,
+)
+from locplan.export.parameters import (
+    Params,
+    Robot,
+    differences,
+    parameter_files,
+    with_costmap,
+    with_planner,
+)
+from locplan.export.planned_paths import (
+    check_paths,
+    checked_paths,
+    close_gaps,
+    narrow_places,
+    steeper_inflation,
+)
+from locplan.export.registry import export_folder
+from locplan.export.servers import Server, write_servers
+from locplan.export.values import speed_mask, without_yaw, write_values
+from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.metrics import costs_caption
+from locplan.planning.path import Path as Route
+from locplan.robots.parameters import Nav2Parameters
+
+if TYPE_CHECKING:
+    from locplan.simulation.recommendation import Choice
+
+
+def nav2_keepout(
+    folder: str | Path,
+    costs: Costmap | Choice,
+    *,
+    planner: str | None = None,
+    planner_param: float | None = None,
+    distro: str = "jazzy",
+    params: Params = None,
+    tree: str | Path | None = None,
+    paths: Mapping[str, Route] | None = None,
+    force: bool = False,
+) -> Conversion:
+    """Write a mask for Nav2's KeepoutFilter that makes a planner's costs the costmap's J.
+
+    Parameters
+    ----------
+    folder : path
+        The folder, which need not exist; an earlier export of this kind is replaced.
+    costs : Costmap or Choice
+        The mask's 0..99 stand for weight u in every free cell, whether or not the robot fits
+        there: what is too close to a wall is for Nav2's own inflation to say, and its robot may
+        fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
+        either. Of a choice it is the density of the path to take (`Choice.costmap`), which is
+        one of `paths`; the folder's README.md begins with the choice's advice to tune first.
+    planner : str, optional
+        "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that plans. By default the first
+        of these that `params` has, except "navfn", which does not follow masks; else "smac2d" up
+        to a million cells, and "thetastar" on larger maps.
+    planner_param : float, optional
+        The planner's own parameter, above 0: cost_travel_multiplier, cost_penalty or
+        w_traversal_cost. Give it where the robot's must stay. By default it is such that u = 1
+        just fits, whatever the map. "navfn" has none.
+    distro : str, default "jazzy"
+        The robot's distribution of ROS 2: "humble", "jazzy", "kilted", "lyrical" or "rolling".
+    params : path or sequence of path, optional
+        A Nav2 parameter file to merge ours into; by default nav2.yaml holds ours alone. Of several
+        files nav2.yaml is the one with the global costmap and the planner, and merged.yaml has all
+        of them in one. The mask
+        carries the inflation of its global costmap, too: Nav2 takes the larger one of mask and
+        costmap, not their sum. The inflation itself stays. If it hides the mask from the planner of
+        `paths`, a `RobotWarning` and the folder's README.md name a ``cost_scaling_factor`` that
+        does not. Where a value of the file has to be another one, a `ParametersChanged` warning and
+        the README.md name it. The planner gets ``allow_unknown: false``, since J knows no way
+        through unknown space.
+    tree : path, optional
+        The robot's behaviour tree, which the folder then holds with our planner's name in it, and
+        which the parameters name; paths of Theta* are smoothed in it, since they zigzag.
+    paths : dict of Path, optional
+        Recommended paths by name, with which those that Nav2's planners take between their ends are
+        compared, by the planners' formulas. Those that the mask's planner does not take are written
+        as a route graph beside the folder, see `nav2_routes`. If the planner passes a gap that is
+        too narrow for a path follower, and a wider way costs at most 5 % more, the mask closes the
+        gap. A `RobotWarning` names the narrowest place that is left.
+    force : bool, default False
+        True overwrites files of the same names in the folder; others stay.
+
+    Returns
+    -------
+    Conversion
+        Where the planner saturates, and how exact the mask is.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or a setting is out of its range.
+    """
+    robot, paths, choice = Robot.of(params, distro, tree), paths or {}, None
+    if not isinstance(costs, Costmap):
+        choice, costs = costs, costs.costmap()
+        paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
+    planner = planner or robot.planner(costs.grid.free.size)
+    caveat = checked_planner(planner, None).caveat
+    layer = CostmapInflation.of(robot.parameters)
+    inflation = None if caveat else CostmapInflation.carried(costs, layer)
+    values, conversion = keepout_mask(
+        costs, planner=planner, inflation=inflation, planner_param=planner_param
+    )
+    check_paths(costs, paths)
+    if not caveat:
+        values, gaps = close_gaps(costs, values, conversion, paths, layer)
+        conversion = dataclasses.replace(conversion, closed=tuple(gaps))
+    merged, called = with_planner(robot, with_costmap(robot, "keepout"), conversion)
+    merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
+    robot.warn(robot.of_planner(called))
+    if caveat:
+        robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
+    compared = checked_paths(costs, values, conversion, paths, layer)
+    conversion = dataclasses.replace(conversion, paths=tuple(compared))
+    title = f"Localizability mask for {conversion.planner.plugin} ({called})"
+    about = {"planner_id": called, "conversion": conversion.facts().values}
+    if choice:
+        about["choice"] = {"taken": choice.taken, "answer": choice.answer}
+    planning = _Planning(conversion, called, edited, bool(inflation), choice)
+    if layer and planning.left:
+        option = steeper_inflation(costs, values, robot, planning.left, conversion, paths, layer)
+        planning = dataclasses.replace(planning, option=option)
+    robot.warn(narrow_places(planning.planned, costs.robot_radius))
+    _write(folder, "keepout", title, costs, values, robot, merged, about, planning, force=force)
+    _write_left(Path(folder), costs, robot, planning, paths, force=force)
+    return conversion
+
+
+def nav2_speed(
+    folder: str | Path,
+    costs: Costmap,
+    *,
+    slowest: float = 0.3,
+    lead: float = 0.5,
+    distro: str = "jazzy",
+    params: Params = None,
+    force: bool = False,
+) -> int:
+    """Write a mask for Nav2's SpeedFilter: the more degenerate a cell, the slower.
+
+    Parameters
+    ----------
+    folder : path
+        The folder, which need not exist; an earlier export of this kind is replaced.
+    costs : Costmap
+        A costmap that was made of a field.
+    slowest : float, default 0.3
+        Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
+        lower share gives the filter more scans a metre there.
+    lead : float, default 0.5
+        Distance before a place at which its limit holds already [m]: limits come up to a second
+        late, at the rate of the global costmap.
+    distro : str, default "jazzy"
+        The distribution of ROS 2, as for `nav2_keepout`.
+    params : path or sequence of path, optional
+        Nav2's parameters to merge ours into, as for `nav2_keepout`.
+    force : bool, default False
+        True overwrites files of the same names in the folder; others stay.
+
+    Returns
+    -------
+    int
+        The speed left at the most degenerate cell of the map, in per cent of the robot's own.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, a setting is out of its range, or there is no field.
+    """
+    values = speed_mask(costs, slowest, lead)
+    robot = Robot.of(params, distro)
+    least = 100 - int(values.max())
+    title = f"Speed mask: the robot keeps {least} % of its speed or more"
+    about = {"slowest": slowest, "lead": lead, "min_percent": least}
+    robot.warn(robot.of_speed("localizability_speed_filter"))
+    merged = with_costmap(robot, "speed")
+    _write(folder, "speed", title, costs, values, robot, merged, about, force=force)
+    return least
+
+
+def _write_left(
+    folder: Path,
+    costs: Costmap,
+    robot: Robot,
+    planning: _Planning,
+    paths: Mapping[str, Route],
+    *,
+    force: bool,
+) -> None:
+    """Write the paths that the mask's planner does not take as a route graph, and say so."""
+    from locplan.export.recommended_ways import nav2_routes
+
+    if not planning.left:
+        return
+    routes = folder.with_name(f"{folder.name}-routes")
+    left = {each.name: paths[each.name] for each in planning.left}
+    own: Any = {"distro": robot.distribution.name, "params": robot.files}
+    try:
+        nav2_routes(routes, costs, left, **own, force=force)
+        then = f"{routes} has it as a route graph"
+    except LocplanError as error:  # the mask is there, and of use for other paths
+        then = f"it has no route graph: {error}"
+    robot.warn(
+        f"{each.planner} would not take {each.name} ({each.text}); {then}" for each in planning.left
+    )
+    if planning.option:
+        robot.warn(iter([planning.option]))
+
+
+@dataclass(frozen=True)
+class _Planning:
+    """What an export says of the planner of a mask."""
+
+    conversion: Conversion
+    called: str
+    tree: str | None
+    inflated: bool
+    choice: Choice | None = None
+    option: str = ""
+    """A change of the inflation with which the planner takes more of the paths; empty without."""
+
+    @property
+    def planned(self) -> list[PlannedPath]:
+        """The paths that the mask's planner takes."""
+        own = self.conversion.planner.name
+        return [each for each in self.conversion.paths if each.planner == own]
+
+    @property
+    def left(self) -> list[PlannedPath]:
+        """What the mask's planner takes in place of recommended paths."""
+        return [each for each in self.planned if not each.follows]
+
+
+def _write(
+    folder: str | Path,
+    kind: str,
+    title: str,
+    costs: Costmap,
+    values: NDArray[np.int8],
+    robot: Robot,
+    merged: Nav2Parameters,
+    about: dict[str, Any],
+    planning: _Planning | None = None,
+    *,
+    force: bool,
+) -> None:
+    """Write the folder of a mask, for a planner or for the speed filter."""
+    from locplan.export import figures as _figures
+
+    changed, added = differences(robot.parameters.content, merged.content)
+    robot.warn_changed(merged)
+    base = f"localizability_{kind}"
+    topic = {"topic_name": f"/{base}_mask", "frame_id": "map"}
+    files = {"yaml_filename": "mask.yaml"}
+    servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", topic, files)]
+    # The linear map from the mask's values to costs, or to speeds in per cent.
+    laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
+    topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
+    law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
+    node = "costmap_filter_info_server", f"{base}_info_server"
+    servers.append(Server("nav2_map_server", *node, law))
+    about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
+    about |= {"distro": robot.distribution.name, "changed_parameters": changed}
+    grid, file = without_yaw(costs.grid), robot.file and robot.file.name
+    known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
+    known |= {"changed": changed, "added": added, "others": robot.others}
+    known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
+    known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
+    known |= {"room": follower_room(costs.robot_radius)}
+    parameters, known["comments"] = parameter_files(robot.parameters, merged)
+    with export_folder(folder, "nav2-mask.md", about, force, **known) as temporary:
+        for name, content in parameters.items():
+            (temporary / name).write_bytes(content)
+        if planning and planning.tree is not None:
+            (temporary / "tree.xml").write_text(planning.tree, "utf-8")
+        write_values(temporary / "mask", values, grid)
+        write_servers(temporary, servers, f"lifecycle_manager_{base}")
+        is_speed = kind == "speed"
+        label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
+        above = f"{grid.name or 'map'}: {title}{costs_caption(costs)}"
+        figure = _figures.values_figure(grid, values, label, above, is_speed)
+        _figures.save_preview(temporary, figure, dpi=90)

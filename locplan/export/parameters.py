@@ -1,0 +1,355 @@
+"""Nav2's parameters with those of an export: distributions, merged files and differences."""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from locplan._support.checks import one_of
+from locplan._support.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
+from locplan.errors import LocplanError
+from locplan.export.masks import PLANNERS, Conversion
+from locplan.robots.nav2 import planner_types
+from locplan.robots.parameter_edits import edited_files
+from locplan.robots.parameters import (
+    GLOBAL_COSTMAP,
+    LOCAL_COSTMAP,
+    PLANNER_SERVER,
+    Nav2Parameters,
+    read_parameters,
+)
+
+
+def yaml_text(content: Mapping[str, Any]) -> str:
+    """Parameters as YAML, in which ROS reads each text as a text."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        """A dumper that quotes what is a text to PyYAML only."""
+
+    def represent(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+        # libyaml below 0.2.2 fails on an unquoted :: between braces.
+        plain = text in ROS_BOOLEANS or ROS_NUMBER.fullmatch(text) or "::" in text
+        return dumper.represent_scalar("tag:yaml.org,2002:str", text, '"' if plain else None)
+
+    Dumper.add_representer(str, represent)
+    text: str = yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, allow_unicode=True)
+    return text
+
+
+def parameter_files(before: Nav2Parameters, after: Nav2Parameters) -> tuple[dict[str, bytes], bool]:
+    """Return the files of a robot's parameters with ours, and whether nav2.yaml has its comments.
+
+    nav2.yaml is a copy of the robot's file that has what is changed; a merger if several files
+    have, and, without comments, where anchors and aliases stand for what has to be changed. Of
+    several files merged.yaml has all.
+
+    Parameters
+    ----------
+    before, after : Nav2Parameters
+        The robot's own parameters, and the same with ours.
+    """
+    text, has_comments = _text_of(before, after)
+    files = {"nav2.yaml": text}
+    if len(before.files) > 1:
+        files["merged.yaml"] = yaml_text(after.merged().content).encode()
+    return files, has_comments
+
+
+def _text_of(before: Nav2Parameters, after: Nav2Parameters) -> tuple[bytes, bool]:
+    """Text of the only file that is changed, or of all in one, and whether comments are in it."""
+    pairs = list(zip(before.files, after.files, strict=False))
+    changed = [new for old, new in pairs if old.content != new.content] or [*after.files][:1]
+    path = changed[0].path if len(changed) == 1 else None
+    if path is None:
+        return yaml_text(after.merged().content).encode(), False
+    try:
+        return edited_files(before, after).get(path) or path.read_bytes(), True
+    except LocplanError:
+        return yaml_text(changed[0].content).encode(), False
+
+
+def write_merged(target: Path, paths: Sequence[str | Path]) -> None:
+    """Write the parameters of several files of Nav2 as one, as nav2_bringup takes them.
+
+    Parameters
+    ----------
+    target : Path
+        The file.
+    paths : sequence of path
+        The files, of which later ones replace single parameters of earlier ones.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be read.
+    """
+    target.write_text(yaml_text(read_parameters(*paths).merged().content), "utf-8")
+
+
+def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
+    """A sentence's part for each of a robot's own values that is another, and for each new one."""
+    changed, added = [], []
+    for name, own, value in _values_of(theirs, merged):
+        if isinstance(value, list):  # of names, to which ours are added
+            new = [str(each) for each in value if each not in (own or [])]
+            if gone := [str(each) for each in own or [] if each not in value]:
+                changed.append(f"{name}: without {', '.join(gone)}")
+            if new:
+                added.append(f"{name}: {', '.join(new)}")
+        elif own is None:
+            added.append(f"{name}: {scalar_text(value)}")
+        elif own != value:
+            changed.append(f"{name}: {scalar_text(value)} (was {scalar_text(own)})")
+    return changed, added
+
+
+def _values_of(theirs: Any, merged: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Name, value before and value after of each parameter; nodes' own levels are left out."""
+    if not isinstance(merged, dict):
+        yield name, theirs, merged
+        return
+    own = theirs if isinstance(theirs, dict) else {}
+    for key, value in merged.items():
+        inner = name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
+        yield from _values_of(own.get(key), value, inner)
+
+
+Params: TypeAlias = str | Path | Sequence[str | Path] | None
+"""A parameter file of Nav2, or several, of which later ones replace single parameters."""
+
+
+class DistroWarning(UserWarning):
+    """A distribution of ROS 2 has a fault that concerns the localization."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A distribution of ROS 2, as far as exports depend on it."""
+
+    name: str
+    """The name, such as jazzy."""
+    slashes: bool = False
+    """Whether planners' plugins are named with / for :: (nav2_smac_planner/smac_plugin_2d.xml and
+    its like), up to iron."""
+    quadratic_penalty: bool = True
+    """Whether SmacPlannerHybrid has `use_quadratic_cost_penalty`, from jazzy on."""
+    graph_by: Literal["launch", "parameters", "argument"] = "argument"
+    """How the route server gets its graph (nav2_bringup/launch): bringup starts none in humble, so
+    that our launch file does; one with graph_filepath of its parameters in jazzy; and one with the
+    argument ``graph:=``, which replaces graph_filepath, from kilted on."""
+    unsure_field: bool = True
+    """Whether AMCL's likelihood field is made from an uninitialised variable (`CellData cell` in
+    nav2_amcl/src/map/map_cspace.cpp), from kilted on."""
+
+    def warn(self) -> None:
+        """Warn of what a user of this distribution should know."""
+        if self.unsure_field:
+            warnings.warn(
+                DistroWarning(
+                    f"{self.name}: AMCL's likelihood field may be wrong there, since it starts from"
+                    " an uninitialised variable (map_cspace.cpp, CellData cell); build nav2_amcl"
+                    " with its occ_dist set to 0"
+                ),
+                stacklevel=2,
+            )
+
+
+DISTRIBUTIONS = {
+    each.name: each
+    for each in (
+        Distribution("humble", True, False, "launch", unsure_field=False),
+        Distribution("jazzy", graph_by="parameters", unsure_field=False),
+        Distribution("kilted"),
+        Distribution("lyrical"),
+        Distribution("rolling"),
+    )
+}
+"""Distributions that exports are made for, by name."""
+
+
+def distribution(name: str) -> Distribution:
+    """A distribution of ROS 2 by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `DISTRIBUTIONS`.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
+    one_of("distro", name, DISTRIBUTIONS)
+    return DISTRIBUTIONS[name]
+
+
+class ParametersChanged(UserWarning):
+    """Values of a robot's own parameters are others in an export."""
+
+
+class RobotWarning(UserWarning):
+    """A robot's own parameters do not go with an export."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot's own parameters of Nav2, into which ours are merged."""
+
+    distribution: Distribution
+    """The distribution of ROS 2 that it runs."""
+    files: tuple[Path, ...]
+    """The files of its parameters, of which later ones replace single ones of earlier ones."""
+    parameters: Nav2Parameters
+    """The parameters in the files; none without a file."""
+    tree: Path | None = None
+    """The file of its behaviour tree, if it is given."""
+
+    @classmethod
+    def of(cls, params: Params, distro: str, tree: str | Path | None = None) -> Robot:
+        """Read the files and warn of the distribution's faults; a LocplanError where it cannot."""
+        given = [params] if isinstance(params, (str, os.PathLike)) else params or ()
+        files = tuple(map(Path, given))
+        own = Path(tree) if tree else None
+        robot = cls(distribution(distro), files, read_parameters(*files), own)
+        robot.distribution.warn()
+        robot.warn(robot._misspelt())
+        return robot
+
+    @property
+    def file(self) -> Path | None:
+        """The file with its global costmap or planners, or the first one; None without a file."""
+        nodes = GLOBAL_COSTMAP, PLANNER_SERVER
+        having = (self.parameters.file_of(node) for node in nodes)
+        at = next((at for at in having if at is not None), 0)
+        return self.files[at] if self.files else None
+
+    @property
+    def others(self) -> list[str]:
+        """Names of its other files."""
+        return [each.name for each in self.files if each != self.file]
+
+    @property
+    def planners(self) -> dict[str, str]:
+        """The plugin of each of its planners by name, as it is written from Jazzy on."""
+        types = planner_types(self.parameters)
+        return {name: plugin.replace("/", "::") for name, plugin in types.items()}
+
+    def planner(self, cells: int) -> str:
+        """Its first planner that follows masks, as `PLANNERS` names it, or one for that many cells.
+
+        Nav2 plans once a second, which Smac 2D does on small maps only.
+        """
+        known = {each.plugin: name for name, each in PLANNERS.items() if not each.caveat}
+        added = "smac2d" if cells <= 1_000_000 else "thetastar"
+        return next((known[each] for each in self.planners.values() if each in known), added)
+
+    def warn(self, notes: Iterator[str]) -> None:
+        """Warn of what does not go together."""
+        for note in notes:
+            name = f"{self.file.name}: " if self.file else ""
+            warnings.warn(RobotWarning(f"{name}{note}"), stacklevel=4)
+
+    def warn_changed(self, merged: Nav2Parameters) -> None:
+        """Warn of values of its file that are others in an export."""
+        changed, _ = differences(self.parameters.content, merged.content)
+        if self.file and changed:
+            found = f"the exported nav2.yaml has other values than {self.file.name}"
+            warnings.warn(ParametersChanged(f"{found}: {'; '.join(changed)}"), stacklevel=5)
+
+    def of_planner(self, called: str) -> Iterator[str]:
+        """That ours stands beside its own planners, and why."""
+        caveats = {each.plugin: each.caveat for each in PLANNERS.values()}
+        others = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != called]
+        if others and called not in self.planners:
+            why = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
+            yield (
+                f"its planners are {', '.join(others)}{why}; {called} is added for the mask, and"
+                " plans only where it is selected, as the folder's README.md says"
+            )
+
+    def of_speed(self, own: str) -> Iterator[str]:
+        """That another speed filter limits the same robot."""
+        advice = "both publish limits, and the one that came last counts: merge the masks, or leave"
+        for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
+            for name, value in self.parameters.of(costmap).items():
+                layer, _, last = name.rpartition(".")
+                if last == "plugin" and layer != own and str(value).endswith("SpeedFilter"):
+                    where = costmap.partition("/")[0]
+                    yield f"{where} has a speed filter, {layer}; {advice} one out"
+
+    def of_radius(self, radius: float) -> Iterator[str]:
+        """That it is larger than the robot that lanes were made for."""
+        own = self.parameters.of(GLOBAL_COSTMAP).get("robot_radius")
+        if isinstance(own, (int, float)) and own > radius + 1e-9 and math.isfinite(own):
+            yield (
+                f"its robot_radius is {own:g} m, but the ways are for {radius:g} m; give"
+                f" --set footprint={own:g}"
+            )
+
+    def _misspelt(self) -> Iterator[str]:
+        """That its planners are written as in another distribution."""
+        server = self.parameters.of(PLANNER_SERVER)
+        for name in self.planners:
+            plugin = str(server.get(f"{name}.plugin", ""))
+            if "/" in plugin and not self.distribution.slashes:
+                yield f"{name} is {plugin}, as in humble; give --distro humble if that runs there"
+            elif "::" in plugin and self.distribution.slashes:
+                yield f"{name} is {plugin}, as from jazzy on, but humble has / for ::"
+
+
+def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
+    """Parameters with our filter in the global costmap, and in its list of them."""
+    base = f"localizability_{kind}"  # topics are absolute: Kilted is the first to resolve others
+    plugin = f"{base}_filter"
+    names = robot.parameters.names(GLOBAL_COSTMAP, "filters")
+    own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
+    own |= {"filter_info_topic": f"/{base}_info"}
+    if kind == "speed":
+        # The controller server obeys this one.
+        own |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
+    names = names if plugin in names else [*names, plugin]
+    return robot.parameters.changed(GLOBAL_COSTMAP, {"filters": names, **_settings(plugin, own)})
+
+
+def with_planner(
+    robot: Robot, merged: Nav2Parameters, conversion: Conversion
+) -> tuple[Nav2Parameters, str]:
+    """Parameters with the planner that a conversion is for, and the planner's name.
+
+    A planner of the same kind that is there keeps its name and its other settings, also a longer
+    time for planning; besides others ours gets a name of its own.
+    """
+    planner, runs = conversion.planner, robot.distribution
+    server, names = merged.of(PLANNER_SERVER), list(robot.planners)
+    alike = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
+    name = alike[0] if alike else "Localizability" if names else "GridBased"
+    plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
+    own: dict[str, Any] = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
+    if not runs.quadratic_penalty:
+        own.pop("use_quadratic_cost_penalty", None)
+    if planner.parameter is not None:
+        own[planner.parameter] = float(conversion.param)
+    if planner.planning_time is not None:
+        theirs = server.get(f"{name}.max_planning_time") if alike else None
+        longer = float(theirs) if isinstance(theirs, (int, float)) else 0.0
+        own["max_planning_time"] = max(longer, planner.planning_time)
+    if alike:
+        del own["plugin"]
+    listed = names if name in names else [*names, name]
+    changes = {"planner_plugins": listed, **_settings(name, own)}
+    for other, other_type in robot.planners.items():  # Nav2 fills in a type of its own list only
+        if listed != names and other_type and f"{other}.plugin" not in server:
+            changes[f"{other}.plugin"] = other_type.replace("::", "/" if runs.slashes else "::")
+    return merged.changed(PLANNER_SERVER, changes), name
+
+
+def _settings(name: str, own: dict[str, Any]) -> dict[str, Any]:
+    """The settings of a plugin by their names in ROS."""
+    return {f"{name}.{key}": value for key, value in own.items()}

@@ -1,0 +1,229 @@
+"""The formats of exports, and the folders that they write whole or not at all."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from locplan._support.files import check_target
+from locplan._support.output import Output
+from locplan._support.public import templates_of
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    from locplan.field.field import CovarianceField
+    from locplan.planning.costmap import Costmap
+    from locplan.planning.path import Path as Route
+    from locplan.robots.robot import Robot
+    from locplan.simulation.recommendation import Choice
+
+MODULES = ["locplan.export.formats"]
+"""Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
+ABOUT = "export.json"
+"""The file of a folder that says what it was made of."""
+Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
+"""A distribution of ROS 2."""
+
+
+@dataclass(frozen=True)
+class ExportJob:
+    """The objects to export."""
+
+    costs: Costmap
+    """The costmap, with its map."""
+    field: CovarianceField
+    """The covariance field of the map."""
+    paths: Mapping[str, Route] = dataclasses.field(default_factory=dict)
+    """The paths by name."""
+    robot: Robot | None = None
+    """The robot; None if it is not known."""
+    choice: Choice | None = None
+    """The choice that the costs and the path are of; None without one."""
+    force: bool = False
+    """True overwrites files of the same names in a folder; others stay."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """What people are to do before they use an export: a label and a text each."""
+        return [("first", each) for each in self.choice.advice] if self.choice else []
+
+    @classmethod
+    def of_choice(cls, choice: Choice, field: CovarianceField) -> ExportJob:
+        """The objects of a choice.
+
+        Parameters
+        ----------
+        choice : Choice
+            A choice with a path.
+        field : CovarianceField
+            The field of its map, by the choice's `config`.
+        """
+        choice = choice.with_field(field)
+        paths = {each.name: each.path for each in [choice.chosen] if each}
+        return cls(choice.costmap(), field, paths, robot=choice.robot, choice=choice)
+
+    @classmethod
+    def of_choices(
+        cls, choices: Mapping[str, Choice], field: CovarianceField, paths: Mapping[str, Route]
+    ) -> ExportJob:
+        """The paths of choices, with further ones, on the costmap of the first choice's field.
+
+        Parameters
+        ----------
+        choices : mapping of str to Choice
+            Choices on one map by the names that their paths get; those without a path are left out.
+        field : CovarianceField
+            The field of the map, by the choices' `config`.
+        paths : mapping of str to Path
+            The further paths by name.
+
+        Raises
+        ------
+        ConfigError
+            If the choices differ in the map, the field or the robot's size, or two paths have one
+            name.
+        """
+        name, first = next(iter(choices.items()))
+        for other, each in choices.items():
+            if (each.map, each.config, each.robot.radius) != (
+                *(first.map, first.config, first.robot.radius),
+            ):
+                raise ConfigError(
+                    f"the choices {name} and {other} differ in the map, the field or the robot's"
+                    " size; export them separately"
+                )
+            if other in paths:
+                raise ConfigError(f"a path and a choice are both named {other}; rename one")
+        chosen = {other: each.path for other, each in choices.items() if each.path is not None}
+        if not chosen and not paths:
+            raise ConfigError(f"the choice {name} has no path: {first.sentence}")
+        costs = first.with_field(field).costs
+        assert costs is not None
+        return cls(costs, field, {**chosen, **paths}, robot=first.robot)
+
+
+@dataclass(frozen=True)
+class ExportSummary:
+    """Facts about an export that was written."""
+
+    values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """The facts by name, fit for JSON."""
+    rows: tuple[tuple[str, str], ...] = ()
+    """The facts for people: a label and a text each."""
+
+
+@dataclass(frozen=True)
+class NoOptions:
+    """The options of a format that has none, and what all options are."""
+
+    def __post_init__(self) -> None:
+        """Raise a LocplanError where an option is wrong; each kind of options checks its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InFrame(NoOptions):
+    """The frame of what is written."""
+
+    frame: str = "map"
+    """Frame of the coordinates; map by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InDistro(NoOptions):
+    """The robot's distribution of ROS 2."""
+
+    distro: Distro = "jazzy"
+    """Distribution of ROS 2; jazzy by default."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of exports."""
+
+    name: str
+    """The name on the command line."""
+    about: str
+    """A few words that describe it."""
+    write: Callable[[Path, ExportJob, Any], ExportSummary]
+    """The function that writes a job to a target, with an instance of `options`."""
+    options: type = NoOptions
+    """A frozen dataclass whose docstrings say what each field does; it checks itself when made."""
+    suffixes: tuple[str, ...] = ()
+    """The suffixes of a file, the usual one first; a folder has none."""
+    paths: Literal["none", "one", "several"] = "none"
+    """The number of paths that it takes."""
+    check: Callable[[Any, int], None] = lambda options, paths: None
+    """The function that raises a ConfigError where the options and the number of paths do not go
+    together; it is called before long work."""
+
+    def check_target(self, target: Path, *, force: bool = False) -> None:
+        """Raise a LocplanError unless it can be written there; to be called before long work.
+
+        Parameters
+        ----------
+        target : Path
+            The file, or the folder.
+        force : bool, default False
+            True overwrites files of the same names.
+        """
+        if self.suffixes:
+            check_target(target, *self.suffixes)
+        Output(target, self.name, force, is_file=bool(self.suffixes)).check()
+
+    def export(self, target: Path, job: ExportJob, options: Any) -> ExportSummary:
+        """Write a job to a target, next to which a file gets its run.
+
+        Parameters
+        ----------
+        target : Path
+            The file, or the folder.
+        job : ExportJob
+            The objects to export.
+        options : object
+            An instance of `options`.
+        """
+        if not self.suffixes:
+            return self.write(target, job, options)
+        with Output(target, self.name, job.force, is_file=True).writing() as file:
+            return self.write(file, job, options)
+
+
+def formats() -> dict[str, Format]:
+    """All formats by name."""
+    every = [each for module in MODULES for each in import_module(module).FORMATS]
+    return {each.name: each for each in every}
+
+
+@contextmanager
+def export_folder(
+    target: str | Path, readme: str, about: Mapping[str, Any], force: bool, **known: Any
+) -> Iterator[Path]:
+    """Yield a new folder whose files move to `target` when the block succeeds.
+
+    It gets a README.md, which is the template `readme` with what is `known`, and export.json.
+    """
+    with Output(Path(target), about["kind"], force).writing() as folder:
+        yield folder
+        (folder / "README.md").write_text(rendered(readme, **known), "utf-8")
+        text = json.dumps(about, indent=2, allow_nan=False)
+        (folder / ABOUT).write_text(text + "\n", "utf-8")
+
+
+def rendered(template: str, **known: Any) -> str:
+    """The text of one of our templates with what is known."""
+    templates = templates_of("locplan.export", keep_trailing_newline=True)
+    return templates.get_template(template).render(known)
+
+
+def check_has_field(costs: Costmap) -> None:
+    """Raise a ConfigError unless the costmap knows how degenerate its cells are."""
+    import numpy as np
+
+    if np.isnan(costs.u).all() and np.isfinite(costs.density).any():
+        raise ConfigError("this export needs a costmap made of a field (Costmap.from_field)")

@@ -1,0 +1,180 @@
+"""Route graphs: nodes and edges with costs, as GeoJSON files for Nav2's route server."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from locplan._support.kernels.arrays import Floats, Ints
+from locplan._support.kernels.search import bordered_half
+from locplan._support.tables import collection, feature, write_geojson
+from locplan.errors import ConfigError
+from locplan.export.parameters import Robot, parameter_files
+from locplan.export.servers import Server, write_servers
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.robots.parameters import Nav2Parameters
+
+Positions = Floats
+"""World positions (n, 2) [m]."""
+Pairs = Ints
+"""Pairs of nodes (m, 2)."""
+Space = tuple[NDArray[Any], int, tuple[Any, ...]]
+"""Half the density with its border, its columns, and the frame; see
+`locplan.export.kernels.route`.
+"""
+FINENESS = 0.02
+"""Coarsest step of single precision that is accepted [cells]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RouteGraph:
+    """Nodes and straight one-way edges, see `recommended_ways`."""
+
+    nodes: Positions
+    """World positions (n, 2) [m], exact in single precision: Nav2 keeps no more."""
+    edges: Pairs
+    """Pairs of nodes (m, 2), from the first to the second."""
+    length: Floats
+    """Length of each edge (m,) [m]."""
+    cost: Floats
+    """Cost of each edge (m,) [m], at least its length."""
+    integrated_e: Floats
+    """Integral of e over each edge (m,) [m^2 rad m]; NaN without a field."""
+    integrated_u: Floats
+    """Integral of u over each edge (m,) [m]; NaN without a field."""
+
+    def __repr__(self) -> str:
+        return f"RouteGraph({len(self.nodes)} nodes, {len(self.edges)} directed edges)"
+
+    @property
+    def penalty(self) -> Floats:
+        """Excess of the cost over the length (m,) [m]."""
+        return self.cost - self.length
+
+    @property
+    def matrix(self) -> csr_array:
+        """Cost between nodes, (n, n), for `scipy.sparse.csgraph`."""
+        count = len(self.nodes)
+        return csr_array(coo_array((self.cost, tuple(self.edges.T)), shape=(count, count)))
+
+
+def space_of(costs: Costmap) -> Space:
+    """A costmap as the kernels of route graphs take it.
+
+    Raises
+    ------
+    ConfigError
+        If the map is too far from the world's origin for Nav2's single precision.
+    """
+    grid = costs.grid
+    check_precision(grid)
+    x, y, yaw = grid.origin
+    frame = math.cos(yaw) / grid.resolution, math.sin(yaw) / grid.resolution, x, y
+    return bordered_half(costs.density, 1), grid.shape[1] + 2, frame
+
+
+def check_precision(grid: OccupancyGrid) -> None:
+    """Raise a ConfigError if the map is too far from the world's origin for single precision."""
+    x, y, _ = grid.origin
+    farthest = max(abs(x), abs(y)) + math.hypot(*grid.shape) * grid.resolution
+    if np.spacing(np.float32(farthest)) > FINENESS * grid.resolution:
+        raise ConfigError(f"positions {farthest:.4g} m from the origin are too coarse for Nav2")
+
+
+MAX_ID = 2**16 - 1
+"""Greatest id of a node or an edge; Nav2's messages have 16 bits for it."""
+SCORERS: Mapping[str, Any] = {
+    "edge_cost_functions": ["DistanceScorer", "PenaltyScorer", "DynamicEdgesScorer"],
+    "PenaltyScorer.penalty_tag": "penalty",
+    "PenaltyScorer.weight": 1.0,
+}
+"""Parameters of the route server that make the cost of an edge of `to_geojson` J."""
+
+
+def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
+    """A route graph as Nav2's route server reads it.
+
+    DistanceScorer and PenaltyScorer with their own defaults add up to J; so do DistanceScorer and
+    a PenaltyScorer of `penalty_tag: integrated_u`, with any weight. `cost` is J for a server
+    without scorers. No id is both a node's and an edge's: Nav2 blocks either by it.
+
+    Parameters
+    ----------
+    graph : RouteGraph
+        The graph, with an edge at least.
+    frame : str, default "map"
+        Frame of the nodes.
+
+    Returns
+    -------
+    dict
+        A FeatureCollection, fit for JSON: the nodes as points [m], and then the edges.
+
+    Raises
+    ------
+    ConfigError
+        If there are more nodes and edges than Nav2 has ids, or no edge.
+    """
+    ids = len(graph.nodes) + len(graph.edges)
+    if not len(graph.edges):
+        raise ConfigError("Nav2 takes no graph without edges; give a path of some length")
+    if ids > MAX_ID:
+        raise ConfigError(
+            f"Nav2 has {MAX_ID} ids for nodes and directed edges, but these are {ids}; give fewer"
+            " paths"
+        )
+    xy = graph.nodes.tolist()
+    features = [feature("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, 1)]
+    names = ("length", "integrated_e", "integrated_u", "penalty")
+    values = np.column_stack([getattr(graph, name) for name in names]).tolist()
+    for edge, (start, end) in enumerate(graph.edges.tolist()):
+        known = zip(names, values[edge], strict=True)
+        about: dict[str, Any] = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
+        about |= {"cost": float(graph.cost[edge]), "overridable": True}
+        about |= {"metadata": {name: value for name, value in known if math.isfinite(value)}}
+        features.append(feature("LineString", [xy[start], xy[end]], about))
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
+    return collection("graph", features, crs=crs)
+
+
+def write_graph(
+    folder: Path, graph: Mapping[str, Any], scorers: Mapping[str, Any], robot: Robot, target: Path
+) -> None:
+    """Write a graph's GeoJSON with the server whose scorers make the costs of its edges J.
+
+    A robot's own parameters name the graph by its place in `target`, which the folder will become.
+    """
+    write_geojson(folder / "graph.geojson", graph)
+    loader = "GeoJsonGraphFileLoader"
+    plugins = (loader, *scorers["edge_cost_functions"])
+    own: dict[str, Any] = {
+        "graph_file_loader": loader,
+        **scorers,
+        **{f"{name}.plugin": f"nav2_route::{name}" for name in plugins},
+        "smooth_corners": False,  # arcs would leave the edges, which were checked
+    }
+    theirs, file = robot.parameters.of(node := "route_server"), "graph.geojson"
+    theirs.pop("graph_filepath", None)
+    alone = Nav2Parameters().changed(node, theirs | own).content[node]["ros__parameters"]
+    server = Server("nav2_route", node, node, alone, {"graph_filepath": file})
+    write_servers(folder, [server], "lifecycle_manager_localizability_routes")
+    if robot.file:
+        place = {"graph_filepath": str(target.resolve() / file)}
+        robot.warn_changed(merged := robot.parameters.changed(node, own | place))
+        for name, content in parameter_files(robot.parameters, merged)[0].items():
+            (folder / name).write_bytes(content)
+
+
+def save_graph_preview(folder: Path, costs: Costmap, graph: RouteGraph, title: str) -> None:
+    """Write a picture of a graph over its map."""
+    from locplan.export import figures as _figures
+
+    _figures.save_preview(folder, _figures.routes_figure(costs, graph, title))

@@ -1,0 +1,330 @@
+"""A route graph of the user, with our cost of each edge, for Nav2's route server."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import FARTHEST, file_path, finite_numbers, is_whole, shown
+from locplan._support.kernels.arrays import Floats, Ints
+from locplan._support.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan.errors import ConfigError, LocplanError
+from locplan.export.joined_ways import Lines
+from locplan.export.parameters import Params, Robot
+from locplan.export.registry import ExportSummary, export_folder
+from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
+from locplan.export.values import without_yaw
+from locplan.maps.grid import extent_text
+from locplan.planning.costmap import Costmap, about_costs
+
+TAG = "localization"
+"""Key of our cost in the metadata of an edge."""
+SCORERS: Mapping[str, Any] = {
+    "edge_cost_functions": ["PenaltyScorer", "DynamicEdgesScorer"],
+    "PenaltyScorer.penalty_tag": TAG,
+    "PenaltyScorer.weight": 1.0,
+}
+"""Parameters of the route server that make the cost of an edge J."""
+
+
+@dataclass(frozen=True, eq=False)
+class UserGraph:
+    """A route graph in the form that Nav2's GeoJsonGraphFileLoader reads."""
+
+    document: Mapping[str, Any]
+    """The FeatureCollection."""
+    node_ids: tuple[int, ...]
+    """Id of each node."""
+    nodes: Floats
+    """Position of each node, (n, 2) [m]."""
+    edges: tuple[int, ...]
+    """Place of each edge in the features of the document."""
+    pairs: Ints
+    """Indices of the nodes where each edge starts and ends, (m, 2)."""
+
+    @classmethod
+    def read(cls, file: str | Path, frame: str = "map") -> UserGraph:
+        """Read a graph from a GeoJSON file; a LocplanError names the file, the fault and a remedy.
+
+        Parameters
+        ----------
+        file : path
+            The file.
+        frame : str, default "map"
+            Frame of the map, in which the nodes must be.
+        """
+        path = file_path("a route graph", file)
+        try:
+            return cls.of(parsed_json(read_text(path, MAX_JSON_BYTES)), frame)
+        except (ConfigError, ValueError) as error:
+            fault = error if isinstance(error, ConfigError) else f"is not JSON: {error}"
+            raise LocplanError(f"{path}: {fault}") from None
+
+    @classmethod
+    def of(cls, document: object, frame: str = "map") -> UserGraph:
+        """Return a graph from a FeatureCollection; a ConfigError if it is no route graph."""
+        features = document.get("features") if isinstance(document, dict) else None
+        if (
+            not isinstance(document, dict)
+            or document.get("type") != "FeatureCollection"
+            or not isinstance(features, list)
+            or not all(isinstance(feature, dict) for feature in features)
+        ):
+            raise ConfigError(
+                "is no route graph; give a GeoJSON FeatureCollection with nodes (Point) and edges"
+                " (LineString), as Nav2's route server reads it"
+            )
+        try:
+            json.dumps(document, allow_nan=False)
+        except (ValueError, RecursionError):
+            raise ConfigError("holds NaN, infinity or too deep brackets; remove them") from None
+        nodes = _read_nodes(features, frame)
+        edges = _read_edges(features, [*nodes])
+        return cls(
+            document,
+            node_ids=tuple(nodes),
+            nodes=np.array([*nodes.values()]),
+            edges=tuple(place for place, _ in edges.values()),
+            pairs=np.array([pair for _, pair in edges.values()]),
+        )
+
+    @property
+    def edge_ids(self) -> list[int]:
+        """Id of each edge."""
+        return [self.document["features"][place]["properties"]["id"] for place in self.edges]
+
+    def with_costs(self, costs: Floats, *, set_cost: bool) -> dict[str, Any]:
+        """Return the document with the costs (m,) of the edges; all else stays as it is."""
+        features = list(self.document["features"])
+        for place, cost in zip(self.edges, costs.tolist(), strict=True):
+            properties = dict(features[place]["properties"])
+            # An integer would be read with another type, and the scorer would throw.
+            properties["metadata"] = {**(properties.get("metadata") or {}), TAG: cost}
+            if set_cost:
+                properties["cost"] = cost
+            features[place] = {**features[place], "properties": properties}
+        return {**self.document, "features": features}
+
+
+def annotate_graph(
+    costs: Costmap, graph: Mapping[str, Any], *, frame: str = "map", set_cost: bool = False
+) -> dict[str, Any]:
+    """Return a route graph of Nav2 with J of each edge as ``metadata.localization`` [m].
+
+    Ids, geometry and metadata stay as they are. An edge is the straight line between its nodes, as
+    for Nav2, whatever its geometry is.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costs of travel; the map's yaw is left out, as Nav2 ignores it.
+    graph : dict
+        A GeoJSON FeatureCollection: nodes (Point) with an id, and edges (LineString or
+        MultiLineString) with id, startid and endid, from SWAGGER, Nav2's route tool or by hand.
+    frame : str, default "map"
+        Frame of the map, in which the nodes must be.
+    set_cost : bool, default False
+        True writes J as the edge's ``cost``, too. Nav2 reads it of edges with ``overridable:
+        false``, and of all edges if the server has no scorers.
+
+    Raises
+    ------
+    ConfigError
+        If it is no such graph, a node lies outside the map, or an edge runs through a wall; the
+        error names the ids.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> costs = locplan.Costmap.blank(locplan.OccupancyGrid([[254] * 9] * 9, 1.0), robot=0.0)
+    >>> nodes = [
+    ...     {"type": "Feature", "properties": {"id": n}, "geometry": {"type": "Point",
+    ...      "coordinates": [2.0, y]}} for n, y in enumerate((1.0, 4.0))]
+    >>> edge = {"type": "Feature", "properties": {"id": 2, "startid": 0, "endid": 1},
+    ...         "geometry": {"type": "MultiLineString"}}
+    >>> graph = {"type": "FeatureCollection", "features": [*nodes, edge]}
+    >>> annotate_graph(costs, graph)["features"][2]["properties"]
+    {'id': 2, 'startid': 0, 'endid': 1, 'metadata': {'localization': 3.0}}
+    """
+    unturned = dataclasses.replace(costs, grid=without_yaw(costs.grid))
+    user_graph = UserGraph.of(graph, frame)
+    measured, _ = measure_graph(user_graph, unturned, set_cost=set_cost)
+    return user_graph.with_costs(measured.cost, set_cost=set_cost)
+
+
+def measure_graph(
+    graph: UserGraph, costs: Costmap, *, set_cost: bool
+) -> tuple[RouteGraph, list[int]]:
+    """Return the graph with lengths and costs, and ids of edges in cells that are blocked.
+
+    Edges in free cells that are blocked, such as near a wall, have the cost that they would have
+    without a robot's radius. See `annotate_graph` for the errors.
+    """
+    grid, ids = costs.grid, graph.edge_ids
+    outside = np.flatnonzero(~grid.contains(*grid.cell(graph.nodes)))
+    if len(outside):
+        raise ConfigError(
+            f"the map, which reaches from {extent_text(grid)}, does not hold"
+            f" {_listed('node', [graph.node_ids[n] for n in outside])}; check the frame and the"
+            " unit of the graph, or remove them"
+        )
+    lines, walls = Lines(costs), Lines(Costmap.blank(grid, robot=0.0))
+    through = np.flatnonzero(~np.isfinite(walls.costs(graph.nodes, graph.pairs)))
+    if len(through):
+        raise ConfigError(
+            f"walls or unknown space lie on {_listed('edge', [ids[n] for n in through])}; move the"
+            " nodes, or remove the edges"
+        )
+    length = np.hypot(*(graph.nodes[graph.pairs[:, 0]] - graph.nodes[graph.pairs[:, 1]]).T)
+    if set_cost and not length.all():
+        raise ConfigError(
+            "Nav2 takes no cost of 0, which is that of"
+            f" {_listed('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a length;"
+            " remove them, or leave --set-cost out"
+        )
+    near = ~np.isfinite(lines.costs(graph.nodes, graph.pairs))
+    cost = np.maximum(lines.integrals(lines.density, graph.nodes, graph.pairs), length)
+    e, u = (lines.integrals(layer, graph.nodes, graph.pairs) for layer in (costs.e, costs.u))
+    measured = RouteGraph(graph.nodes, graph.pairs, length, cost, e, u)
+    return measured, [ids[n] for n in np.flatnonzero(near)]
+
+
+def nav2_graph(
+    folder: str | Path,
+    costs: Costmap,
+    graph: str | Path,
+    *,
+    frame: str = "map",
+    distro: str = "jazzy",
+    params: Params = None,
+    set_cost: bool = False,
+    force: bool = False,
+) -> ExportSummary:
+    """Write a route graph of the user with our cost of each edge, and a server that follows it.
+
+    Parameters
+    ----------
+    folder : path
+        The folder; one that holds such an export without changes is replaced.
+    costs, frame, set_cost
+        See `annotate_graph`.
+    graph : path
+        The GeoJSON file of the graph.
+    distro, params, force
+        See `nav2_routes`.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or the graph does not fit the map, see `annotate_graph`.
+    """
+    user_graph = UserGraph.read(graph, frame)
+    robot = Robot.of(params, distro)
+    unturned = dataclasses.replace(costs, grid=without_yaw(costs.grid))
+    try:
+        measured, near = measure_graph(user_graph, unturned, set_cost=set_cost)
+    except ConfigError as error:
+        raise ConfigError(f"{graph}: {error}") from None
+    features = user_graph.document["features"]
+    fixed = [
+        features[place]["properties"]["id"]
+        for place in user_graph.edges
+        if not set_cost and features[place]["properties"].get("overridable") is False
+    ]
+    values = {"nodes": len(user_graph.nodes), "edges": len(user_graph.edges)}
+    about = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | about_costs(costs)
+    name = costs.grid.name or "a map"
+    known = {"map": name, "graph": Path(graph).name, "robot": robot, "costs": costs}
+    known |= {"nodes": user_graph.nodes, "ends": user_graph.node_ids[:2], "set_cost": set_cost}
+    known |= {"edges": len(user_graph.edges), "fixed": fixed}
+    with export_folder(folder, "nav2-graph.md", about, force, **known) as temporary:
+        document = user_graph.with_costs(measured.cost, set_cost=set_cost)
+        write_graph(temporary, document, SCORERS, robot, Path(folder))
+        save_graph_preview(temporary, unturned, measured, f"{name}: {Path(graph).name}")
+    rows = [("nodes, edges", f"{values['nodes']:,}, {values['edges']:,}")]
+    if fixed:
+        text = f"that of {_listed('edge', fixed)}, not overridable; --set-cost replaces it"
+        rows.append(("Nav2 keeps the cost", text))
+    if near:
+        text = f"{_listed('edge', near)}, where a robot of this radius touches walls"
+        rows.append(("too narrow", text))
+    return ExportSummary({**values, "fixed_edges": fixed, "blocked_edges": near}, tuple(rows))
+
+
+def _read_nodes(features: Sequence[Any], frame: str) -> dict[int, tuple[float, ...]]:
+    """Position [m] of each node by its id."""
+    nodes: dict[int, tuple[float, ...]] = {}
+    for place, properties, coordinates in _features_of(features, "Point"):
+        node = _id_of(properties, "id", f"feature {place + 1}, a node,")
+        if node in nodes:
+            raise ConfigError(f"two nodes have the id {node}; give each node its own id")
+        xy = finite_numbers(coordinates)[:2] if isinstance(coordinates, list) else ()
+        if len(xy) != 2 or max(map(abs, xy)) > FARTHEST:
+            raise ConfigError(
+                f"node {node} needs coordinates [x, y] in metres, not {shown(coordinates)}"
+            )
+        if properties.get("frame", frame) not in ("", frame):
+            raise ConfigError(
+                f"node {node} is in the frame {shown(properties['frame'])}, and the map in"
+                f" {frame!r}; transform the graph, or name its frame with --frame"
+            )
+        nodes[node] = xy
+    return nodes
+
+
+def _read_edges(
+    features: Sequence[Any], node_ids: Sequence[int]
+) -> dict[int, tuple[int, tuple[int, ...]]]:
+    """Place in the features, and indices of both nodes, of each edge by its id."""
+    index = {node: n for n, node in enumerate(node_ids)}
+    edges: dict[int, tuple[int, tuple[int, ...]]] = {}
+    for place, properties, _ in _features_of(features, "LineString"):
+        edge = _id_of(properties, "id", f"feature {place + 1}, an edge,")
+        if edge in edges:
+            raise ConfigError(f"two edges have the id {edge}; give each edge its own id")
+        ends = {name: _id_of(properties, name, f"edge {edge}") for name in ("startid", "endid")}
+        for name, node in ends.items():
+            if node not in index:
+                raise ConfigError(
+                    f"edge {edge} has the {name} {node}, which is no node; correct it, or add the"
+                    " node"
+                )
+        metadata = properties.get("metadata")
+        if not isinstance(metadata, (dict, type(None))):
+            raise ConfigError(
+                f"edge {edge} has the metadata {shown(metadata)}; write them as an object"
+            )
+        edges[edge] = place, tuple(index[node] for node in ends.values())
+    if not edges:
+        raise ConfigError("has no edges; add LineString features with id, startid and endid")
+    return edges
+
+
+def _features_of(features: Sequence[Any], kind: str) -> Iterator[tuple[int, Any, Any]]:
+    """Place, properties and coordinates of the features of a kind."""
+    for place, feature in enumerate(features):
+        geometry = feature.get("geometry")
+        if isinstance(geometry, dict) and str(geometry.get("type")).removeprefix("Multi") == kind:
+            properties = feature.get("properties")
+            known = properties if isinstance(properties, dict) else {}
+            yield place, known, geometry.get("coordinates")
+
+
+def _id_of(properties: Mapping[str, Any], name: str, owner: str) -> int:
+    value = properties.get(name)
+    if not is_whole(value) or not 0 <= value <= MAX_ID:
+        fault = "has no" if value is None else f"has {shown(value)} as its"
+        raise ConfigError(f"{owner} {fault} {name}; write a whole number from 0 to {MAX_ID}")
+    return int(value)
+
+
+def _listed(kind: str, ids: Sequence[int]) -> str:
+    """Such as "edge 7" or "edges 1, 2, 3 and 4 more"."""
+    more = f" and {len(ids) - 10} more" if len(ids) > 10 else ""
+    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:10]))}{more}"

@@ -1,0 +1,132 @@
+"""Values 0..100 of maps and masks that say u or speeds, and how they are written.
+
+Formats read from nav2_map_server's map_io.cpp and from ROS 1's image_loader.cpp.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import number
+from locplan._support.kernels.arrays import Floats
+from locplan._support.reading import dumped
+from locplan.errors import ConfigError
+from locplan.export.registry import check_has_field, export_folder
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.metrics import costs_caption
+
+
+class YawWarning(UserWarning):
+    """A map's yaw was left out."""
+
+
+def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
+    """The map without its yaw, which Nav2's and ROS 1's planners ignore; warns if there is one."""
+    x, y, yaw = grid.origin
+    if not yaw:
+        return grid
+    text = f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
+    warnings.warn(YawWarning(f"{text} written as they have it, unturned"), stacklevel=2)
+    return dataclasses.replace(grid, origin=(x, y, 0.0))
+
+
+def where_unturned(grid: OccupancyGrid, xy: Floats) -> Floats:
+    """World positions (n, 2) as they are on the map without its yaw [m]."""
+    unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
+    return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
+
+
+def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> None:
+    """Write values 0..100, or -1 for unknown, that Nav2's and ROS 1's map servers read unchanged.
+
+    The YAML is `stem` with its suffix, the image a .pgm, with grey n for n and 255 for unknown.
+    """
+    from PIL import Image
+
+    image = stem.with_suffix(".pgm")
+    Image.fromarray(values[::-1].view(np.uint8)).save(image)
+    entries = {
+        "image": image.name,
+        "mode": "raw",
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
+
+
+def percent(costs: Costmap) -> NDArray[np.int8]:
+    """u in per cent, 0..98, and -1 where it is not known, (H, W).
+
+    A StaticLayer of Nav2 takes 99 and 100 for obstacles.
+
+    Parameters
+    ----------
+    costs : Costmap
+        A costmap that was made of a field.
+
+    Raises
+    ------
+    ConfigError
+        If the costmap was made without a field.
+    """
+    check_has_field(costs)
+    values = np.minimum(np.floor(100 * np.nan_to_num(costs.u) + 0.5), 98)
+    return np.where(np.isnan(costs.u), -1, values).astype(np.int8)
+
+
+def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
+    """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
+
+    Arguments and errors are those of `nav2_speed`.
+    """
+    import cv2
+
+    number("slowest", slowest, 0.01, 1)
+    number("lead", lead, 0)
+    check_has_field(costs)
+    known = ~np.isnan(costs.u)
+    if not known.any():
+        raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
+    given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
+    reach = min(round(lead / costs.grid.resolution), max(costs.grid.shape))
+    around = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
+    widened = cv2.dilate(given_up.astype(np.uint8), around.astype(np.uint8))
+    return np.where(known, np.minimum(widened, 99), -1).astype(np.int8)  # 100 means full speed
+
+
+def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
+    """Write u in per cent, 98 at most, as a map in the mode raw, as for a StaticLayer of Nav2.
+
+    Parameters
+    ----------
+    folder : path
+        The folder, which need not exist; an earlier export of this kind is replaced.
+    costs : Costmap
+        A costmap that was made of a field.
+    force : bool, default False
+        True overwrites files of the same names in the folder; others stay.
+
+    Raises
+    ------
+    LocplanError
+        If the folder cannot be written, or there is no field.
+    """
+    from locplan.export import figures as _figures
+
+    values = percent(costs)
+    about = {"kind": "ros-map"} | about_costs(costs)
+    grid = without_yaw(costs.grid)
+    with export_folder(folder, "ros-map.md", about, force, map=grid.name or "a map") as temporary:
+        write_values(temporary / "raw", values, grid)
+        title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
+        figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)
+        _figures.save_preview(temporary, figure, dpi=90)

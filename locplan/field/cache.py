@@ -1,0 +1,350 @@
+"""The cache of results: one .npz file each, named by the digest of all that decides its values.
+
+`load_or_compute_result` is the rule that fields and trajectories share. `KEY.npz` is a result.
+`KEY.parts` is the folder of the finished parts of an unfinished one. Files of other names are left
+alone.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from locplan._support.arrays import read_arrays
+from locplan._support.checks import file_path, shown
+from locplan._support.output import clear_abandoned, temporary_folder
+from locplan._support.reading import MAX_JSON_BYTES, parsed_json
+from locplan._support.saved import ABOUT
+from locplan._support.tables import age, in_bytes, table
+from locplan.errors import ConfigError, LocplanError
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+T = TypeVar("T")
+
+_UNITS = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+_UNITS |= {f"{unit}I": 1024**power for power, unit in enumerate("KMGT", 1)}
+RESULT, PARTS = ".npz", ".parts"
+_ENTRY = re.compile(r"[0-9a-f]{32}\.(npz|parts|zarr|kept)")
+"""Pattern of the names of entries; the last two are those of earlier versions."""
+_PATIENCE = 0.3
+"""Interval of reports while another process computes [s]."""
+
+
+class CacheWarning(UserWarning):
+    """Warning that the cache cannot be used as intended; the result is right all the same."""
+
+
+def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
+    """The folder of cached results.
+
+    Parameters
+    ----------
+    cache_dir : path, optional
+        The folder; by default LOCPLAN_CACHE of the environment, or else the user's cache folder.
+
+    Raises
+    ------
+    ConfigError
+        If it is no path, or begins with a user that there is not.
+    """
+    from platformdirs import user_cache_path
+
+    chosen = cache_dir if cache_dir is not None else os.environ.get("LOCPLAN_CACHE")
+    if cache_dir is None and not chosen:
+        return user_cache_path("locplan") / "fields"
+    folder = os.path.expanduser(file_path("the cache folder", chosen))
+    if folder.startswith("~"):
+        raise ConfigError(f"the cache folder {chosen}: there is no such user")
+    return Path(folder)
+
+
+def cache_limit() -> int:
+    """Maximum size of the folder [bytes]: LOCPLAN_CACHE_SIZE, such as 500 MB, or else 5 GB."""
+    text = os.environ.get("LOCPLAN_CACHE_SIZE") or "5 GB"
+    match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
+    if not match:
+        raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {shown(text)}")
+    return int(float(match[1]) * _UNITS[match[2]])
+
+
+def load_or_compute_result(
+    key: str,
+    load: Callable[[Path], T | None],
+    compute: Callable[[Path | None], T],
+    save: Callable[[Path, T], None],
+    *,
+    cache_dir: str | os.PathLike[str] | None = None,
+    waiting: Callable[[Path], None] | None = None,
+) -> T:
+    """Load a result from the cache, or compute it and save it there.
+
+    One process computes it, and the others wait and load it. A cache that cannot be written is a
+    warning, and so is a damaged file, which is computed again.
+
+    Parameters
+    ----------
+    key : str
+        Digest of all that decides the result, 32 hexadecimal digits.
+    load : callable
+        Loads the result from a file; None if the file lacks values. A LocplanError if it is
+        damaged.
+    compute : callable
+        Computes the result. It takes the folder for finished parts, which need not exist, or None
+        if the cache cannot be written. Parts from an interrupted computation are there.
+    save : callable
+        Writes the result to a file.
+    cache_dir : path, optional
+        See `cache_folder`.
+    waiting : callable, optional
+        Function that is called with the folder of parts while another process computes.
+    """
+    limit, path = cache_limit(), cache_folder(cache_dir) / f"{key}{RESULT}"
+    parts = path.with_suffix(PARTS)
+    result = None
+    if os.path.lexists(path):
+        with suppress(LocplanError):
+            result = load(path)
+    if result is None:
+        with _alone(path, lambda: waiting(parts) if waiting else None) as writable:
+            if os.path.lexists(path):
+                try:
+                    result = load(path)  # another process may have computed it meanwhile
+                except LocplanError as error:
+                    _warn(f"{error}; computed again")
+            if result is None:
+                result = compute(parts if writable else None)
+                if writable and _is_saved(path, result, save):
+                    shutil.rmtree(parts, ignore_errors=True)
+                    evict(path.parent, limit, path)
+    with suppress(OSError):  # a read-only cache works without a note of the last use
+        os.utime(path)
+    return result
+
+
+def _is_saved(path: Path, result: T, save: Callable[[Path, T], None]) -> bool:
+    """True if the result could be written; the user is warned otherwise."""
+    try:
+        save(path, result)
+    except LocplanError as error:
+        _warn(f"the result is not cached: {error}")
+        return False
+    return True
+
+
+@contextmanager
+def _alone(path: Path, waiting: Callable[[], None]) -> Iterator[bool]:
+    """Wait until no other process computes this result; yield whether the cache can be written."""
+    from filelock import Timeout
+
+    lock = None
+    try:
+        lock = lock_of(path)
+        while not lock.is_locked:
+            try:
+                lock.acquire(timeout=_PATIENCE)
+            except Timeout:
+                waiting()
+    except (OSError, NotImplementedError) as error:  # the latter where a file system has no locks
+        lock = None
+        reason = getattr(error, "strerror", None) or error
+        _warn(f"the result is not cached: {path.parent} cannot be written ({reason})")
+    try:
+        yield lock is not None
+    finally:
+        if lock:
+            lock.release()
+
+
+def _warn(message: str) -> None:
+    warnings.warn(CacheWarning(message), stacklevel=5)
+
+
+def lock_of(path: Path) -> BaseFileLock:
+    """Lock that a process holds while it computes an entry; the system frees it when that ends.
+
+    Lock files are empty and are kept: if one were removed while another process opens it, two
+    processes could hold the lock.
+    """
+    from filelock import FileLock
+
+    locks = path.parent / "locks"
+    locks.mkdir(parents=True, exist_ok=True)
+    return FileLock(locks / f"{path.stem}.lock")
+
+
+@dataclass(frozen=True)
+class CacheEntry:
+    """A result in the cache, parts of one, or a leftover of an earlier version."""
+
+    path: Path
+    """The result's file, or the folder of the parts or the leftover."""
+    size: int
+    """Size of the file, or of the folder's files [bytes]."""
+    used: float
+    """Time of the last use [s since the epoch]."""
+
+    @classmethod
+    def at(cls, path: Path) -> CacheEntry:
+        """Look at the entry at a path.
+
+        Parameters
+        ----------
+        path : path
+            The file or folder within the cache.
+        """
+        files = [_status(file) for file in (path, *_files_in(path))]
+        return cls(path, sum(size for size, _ in files[1:] or files), max(t for _, t in files))
+
+    @cached_property
+    def about(self) -> dict[str, Any]:
+        """Description of the result or of its parts; empty where there is none that can be read."""
+        if self.path.suffix not in (RESULT, PARTS):
+            return {}
+        file = max(_files_in(self.path), default=self.path)
+        try:
+            about = parsed_json(str(read_arrays(file, MAX_JSON_BYTES, (ABOUT,))[ABOUT]))
+            return about if isinstance(about, dict) else {}
+        except (OSError, ValueError, KeyError):
+            return {}
+
+    @property
+    def kind(self) -> str:
+        """Kind of the result; "damaged", "unfinished" or "outdated" otherwise."""
+        otherwise = {RESULT: "damaged", PARTS: "unfinished"}
+        kind = self._text("kind") or otherwise.get(self.path.suffix, "outdated")
+        return f"parts of a {kind}" if self.about and self.path.suffix == PARTS else kind
+
+    @property
+    def finished_share(self) -> float | None:
+        """Finished share, 0..1; None where it is not known."""
+        share = self.about.get("finished_share")
+        if isinstance(share, float) and 0 <= share <= 1:
+            return share
+        return 1.0 if self.about and self.path.suffix == RESULT else None
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry, fit for JSON."""
+        return {
+            "file": str(self.path),
+            "kind": self.kind,
+            "map": self._text("map"),
+            "details": self._text("title") or self._text("drive"),
+            "bytes": self.size,
+            "finished_share": self.finished_share,
+            "used": self.used,
+        }
+
+    def _text(self, name: str) -> str:
+        value = self.about.get(name)
+        return value[:200] if isinstance(value, str) else ""
+
+
+def cache_entries(folder: Path) -> list[CacheEntry]:
+    """All entries of a cache, the last used first.
+
+    Parameters
+    ----------
+    folder : path
+        The folder, see `cache_folder`.
+    """
+    paths: list[Path] = []
+    with suppress(OSError):  # the folder does not exist
+        paths = [folder / name for name in os.listdir(folder) if _ENTRY.fullmatch(name)]
+    return sorted(map(CacheEntry.at, paths), key=lambda entry: entry.used, reverse=True)
+
+
+def cache_table(entries: Sequence[CacheEntry], folder: Path) -> str:
+    """Table of entries with sizes and times of use, and how full the cache is.
+
+    Parameters
+    ----------
+    entries : sequence of CacheEntry
+        The entries, see `cache_entries`.
+    folder : path
+        The folder, see `cache_folder`.
+    """
+    rows = []
+    for entry in entries:
+        about = entry.to_json()
+        share = "–" if about["finished_share"] is None else f"{about['finished_share']:.0%}"
+        names = [about[name] for name in ("kind", "map", "details")]
+        rows.append([*names, in_bytes(entry.size), share, age(entry.used)])
+    total = in_bytes(sum(entry.size for entry in entries))
+    count = f"{len(rows)} {'result' if len(rows) == 1 else 'results'}"
+    last = f"{count}, {total} of at most {in_bytes(cache_limit())}, in {folder}"
+    columns = ["kind", "map", "details", "size", "finished", "last used"]
+    return f"{table(columns, rows)}\n{last}" if rows else last
+
+
+def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list[CacheEntry]]:
+    """Remove cached results, except those that are being computed.
+
+    Parameters
+    ----------
+    folder : path
+        The folder, see `cache_folder`.
+    days : float, default 0.0
+        Time for which results that are removed were not used [days].
+
+    Returns
+    -------
+    removed, busy : list of CacheEntry
+        The results that were removed, and those that are being computed.
+    """
+    removed: list[CacheEntry] = []
+    busy: list[CacheEntry] = []
+    for entry in cache_entries(folder):
+        if time.time() - entry.used >= days * 86400.0:
+            (removed if remove(entry.path) else busy).append(entry)
+    clear_abandoned(folder)
+    return removed, busy
+
+
+def evict(folder: Path, limit: int, keep: Path) -> None:
+    """Remove the least recently used results, but not `keep`, down to the limit [bytes]."""
+    entries = cache_entries(folder)
+    total = sum(entry.size for entry in entries)
+    for entry in reversed(entries):
+        if total > limit and entry.path != keep:
+            with suppress(LocplanError):  # one that cannot be removed is skipped
+                total -= entry.size if remove(entry.path) else 0
+
+
+def remove(path: Path) -> bool:
+    """Remove an entry unless a process holds its lock; return True if it is gone."""
+    from filelock import Timeout
+
+    try:
+        with lock_of(path).acquire(blocking=False), temporary_folder(path.parent) as aside:
+            path.rename(aside / path.name)
+    except Timeout:
+        return False
+    except FileNotFoundError:
+        return True  # another process has removed it
+    except OSError as error:
+        raise LocplanError(f"{path}: cannot be removed ({error.strerror or error})") from None
+    return True
+
+
+def _files_in(folder: Path) -> list[Path]:
+    return [Path(at, name) for at, _, names in os.walk(folder) for name in names]
+
+
+def _status(path: Path) -> tuple[int, float]:
+    """Size [bytes] and time of the last change [s] of a file; zeros if it has been removed."""
+    try:
+        status = path.stat()
+    except OSError:
+        return 0, 0.0
+    return status.st_size, status.st_mtime

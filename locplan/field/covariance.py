@@ -1,0 +1,305 @@
+"""Covariances of poses: their scalars, axes, means and units, and what an estimator must give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.checks import shown, whole
+from locplan._support.kernels.arrays import Bools, Floats, Octets
+from locplan.errors import ConfigError, FieldError
+from locplan.field.estimator import Estimator, MapPart, Values
+from locplan.field.search_window import OffsetLattice
+from locplan.maps.occupancy import FREE
+
+
+class Quantity(NamedTuple):
+    """Label and unit of a scalar or a layer of a field, for pictures and tables."""
+
+    label: str
+    unit: str
+    factor: float = 1.0
+    """Factor that turns the value into the unit that is shown."""
+
+    @property
+    def axis(self) -> str:
+        """Label and unit of a colour bar."""
+        return f"{self.label} [{self.unit}]"
+
+
+SCALARS = {
+    "e": Quantity("pose uncertainty e", "m² rad"),
+    "position_std": Quantity("largest position std. deviation", "cm", 100.0),
+    "position_rms": Quantity("rms position deviation", "cm", 100.0),
+    "heading_std": Quantity("heading std. deviation", "deg", 180.0 / np.pi),
+}
+"""Label and shown unit of each scalar of a covariance by name, see `scalar`."""
+
+
+def scalar(covariance: ArrayLike, name: str) -> Floats:
+    """A scalar of covariances of (x, y, theta), or of (x, y) where there is no rotation.
+
+    Parameters
+    ----------
+    covariance : (..., d, d) array
+        Covariances of (x, y, theta) [m, m, rad], d = 3, or of (x, y), d = 2.
+    name : str
+        "e": sqrt(det) (Eq. 10) [m^2 rad, or m^2]; "position_std": the largest standard deviation
+        in any direction [m]; "position_rms": sqrt of the trace of the positional block [m];
+        "heading_std": standard deviation of the heading [rad], zero without rotation.
+
+    Returns
+    -------
+    (...) array
+        The scalar of each covariance; NaN where the covariance is.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such scalar.
+
+    Examples
+    --------
+    >>> bool(np.isclose(scalar(np.diag([4.0, 1.0, 0.25]), "e"), 1.0))
+    True
+    >>> float(scalar(np.diag([4.0, 1.0, 0.25]), "position_std"))
+    2.0
+    """
+    matrix = np.asarray(covariance, float)
+    if name == "e":
+        with np.errstate(invalid="ignore"):  # NaN where a field was not evaluated
+            return np.asarray(np.sqrt(np.maximum(np.linalg.det(matrix), 0.0)))
+    if name == "position_std":
+        return position_axes(matrix)[0]
+    if name == "position_rms":
+        return np.asarray(np.sqrt(matrix[..., 0, 0] + matrix[..., 1, 1]))
+    if name == "heading_std":
+        if matrix.shape[-1] == 2:
+            return np.where(np.isnan(matrix[..., 0, 0]), np.nan, 0.0)
+        return np.asarray(np.sqrt(matrix[..., 2, 2]))
+    raise ConfigError(f"scalar must be one of {', '.join(SCALARS)}, not {shown(name)}")
+
+
+def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Standard deviations along the error ellipse's axes and the first axis' direction.
+
+    Parameters
+    ----------
+    covariance : (..., d, d) array
+        Covariances whose first two axes are x and y [m], such as `CovarianceField.covariance`.
+
+    Returns
+    -------
+    major, minor : (...) arrays
+        Standard deviations [m].
+    direction : (...) array
+        Direction of the major axis, counter-clockwise from x, in (-pi/2, pi/2] [rad].
+    """
+    matrix = np.asarray(covariance, float)
+    xx, xy, yy = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
+    mean, radius = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    major, minor = np.sqrt(mean + radius), np.sqrt(np.maximum(mean - radius, 0.0))
+    return major, minor, 0.5 * np.arctan2(2 * xy, xx - yy)
+
+
+def log_euclidean_means(some: Floats, others: Floats, shares: Floats) -> Floats:
+    """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is.
+
+    The others have the shares (...), from 0 to 1, and the first the rest.
+    """
+    means = np.full(np.broadcast_shapes(some.shape, others.shape), np.nan)
+    known = ~np.isnan(some + others).any(axis=(-2, -1))
+    share = shares[known][:, None, None]
+    means[known] = _exp((1 - share) * _log(some[known]) + share * _log(others[known]))
+    return means
+
+
+def _log(covariances: Floats) -> Floats:
+    values, vectors = np.linalg.eigh(covariances)
+    logs = np.log(np.maximum(values, np.finfo(float).tiny))
+    return np.asarray((vectors * logs[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
+def _exp(logs: Floats) -> Floats:
+    values, vectors = np.linalg.eigh(logs)
+    return np.asarray((vectors * np.exp(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
+def rotated(covariance: Floats, yaw: float) -> Floats:
+    """Covariances (..., d, d) of poses whose axes are turned counter-clockwise by `yaw` [rad]."""
+    if not yaw:  # even the sign of a zero stays
+        return covariance
+    turn = np.eye(covariance.shape[-1])
+    turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    return turn @ covariance @ turn.T
+
+
+def mean_information(covariances: Floats) -> Floats:
+    """Inverse of the mean of the inverses of covariances, (..., d, d).
+
+    It merges the headings of a robot: information adds up. 1e-12 m^2 or rad^2, far below what any
+    lidar resolves, is added to all variances, since one of zero would have no inverse.
+
+    Parameters
+    ----------
+    covariances : (..., n, d, d) array
+        The covariances, of which each n are merged.
+    """
+    extended = covariances + 1e-12 * np.eye(covariances.shape[-1])
+    return np.linalg.inv(np.linalg.inv(extended).mean(axis=-3))
+
+
+def anchors_of(estimator: Estimator, window: OffsetLattice, name: str) -> tuple[float, float]:
+    """Values of a scalar or a layer at which u is 0 and 1, see `CovarianceField.anchors`."""
+    for layer in estimator.layers:
+        if layer.name == name:
+            return layer.anchors(window)
+    least, greatest = estimator.perfect(window), estimator.featureless(window)
+    return float(scalar(least, name)), float(scalar(greatest, name))
+
+
+def quantity_of(estimator: Estimator, e_unit: str, name: str | None) -> Quantity:
+    """Label and unit of a scalar or of a layer, see `CovarianceField.quantity`."""
+    name = name or estimator.criterion
+    if name == "e":
+        return Quantity(SCALARS["e"].label, e_unit)
+    layers = {each.name: each for each in estimator.layers}
+    return Quantity(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
+
+
+TOLERANCE, MIN_ROUNDING = 1e-6, 1e-9
+"""Rounding that is let pass: of the greatest value beside it, and in any case, of the variances of
+a featureless place."""
+
+
+def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
+    """Raise a FieldError unless values are an estimator's covariances and layers at some cells.
+
+    Parameters
+    ----------
+    values : object
+        What `Estimator.covariances` has returned, and no stop had been asked for.
+    estimator : Estimator
+        The estimator.
+    part : MapPart
+        The n cells, and k headings; the levels around them are not read.
+    """
+    expected = ["covariance", *(layer.name for layer in estimator.layers)]
+    if not isinstance(values, dict) or set(values) != set(expected):
+        given = _listed(values) if isinstance(values, dict) else shown(values)
+        problem = f"covariances() must return a dict with {_listed(expected)}, not {given}"
+        raise _wrong(estimator, f"{problem}; name all others in `layers`")
+    lattice = estimator.lattice(part.resolution)
+    for name in expected:
+        axes = (lattice.dimension,) * 2 if name == "covariance" else ()
+        _check_array(name, values[name], estimator, part, axes)
+    scale = np.sqrt(np.diag(lattice.uniform_covariance + lattice.quantisation))
+    covariance = values["covariance"] / np.outer(scale, scale)
+    skew = np.abs(covariance - np.swapaxes(covariance, -2, -1)).max(axis=(-2, -1))
+    rounding = MIN_ROUNDING + TOLERANCE * np.abs(covariance).max(axis=(-2, -1))
+    _refuse(skew > rounding, "a covariance that is not symmetric", estimator, part)
+    least = np.linalg.eigvalsh(covariance)[..., 0]
+    _refuse(least < -rounding, "a covariance with a negative eigenvalue", estimator, part)
+
+
+def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octets) -> None:
+    """Raise a FieldError if the map beyond an estimator's halo matters to some cells of a part.
+
+    They are computed again, each alone, with free and occupied cells swapped beyond the halo.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        The estimator.
+    part : MapPart
+        The cells, at least one.
+    values : dict of arrays
+        The values of the part, which `check_values` has let pass.
+    levels : (H, W) array of uint8
+        Levels of the whole map.
+    """
+    halo = halo_of(estimator, part.resolution, part.map_shape)
+    for at in np.unique(np.linspace(0, len(part.rows) - 1, 3).astype(int)):
+        again = estimator.covariances(_alone(estimator, part, at, halo, levels))
+        if not all(_alike(again[name][0], array[at]) for name, array in values.items()):
+            raise _wrong(
+                estimator,
+                f"the values at {_cell(part, at)} change with the map beyond the halo of {halo}"
+                " cells; let halo() reach as far as it looks, and draw no random numbers",
+            )
+
+
+def halo_of(estimator: Estimator, resolution: float, map_shape: tuple[int, int]) -> int:
+    """The halo of an estimator [cells]; a ConfigError if it is no whole number."""
+    halo = estimator.halo(resolution, map_shape)
+    return whole(f"halo() of estimator {shown(estimator.name)}", halo, 0)
+
+
+def _check_array(
+    name: str, array: object, estimator: Estimator, part: MapPart, axes: tuple[int, ...]
+) -> None:
+    headings = len(part.headings)
+    places = (len(part.rows),) if headings == 1 else (len(part.rows), headings)
+    shape = (*places, *axes)
+    if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype.kind not in "fiu":
+        given = shown(array)
+        if isinstance(array, np.ndarray):
+            given = f"{array.dtype} of shape {array.shape}"
+        problem = f"{shown(name)} must be an array of numbers of shape {shape}, not {given}"
+        raise _wrong(estimator, problem)
+    lost = np.isfinite(array).reshape(*places, -1).min(axis=-1, keepdims=True) == 0
+    _refuse(lost, f"a {name} that is not finite", estimator, part)
+
+
+def _refuse(bad: Bools, what: str, estimator: Estimator, part: MapPart) -> None:
+    """Raise a FieldError that names the first of the bad places, if there are some."""
+    if bad.any():
+        where = _cell(part, np.argwhere(bad)[0][0])
+        raise _wrong(estimator, f"{where} has {what}; correct covariances() there")
+
+
+def _cell(part: MapPart, at: int) -> str:
+    return f"row {part.rows[at]}, column {part.cols[at]} of the map"
+
+
+def _wrong(estimator: Estimator, problem: str) -> FieldError:
+    return FieldError(f"estimator {shown(estimator.name)}: {problem}")
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(map(shown, names))
+
+
+def _alone(estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets) -> MapPart:
+    """One cell of a part, with the map up to the halo and a ring of another map around that."""
+    row, col = int(part.rows[at]), int(part.cols[at])
+
+    def box(reach: int) -> tuple[slice, slice]:
+        rows, cols = (slice(max(0, i - reach), i + reach + 1) for i in (row, col))
+        return rows, cols
+
+    # A ring beyond the halo, which must not matter.
+    around, outer = FREE - levels, box(halo + 16)
+    around[box(halo)] = levels[box(halo)]
+    return replace(
+        part,
+        levels=around[outer],
+        rows=part.rows[[at]],
+        cols=part.cols[[at]],
+        corner=(outer[0].start, outer[1].start),
+        prepared=estimator.prepare(around[outer], part.resolution),
+        control=np.zeros_like(part.control),
+    )
+
+
+def _alike(one: Floats, other: Floats) -> bool:
+    greatest = np.abs(other).max(initial=MIN_ROUNDING)
+    return one.shape == other.shape and bool((np.abs(one - other) <= TOLERANCE * greatest).all())
+
+
+DEGENERATE = 0.5
+"""The u above which a place counts as degenerate."""

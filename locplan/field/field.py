@@ -1,0 +1,362 @@
+"""The covariance field of a map: evaluated on a lattice, read anywhere on the map."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.checks import file_path
+from locplan._support.files import check_target
+from locplan._support.kernels.arrays import Array, Bools, Floats
+from locplan._support.progress import ProgressCallback
+from locplan._support.public import Pictured
+from locplan._support.saved import Valued
+from locplan.errors import FieldError
+from locplan.field import files, lattice, tiles
+from locplan.field.compute import finished_chunks
+from locplan.field.config import FieldConfig
+from locplan.field.covariance import Quantity, anchors_of, quantity_of, scalar
+from locplan.field.estimator import Values
+from locplan.field.poses import read_field
+from locplan.field.search_window import OffsetLattice
+from locplan.maps.grid import OccupancyGrid, check_grid
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import Dataset
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CovarianceField(Pictured, Valued):
+    """Covariances of a pose match over a map.
+
+    Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
+
+    Parameters
+    ----------
+    covariance : (h, w, d, d) or (h, w, n, d, d) array of float64
+        Covariances of (x, y, theta) [m, m, rad] in the world frame, or of (x, y) without rotation
+        (d = 2); n headings of the robot (`config.heading_angles`) if the config has several. NaN
+        where not evaluated.
+    grid : OccupancyGrid
+        The map, (H, W) cells.
+    config : FieldConfig
+        The settings that the covariances were computed with.
+    layers : dict of (h, w) or (h, w, n) arrays
+        The estimator's other values by name, see `Estimator.layers`.
+    """
+
+    covariance: Floats
+    grid: OccupancyGrid
+    config: FieldConfig
+    layers: Mapping[str, Floats] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
+        """Make a field from its arrays by name.
+
+        Parameters
+        ----------
+        values : dict of arrays
+            "covariance", and the layers by their names, shaped as in the class.
+        grid, config
+            See `CovarianceField`.
+        """
+        layers = {name: array for name, array in values.items() if name != "covariance"}
+        return cls(values["covariance"], grid, config, layers)
+
+    @property
+    def values(self) -> Values:
+        """All arrays by name, "covariance" first."""
+        return {"covariance": self.covariance, **self.layers}
+
+    def __repr__(self) -> str:
+        e = self.e[self.evaluated]
+        median = f", median e {np.median(e):.3g} {self.e_unit}" if e.size else ""
+        return (
+            f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} cells every"
+            f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.title}{median})"
+        )
+
+    @property
+    def stride(self) -> int:
+        """Spacing of the lattice [cells]."""
+        return lattice.stride_cells(self.config.stride, self.grid.resolution)
+
+    @cached_property
+    def evaluated(self) -> Bools:
+        """Mask of the lattice points that hold a covariance, (h, w)."""
+        return tiles.known_points(self.values)
+
+    @cached_property
+    def lacking(self) -> Bools:
+        """Mask of the lattice points that are read from their neighbours, (h, w).
+
+        There are none unless only some points were asked for; see `load_or_compute`.
+        """
+        return lattice.evaluated_points(self.grid.free, self.stride) & ~self.evaluated
+
+    @property
+    def window(self) -> OffsetLattice:
+        """Lattice of the offsets that were compared at each cell."""
+        return self.config.estimator.lattice(self.grid.resolution)
+
+    @cached_property
+    def e(self) -> Floats:
+        """sqrt(det Sigma) (Eq. 10), (h, w) or (h, w, n) [m^2 rad]; NaN where not evaluated."""
+        e = np.full(self.covariance.shape[:-2], np.nan)
+        e[self.evaluated] = scalar(self.covariance[self.evaluated], "e")
+        return e
+
+    def scalar(
+        self, name: str, *, headings: Literal["mean", "worst"] | None = None, with_q: bool = False
+    ) -> Floats:
+        """A scalar on the lattice, (h, w), or (h, w, n) for n headings.
+
+        Parameters
+        ----------
+        name : str
+            "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`,
+            or one of `layers`; another name is a ConfigError.
+        headings : "mean" or "worst", optional
+            One value for all headings, (h, w): that of the mean information (of a layer, the
+            mean), or the greatest.
+        with_q : bool, default False
+            Whether Sigma + Q counts even where the estimator has not added Q, as it does in u.
+        """
+        if name in self.layers:
+            values = self.layers[name]
+            values = values.mean(axis=2) if values.ndim == 3 and headings == "mean" else values
+        else:
+            covariance = self.quantised_covariance if with_q else self.covariance
+            if headings == "mean":
+                own = covariance is self.covariance
+                covariance = (
+                    self.mean_covariance if own else lattice.merged(covariance, self.evaluated)
+                )
+            known = name == "e" and covariance is self.covariance
+            values = self.e if known else scalar(covariance, name)
+        return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
+
+    @cached_property
+    def mean_covariance(self) -> Floats:
+        """Covariance of the mean information over the headings, (h, w, d, d)."""
+        return lattice.merged(self.covariance, self.evaluated)
+
+    @property
+    def quantised_covariance(self) -> Floats:
+        """What u is made of: Sigma + Q, even if Q was not to be added; shaped like `covariance`."""
+        estimator = self.config.estimator
+        return self.covariance if estimator.adds_q else self.covariance + estimator.q(self.window)
+
+    def anchors(self, name: str = "e") -> tuple[float, float]:
+        """Values of a scalar or a layer for a perfect match and for a featureless place.
+
+        Parameters
+        ----------
+        name : str, default "e"
+            See `scalar`; the estimator itself defines the anchors of its layers.
+        """
+        return anchors_of(self.config.estimator, self.window, name)
+
+    @property
+    def saturated_share(self) -> float:
+        """Share of the evaluated points, spread evenly, whose scalar is within 5 % of where u is 0.
+
+        The scalar is the estimator's own criterion. Better matches do not count there. Zero for
+        an empty field.
+        """
+        criterion = self.config.estimator.criterion
+        values = self.scalar(criterion, with_q=True)[
+            lattice.evenly_thinned(self.evaluated, self.lacking)
+        ]
+        least, _ = self.anchors(criterion)
+        return float(np.mean(values <= 1.05 * least)) if values.size else 0.0
+
+    @property
+    def e_unit(self) -> str:
+        """Unit of e, without the angle where poses have no heading."""
+        return "m² rad" if self.window.dimension == 3 else "m²"
+
+    def quantity(self, name: str | None = None) -> Quantity:
+        """Label and unit of a scalar or a layer, and the factor that gives it in that unit.
+
+        Parameters
+        ----------
+        name : str, optional
+            See `scalar`; by default it is the estimator's criterion, which u is made of.
+        """
+        return quantity_of(self.config.estimator, self.e_unit, name)
+
+    def e_map(self) -> Floats:
+        """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad], bilinear in ln e, or NaN."""
+        return self.on_map(self.e)
+
+    def on_map(
+        self, values: Floats, *, logarithmic: bool = True, cells: Sequence[Array] | None = None
+    ) -> Floats:
+        """Interpolate values to the map's free cells, (H, W) or (H, W, n); NaN elsewhere.
+
+        Where a corner was not evaluated, the other corners take its weight.
+
+        Parameters
+        ----------
+        values : (h, w) or (h, w, n) array
+            Values on the lattice, such as `scalar` gives.
+        logarithmic : bool, default True
+            Whether the interpolation is bilinear in the logarithm of positive values, as of e, or
+            else in the values themselves, as of layers.
+        cells : (rows, cols), optional
+            The cells to read instead, broadcast together; they may lie between cells, free or not.
+        """
+        if values.ndim == 3:
+            layers = np.empty((values.shape[2], *self.grid.shape))
+            for k, layer in enumerate(layers):
+                layer[:] = self.on_map(values[:, :, k], logarithmic=logarithmic)
+            return np.moveaxis(layers, 0, 2)
+        if logarithmic:
+            values = np.log(np.maximum(values, np.finfo(float).tiny))
+        known = values
+        if self.lacking.any():
+            known = lattice.filled(values, self.evaluated, self.lacking)
+        if cells is None:
+            result = lattice.read_on_map(known, self.grid.free, self.stride)
+        else:
+            result = lattice.read_at_cells(known, self.stride, *cells)
+        return np.exp(result, out=result) if logarithmic else result
+
+    @overload
+    def at(self, poses: ArrayLike, name: None = None) -> dict[str, Floats]: ...
+    @overload
+    def at(self, poses: ArrayLike, name: str) -> Floats: ...
+    def at(self, poses: ArrayLike, name: str | None = None) -> Any:
+        """Return the values at poses, interpolated between lattice points and between headings.
+
+        Covariances are interpolated in the matrix logarithm, so that ln e is bilinear, and layers
+        as they are. In cells that are not free and outside the map all values are NaN. Poses that
+        are not finite are a PoseError, and an unknown name is a ConfigError.
+
+        Parameters
+        ----------
+        poses : (n, 2) or (n, 3) array, or one (x, y) or (x, y, heading)
+            Poses in the world [m, m, rad]. If they have no heading, all headings count together.
+        name : str, optional
+            "covariance" (n, d, d) [m, m, rad], "e" [m^2 rad], "position_std" [m], "position_rms"
+            [m], "heading_std" [rad], see `locplan.field.scalar`, or a layer, (n,) each. By default
+            all of them are returned by name. The values of one pose have no first axis.
+
+        Examples
+        --------
+        >>> from locplan import covariance_field, Sad
+        >>> grid = OccupancyGrid(np.full((30, 30), 254), resolution=0.1)
+        >>> field = covariance_field(grid, Sad(range=0.5))
+        >>> field.at([[1.0, 1.5], [1.2, 1.5], [9.0, 9.0]], "position_std").round(2).tolist()
+        [1.13, 1.12, nan]
+        """
+        return read_field(self, poses, name)
+
+    def to_xarray(self) -> Dataset:
+        """All arrays with their coordinates as an xarray.Dataset.
+
+        Raises
+        ------
+        LocplanError
+            If xarray is not installed.
+        """
+
+        return tiles.dataset_of(self.values, self.e, self.e_unit, self.grid, self.config)
+
+    def update(
+        self,
+        grid: OccupancyGrid,
+        *,
+        points: Bools | None = None,
+        threads: int | None = None,
+        executor: Executor | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> CovarianceField:
+        """Field of an edited map, computed anew only where the edit can change it.
+
+        It equals `covariance_field` of the new map bit for bit.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The new map, of the same shape, resolution and origin.
+        points, threads, executor, progress
+            See `covariance_field`; points that are not asked for stay where they are unchanged.
+
+        Raises
+        ------
+        FieldError
+            If the maps differ in more than their cells.
+        """
+        check_grid(grid)
+        same = tiles.untouched_points(self.grid, grid, self.config)
+        values = tiles.nothing_known(grid, self.config)
+        for name, known in self.values.items():
+            values[name][same] = known[same]
+        made = grid, self.config, threads, executor, progress
+        for _ in finished_chunks(values, *made, tiles.needed_points(*made[:2], points)):
+            pass
+        return CovarianceField.of(values, grid, self.config)
+
+    def save(
+        self, path: str | os.PathLike[str], *, others: Mapping[str, Array] | None = None
+    ) -> None:
+        """Write the field with its map and config into a file, for `load`.
+
+        ``numpy.load`` reads it, too: "covariance", the layers, the levels "cells" of the map, and
+        "about", JSON with the map's resolution and origin and the config.
+
+        Parameters
+        ----------
+        path : path
+            The file, named *.npz; one that is there is replaced.
+        others : mapping of str to array, optional
+            Further arrays for other programs.
+
+        Raises
+        ------
+        LocplanError
+            If points are lacking, the estimator is not registered, or the file cannot be written.
+        """
+        target = file_path("a field", path)
+        check_target(target, files.FIELD_SUFFIX)
+        files.check_readable(self.values, self.grid, self.config)
+        if self.lacking.any():
+            raise FieldError(f"{self!r} has some of its points only; compute all to save it")
+        about = files.describe(self.grid, self.config)
+        files.write_field(target, self.values, self.grid, about, others)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
+        """Read a field written by `save`.
+
+        Parameters
+        ----------
+        path : path
+            The file; what is missing, damaged or no field is a LocplanError.
+        """
+        return cls.of(*files.read_field(file_path("a field", path)))
+
+    def figure(self, name: str | None = None) -> Figure:
+        """Draw the map with one scalar of its field as a heat map.
+
+        Parameters
+        ----------
+        name : str, optional
+            "e", "position_std", "position_rms" or "heading_std", see `locplan.field.scalar`, or
+            one of the field's layers; by default what degeneracy is made of. For several headings,
+            that of the mean information is drawn. Deviations are shown in cm and degrees.
+        """
+        from locplan.field.figures import field_figure
+
+        return field_figure(self, name)

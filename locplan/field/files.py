@@ -1,0 +1,230 @@
+"""Files of covariance fields: .npz, for `CovarianceField.load`, numpy, and the cache.
+
+A file holds a description "about" in JSON, the map's levels "cells", the arrays of the field by
+name, and in the cache "points", the mask of the lattice points that the rows of the arrays are of.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan._support.arrays import read_arrays, write_arrays
+from locplan._support.checks import shown
+from locplan._support.kernels.arrays import Array, Bools
+from locplan._support.output import replacing
+from locplan._support.reading import MAX_JSON_BYTES, check_stamp, parsed_json, stamp
+from locplan._support.saved import ABOUT
+from locplan.errors import FieldError, LocplanError
+from locplan.field import tiles
+from locplan.field.config import FieldConfig
+from locplan.field.covariance import check_values
+from locplan.field.estimator import MapPart, Values, declared_versions, is_ours
+from locplan.maps.grid import OccupancyGrid
+
+FIELD_SUFFIX = ".npz"
+KIND, VERSION = "field", 1
+CELLS, POINTS = "cells", "points"
+MAX_CELLS = 2**28
+"""Maximum number of cells of a map in a file."""
+DECISIVE = ("engine", "map_digest", "identity")
+"""Entries of a description that decide the values of a field."""
+ALIKE = ("engine", "map_shape", "resolution", "origin", "identity")
+"""Entries that fields share if values of one may be values of the other."""
+
+
+def describe(grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False) -> dict[str, Any]:
+    """Describe a field, fit for JSON.
+
+    A FieldError if it is to be cached and nothing tells what decides its values.
+    """
+    estimator = config.estimator
+    try:
+        has_versions = cached and not is_ours(estimator)
+        about = {
+            **stamp(KIND, VERSION),
+            "engine": tiles.ENGINE,
+            "map": grid.name,
+            "map_digest": grid.digest,
+            "map_shape": list(grid.shape),
+            "resolution": grid.resolution,
+            "origin": list(grid.origin),
+            "identity": {
+                "estimator": estimator.identity(),
+                "stride_cells": config.stride_cells(grid.resolution),
+                "headings": config.headings,
+                "versions": declared_versions(estimator) if has_versions else [],
+            },
+            "title": config.title,
+            "config": config.to_json(),
+        }
+        described: dict[str, Any] = json.loads(json.dumps(about))
+    except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
+        raise FieldError(f"estimator {shown(estimator.name)}: {error}") from None
+    return described
+
+
+def key_of(about: Mapping[str, Any]) -> str:
+    """Name in the cache of the field with this description."""
+    decisive = json.dumps([about[name] for name in DECISIVE], sort_keys=True)
+    return hashlib.sha256(decisive.encode()).hexdigest()[:32]
+
+
+def write_field(
+    file: Path,
+    values: Values,
+    grid: OccupancyGrid,
+    about: Mapping[str, Any],
+    others: Mapping[str, Array] | None = None,
+) -> None:
+    """Write a whole field for people who read it: compressed, and whole arrays.
+
+    `about` is the field's description. `others` are further arrays that are written along.
+    """
+    arrays = {ABOUT: np.array(json.dumps(about)), CELLS: grid.cells, **values, **(others or {})}
+    with replacing(file) as temporary:
+        write_arrays(temporary, arrays)
+
+
+def write_points(
+    file: Path, values: Values, points: Bools, about: Mapping[str, Any], cells: Array | None = None
+) -> None:
+    """Write the values at some points for the cache, which reads them fast.
+
+    `about` is the field's description. The map's levels are left out of parts of a field.
+    """
+    rows: dict[str, Array] = {name: array[points] for name, array in values.items()}
+    arrays = {ABOUT: np.array(json.dumps(about)), POINTS: points, **rows}
+    if cells is not None:
+        arrays[CELLS] = cells
+    with replacing(file) as temporary:
+        write_arrays(temporary, arrays, plain=rows)
+
+
+def read_about(file: Path) -> dict[str, Any]:
+    """Read the description of a field; a LocplanError if it is none."""
+    text = str(_read(file, MAX_JSON_BYTES, ABOUT)[ABOUT])
+    try:
+        about = parsed_json(text)
+    except ValueError:
+        about = None
+    check_stamp(file, about, KIND, VERSION)
+    described: dict[str, Any] = about
+    return described
+
+
+def fill_values(
+    values: Values, file: Path, grid: OccupancyGrid, config: FieldConfig, where: Bools | None = None
+) -> None:
+    """Fill the arrays of a field, where they are NaN, with the values in a file.
+
+    Only the points `where` are filled. A FieldError if the arrays in the file do not fit.
+    """
+    shapes = tiles.field_shapes(grid, config)
+    lattice = shapes["covariance"][:2]
+    limit = 8 * sum(map(math.prod, shapes.values())) + math.prod(lattice) + 10**4
+    try:
+        arrays = read_arrays(file, limit, (POINTS, *shapes))
+        is_whole = POINTS not in arrays
+        known = np.ones(lattice, bool) if is_whole else arrays[POINTS]
+        if known.dtype != bool or known.shape != lattice:
+            raise ValueError(f"its {POINTS} do not fit its map")
+        for name, shape in shapes.items():
+            expected = shape if is_whole else (int(known.sum()), *shape[2:])
+            if arrays[name].dtype != np.float64 or arrays[name].shape != expected:
+                raise ValueError(f"its {name} does not fit its map and config")
+    except (OSError, ValueError, KeyError) as error:
+        raise FieldError(f"{file}: is damaged, or no field ({_in_short(error)})") from None
+    new = known & ~tiles.known_points(values)
+    if where is not None:
+        new &= where
+    is_new = new[known]
+    for name, array in values.items():
+        rows = arrays[name].reshape(-1, *array.shape[2:])
+        array[new] = rows if is_new.all() else rows[is_new]
+
+
+def read_values(file: Path, grid: OccupancyGrid, config: FieldConfig) -> Values:
+    """Read the arrays of a field, NaN where it has no values."""
+    values = tiles.nothing_known(grid, config)
+    fill_values(values, file, grid, config)
+    return values
+
+
+def read_grid(file: Path, about: Mapping[str, Any]) -> OccupancyGrid:
+    """Read the map that a field belongs to; `about` is the field's description."""
+    cells = _read(file, MAX_CELLS, CELLS)[CELLS]
+    try:
+        return OccupancyGrid(cells, about["resolution"], tuple(about["origin"]), about["map"])
+    except (LookupError, TypeError, LocplanError) as error:
+        raise FieldError(f"{file}: its map is damaged ({_in_short(error)})") from None
+
+
+def read_field(file: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
+    """Read a whole field: its arrays, map and config."""
+    about = read_about(file)
+    if about.get("engine") != tiles.ENGINE:
+        raise FieldError(
+            f"{file}: its values are those of another locplan (engine {about.get('engine')!s:.9},"
+            f" not {tiles.ENGINE}); compute it again"
+        )
+    grid = read_grid(file, about)
+    try:
+        config = FieldConfig.from_json(about["config"])
+    except (AttributeError, LookupError, TypeError, LocplanError) as error:
+        raise FieldError(f"{file}: its config cannot be used ({_in_short(error)})") from None
+    values = read_values(file, grid, config)
+    lacking = int((tiles.needed_points(grid, config) & ~tiles.known_points(values)).sum())
+    if lacking:
+        raise FieldError(f"{file}: {lacking} points were never computed; compute it again")
+    return values, grid, config
+
+
+def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Raise a FieldError if `read_field` could not read these values once they are written."""
+    estimator = config.estimator
+    kind = type(estimator)
+    try:
+        again = FieldConfig.from_json(json.loads(json.dumps(config.to_json())))
+        readable = type(again.estimator).__qualname__ == kind.__qualname__
+    except Exception:  # settings of a user's own fail in as many ways as they are written
+        readable = False
+    if not readable:
+        raise FieldError(
+            f"a field of estimator {shown(estimator.name)} could not be read again; give the class"
+            " a name of its own and settings fit for JSON, and register it:"
+            f" locplan.field.ESTIMATORS[{estimator.name!r}] ="
+            f" {f'{kind.__module__}:{kind.__qualname__}'!r}"
+        )
+    for name, shape in tiles.field_shapes(grid, config).items():
+        if name not in values or values[name].shape != shape:
+            raise FieldError(f"the field's {name} must be an array of shape {shape}")
+    known, stride = tiles.known_points(values), config.stride_cells(grid.resolution)
+    rows, cols = (index * stride for index in np.nonzero(known))
+    part = MapPart(
+        grid.cells, rows, cols, grid.resolution, grid.shape, headings=config.heading_angles
+    )
+    check_values({name: array[known] for name, array in values.items()}, estimator, part)
+
+
+def _read(file: Path, limit: int, name: str) -> dict[str, Any]:
+    """Read one array of a field's file."""
+    try:
+        arrays = read_arrays(file, limit, (name,))
+        if name not in arrays:
+            raise ValueError(f"it has no {name}")
+        return arrays
+    except FileNotFoundError:
+        raise FieldError(f"{file}: there is no such file") from None
+    except (OSError, ValueError) as error:
+        raise FieldError(f"{file}: is damaged, or no field ({_in_short(error)})") from None
+
+
+def _in_short(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,0 +1,260 @@
+"""The covariance that the Fisher information of a lidar's beams allows, alone and with a scan's.
+
+Two models of what a beam tells: the distance of its end from the surface it meets, as likelihood
+fields and scan matching have it; or its range, see A. Censi, "On achievable accuracy for
+range-finder localization", ICRA 2007, doi 10.1109/ROBOT.2007.364120. The search window's uniform
+variance is the prior, so that a place without any return is exactly featureless.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from locplan._support.checks import default_of, instance, keep, one_of
+from locplan._support.kernels.arrays import Floats, Octets, Singles
+from locplan.errors import ConfigError
+from locplan.field.beams import NORMAL_REACH, LidarEstimator, reach_of_beams, surface_normals
+from locplan.field.covariance import log_euclidean_means, position_axes
+from locplan.field.estimator import Estimator, Layer, MapPart, Values
+from locplan.field.scan import Scan
+from locplan.field.search_window import OffsetLattice
+from locplan.maps.occupancy import OCCUPIED
+from locplan.robots.lidar import Lidar
+
+
+@dataclass(frozen=True, repr=False)
+class Fisher(LidarEstimator):
+    """The covariance that the Fisher information of a lidar's beams allows.
+
+    It sees corridors and halls, but not repetition: it knows the derivatives at the true pose only.
+
+    Examples
+    --------
+    >>> from locplan.robots import Lidar
+    >>> Fisher(Lidar.preset("utm-30lx")).beams_compared
+    270
+    """
+
+    name: ClassVar[str] = "fisher"
+    remedy: ClassVar[str] = "--field scan tells more apart: it also sees repetition"
+
+    model: Literal["endpoint", "range"] = field(default="endpoint", kw_only=True)
+    """Quantity that a beam tells: its end's distance from the surface, or its range (Censi).
+
+    "endpoint" is what likelihood fields and scan matching have; "range" counts
+    `Lidar.range_sigma` instead of the deviation of ends.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        one_of("model", self.model, ("endpoint", "range"))
+
+    def identity(self) -> dict[str, object]:
+        """The settings that the model reads: of ranges their noise, of ends that of the ends."""
+        settings = super().identity()
+        if self.model == "range":
+            settings["sigma_hit"], settings["range_sigma"] = None, self.lidar.range_sigma
+        return settings
+
+    def q(self, lattice: OffsetLattice) -> Floats:
+        """Zero, (d, d): nothing is compared in steps. See `locplan.field.Estimator.q`."""
+        return np.zeros_like(lattice.quantisation)
+
+    def sigma(self, resolution: float) -> float:
+        """Standard deviation of what a beam tells, at least a cell [m].
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of a cell of the map [m].
+        """
+        if self.model == "range":
+            return max(self.lidar.range_sigma, resolution)
+        return super().sigma(resolution)
+
+    def covariances(self, part: MapPart) -> Values:
+        """Inverse of the sum of the beams' information and the window's prior, times k.
+
+        See `locplan.field.Estimator.covariances`.
+        """
+        from locplan._support.kernels.lidar import information
+
+        squares, normals = part.prepared or self.prepare(part.levels, part.resolution)
+        window = self.lattice(part.resolution)
+        found = information(
+            squares,
+            normals,
+            part.resolution,
+            part.rows - part.corner[0] + 0.5,
+            part.cols - part.corner[1] + 0.5,
+            part.headings,
+            self.beams(),
+            self.model == "range",
+            part.control,
+        )[:, :, : window.dimension, : window.dimension]
+        prior = np.linalg.inv(window.uniform_covariance)
+        known = found * (self.temperature / self.sigma(part.resolution) ** 2)
+        covariance = self.noise_level * _inverse(known + prior)
+        return {"covariance": covariance[:, part.heading_axis]}
+
+    def prepare(self, levels: Octets, resolution: float) -> tuple[Octets, Singles]:
+        """Empty squares and normals of a map or a part of it.
+
+        See `locplan.field.Estimator.prepare`.
+        """
+        from locplan._support.kernels.rays import empty_squares
+
+        occupied = levels == OCCUPIED
+        return empty_squares(occupied), surface_normals(occupied)
+
+    def seconds(self, resolution: float) -> float:
+        """Time in proportion to the beams, and a little for the inverse [s].
+
+        See `locplan.field.Estimator.seconds`.
+        """
+        return 1e-5 + 1e-7 * self.beams_compared
+
+    def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
+        reach = reach_of_beams(self.lidar, resolution) + NORMAL_REACH
+        return min(reach, math.ceil(math.hypot(*map_shape)))
+
+
+def _inverse(information: Floats) -> Floats:
+    """Inverses of matrices (..., d, d); NaN where a matrix holds NaN."""
+    unknown = np.isnan(information[..., 0, 0])
+    matrices = np.where(unknown[..., None, None], np.eye(information.shape[-1]), information)
+    return np.where(unknown[..., None, None], np.nan, np.linalg.inv(matrices))
+
+
+ROUND, ELONGATED = 1.5, 4.0
+"""Ratios of the axes of the scan's ellipse up to which both count alike, and from which it alone.
+
+In a corridor the derivatives say half the deviation that is measured, or less.
+"""
+SMALL, LARGE = 0.25, 0.35
+"""Largest deviations of the scan up to which both count alike, and from which it alone [m].
+
+A lidar that sees less may have a rounder ellipse, but not a smaller one: so large deviations stay
+large. There, too, the derivatives say half of what is measured, or less.
+"""
+
+
+@dataclass(frozen=True, repr=False)
+class Fused(Estimator):
+    """The mean of the covariances of `Fisher` and `Scan` in the matrix logarithm.
+
+    Both count alike where the scan's ellipse of positions is round and small; where it is long and
+    narrow, or large, the scan alone counts. It ranks the uncertainty of real lasers best, and is
+    nearest to it in metres.
+
+    Examples
+    --------
+    >>> from locplan.robots import Lidar
+    >>> Fused(Lidar.preset("utm-30lx")).reach
+    30.0
+    """
+
+    name: ClassVar[str] = "fused"
+    layers: ClassVar[tuple[Layer, ...]] = Scan.layers
+    remedy: ClassVar[str] = LidarEstimator.remedy
+    weight: ClassVar[float] = LidarEstimator.weight
+    criterion: ClassVar[str] = LidarEstimator.criterion
+    casts_rays: ClassVar[bool] = True
+
+    lidar: Lidar
+    """The lidar: its range, field of view, beams and mount."""
+    _: KW_ONLY
+    fisher: Fisher = default_of(lambda fused: Fisher(fused.lidar))
+    """The estimator of the derivatives; by default `Fisher` for the lidar."""
+    scan: Scan = default_of(lambda fused: Scan(fused.lidar))
+    """The estimator of the simulated scan, whose layers the field has; by default `Scan`.
+
+    Its lidar and its window are those of `fisher`.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        keep(self, fisher=self.fisher or Fisher(self.lidar), scan=self.scan or Scan(self.lidar))
+        instance("fisher", self.fisher, Fisher)
+        instance("scan", self.scan, Scan)
+        if {self.fisher.lidar, self.scan.lidar} != {self.lidar}:
+            raise ConfigError("fisher and scan must have the lidar of the fused estimator")
+        if self.fisher.window != self.scan.window:
+            raise ConfigError("fisher and scan must have one window to be fused")
+
+    def with_lidar(self, lidar: Lidar) -> Fused:
+        fisher, scan = replace(self.fisher, lidar=lidar), replace(self.scan, lidar=lidar)
+        return replace(self, lidar=lidar, fisher=fisher, scan=scan)
+
+    @property
+    def reach(self) -> float:
+        """Range of the lidar [m]."""
+        return self.scan.reach
+
+    @property
+    def title(self) -> str:
+        """Name of the estimator, its lidar, range and field of view."""
+        return f"{self.name}, {self.lidar.title}"
+
+    @property
+    def headings(self) -> int:
+        """Default number of headings: 1 where the lidar sees the same in all, otherwise 8."""
+        return self.scan.headings
+
+    def identity(self) -> dict[str, object]:
+        """What decides the values of both."""
+        both = {"fisher": self.fisher.identity(), "scan": self.scan.identity()}
+        return {"name": self.name, "noise_level": self.noise_level, **both}
+
+    def lattice(self, resolution: float) -> OffsetLattice:
+        return self.scan.lattice(resolution)
+
+    def perfect(self, lattice: OffsetLattice) -> Floats:
+        return self.scan.perfect(lattice)
+
+    def featureless(self, lattice: OffsetLattice) -> Floats:
+        return self._mean(self.fisher.featureless(lattice), self.scan.featureless(lattice))
+
+    def q(self, lattice: OffsetLattice) -> Floats:
+        """Zero, (d, d): the scan's is within the mean already. See `locplan.field.Estimator.q`."""
+        return self.fisher.q(lattice)
+
+    def covariances(self, part: MapPart) -> Values:
+        """Mean of both covariances in the matrix logarithm, times k, and the scan's layers.
+
+        See `locplan.field.Estimator.covariances`.
+        """
+        of_fisher, of_scan = part.prepared or self.prepare(part.levels, part.resolution)
+        uncounted = part.control[:1]  # the scan alone counts the cells that are done
+        known = self.fisher.covariances(replace(part, prepared=of_fisher, control=uncounted))
+        found = self.scan.covariances(replace(part, prepared=of_scan))
+        return {**found, "covariance": self._mean(known["covariance"], found["covariance"])}
+
+    def _mean(self, of_fisher: Floats, of_scan: Floats) -> Floats:
+        major, minor, _ = position_axes(of_scan)
+        is_round = (ELONGATED - major / minor) / (ELONGATED - ROUND)
+        is_small = (LARGE - major) / (LARGE - SMALL)
+        of_both = np.clip(np.minimum(is_round, is_small), 0.0, 1.0)
+        return self.noise_level * log_euclidean_means(of_fisher, of_scan, 1 - of_both / 2)
+
+    def prepare(self, levels: Octets, resolution: float) -> tuple[object, object]:
+        """Data of a map or a part of it for both estimators.
+
+        See `locplan.field.Estimator.prepare`.
+        """
+        return self.fisher.prepare(levels, resolution), self.scan.prepare(levels, resolution)
+
+    def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
+        both = self.fisher, self.scan
+        return max(each.halo(resolution, map_shape) for each in both)
+
+    def seconds(self, resolution: float) -> float:
+        return self.fisher.seconds(resolution) + self.scan.seconds(resolution)
+
+    def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
+        return sum(each.memory(resolution, map_shape) for each in (self.fisher, self.scan))

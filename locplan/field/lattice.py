@@ -1,0 +1,198 @@
+"""The lattice of cells that a field is evaluated on, and interpolation between them.
+
+Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
+"""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import usable_cores
+from locplan._support.kernels.arrays import Array, Bools, Floats
+from locplan.field.covariance import mean_information
+
+
+def stride_cells(stride: float, resolution: float) -> int:
+    """Spacing in metres rounded to whole cells, at least one."""
+    return max(1, round(stride / resolution))
+
+
+def evaluated_points(free: Bools, stride: int) -> Bools:
+    """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
+    needed = free[::stride, ::stride].copy()
+    lonely = free & ~_covered(needed, free.shape, stride)
+    nearest = (
+        np.minimum((index + stride // 2) // stride, size - 1)
+        for index, size in zip(np.nonzero(lonely), needed.shape, strict=True)
+    )
+    needed[tuple(nearest)] = True
+    return needed
+
+
+def _covered(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
+    """Mask of the cells that `read_on_map` reads from at least one of the points, (H, W)."""
+    for axis, size in enumerate(shape):
+        at = np.arange(size)
+        below = np.minimum(at // stride, points.shape[axis] - 1)
+        above = np.minimum(-(-at // stride), points.shape[axis] - 1)
+        points = np.take(points, below, axis) | np.take(points, above, axis)
+    return points
+
+
+def every_second_point(points: Bools) -> Bools:
+    """Choose every second lattice point in each direction, and those with none of them around.
+
+    Parameters
+    ----------
+    points : (h, w) array of bool
+        The lattice points to choose from.
+
+    Returns
+    -------
+    (h, w) array of bool
+        The chosen ones.
+    """
+    import cv2
+
+    chosen = np.zeros_like(points)
+    chosen[::2, ::2] = points[::2, ::2]
+    around = cv2.dilate(chosen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return np.asarray(chosen | (points & ~around))
+
+
+def evenly_thinned(known: Bools, lacking: Bools) -> Bools:
+    """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
+    return known & every_second_point(known | lacking) if lacking.any() else known
+
+
+def points_near(points: Bools, stride: int, cells: Floats, distance: float) -> Bools:
+    """Choose the lattice points that are near to some cells.
+
+    Parameters
+    ----------
+    points : (h, w) array of bool
+        The lattice points to choose from.
+    stride : int
+        Spacing of the lattice [cells].
+    cells : (n, 2) array
+        Rows and columns from the centre of the map's first cell; they may lie between cells.
+    distance : float
+        Maximum distance from the lattice points nearest to the cells [cells].
+
+    Returns
+    -------
+    (h, w) array of bool
+        The chosen ones.
+    """
+    import cv2
+
+    index = np.rint(cells / stride).astype(np.intp)
+    rows, cols = (np.clip(i, 0, size - 1) for i, size in zip(index.T, points.shape, strict=True))
+    there = np.zeros(points.shape, np.uint8)
+    there[rows, cols] = 1
+    reach = math.ceil(distance / stride)
+    offset = np.arange(-reach, reach + 1)
+    disc = offset[:, None] ** 2 + offset**2 <= (distance / stride) ** 2
+    return np.asarray(points & (cv2.dilate(there, disc.astype(np.uint8)) > 0))
+
+
+def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
+    """Fill the lacking points of a lattice (h, w) with the mean of the known ones around them.
+
+    Where every second point is known this is their bilinear interpolation. Points with no known
+    one around stay NaN.
+    """
+    import cv2
+
+    half = np.array([0.5, 1.0, 0.5])
+    summed, weight = (
+        np.asarray(cv2.sepFilter2D(each, -1, half, half, borderType=cv2.BORDER_CONSTANT))
+        for each in (np.where(known, values, 0.0), known.astype(float))
+    )
+    result = values.copy()
+    with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where none is known around
+        result[lacking] = summed[lacking] / weight[lacking]
+    return result
+
+
+def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
+    """Read the values of a lattice (h, w) bilinearly at the free cells, (H, W); NaN elsewhere.
+
+    The last values extend to the map's edge. Where a corner is NaN, the other corners take its
+    weight.
+    """
+    rows, cols = free.shape
+    known = ~np.isnan(values)
+    value = _along_rows(np.where(known, values, 0.0), cols, stride)
+    weight = _along_rows(known.astype(float), cols, stride)
+    result = np.empty(free.shape)
+    # So many cells and their neighbours fit a core's cache.
+    block = max(1, (1 << 16) // (stride * cols))
+
+    def read(first: int) -> None:
+        some = slice(first * stride, min((first + block) * stride, rows))
+        found = _between_rows(value, first, block, stride)
+        with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
+            found /= _between_rows(weight, first, block, stride)
+        np.copyto(result[some], found[: some.stop - some.start])
+        np.copyto(result[some], np.nan, where=~free[some])
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        list(pool.map(read, range(0, -(-rows // stride), block)))
+    return result
+
+
+def _along_rows(values: Floats, cols: int, stride: int) -> Floats:
+    """Values (h, w) interpolated along each row at all columns, (h, cols)."""
+    low, next_one, part = _sides(np.arange(cols), stride, values.shape[1])
+    return np.asarray(values[:, low] * (1 - part) + values[:, next_one] * part)
+
+
+def _between_rows(values: Floats, first: int, count: int, stride: int) -> Floats:
+    """Rows from the lattice's row `first` on, `stride` for each of `count`, interpolated."""
+    below = values[first : first + count, None]
+    above = values[np.minimum(np.arange(first + 1, first + len(below) + 1), len(values) - 1), None]
+    part = (np.arange(stride) / stride)[:, None]
+    read = below * (1 - part)
+    read += above * part
+    return np.asarray(read.reshape(-1, values.shape[1]))
+
+
+def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floats:
+    """Read the values of a lattice (h, w) bilinearly at some cells, which may lie between cells.
+
+    Where a corner is NaN, the other corners take its weight.
+    """
+    left, right, col_part = _sides(cols, stride, values.shape[1])
+    row, above, row_part = _sides(rows, stride, values.shape[0])
+
+    def read(array: Floats) -> Floats:
+        here = array[row, left] * (1 - col_part) + array[row, right] * col_part
+        there = array[above, left] * (1 - col_part) + array[above, right] * col_part
+        return np.asarray(here * (1 - row_part) + there * row_part)
+
+    known = ~np.isnan(values)
+    with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
+        return read(np.where(known, values, 0.0)) / read(known.astype(float))
+
+
+def _sides(
+    cells: Array, stride: int, size: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    """Lattice indices before and after each cell along one axis, and the share of the latter."""
+    whole = np.floor(np.asarray(cells) / stride)
+    low = np.minimum(whole.astype(np.intp), size - 1)
+    return low, np.minimum(low + 1, size - 1), (cells - whole * stride) / stride
+
+
+def merged(covariance: Floats, known: Bools) -> Floats:
+    """Covariances (h, w, d, d) of the mean information over the headings of (h, w, n, d, d)."""
+    if covariance.ndim == 4:
+        return covariance
+    result = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
+    result[known] = mean_information(covariance[known])
+    return result

@@ -1,0 +1,181 @@
+"""The values of a field at poses, interpolated between the lattice points and the headings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.checks import one_of, poses_from
+from locplan._support.kernels.arrays import Bools, Floats, Ints
+from locplan.field.covariance import SCALARS, scalar
+from locplan.maps.grid import OccupancyGrid
+
+OFFSETS = np.array([*product((-1, 0, 1), repeat=2)])
+"""A lattice point and the eight around it, (9, 2)."""
+
+
+@dataclass(frozen=True)
+class Corners:
+    """The lattice points that positions are read from."""
+
+    points: Ints
+    """Row and column of each point on the lattice, (k, 2)."""
+    weights: Any
+    """Weights of the points at each position, a sparse matrix (n, k). They add up to 1, or there
+    are none at a position without a value."""
+
+    @classmethod
+    def around(
+        cls, grid: OccupancyGrid, stride: int, known: Bools, lacking: Bools, xy: Floats
+    ) -> Corners:
+        """Find the lattice points around positions.
+
+        There are none in cells that are not free, and outside the map. The points around a lacking
+        one take its weight, as in `_lattice.filled`.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        stride : int
+            Spacing of the lattice [cells].
+        known, lacking : (h, w) arrays of bool
+            Lattice points that hold a covariance, and those that are read from their neighbours.
+        xy : (n, 2) array
+            The positions [m].
+        """
+        cells, size = np.column_stack(grid.world_to_grid(*xy.T)), np.array(known.shape)
+        lattice = np.clip((cells - 0.5) / stride, 0.0, size - 1.0)
+        low = np.floor(lattice).astype(np.int64)
+        share = lattice - low
+        sides = [*product((0, 1), repeat=2)]
+        number = np.tile(np.arange(len(xy)), len(sides))
+        points = np.concatenate([np.minimum(low + side, size - 1) for side in sides])
+        weight = np.concatenate([np.where(side, share, 1 - share).prod(axis=1) for side in sides])
+        kept = _is_free(grid, xy)[number] & (weight > 0)
+        number, points, weight = number[kept], points[kept], weight[kept]
+        is_known = known[tuple(points.T)]
+        is_lacking = lacking[tuple(points.T)]
+        around = (points[is_lacking, None] + OFFSETS).reshape(-1, 2)
+        inside = ((around >= 0) & (around < size)).all(axis=1)
+        around[~inside] = 0
+        near = 0.5 ** np.abs(OFFSETS).sum(axis=1) * (
+            (inside & known[tuple(around.T)]).reshape(-1, len(OFFSETS))
+        )
+        near *= (weight[is_lacking] / np.maximum(near.sum(axis=1), 1e-9))[:, None]
+        number = np.concatenate([number[is_known], np.repeat(number[is_lacking], len(OFFSETS))])
+        points = np.concatenate([points[is_known], around])
+        return cls._of(number, points, np.concatenate([weight[is_known], near.ravel()]), len(xy))
+
+    @classmethod
+    def _of(cls, number: Ints, points: Ints, weight: Floats, count: int) -> Corners:
+        """Corners of entries: the number of the position, the point, and its weight."""
+        kept = weight > 0
+        number, points, weight = number[kept], points[kept], weight[kept]
+        index = points[:, 0] * (points[:, 1].max(initial=0) + 1) + points[:, 1]
+        _, first, place = np.unique(index, return_index=True, return_inverse=True)
+        weight = weight / np.bincount(number, weight, count)[number]
+        return cls(points[first], _sparse(weight, number, place, (count, len(first))))
+
+    def read(self, values: Floats, headings: Floats | None) -> Floats:
+        """Return the values at the positions, (n, ...), NaN where there is none.
+
+        Parameters
+        ----------
+        values : (k,) or (k, headings) array
+            The values of the points.
+        headings : (n,) array, optional
+            Heading at each position [rad]; by default the mean over all headings counts.
+        """
+        values, weights = self._towards(values, 1, headings)
+        return self._blanked(weights @ values)
+
+    def read_covariances(self, covariances: Floats, headings: Floats | None) -> Floats:
+        """Return covariances at the positions, (n, d, d), interpolated in the matrix logarithm.
+
+        Parameters
+        ----------
+        covariances : (k, d, d) or (k, headings, d, d) array
+            The covariances of the points, for one heading if `headings` is None.
+        headings : (n,) array, optional
+            Heading at each position [rad].
+        """
+        from locplan.field.kernels.symmetric import mapped
+
+        d = covariances.shape[-1]
+        known, weights = self._towards(covariances, 3, headings)
+        logs = weights @ mapped(known, True).reshape(-1, d * d)
+        return self._blanked(mapped(logs.reshape(-1, d, d), False))
+
+    def _towards(self, values: Floats, plain: int, headings: Floats | None) -> tuple[Floats, Any]:
+        """The values that are read, of one heading each, and their weights at each position.
+
+        `plain` is the number of dimensions of values without headings.
+        """
+        if values.ndim == plain or headings is None:
+            return (values if values.ndim == plain else values.mean(axis=1)), self.weights
+        count = values.shape[1]
+        turn = headings / (2 * math.pi) * count
+        low = np.floor(turn).astype(np.int64)
+        entries = self.weights.tocoo()
+        share = (turn - low)[entries.row]
+        before = entries.col * count + low[entries.row] % count
+        after = entries.col * count + (low[entries.row] + 1) % count
+        used, place = np.unique(np.concatenate([before, after]), return_inverse=True)
+        weight = np.concatenate([entries.data * (1 - share), entries.data * share])
+        shape = (self.weights.shape[0], len(used))
+        weights = _sparse(weight, np.tile(entries.row, 2), place, shape)
+        return values.reshape(-1, *values.shape[2:])[used], weights
+
+    def _blanked(self, values: Floats) -> Floats:
+        values[np.diff(self.weights.indptr) == 0] = np.nan
+        return values
+
+
+def _is_free(grid: OccupancyGrid, xy: Floats) -> Bools:
+    """True for positions (n, 2) in free cells; they may lie outside the map."""
+    rows, cols = grid.cell(xy)
+    inside = grid.contains(rows, cols)
+    return np.asarray(inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)])
+
+
+def _sparse(weight: Floats, rows: Ints, cols: Ints, shape: tuple[int, int]) -> Any:
+    from scipy.sparse import csr_array
+
+    return csr_array((weight, (rows, cols)), shape=shape)
+
+
+def read_field(field: Any, poses: ArrayLike, name: str | None) -> Any:
+    """Return all values of a field at poses by name, or those of one name.
+
+    Parameters
+    ----------
+    field : CovarianceField
+        The field, whose module imports this one.
+    poses, name
+        See `CovarianceField.at`.
+    """
+    array, is_single = poses_from(poses)
+    names = ("covariance", *SCALARS, *field.layers)
+    if name is not None:
+        one_of("name", name, names)
+    headings = array[:, 2] if array.shape[1] == 3 else None
+    corners = Corners.around(field.grid, field.stride, field.evaluated, field.lacking, array[:, :2])
+    at = tuple(corners.points.T)
+    values: dict[str, Floats] = {}
+    if name not in field.layers:
+        known = field.covariance if headings is not None else field.mean_covariance
+        values["covariance"] = corners.read_covariances(known[at], headings)
+    for each in names if name is None else (name,):
+        if each in field.layers:
+            values[each] = corners.read(field.layers[each][at], headings)
+        elif each != "covariance":
+            values[each] = scalar(values["covariance"], each)
+    if is_single:
+        values = {each: array[0] for each, array in values.items()}
+    return values if name is None else values[name]

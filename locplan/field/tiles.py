@@ -1,0 +1,178 @@
+"""The arrays of a field over its lattice, and the tiles that they are computed in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from locplan._support.checks import check_memory
+from locplan._support.kernels.arrays import Array, Bools, Floats
+from locplan._support.public import needed
+from locplan.errors import ConfigError, FieldError
+from locplan.field.config import FieldConfig
+from locplan.field.covariance import halo_of
+from locplan.field.estimator import TILE_CELLS, Values
+from locplan.field.lattice import evaluated_points
+from locplan.maps.grid import OccupancyGrid
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+ENGINE = 5
+"""Version of the computation; it grows when the same map and config give other values."""
+TILE = 64
+"""Maximum edge length of a tile, which is computed as a whole [lattice points]."""
+
+Chunk = tuple[slice, slice]
+"""Rows and columns of a rectangle of the lattice."""
+
+
+def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
+    """Shapes of a field's arrays: lattice rows and columns, headings if several, pose axes."""
+    stride = config.stride_cells(grid.resolution)
+    points = tuple(-(-size // stride) for size in grid.shape)
+    places = points if config.headings == 1 else (*points, config.headings)
+    dimension = config.estimator.lattice(grid.resolution).dimension
+    layers = {layer.name: places for layer in config.estimator.layers}
+    return {"covariance": (*places, dimension, dimension), **layers}
+
+
+def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
+    """Arrays of a field, filled with NaN; a ConfigError if it takes too much memory."""
+    shapes = field_shapes(grid, config)
+    total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
+    check_memory("the values of the field", total, "set a larger stride or fewer headings")
+    return {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+
+
+def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
+    """Raise a ConfigError if a tile takes over 2 GB, which grow with range and window."""
+    taken = config.estimator.memory(grid.resolution, grid.shape)
+    if taken > 2e9:
+        lattice = config.estimator.lattice(grid.resolution)
+        raise ConfigError(
+            f"cells of {grid.resolution:g} m are too fine for a range of"
+            f" {config.estimator.reach:g} m and a search window of"
+            f" +-{lattice.reach * lattice.resolution:g} m ({taken / 1e9:.3g} GB of memory); set"
+            " smaller ones, or scale the map down"
+        )
+
+
+def known_points(values: Values) -> Bools:
+    """Mask of the lattice points that hold values, (h, w)."""
+    covariance = values["covariance"]
+    return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
+
+
+def needed_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None = None) -> Bools:
+    """Mask of the lattice points that a field needs, of `points` where only these are asked for.
+
+    Raises
+    ------
+    ConfigError
+        If `points` is not a mask of the lattice.
+    """
+    needed = config.lattice_points(grid)
+    if points is None:
+        return needed
+    points = np.asarray(points)
+    if points.shape != needed.shape or points.dtype != bool:
+        raise ConfigError(
+            f"points must be an array of bool of the lattice's shape {needed.shape}, not"
+            f" {points.dtype} {points.shape}"
+        )
+    return points & needed
+
+
+def chunk_edge(config: FieldConfig, resolution: float) -> int:
+    """Edge length of the square tiles that are computed as a whole [lattice points].
+
+    A tile takes one thread two seconds at most, roughly, by what the estimator says that a point
+    costs.
+    """
+    points = 2.0 / (config.headings * config.estimator.seconds(resolution))
+    on_map = TILE_CELLS // config.stride_cells(resolution)
+    return max(1, min(TILE, on_map, math.isqrt(int(min(points, TILE**2)))))
+
+
+def chunks_of(points: Bools, edge: int) -> Iterator[Chunk]:
+    """Chunks that hold at least one of the points, row by row."""
+    for top, left in product(*(range(0, size, edge) for size in points.shape)):
+        chunk = slice(top, top + edge), slice(left, left + edge)
+        if points[chunk].any():
+            yield chunk
+
+
+def untouched_points(before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig) -> Bools:
+    """Mark the second map's lattice points whose covariances are those of the first.
+
+    Parameters
+    ----------
+    before, after : OccupancyGrid
+        The maps.
+    config : FieldConfig
+        The field's settings.
+
+    Returns
+    -------
+    (h, w) array of bool
+        True where the covariance is the same.
+
+    Raises
+    ------
+    FieldError
+        If the maps differ in shape, resolution or origin.
+    """
+    import cv2
+
+    for name in ("shape", "resolution", "origin"):
+        if getattr(before, name) != getattr(after, name):
+            raise FieldError(
+                f"the field's map has {name} {getattr(before, name)}, but the new one"
+                f" {getattr(after, name)}; compute a field of its own for it"
+            )
+    stride = config.stride_cells(after.resolution)
+    changed = (before.cells != after.cells).astype(np.uint8)
+    # A lidar that would stand in a wall is moved by up to one stride.
+    reach = stride + halo_of(config.estimator, after.resolution, after.shape)
+    box = [2 * min(reach, max(after.shape)) + 1] * 2
+    near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
+
+
+def dataset_of(
+    values: Values, e: Floats, e_unit: str, grid: OccupancyGrid, config: FieldConfig
+) -> Dataset:
+    """A field's arrays and e with their coordinates; see `CovarianceField.to_xarray`."""
+    needed("xarray", "tables", "to_xarray")
+    from xarray import Dataset
+
+    along = coordinates(grid, config)
+    places = tuple(along)
+    arrays: dict[str, Any] = {name: (places, array) for name, array in values.items()}
+    arrays["covariance"] = (*places, "pose_row", "pose_col"), values["covariance"]
+    arrays["e"] = places, e, {"units": e_unit}
+    at = {name: (name, *described) for name, described in along.items()}
+    about = {"map": grid.name, "yaw": grid.origin[2], "estimator": config.estimator.title}
+    return Dataset(arrays, at, about)
+
+
+def coordinates(
+    grid: OccupancyGrid, config: FieldConfig
+) -> dict[str, tuple[Array, dict[str, Any]]]:
+    """Values and attributes of the coordinates y, x and, if there are several, heading."""
+    stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
+    meaning = "of the map's own axes, which the origin's yaw turns about the origin"
+    metres = {"long_name": meaning, "units": "m"}
+    found = {
+        name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, metres)
+        for name, start, size in zip("yx", (y0, x0), grid.shape, strict=True)
+    }
+    if config.headings != 1:
+        about = {"long_name": "of the robot in the world", "units": "rad"}
+        found["heading"] = config.heading_angles, about
+    return found

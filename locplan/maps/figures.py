@@ -1,0 +1,302 @@
+"""Figures of maps, and helpers to draw maps on given Axes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba_array
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.transforms import Affine2D
+from numpy.typing import NDArray
+
+from locplan._support import drawing as styles
+from locplan._support.drawing import CellImage, Picture
+from locplan._support.kernels.arrays import Floats, Octets
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.map_faults import MapFaults
+from locplan.maps.occupancy import UNKNOWN
+
+DRAWN_CELLS = 2000
+"""Most cells along a side that are drawn one by one; beyond, blocks of them are."""
+
+
+def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options: Any) -> AxesImage:
+    """Draw values of a map's cells, or of blocks of them, in world coordinates.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    grid : OccupancyGrid
+        The map.
+    values : (H, W) array
+        The values of all cells, row 0 at the lowest y, or of the blocks that a map with more than
+        `DRAWN_CELLS` cells along a side is drawn in.
+    **options
+        Options of ``matplotlib.image.AxesImage`` such as cmap and norm, and vmin and vmax.
+
+    Returns
+    -------
+    matplotlib.image.AxesImage
+        The image, for a colour bar.
+    """
+    cells = block(grid.shape) if values.shape[:2] != grid.shape else 1
+    height, width = (size * cells * grid.resolution for size in values.shape[:2])
+    x, y, yaw = grid.origin
+    clim = options.pop("vmin", None), options.pop("vmax", None)
+    image = CellImage(
+        axes,
+        origin="lower",
+        extent=(0, width, 0, height),
+        interpolation="antialiased" if values.dtype == np.uint8 else "nearest",
+        **options,
+    )
+    image.set_data(values)
+    image.set_clim(*clim) if clim != (None, None) else image.autoscale_None()
+    image.set_clip_path(axes.patch)
+    axes.add_image(image)
+    image.set_transform(Affine2D().rotate(yaw).translate(x, y) + axes.transData)
+    return image
+
+
+def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = None) -> NDArray[Any]:
+    """The minimum or the maximum of each block of cells; small maps stay as they are.
+
+    The lowest level is the darkest one, so that walls stay. NaN counts only where a block has
+    nothing else.
+
+    Parameters
+    ----------
+    values : (H, W) array
+        Levels, or other values of cells.
+    maximum : bool, default False
+        True takes the greatest value of each block.
+    most : int, optional
+        Maximum number of blocks along a side; `DRAWN_CELLS` by default.
+    """
+    cells = block(values.shape, most)
+    if cells == 1:
+        return values
+    pick = np.fmax if maximum else np.fmin
+    starts = [np.arange(0, size, cells) for size in values.shape]
+    return np.asarray(pick.reduceat(pick.reduceat(values, starts[0], axis=0), starts[1], axis=1))
+
+
+def coarse(grid: OccupancyGrid, most: int) -> OccupancyGrid:
+    """The map of the blocks of `shrunk`, at most so many along a side; walls stay.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    most : int
+        Maximum number of blocks along a side; a map with fewer cells stays as it is.
+    """
+    cells, resolution = shrunk(grid.cells, most=most), grid.resolution * block(grid.shape, most)
+    return dataclasses.replace(grid, cells=cells, resolution=resolution)
+
+
+def block(shape: tuple[int, ...], most: int | None = None) -> int:
+    """Number of cells along a side of the blocks that large maps are drawn in."""
+    return math.ceil(max(shape[:2]) / (most or DRAWN_CELLS))
+
+
+def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
+    """First row, end of the rows, first column and end of the columns with known cells."""
+    known = grid.cells != UNKNOWN
+    if not known.any():
+        return 0, grid.shape[0], 0, grid.shape[1]
+    rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
+
+
+def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
+    """`xlim` and `ylim` around the known cells, with a margin of a share of their extent [m]."""
+    low, high, left, right = known_cells(grid)
+    x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
+    margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
+    ends = [(float(each.min() - margin), float(each.max() + margin)) for each in (x, y)]
+    return dict(zip(("xlim", "ylim"), ends, strict=True))
+
+
+def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
+    """Make an empty figure for one map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, whose known part gives the size.
+
+    Returns
+    -------
+    figure : Picture
+        The figure.
+    axes : matplotlib.axes.Axes
+        Its only Axes.
+    """
+    figure = Picture(figsize=map_size(grid), layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def map_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Figure size for the known part of a map with a colour bar at its side.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (width, height)
+        The size of the figure [inch].
+    """
+    width, height = drawn_size(grid)
+    return max(width, 5.0) + 1.6, max(height, 2.0) + 0.8
+
+
+def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Size at which the known part of a map is drawn.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+
+    Returns
+    -------
+    (width, height)
+        The size without margins [inch], at most 7.6 each.
+    """
+    low, high, left, right = known_cells(grid)
+    height, width = high - low, right - left
+    cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
+    height, width = sin * width + cos * height, cos * width + sin * height
+    drawn_width = min(7.6, 7.6 * width / height)
+    return drawn_width, drawn_width * height / width
+
+
+class Polyline(Protocol):
+    """A path of which only the positions matter here."""
+
+    @property
+    def xy(self) -> Floats:
+        """World positions, (n, 2) [m]."""
+
+
+def map_around(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
+    """Cut the part of a map around some paths out of it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : sequence of locplan.Path
+        The paths, one at least.
+
+    Returns
+    -------
+    OccupancyGrid
+        The part, with a margin as far as the map reaches; the map itself where all paths are
+        beside it.
+    """
+    at = np.concatenate([path.xy for path in paths])
+    rows, cols = grid.world_to_grid(*at.T)
+    margin = max(0.15 * np.ptp(rows), 0.15 * np.ptp(cols), 3.0 / grid.resolution)  # 3 m at least
+    down, across = (
+        slice(max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
+        for values, size in zip((rows, cols), grid.shape, strict=True)
+    )
+    beside = down.start >= down.stop or across.start >= across.stop
+    return grid if beside else grid.part(down, across)
+
+
+def zoomed_to(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
+    """Cut the part of a map around some paths out of it, where that is small.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : sequence of locplan.Path
+        The paths; without any the map stays whole.
+
+    Returns
+    -------
+    OccupancyGrid
+        The part as `map_around` has it if it is below 0.6 of the map's extent, else the map.
+    """
+    part = map_around(grid, paths) if paths else grid
+    return part if is_small(grid, part) else grid
+
+
+def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
+    """Whether a part is so small that a picture of the map would hardly show what is in it."""
+    ends = map(known_cells, (part, grid))
+    own, whole = (max(high - low, right - left) for low, high, left, right in ends)
+    return own < 0.6 * whole
+
+
+def map_figure(grid: OccupancyGrid) -> Figure:
+    """Draw the map alone: walls black, unknown space grey, free space white.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
+    figure, axes = map_axes(grid)
+    draw_map(axes, grid)
+    axes.set_title(grid.name or "map", fontsize="medium")
+    return figure
+
+
+def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
+    """Draw the map in world coordinates: walls black, unknown space grey, free space white.
+
+    The inside of what is solid is grey, too, and only its rim black.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on; its limits become those of the map [m].
+    grid : OccupancyGrid
+        The map.
+    """
+    draw_cells(axes, grid, shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **limits_of(grid))
+
+
+def shades(grid: OccupancyGrid) -> Octets:
+    """What `MAP_COLOURS` has a colour for, of each cell or block: 0 is a wall, or a solid's rim."""
+    import cv2
+
+    levels = np.asarray(shrunk(grid.cells) // UNKNOWN)
+    deep = max(3, round(0.006 * max(levels.shape)))
+    around = np.ones((2 * deep + 1, 2 * deep + 1), np.uint8)
+    levels[cv2.erode((levels == 0).astype(np.uint8), around) == 1] = 3
+    return levels
+
+
+def faults_figure(faults: MapFaults) -> Figure:
+    """Draw the map with the cells of its faults in colour, and the faults' kinds.
+
+    Parameters
+    ----------
+    faults : MapFaults
+        What `locplan.maps.faults` has found.
+    """
+    figure, axes = map_axes(faults.grid)
+    draw_map(axes, faults.grid)
+    tints = to_rgba_array(["black", styles.VERMILION], [0.0, 0.8])
+    colours = np.round(255 * tints).astype(np.uint8)
+    draw_cells(axes, faults.grid, colours[shrunk(faults.cells.astype(np.uint8))])
+    kinds = ", ".join(dict.fromkeys(each.kind for each in faults)) or "no fault"
+    axes.set_title(f"{faults.grid.name or 'map'}: {kinds}", fontsize="medium")
+    return figure

@@ -1,0 +1,666 @@
+"""Faults of a map that mislead a planner, a filter or its user."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Bools, Floats, Octets, Singles
+from locplan._support.output import Results
+from locplan._support.records import Column, Result, Table
+from locplan.errors import ConfigError
+from locplan.maps.files import DARK, ROWS, MapSource, as_meant
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+RANGE, BEAMS, SIGMA, OUTLIERS = 3.5, 60, 0.02, 0.1
+"""Range [m] and beams of the lidar of the check, deviation of a range [m], share of outliers."""
+SCANS, POSES, TRIES, WHOLE = 80, 1500, 600, 2**22
+"""Numbers of the scans, of the wrong poses of each, of the places that are tried for them, and of
+the cells up to which a map is scored as a whole."""
+NEAREST, FARTHEST, MAX_TURN = 0.5, 3.0, 20.0
+"""Distances of the wrong poses [m], and their greatest turn [deg]."""
+CLEARANCE = 0.25
+"""Minimum distance of a scan's place from a wall [m]."""
+SIGMA_HIT, Z_RAND, MAX_DISTANCE = 0.2, 0.5, 2.0
+"""Nav2's defaults of AMCL's likelihood field."""
+AROUND = FARTHEST + RANGE + 1.0
+"""Distance around a scan's place that its fits depend on [m]."""
+DEPTH = 0.5
+"""Depth from which on black behind a surface misleads a filter [m]."""
+
+
+@dataclass(frozen=True)
+class Solidity:
+    """What the inside of a map's walls does to scans."""
+
+    wins: float
+    """Share of noisy scans that some wrong pose fits better than the true one, 0..1."""
+    wins_hollowed: float
+    """The same with the walls hollowed."""
+    depth: float
+    """Share of the walls' surface with over 0.5 m of black behind it, 0..1."""
+
+    @property
+    def misleads(self) -> bool:
+        """True if wrong poses win a fifth of the scans, and hollowing at least halves that."""
+        return self.wins >= 0.2 and self.wins_hollowed <= self.wins / 2
+
+    @property
+    def is_solid(self) -> bool:
+        """True if walls mislead because they are deep: not smeared or inflated ones."""
+        return self.misleads and self.depth >= 0.15
+
+
+def hollowed(grid: OccupancyGrid) -> OccupancyGrid:
+    """The map with the inside of its walls unknown: each cell whose 8 neighbours are occupied.
+
+    A filter needs the surfaces only. Inside of black a particle explains every beam; in unknown
+    space it explains none, and no path leads there. A rim of one cell stays.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+
+    Examples
+    --------
+    >>> block = OccupancyGrid([[0, 0, 0], [0, 0, 0], [0, 0, 0]], 0.05)
+    >>> hollowed(block).cells.tolist()
+    [[0, 0, 0], [0, 127, 0], [0, 0, 0]]
+    """
+    check_grid(grid)
+    return replace(grid, cells=np.where(inside_of_walls(grid), np.uint8(UNKNOWN), grid.cells))
+
+
+def inside_of_walls(grid: OccupancyGrid) -> Bools:
+    """The occupied cells whose 8 neighbours are occupied, (H, W); outside the map none is."""
+    import cv2
+
+    occupied = (grid.cells == OCCUPIED).view(np.uint8)
+    inner = cv2.erode(
+        occupied, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    return np.asarray(inner.view(np.bool_))
+
+
+def solidity(grid: OccupancyGrid) -> Solidity:
+    """Whether the inside of a map's walls misleads a filter, by scans that are simulated.
+
+    Each of 80 noisy scans of a lidar of 3.5 m is compared with 1,500 poses 0.5 to 3 m and up to
+    20 deg off, by the score of AMCL's likelihood field. The longer the lidar reaches, the less a
+    check would show; filters get lost all the same.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
+    return _solidity(grid)
+
+
+@lru_cache(32)  # of the maps that are equal by value; the check takes tenths of a second
+def _solidity(grid: OccupancyGrid) -> Solidity:
+    from locplan._support.kernels.walls import surface_depths
+
+    deep = int(DEPTH / grid.resolution) + 1
+    faces, deep_faces = surface_depths(grid.cells, FREE, OCCUPIED, deep)
+    inside = inside_of_walls(grid)
+    if not inside.any():
+        return Solidity(0.0, 0.0, 0.0)
+    wins, count, moves = np.zeros(2), 0, _moves(grid.resolution)
+    before, both = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
+    for around, pose, ends in _scans(grid):
+        if around != before:
+            occupied = grid.cells[around] == OCCUPIED
+            rims, before = occupied & ~inside[around], around
+            both = [_scores(each.view(np.uint8), grid.resolution) for each in (occupied, rims)]
+        if both[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score(np.float64(CLEARANCE)):
+            continue
+        wins += [_wrong_pose_wins(each, ends, pose, moves) for each in both]
+        count += 1
+        if count == SCANS:
+            break
+    if count < SCANS / 4:  # hardly any place shows a wall to a lidar
+        wins[:] = 0.0
+    as_is, mended = (wins / max(count, 1)).tolist()
+    return Solidity(as_is, mended, deep_faces / max(faces, 1))
+
+
+def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats) -> bool:
+    """Whether a scan fits better after one of the moves than at its true pose."""
+    from locplan._support.kernels.particles import BeamScores, add_scores
+
+    # Cells of the window in the ring, counted from its corner.
+    rows, cols = scores.shape
+    own = BeamScores(scores.ravel(), rows, cols, resolution=1.0, product=False, shift=1.0)
+    sums = np.empty(len(moves) + 1)
+    poses = pose[[1, 0, 2], None] + np.column_stack([np.zeros(3), moves.T])
+    add_scores(own, ends, poses, len(sums), sums)
+    return bool(sums[1:].max() > sums[0])
+
+
+def _moves(resolution: float) -> Floats:
+    """From the true pose to wrong ones: columns, rows [cells] and turn [rad], (POSES, 3)."""
+    random = np.random.default_rng(1)
+    distance = random.uniform(NEAREST, FARTHEST, POSES) / resolution
+    bearing = random.uniform(-np.pi, np.pi, POSES)
+    turn = np.radians(random.uniform(-MAX_TURN, MAX_TURN, POSES))
+    return np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), turn])
+
+
+def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, Floats]]:
+    """Noisy scans of which a third of the beams return, with the part of the map around each.
+
+    Poses (row, column, heading) are within the part [cells, cells, rad], ends are ahead and to the
+    left of the robot [cells].
+    """
+    from locplan._support.kernels.lidar import BeamDisturbances, Lidar, measured_ends
+    from locplan._support.kernels.rays import empty_squares
+
+    random = np.random.default_rng(0)
+    angles = np.linspace(-np.pi, np.pi, BEAMS, endpoint=False)
+    lidar = Lidar(angles, 0.0, 0.0, 0.0, SIGMA, 0.0, RANGE)
+    noise = BeamDisturbances(OUTLIERS, 0.2, np.radians(20.0), 0.5, 2.0)
+    before, squares = (slice(0), slice(0)), np.empty((0, 0), np.uint8)
+    for row, col in _places(grid, random):
+        seen, pose = _window(grid, row, col, RANGE), np.empty(3)
+        first = seen[0].start, seen[1].start
+        pose[:] = row - first[0], col - first[1], random.uniform(-np.pi, np.pi)
+        ends = np.empty((BEAMS, 2))
+        if seen != before:
+            before, squares = seen, empty_squares(grid.cells[seen] == OCCUPIED)
+        measured_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
+        if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
+            continue
+        around = _window(grid, row, col, AROUND)
+        pose[:2] += first[0] - around[0].start, first[1] - around[1].start
+        yield around, pose, ends
+
+
+def _places(grid: OccupancyGrid, random: np.random.Generator) -> Iterator[tuple[float, float]]:
+    """Positions in free cells, drawn at random [cells]; fewer than TRIES where few are free."""
+    drawn = random.random((100 * TRIES, 2)) * grid.shape
+    rows, cols = drawn.astype(np.int64).T
+    for row, col in drawn[grid.cells[rows, cols] == FREE][:TRIES]:
+        yield float(row), float(col)
+
+
+def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[slice, slice]:
+    """Rows and columns around a position [cells], as far as so many metres, or the whole map.
+
+    The whole of a map costs less than the windows of all scans, unless it is large.
+    """
+    far = int(reach / grid.resolution) + 1 if grid.cells.size > WHOLE else max(grid.shape)
+    rows, cols = (
+        slice(max(0, int(at) - far), min(size, int(at) + far + 1))
+        for at, size in zip((row, col), grid.shape, strict=True)
+    )
+    return rows, cols
+
+
+def _scores(occupied: Octets, resolution: float) -> Singles:
+    """What a beam adds that ends in each cell, in a ring for all outside."""
+    import cv2
+
+    distance = np.full(occupied.shape, MAX_DISTANCE, np.float32)
+    if occupied.any():
+        cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        distance = np.minimum(cells * np.float32(resolution), distance)
+    return _score(np.pad(distance, 1, constant_values=MAX_DISTANCE))
+
+
+def _score(distance: Singles | np.float64) -> Singles:
+    """The cube of a beam's likelihood at a distance from a wall [m], as AMCL adds it."""
+    hit = (1 - Z_RAND) * np.exp(-(distance**2) / (2 * SIGMA_HIT**2))
+    return np.asarray((hit + Z_RAND / RANGE) ** 3, np.float32)
+
+
+MIN_SHARE = 0.01
+"""Minimum share of the pixels, or of the image's edge, that is worth a sentence."""
+SPECK, SPECKS, COARSE = 3, 1.0, 0.5
+"""Maximum size of a speck [cells], the number of specks a square metre that is too many, and the
+size of cells from which on they are coarse [m]."""
+
+PAINTED, NO_UNKNOWN = 0.3, 0.001
+"""Minimum share of the cells that are black inside, and maximum share of unknown ones, of a map
+whose unknown space seems painted black. Real ones have .54 to .85; of the others none has .14."""
+
+
+@dataclass(frozen=True)
+class MapFault:
+    """Something of a map that misleads."""
+
+    kind: str
+    """What it is: "mask", "costmap", "thresholds", "cells", "coarse cells", "open boundary", "solid
+    walls", "thick walls", "painted unknown", "specks" or "origin"; by recorded drives "resolution",
+    "deep walls", "false walls" or "missing walls"."""
+    what: str
+    """What is wrong, as a sentence without a full stop."""
+    mend: str = ""
+    """What to do about it; empty where the sentence says all."""
+    costs: str = ""
+    """What it costs a robot, where that was measured; else empty."""
+    sure: bool = False
+    """Whether the map, or the drive, shows it; else only the user, or a longer drive, can tell."""
+    boxes: tuple[tuple[float, float, float, float], ...] = ()
+    """Where it is, largest first: the least and greatest x, then y, of each place in the world [m];
+    empty where it is everywhere."""
+
+    @property
+    def where(self) -> str:
+        """The largest places in words, the middle of each and its size [m]; else empty."""
+        said = [
+            f"{(left + right) / 2:.1f},{(low + top) / 2:.1f}"
+            f" ({right - left:.1f} x {top - low:.1f} m)"
+            for left, right, low, top in self.boxes[:3]
+        ]
+        more = [f"{len(self.boxes) - 3} more places"] if len(self.boxes) > 3 else []
+        return ", ".join([*said, *more])
+
+    @property
+    def sentence(self) -> str:
+        """All of it in one sentence, without a full stop."""
+        what = f"{self.what}, at {self.where}" if self.boxes else self.what
+        return "; ".join(each for each in (what, self.costs, self.mend) if each)
+
+
+def _said(kind: str, sentence: str, *, sure: bool = False) -> MapFault:
+    """A fault whose sentence ends in what to do, or in what it means."""
+    what, _, mend = sentence.rpartition("; ")
+    return MapFault(kind, what or mend, mend if what else "", sure=sure)
+
+
+def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
+    """What the file's entries and pixels make of the map."""
+    free, occupied = source.free_thresh, source.occupied_thresh
+    if source.light_free > MIN_SHARE * source.pixels:
+        lower = 0.196 if free > 0.196 else 0.15
+        yield _said(
+            "thresholds",
+            f"{source.light_free:,} pixels ({source.light_free / source.pixels:.0%}) of a light"
+            f" grey, mostly {source.light_value}, are read as free, while map_saver's 205 means"
+            f" unknown; if they are unknown, lower free_thresh to {lower:g} (it is {free:g})",
+        )
+    if source.of_costs:
+        yield _said(
+            "costmap",
+            f"this is a costmap, not a map: {source.of_costs:,} pixels"
+            f" ({source.of_costs / source.pixels:.0%}) are 253 or 254, the costs of obstacles, and"
+            " are read as free; take the map that it was made of",
+            sure=True,
+        )
+    if source.has_dark_walls:
+        yield _said(
+            "thresholds",
+            f"{source.dark_unknown:,} dark grey pixels are read as unknown, beside"
+            f" {source.occupied:,} occupied ones; if they are walls, lower occupied_thresh to"
+            f" {DARK:g} (it is {occupied:g})",
+        )
+    if free == occupied:
+        yield _said(
+            "thresholds",
+            f"free_thresh and occupied_thresh are both {free:g}, so that no grey is unknown;"
+            " map_saver writes 0.25 or 0.196, and 0.65",
+        )
+    if source.over_100 > MIN_SHARE * source.pixels:
+        yield _said(
+            "thresholds",
+            f"{source.over_100:,} pixels ({source.over_100 / source.pixels:.0%}) are above 100 and"
+            " read as unknown, since pixels are per cent in mode raw; for an ordinary image set"
+            " mode: trinary",
+        )
+
+
+def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
+    """What tells of a mask for a costmap filter, which is no map to drive in.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    source : MapSource
+        How its pixels were read, see `read_map`.
+
+    Yields
+    ------
+    MapFault
+        One fault at most, where a name or two other signs say so.
+    """
+    signs = []
+    words = " ".join(re.findall(r"[a-z]+", f"{grid.name} {Path(source.image).name}".lower()))
+    found = re.search(r"\b(filter|keepout|limit|mask|speed|virtual walls?)\b", words)
+    if found:
+        signs.append(f"its name has the word {found[0]}")
+    if source.mode != "trinary":
+        signs.append(f"its mode is {source.mode}")
+    if source.free_thresh <= 0.05 and source.occupied_thresh >= 0.95:
+        signs.append(
+            f"only the ends of its scale are free or occupied (thresholds {source.free_thresh:g}"
+            f" and {source.occupied_thresh:g})"
+        )
+    if found or len(signs) >= 2:
+        yield _said(
+            "mask",
+            f"this seems to be a mask for a costmap filter, not a map: {', '.join(signs)};"
+            " plan on the map that it belongs to",
+            sure=True,
+        )
+
+
+def of_cells(grid: OccupancyGrid) -> Iterator[MapFault]:
+    """What the cells themselves tell."""
+    import cv2
+
+    cells = grid.cells
+    if not (cells == FREE).any():
+        yield _said(
+            "cells", "no cell is free, so that the robot can stand nowhere; check the thresholds"
+        )
+        return
+    if grid.resolution > COARSE:
+        yield _said(
+            "coarse cells",
+            f"cells of {grid.resolution:g} m are coarse beside a lidar, which measures to some"
+            " centimetres; check resolution in the map's YAML (0.05 is usual), or map the site"
+            " anew",
+        )
+    rim = np.concatenate([cells[0], cells[-1], cells[1:-1, 0], cells[1:-1, -1]]) == FREE
+    if rim.mean() > MIN_SHARE:
+        yield _said(
+            "open boundary",
+            f"free space runs out of the image along {rim.sum() * grid.resolution:.3g} m"
+            f" ({rim.mean():.0%} of its edge); what lies outside counts as unknown",
+        )
+    if not (cells == OCCUPIED).any():
+        yield _said(
+            "cells", "no cell is occupied, so that a lidar sees nothing; check the thresholds"
+        )
+        return
+    kernel = np.ones((7, 7), np.uint8)  # SLAM maps have a fringe of three unknown cells at walls
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    count = np.zeros(2, np.int64)  # of the boundary's cells, and of the open ones
+    for top in range(0, len(cells), ROWS):
+        first = max(top - 3, 0)
+        around, own = cells[first : top + ROWS + 3], slice(top - first, top - first + ROWS)
+        free, occupied = ((around == level).astype(np.uint8) for level in (FREE, OCCUPIED))
+        inner = cv2.erode(free, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        edge = (free > inner)[own]
+        open_ = edge & (cv2.dilate(occupied, kernel)[own] == 0)
+        count += np.count_nonzero(edge), np.count_nonzero(open_)
+    share = count[1] / count[0]
+    if share > 0.5:
+        yield _said(
+            "open boundary",
+            f"{share:.0%} of the free space's boundary is open to the unknown instead of walled;"
+            " no lidar sees that boundary",
+        )
+
+
+def of_origin(grid: OccupancyGrid) -> Iterator[MapFault]:
+    """What is unusual about the origin's yaw."""
+    yaw = grid.origin[2]
+    if abs(yaw) > 2 * math.pi:
+        yield _said("origin", f"the origin's yaw of {yaw:g} is in radians, and looks like degrees")
+    elif yaw:
+        yield _said(
+            "origin",
+            f"the origin's yaw of {math.degrees(yaw):.4g} deg counts in all coordinates here; Nav2"
+            " and ROS 1 ignore it",
+        )
+
+
+def specks_of(grid: OccupancyGrid) -> Bools:
+    """The cells of specks: up to 3 that touch each other, and else only free ones, (H, W)."""
+    import cv2
+
+    found = np.zeros(grid.shape, np.bool_)
+    for top in range(0, len(found), ROWS):
+        first = max(top - SPECK - 1, 0)
+        around = grid.cells[first : top + ROWS + SPECK + 1]
+        occupied = (around == OCCUPIED).view(np.uint8)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
+        floats = np.bincount(labels[_beside_unknown(around)], minlength=count) == 0
+        small = floats & (stats[:, cv2.CC_STAT_AREA] <= SPECK)
+        small[0] = False
+        own = slice(top - first, top - first + ROWS)
+        found[top : top + ROWS] = small[labels[own]]
+    return found
+
+
+def _beside_unknown(cells: Octets) -> Bools:
+    """The cells that have a neighbour of unknown, or are that."""
+    import cv2
+
+    unknown = ((cells != OCCUPIED) & (cells != FREE)).view(np.uint8)
+    return np.asarray(cv2.dilate(unknown, np.ones((3, 3), np.uint8)).view(np.bool_))
+
+
+def boxes_of(
+    grid: OccupancyGrid, cells: Bools, apart: float = 0.5
+) -> tuple[tuple[float, float, float, float], ...]:
+    """Boxes around the places of some cells, as `MapFault` has them.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    cells : (H, W) array of bool
+        The cells.
+    apart : float, default 0.5
+        Distance from which on cells are two places [m].
+    """
+    import cv2
+
+    size = 2 * int(apart / grid.resolution / 2) + 1
+    near = cv2.dilate(cells.view(np.uint8), np.ones((size, size), np.uint8))
+    count, labels = cv2.connectedComponents(near, connectivity=8)
+    rows, cols = np.nonzero(cells)
+    own = labels[rows, cols]
+    places = []
+    for n in np.argsort(-np.bincount(own, minlength=count), kind="stable")[: len(np.unique(own))]:
+        row, col = rows[own == n], cols[own == n]
+        corners = np.ix_((row.min(), row.max() + 1.0), (col.min(), col.max() + 1.0))
+        x, y = grid.grid_to_world(*map(np.ravel, np.broadcast_arrays(*corners)))
+        places.append((float(x.min()), float(x.max()), float(y.min()), float(y.max())))
+    return tuple(places)
+
+
+def of_painted(grid: OccupancyGrid) -> Iterator[MapFault]:
+    """What tells of unknown space that was painted black."""
+    unknown = np.count_nonzero(~grid.free & (grid.cells != OCCUPIED)) / grid.cells.size
+    inside = float(inside_of_walls(grid).mean())
+    if unknown <= NO_UNKNOWN and inside >= PAINTED:
+        yield MapFault(
+            "painted unknown",
+            f"no cell is unknown, and {inside:.0%} of all are black inside of walls, as if unknown"
+            " space were painted black",
+            "save it as unknown, as map_saver does, or take the map that locplan repair writes",
+        )
+
+
+def of_walls(grid: OccupancyGrid, found: Solidity) -> Iterator[MapFault]:
+    """What the walls do to a particle filter."""
+    if found.misleads:
+        yield MapFault(
+            "solid walls" if found.is_solid else "thick walls",
+            f"walls are black inside: a wrong pose explains {found.wins:.0%} of noisy scans better"
+            f" than the true one, and {found.wins_hollowed:.0%} with hollow walls",
+            "give AMCL, of ROS 1 or 2, the map that locplan repair writes, and plan on this one"
+            if found.is_solid
+            else f"hardly any is over {DEPTH:g} m deep, so that they may be smeared or inflated,"
+            " and hollowing may harm; draw the walls from a recorded drive",
+            "on such maps Nav2's default filter loses most drives" if found.is_solid else "",
+            found.is_solid,
+        )
+    area = np.count_nonzero(grid.free) * grid.resolution**2
+    count = _count_of_specks(grid, SPECKS * area)
+    if count > SPECKS * area > 0:
+        yield MapFault(
+            "specks",
+            f"{count:,} specks of up to {SPECK} cells float in free space, {count / area:.1f} a"
+            " square metre",
+            "erase them if nothing stands there",
+            "a filter's error grows by up to 1.8 times",
+        )
+
+
+def _count_of_specks(grid: OccupancyGrid, limit: float) -> int:
+    """Number of specks; that of their cells where it is no more than a limit."""
+    import cv2
+
+    specks = specks_of(grid)
+    cells = int(np.count_nonzero(specks))
+    if cells <= limit:  # each has a cell at least
+        return cells
+    return int(cv2.connectedComponents(specks.view(np.uint8), connectivity=8)[0]) - 1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MapFaults(Result):
+    """What of a map misleads; made by `faults`."""
+
+    files: ClassVar[Results] = Results("faults", ("faults.json", "faults.png", "faults.csv"))
+
+    grid: OccupancyGrid
+    """The map."""
+    found: tuple[MapFault, ...]
+    """The faults, the most important first."""
+    meant: OccupancyGrid
+    """The map as its file is meant, see `as_meant`, which the faults of walls and cells are of."""
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(each.kind for each in self) or "none"
+        return f"MapFaults({self.grid.name or 'map'}: {kinds})"
+
+    def __iter__(self) -> Iterator[MapFault]:
+        return iter(self.found)
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    @property
+    def is_solid(self) -> bool:
+        """True if walls are black inside so that a filter gets lost, and hollowing mends it."""
+        return any(each.kind == "solid walls" for each in self)
+
+    @cached_property
+    def cells(self) -> Bools:
+        """The cells that walls black inside, painted unknown space and specks concern, (H, W)."""
+        where, kinds = np.zeros(self.meant.shape, np.bool_), {each.kind for each in self}
+        if kinds & {"solid walls", "thick walls", "painted unknown"}:
+            where |= inside_of_walls(self.meant)
+        if "specks" in kinds:
+            where |= self.specks
+        return where
+
+    @cached_property
+    def specks(self) -> Bools:
+        """The cells of up to 3 that touch each other, and else only free ones, (H, W)."""
+        return specks_of(self.meant)
+
+    @property
+    def mended(self) -> OccupancyGrid:
+        """The map for a filter: as its file is meant, without specks, solid walls hollowed."""
+        grid, kinds = self.meant, {each.kind for each in self}
+        if "specks" in kinds:
+            grid = replace(grid, cells=np.where(self.specks, np.uint8(FREE), grid.cells))
+        # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
+        return hollowed(grid) if self.is_solid and "deep walls" not in kinds else grid
+
+    def refuse_mask(self) -> None:
+        """Raise a ConfigError if what was given for a map is a mask for a costmap filter."""
+        for each in self:
+            if each.kind == "mask":
+                raise ConfigError(f"{self.grid.name or 'the map'}: {each.sentence}")
+
+    def summary(self) -> dict[str, object]:
+        """The faults, fit for JSON."""
+        return {
+            "map": {"name": self.grid.name, "digest": self.grid.digest},
+            "faults": [
+                {**row, "boxes": [list(box) for box in each.boxes]}
+                for row, each in zip(self.table().records(), self, strict=True)
+            ],
+        }
+
+    def table(self) -> Table:
+        """The faults, a row each."""
+        titles = {
+            "kind": "fault",
+            "what": "what",
+            "where": "where",
+            "costs": "costs",
+            "mend": "mend",
+        }
+        columns = [Column(name, title=title) for name, title in titles.items()]
+        return Table.of([*columns, Column("sure")], self)
+
+    def figure(self) -> Figure:
+        """Draw the map with the cells of its faults in colour, and the faults' kinds."""
+        from locplan.maps.figures import faults_figure
+
+        return faults_figure(self)
+
+    def report(self) -> str:
+        """A sentence for each fault."""
+        return faults_report(self)
+
+
+def faults_report(faults: MapFaults) -> str:
+    """A sentence for each fault."""
+    if not faults.found:
+        return f"{faults.grid.name or 'the map'}: no fault that the map alone shows"
+    return "\n".join(f"{each.kind}: {each.sentence}" for each in faults)
+
+
+def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
+    """Find what misleads: solid walls, painted unknown, specks, thresholds, open edges, masks.
+
+    Solid walls are found by simulated scans, in some tenths of a second the first time that a map
+    is seen by a process; no drive is needed.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    source : MapSource, optional
+        How its pixels were read, see `read_map`; without it only the cells are looked at.
+
+    Returns
+    -------
+    MapFaults
+        The faults, the most important first; none if all seems well.
+
+    Raises
+    ------
+    MapError
+        If it is no map.
+
+    See Also
+    --------
+    hollowed : The map without the inside of its walls.
+
+    Examples
+    --------
+    >>> len(faults(OccupancyGrid([[127, 0, 0, 0], [127, 0, 254, 0], [127, 0, 0, 0]], 0.05)))
+    0
+    """
+    check_grid(grid)
+    of_file = (*of_mask(grid, source), *of_source(grid, source)) if source else ()
+    # No filter has a mask for its map, whose areas are no walls.
+    is_mask = any(each.kind == "mask" for each in of_file)
+    meant = grid if is_mask else as_meant(grid, source)
+    walls = () if is_mask else (*of_walls(meant, solidity(meant)), *of_painted(meant))
+    return MapFaults(grid, (*of_file, *walls, *of_cells(meant), *of_origin(grid)), meant)

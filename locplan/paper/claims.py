@@ -1,0 +1,257 @@
+"""The paper's experiments on our maps: seven models in one dimension, and claims about places.
+
+Source: "Localizability estimation using correlation on occupancy grid maps", ROBOMECH Journal 10
+(2023), doi 10.1186/s40648-023-00256-w.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets
+from locplan.field.covariance import position_axes, scalar
+from locplan.field.estimator import MapPart
+from locplan.field.sad import Sad
+from locplan.maps import environments
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
+from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
+
+PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall"}
+"""The environment in which each of the paper's places lies, see `environments.landmarks`."""
+
+_FREE_ROOM = ((FREE, 6.0),)
+_HALF_ROOM = ((FREE, 3.0), (OCCUPIED, 3.0))
+_STRIPS = (
+    ("free on free | occupied", _FREE_ROOM, ((FREE, 7.5), (OCCUPIED, 7.5))),
+    ("free on free | unknown", _FREE_ROOM, ((FREE, 7.5), (UNKNOWN, 7.5))),
+    (
+        "free | occupied on free | occupied | unknown",
+        _HALF_ROOM,
+        ((FREE, 5.0), (OCCUPIED, 5.0), (UNKNOWN, 5.0)),
+    ),
+)
+_HEIGHT = 6.0  # height of templates and strips [m]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Slide:
+    """A template slid along a strip of map (Figs. 4-11)."""
+
+    title: str
+    """Levels of the template and of the strip in words."""
+    template: Octets
+    """Levels of the template's cells, 6 m x 6 m, (h, w)."""
+    strip: Octets
+    """Levels of the strip's cells, 15 m x 6 m, (h, W)."""
+    shift: Floats
+    """Distance of the template's left edge from the strip's, (n,) [m]."""
+    curves: Mapping[str, Floats]
+    """Values of each of the seven models by its name, (n,); NaN where a model is undefined."""
+
+    def __repr__(self) -> str:
+        return f"Slide({self.title}, {len(self.shift)} shifts)"
+
+    def constant_until(self, model: str, shift: float) -> bool:
+        """Return whether a model is defined, and constant, from no shift up to some shift.
+
+        Parameters
+        ----------
+        model : str
+            Name of a model, see `locplan.paper.template_matching.MODELS`.
+        shift : float
+            The shift up to which it is looked at [m], >= 0.
+        """
+        values = self.curves[model][self.shift <= shift + 1e-9]
+        return bool((values == values[0]).all())
+
+    def peaks(self, model: str) -> Floats:
+        """Shifts at which a model has its best value, (k,) [m]; none if all its values are alike.
+
+        Parameters
+        ----------
+        model : str
+            Name of a model, see `locplan.paper.template_matching.MODELS`.
+        """
+        values = self.curves[model] * (-1 if model in DIFFERENCES else 1)
+        if np.isnan(values).all() or np.nanmax(values) == np.nanmin(values):
+            return np.empty(0)
+        return np.asarray(self.shift[values == np.nanmax(values)])
+
+
+def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
+    """Compare the seven models in one dimension (Figs. 4-11).
+
+    Templates of 6 m x 6 m, free or half free and half occupied, are slid by 9 m along strips of
+    15 m x 6 m whose levels change at halves or thirds.
+
+    Parameters
+    ----------
+    resolution : float, default 0.05
+        Edge of a cell [m], above 0; the slides have a shift for each cell.
+
+    Examples
+    --------
+    >>> [float(slide.peaks("SAD").max()) for slide in one_dimensional()]
+    [1.5, 1.5, 2.0]
+    """
+    slides = []
+    for title, room, parts in _STRIPS:
+        template, strip = (_side_by_side(widths, resolution) for widths in (room, parts))
+        curves = slid_along_x(template, strip)
+        shift = np.arange(len(curves["SAD"]), dtype=np.float64) * resolution
+        slides.append(Slide(title, template, strip, shift, curves))
+    return tuple(slides)
+
+
+def _side_by_side(parts: tuple[tuple[int, float], ...], resolution: float) -> Octets:
+    levels = [np.full(round(width / resolution), level, np.uint8) for level, width in parts]
+    return np.tile(np.concatenate(levels), (round(_HEIGHT / resolution), 1))
+
+
+Covariances = Mapping[str, Floats]
+"""Covariances by place, at the same offsets from each, (n, 3, 3)."""
+
+
+Test = Callable[[Covariances], Bools]
+
+
+def _above(lower: str, upper: str, name: str = "e") -> Test:
+    """Test that a scalar is lower at each of the places `lower` than at any of `upper`."""
+
+    def holds(found: Covariances) -> Bools:
+        low, high = (np.array([scalar(found[k], name) for k in ks]) for ks in (lower, upper))
+        return np.asarray(1.01 * low.max(axis=0) < high.min(axis=0))
+
+    return holds
+
+
+def _lies_along_x(found: Covariances) -> Bools:
+    major, minor, direction = position_axes(found["B"])
+    return np.asarray((abs(direction) < np.radians(5)) & (major > 2 * minor))
+
+
+CLAIMS: dict[str, Test] = {
+    "A, the complex room, has the least e": _above("A", "BCDE"),
+    "B, the corridor, is above A": _above("A", "B"),
+    "the ellipse at B lies along the corridor": _lies_along_x,
+    "C, the round room, has the largest heading deviation of A-D": _above(
+        "ABD", "C", "heading_std"
+    ),
+    "D, the repeating corridor, is above A": _above("A", "D"),
+    "E, open beyond the range, has the largest e": _above("ABCD", "E"),
+}
+"""The paper's claims about its places (Figs. 29-32), as tests on the covariances there."""
+
+
+def maps_of_places(
+    *, resolution: float = 0.05, boundary_noise: float = 0.0, seed: int = 0
+) -> dict[str, OccupancyGrid]:
+    """Draw the maps that the places lie in, by name.
+
+    Parameters
+    ----------
+    resolution, boundary_noise, seed
+        See `locplan.maps.environments.make`.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+    """
+    make = partial(environments.make, resolution=resolution, boundary_noise=boundary_noise)
+    return {name: make(name, seed=seed) for name in dict.fromkeys(PLACES.values())}
+
+
+def mismatch_at(maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad) -> Floats:
+    """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2].
+
+    Parameters
+    ----------
+    maps : mapping of str to OccupancyGrid
+        The maps, from `maps_of_places`.
+    place : str
+        The place, "A" to "E".
+    estimator : Sad
+        The estimator, whose template and search window are taken.
+    """
+    grid = maps[PLACES[place]]
+    return mismatch(grid, *environments.landmarks(PLACES[place])[place], estimator)
+
+
+def at_places(
+    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, around: float = 0.4
+) -> Covariances:
+    """Compute the covariances at the places A-E.
+
+    Parameters
+    ----------
+    maps : mapping of str to OccupancyGrid
+        The maps, from `maps_of_places`.
+    estimator : Sad
+        The estimator of the covariances; `Sad.paper` is that of the claims.
+    around : float, default 0.4
+        Distance along x and y of eight more poses on a square around each place [m], >= 0; 0 adds
+        none.
+
+    Returns
+    -------
+    mapping of str to (n, 3, 3) array
+        Covariances by place; n is 1, or 9 with those around.
+    """
+    shifts = np.unique([-around, 0.0, around])
+    dx, dy = (axis.ravel() for axis in np.meshgrid(shifts, shifts))
+    found = {}
+    for place, name in PLACES.items():
+        x, y = environments.landmarks(name)[place]
+        rows, cols = np.floor(maps[name].world_to_grid(x + dx, y + dy)).astype(np.int64)
+        found[place] = _covariances(maps[name], rows, cols, estimator)
+    return found
+
+
+def shares_of_claims(
+    maps: Mapping[str, OccupancyGrid], estimator: Sad, *, around: float = 0.4
+) -> dict[str, float]:
+    """Share of the poses at which each claim holds, 0..1, by the claim in words.
+
+    Parameters
+    ----------
+    maps, estimator, around
+        See `at_places`.
+    """
+    found = at_places(maps, estimator, around=around)
+    return {claim: float(holds(found).mean()) for claim, holds in CLAIMS.items()}
+
+
+def share_smaller_with_range(
+    grid: OccupancyGrid, estimator: Sad, longer: float = 8.0, *, spacing: float = 1.0
+) -> float:
+    """Share of poses where e is not greater with a longer range, 0..1.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    estimator : Sad
+        The estimator with the shorter range.
+    longer : float, default 8.0
+        The longer range [m].
+    spacing : float, default 1.0
+        Distance of the poses along x and y [m], at least a cell.
+    """
+    step = round(spacing / grid.resolution)
+    chosen = np.zeros(grid.shape, bool)
+    chosen[step // 2 :: step, step // 2 :: step] = True
+    rows, cols = np.nonzero(chosen & grid.free)
+    both = estimator, replace(estimator, range=longer)
+    shorter, further = (scalar(_covariances(grid, rows, cols, each), "e") for each in both)
+    return float(np.mean(further <= shorter * (1 + 1e-9)))
+
+
+def _covariances(grid: OccupancyGrid, rows: Ints, cols: Ints, estimator: Sad) -> Floats:
+    part = MapPart.whole(grid.cells, rows, cols, grid.resolution)
+    return estimator.covariances(part)["covariance"]

@@ -1,0 +1,245 @@
+"""Any-angle paths: paths over the grid are straightened and shifted to where they cost least."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from locplan._support.checks import one_of
+from locplan._support.kernels.arrays import Array, Floats, Ints
+from locplan.planning.costmap import Costmap
+from locplan.planning.grid import (
+    Bordered,
+    GridPlanner,
+    blank_costs,
+    bordered_ends,
+    cells_of,
+    cheapest_cells,
+    distinct,
+    straight_line,
+    turning_centres,
+)
+from locplan.planning.metrics import path_cost
+from locplan.planning.path import Path
+from locplan.planning.protocol import Found, Position
+
+REACH = 3
+"""Reach of the longest of the 32 moves along an axis [cells]."""
+LOOKAHEAD = 20
+"""Maximum number of positions that one straight line may replace."""
+
+
+SHIFTS = (2.0, 1.0, 0.5)
+"""Steps by which positions are shifted, one after the other [cells]."""
+
+
+@dataclass(frozen=True)
+class AnyAngle:
+    """This planner finds a path of straight lines in any direction.
+
+    It improves the path of the grid planner, or with accuracy "high" the cheapest path over 32
+    neighbours. Its path never costs more than the grid planner's.
+    """
+
+    accuracy: Literal["normal", "high"] = "normal"
+    """Accuracy, "normal" or "high"; "high" takes about five times as long, for paths that are
+    planned once and driven often."""
+    allow_corner_cutting: bool = False
+    """True lets a line pass the corner of a blocked cell; set it to compare with a planner that
+    does so."""
+    name: ClassVar[str] = "any-angle"
+    minimises: ClassVar[str] = "J"
+    space: ClassVar[str] = "R2"
+
+    def check(self) -> None:
+        """Raise a ConfigError if the accuracy is unknown."""
+        one_of("accuracy", self.accuracy, ("normal", "high"))
+
+    def prepare(self) -> None:
+        """Compile the kernels, so that the first plan is not timed with them."""
+        GridPlanner().prepare()
+        self.solve(blank_costs(3, 9), (0.5, 0.5), (8.5, 1.5))
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan between two world positions [m] in free cells; the path has exactly these ends.
+
+        See `locplan.planning.Planner.solve`.
+        """
+        return self.solve_prepared(costs, Bordered.of(costs), start, goal)
+
+    def solve_prepared(
+        self,
+        costs: Costmap,
+        bordered: Bordered,
+        start: Position,
+        goal: Position,
+        check: Callable[[], None] | None = None,
+    ) -> Found:
+        """Plan as `solve` does, on a costmap that was prepared for several plans.
+
+        Parameters
+        ----------
+        costs : Costmap
+            The costmap to plan on.
+        bordered : Bordered
+            The same costmap, prepared by ``Bordered.of(costs)``.
+        start, goal : (x, y)
+            Positions in the world [m].
+        check : callable, optional
+            Function that is called without arguments now and then during the search; what it
+            raises ends the plan.
+        """
+        cutting = self.allow_corner_cutting
+        cells, _ = cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
+        if cells is None:
+            return Found(status="unreachable")
+        wider = None
+        if self.accuracy == "high":
+            wider = _cells_of_32_moves(costs, start, goal, cutting)
+        return Found(any_angle_path(costs, bordered, cells, start, goal, cutting, wider))
+
+
+def any_angle_path(
+    costs: Costmap,
+    bordered: Bordered,
+    cells: Ints,
+    start: Position,
+    goal: Position,
+    allow_corner_cutting: bool = False,
+    wider: Ints | None = None,
+) -> Path:
+    """Straighten a path over cells; it never costs more than that.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+    bordered : Bordered
+        The same costmap, prepared by ``Bordered.of(costs)``.
+    cells : (n, 2) array
+        Rows and columns of the path's cells from start to goal.
+    start, goal : (x, y)
+        Positions in the world [m].
+    allow_corner_cutting : bool, default False
+        Whether lines may pass the corner of a blocked cell.
+    wider : (m, 2) array, optional
+        Cells to straighten in place of those, if they were searched over more moves.
+    """
+    others = [_without_end_centres(costs, cells, start, goal)]
+    if (line := straight_line(costs, start, goal, allow_corner_cutting)) is not None:
+        others.append(line)
+    ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
+    inner = (cells if wider is None else wider) + 0.5
+    positions = np.vstack([ends[:1], inner, ends[1:]])
+    straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
+    # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
+    best: Path = min(straight, *others, key=lambda path: path_cost(costs, path))
+    return best
+
+
+def _without_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
+    """The path over cells without the centres of its ends' cells, where that costs no more."""
+    xy = np.vstack([start, turning_centres(costs, cells), goal])
+    for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
+        if len(xy) > 2:
+            direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
+            if path_cost(costs, direct) <= path_cost(costs, around):
+                xy = np.delete(xy, between, axis=0)
+    return distinct(costs, xy)
+
+
+def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
+    """Straighten and shift a path between its ends until it costs least; it never costs more."""
+    start, goal = (tuple(map(float, path.xy[end])) for end in (0, -1))
+    positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
+    bordered = Bordered.of(costs)
+    straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
+    return min(straight, path, key=lambda path: path_cost(costs, path))
+
+
+def _improved(
+    costs: Costmap,
+    bordered: Bordered,
+    positions: Floats,
+    start: Position,
+    goal: Position,
+    cutting: bool,
+) -> Path:
+    """Straighten positions (n, 2) of (row, col) at all scales and shift them; the ends stay."""
+    from locplan.planning.kernels.any_angle import shift, shortcut
+
+    half, columns, cheapest = bordered.half, bordered.columns, bordered.scale.cheapest
+    positions, spacing = positions + 1, 1.0
+    while True:
+        kept = shortcut(half, columns, positions, LOOKAHEAD, cutting, cheapest)
+        positions = positions[kept]
+        length = np.hypot(*np.diff(positions, axis=0).T).sum()
+        if LOOKAHEAD * spacing >= length:
+            break
+        spacing *= 4  # one straightening looks at four times the scale of the one before
+        positions = subdivided(positions, spacing)
+    positions = subdivided(positions, 8.0)
+    for step in SHIFTS:  # in at most 20 sweeps over all positions
+        positions = shift(half, columns, positions, step, 20, cutting)
+    kept = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
+    xy = np.column_stack(costs.grid.grid_to_world(*(positions[kept] - 1).T))
+    return distinct(costs, np.vstack([start, xy[1:-1], goal]))
+
+
+def subdivided(positions: Floats, spacing: float) -> Floats:
+    """Add positions to a line so that they lie at most `spacing` apart."""
+    steps = np.diff(positions, axis=0)
+    counts = np.maximum(1, np.ceil(np.hypot(*steps.T) / spacing)).astype(int)
+    share = np.concatenate([np.arange(1, count + 1) / count for count in counts])[:, None]
+    inner = np.repeat(positions[:-1], counts, axis=0) + share * np.repeat(steps, counts, axis=0)
+    inner[np.cumsum(counts) - 1] = positions[1:]
+    return np.vstack([positions[:1], inner])
+
+
+def _cells_of_32_moves(
+    costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
+) -> Ints | None:
+    """The cheapest cells over 32 moves, or None if none join or costs differ too much to sort."""
+    from locplan._support.kernels.search import bordered_half
+    from locplan.planning.kernels.any_angle import cheapest_moves
+
+    columns = costs.grid.shape[1] + 2 * REACH
+    half, ends = bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
+    flat = cheapest_moves(half, *ends, _moves(columns, allow_corner_cutting))
+    return cells_of(flat, columns, REACH) if flat.size else None
+
+
+@cache
+def _moves(columns: int, allow_corner_cutting: bool) -> Any:
+    """The 32 moves, `locplan.planning.kernels.any_angle.Moves`."""
+    from locplan._support.kernels.rays import cells_along
+    from locplan.planning.kernels.any_angle import Moves
+
+    whole = range(-REACH, REACH + 1)
+    moves = [move for move in itertools.product(whole, whole) if math.gcd(*move) == 1]
+    crossed, lengths, touched = [], [], []
+    for move in moves:
+        rows, cols, inside = cells_along(np.array([(0.5, 0.5), (move[0] + 0.5, move[1] + 0.5)]))
+        crossed.append(rows * columns + cols)
+        lengths.append(2 * inside)
+        corners = (np.diff(rows) != 0) & (np.diff(cols) != 0)
+        beside = rows[:-1] * columns + cols[1:], rows[1:] * columns + cols[:-1]
+        touched.append(np.concatenate([cells[corners] for cells in beside]))
+    if allow_corner_cutting:
+        touched = [np.empty(0, np.int64) for _ in moves]
+    offsets = np.array([row * columns + col for row, col in moves])
+    return Moves(offsets, _padded(crossed), _padded(lengths), _padded(touched))
+
+
+def _padded(rows: list[Array]) -> Array:
+    """An array of rows of unequal length, filled up with zeros."""
+    result = np.zeros((len(rows), max(1, *map(len, rows))), rows[0].dtype)
+    for row, values in zip(result, rows, strict=True):
+        row[: len(values)] = values
+    return result

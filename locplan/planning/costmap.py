@@ -1,0 +1,434 @@
+"""The costmap: the cost of travel of each cell, made from localizability."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan import __version__
+from locplan._support.checks import instance, one_of
+from locplan._support.kernels.arrays import Bools
+from locplan._support.saved import Saved
+from locplan._support.tables import finite
+from locplan.errors import ConfigError, FieldError
+from locplan.field.field import CovarianceField
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.planning.layers import (
+    LAYERS,
+    MAX_DENSITY,
+    CostLayers,
+    CostSettings,
+    HeadingLayers,
+    blocked_near,
+    check_weight,
+    checked_layer,
+    degeneracy,
+    density_of,
+    sealed,
+    shaped,
+    whole_robot,
+)
+from locplan.robots.robot import Robot, radius_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+CellWindow = tuple[slice, slice]
+"""Rows and columns of a map."""
+
+
+def changed_window(
+    before: OccupancyGrid, field: CovarianceField, robot_radius: float
+) -> CellWindow | None:
+    """The cells whose costs may differ between a map and the edited map of a field; None if none.
+
+    An edit reaches as far as the estimator sees, and as far as the robot's radius.
+
+    Parameters
+    ----------
+    before : OccupancyGrid
+        The map.
+    field : CovarianceField
+        The field of the edited map.
+    robot_radius : float
+        Radius of the robot [m].
+
+    Raises
+    ------
+    FieldError
+        If the maps differ in shape, resolution or origin.
+    """
+    after = field.grid
+    for name in ("shape", "resolution", "origin"):
+        if getattr(before, name) != getattr(after, name):
+            raise FieldError(f"the field's map has another {name}; make a costmap of its own")
+    changed = before.cells != after.cells
+    if not changed.any():
+        return None
+    # A lidar that would stand in a wall is moved by a stride; values are read a stride further.
+    halo = field.config.estimator.halo(after.resolution, after.shape) + 2 * field.stride
+    reach = max(halo, math.ceil(robot_radius / after.resolution) + 1)
+    rows, cols = (_around(changed.any(axis=1 - axis), reach) for axis in (0, 1))
+    return rows, cols
+
+
+def joined_windows(one: CellWindow | None, other: CellWindow | None) -> CellWindow | None:
+    """The least window that holds two windows; None stands for no cell.
+
+    Parameters
+    ----------
+    one, other : (slice, slice) or None
+        The windows, rows and columns of a map.
+    """
+    if one is None or other is None:
+        return one or other
+    rows, cols = (
+        slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
+    )
+    return rows, cols
+
+
+def part_around(
+    field: CovarianceField, window: CellWindow, robot_radius: float
+) -> tuple[CovarianceField, CellWindow]:
+    """The part of a field that a window of its map is read from, and the window within it."""
+    grid, stride = field.grid, field.stride
+    margin = 2 * stride + math.ceil(robot_radius / grid.resolution) + 1
+    cells, points, inside = [], [], []
+    for inner, size in zip(window, grid.shape, strict=True):
+        first = max(0, inner.start - margin) // stride
+        last = min(size, inner.stop + margin)
+        cells.append(slice(first * stride, last))
+        points.append(slice(first, -(-last // stride)))
+        inside.append(slice(inner.start - first * stride, inner.stop - first * stride))
+    crop = OccupancyGrid(grid.cells[tuple(cells)], grid.resolution, name=grid.name)
+    values = {name: array[tuple(points)] for name, array in field.values.items()}
+    return CovarianceField.of(values, crop, field.config), (inside[0], inside[1])
+
+
+def _around(marked: Bools, reach: int) -> slice:
+    """All marked places and those up to `reach` from the first and the last one."""
+    places = np.flatnonzero(marked)
+    return slice(max(0, int(places[0]) - reach), min(marked.size, int(places[-1]) + reach + 1))
+
+
+ROBOT_RADIUS = 0.25
+"""Default radius of the robot [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Costmap(CostLayers, Saved):
+    """Cost of travel for every cell: J(path) = integral of density ds.
+
+    It is made by `from_field`, `from_layers`, `from_density` or `blank`. Its arrays are read-only;
+    arrays that are given read-only are kept, others are copied.
+    """
+
+    kind: ClassVar[str] = "costmap"
+
+    @classmethod
+    def from_field(
+        cls,
+        grid: OccupancyGrid,
+        field: CovarianceField,
+        *,
+        weight: float | None = None,
+        robot: Robot | float = ROBOT_RADIUS,
+        law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
+        criterion: str | None = None,
+        headings: Literal["mean", "worst"] = "mean",
+    ) -> Costmap:
+        """Make a density 1 + weight * u on free cells, with u between the field's absolute anchors.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map that the field was computed for.
+        field : CovarianceField
+            The field; u is made of Sigma + Q, whether or not its estimator adds Q.
+        weight : float, optional
+            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own,
+            4 of `Sad` and 8 of the others. More avoids degenerate places by longer paths.
+        robot : Robot, or float, default 0.25
+            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
+            cell's centre is blocked;
+            `Footprint` has the radii of a robot that is not round.
+        law : str, default "logarithmic"
+            "logarithmic": u = ln(s/s_min) / ln(s_max/s_min) of the criterion's value s; "linear":
+            s / s_max, which charges the worst places only; "cube-root": the cube root of s / s_max.
+            All are clipped to 0..1.
+        criterion : str, optional
+            Value that u is made of, by default the estimator's own ("e" of `Sad`, else
+            "position_std"): "e", "position_std", "position_rms", "heading_std" (see
+            `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", which is
+            always linear between its anchors.
+        headings : str, default "mean"
+            Value of u and e in a field with several headings where the robot's own is not known:
+            their "mean" over the headings, or that of the "worst" heading. Planners whose states
+            have a heading take its own.
+
+        Raises
+        ------
+        FieldError
+            If the field belongs to another map.
+        ConfigError
+            If weight or radius is negative or not finite, or a name is unknown.
+        """
+        check_grid(grid)
+        instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
+        if field.grid.digest != grid.digest:
+            raise FieldError(
+                f"the field of {field.grid.name or 'another map'} does not belong to"
+                f" {grid.name or 'this map'}; compute it for this map"
+            )
+        estimator = field.config.estimator
+        weight = estimator.weight if weight is None else weight
+        criterion = criterion or estimator.criterion
+        check_weight(weight)
+        one_of("law", law, ("logarithmic", "linear", "cube-root"))
+        one_of("headings", headings, ("mean", "worst"))
+        settings = CostSettings(law, criterion, headings, field.config, not field.lacking.any())
+        u, e = degeneracy(field, criterion, law, headings)
+        return cls(
+            grid=grid,
+            density=blocked_near(density_of(u, weight), grid, radius_of(robot)),
+            weight=float(weight),
+            robot_radius=radius_of(robot),
+            u=sealed(u),
+            e=sealed(e),
+            of_heading=HeadingLayers.of(field, settings),
+            settings=settings,
+            robot=whole_robot(robot),
+        )
+
+    @classmethod
+    def from_layers(
+        cls,
+        grid: OccupancyGrid,
+        *,
+        u: ArrayLike,
+        e: ArrayLike | None = None,
+        weight: float = 8.0,
+        robot: Robot | float = ROBOT_RADIUS,
+    ) -> Costmap:
+        """Make a density 1 + weight * u on free cells from a degeneracy of your own.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        u : (H, W) array
+            Degeneracy of each cell, 0 to 1, row 0 at the lowest y. Cells that are not free are
+            blocked, whatever it says there.
+        e : (H, W) array, optional
+            Uncertainty of each free cell, >= 0 [m^2 rad], of which paths have the integral; without
+            it a path's `integrated_e` is NaN.
+        weight : float, default 8.0
+            Metres of detour accepted per degenerate metre, >= 0.
+        robot : Robot, or float, default 0.25
+            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
+            cell's centre is blocked.
+
+        Raises
+        ------
+        ConfigError
+            If an array has another shape than the map, or is out of its range in a free cell.
+
+        Examples
+        --------
+        >>> from locplan.maps import FREE, OccupancyGrid
+        >>> grid = OccupancyGrid(np.full((3, 4), FREE), resolution=0.5)
+        >>> u = np.array([[0.0], [1.0], [0.5]]) * np.ones(grid.shape)
+        >>> Costmap.from_layers(grid, u=u, weight=4.0).density[:, 0].tolist()
+        [1.0, 5.0, 3.0]
+        """
+        check_grid(grid)
+        check_weight(weight)
+        of_u = checked_layer("u", u, grid, 1.0)
+        of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
+        density = blocked_near(density_of(of_u, weight), grid, radius_of(robot))
+        return cls(
+            grid, density, float(weight), radius_of(robot), of_u, of_e, robot=whole_robot(robot)
+        )
+
+    @classmethod
+    def from_density(
+        cls, grid: OccupancyGrid, density: ArrayLike, *, robot: Robot | float = 0.0
+    ) -> Costmap:
+        """Make a costmap from a density of your own.
+
+        Without a field a path's `integrated_e` and `integrated_u` are NaN.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        density : (H, W) array
+            Cost per metre of each cell, 1 to 1e9, or inf to block it, row 0 at the lowest y. Cells
+            that are not free are blocked in any case.
+        robot : Robot, or float, default 0.0
+            The robot, or its radius [m], >= 0: cells whose centre is closer to an occupied cell are
+            blocked as well;
+            0 where the density has done that.
+
+        Raises
+        ------
+        ConfigError
+            If the array has another shape than the map, or holds NaN, values below 1, or finite
+            ones above 1e9.
+        """
+        check_grid(grid)
+        values = shaped("density", density, grid)
+        if not ((values >= 1) & ((values <= MAX_DENSITY) | np.isposinf(values))).all():
+            raise ConfigError(
+                f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
+            )
+        values[~grid.free] = np.inf
+        values = blocked_near(values, grid, radius_of(robot))
+        nothing = np.broadcast_to(np.nan, grid.shape)
+        radius, own = radius_of(robot), whole_robot(robot)
+        return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=own)
+
+    @classmethod
+    def blank(cls, grid: OccupancyGrid, *, robot: Robot | float = ROBOT_RADIUS) -> Costmap:
+        """A cost of 1 wherever the robot can be: shortest paths, no field.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        robot : Robot, or float, default 0.25
+            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
+            cell's centre is blocked.
+        """
+        check_grid(grid)
+        return cls.from_density(grid, np.ones(grid.shape), robot=robot)
+
+    def with_weight(self, weight: float) -> Costmap:
+        """Copy of the costmap with the density of another weight.
+
+        Parameters
+        ----------
+        weight : float
+            Metres of detour accepted per degenerate metre, 0 to 1e9; 0 finds shortest paths.
+
+        Raises
+        ------
+        ConfigError
+            If the costmap has no field, or the weight is negative or not finite.
+        """
+        check_weight(weight)
+        if math.isnan(self.weight):
+            raise ConfigError("a costmap from a density has no weight; make another one instead")
+        density = density_of(self.u, weight)
+        density[np.isinf(self.density)] = np.inf
+        return dataclasses.replace(self, density=sealed(density), weight=float(weight))
+
+    def updated(self, field: CovarianceField, *, window: CellWindow | None = None) -> Costmap:
+        """Costmap of an edited map, read anew only where the edit can have changed it.
+
+        It equals `from_field` with this costmap's settings; what `blocked_where` has blocked is to
+        be blocked again. All is read anew where either field has values at some points only.
+
+        Parameters
+        ----------
+        field : CovarianceField
+            The field of the edited map, such as `CovarianceField.update` gives.
+        window : (slice, slice), optional
+            Rows and columns of cells that are read anew in any case, such as those where the field
+            had values from before an edit.
+
+        Raises
+        ------
+        ConfigError
+            If the costmap has no field, or the new one has another config.
+        FieldError
+            If the new map has another shape, resolution or origin.
+        """
+        instance("field", field, CovarianceField, "compute one with field.update(grid)")
+        grid, settings = field.grid, self.settings
+        if settings is None or settings.config != field.config:
+            raise ConfigError("a costmap is updated by a field of its own config only")
+        same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
+        same |= {"weight": self.weight, "robot": self.robot_radius}
+        window = joined_windows(window, changed_window(self.grid, field, self.robot_radius))
+        if not settings.whole_field or field.lacking.any():
+            return dataclasses.replace(Costmap.from_field(grid, field, **same), robot=self.robot)
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
+        if window:
+            part, inside = part_around(field, window, self.robot_radius)
+            costs = Costmap.from_field(part.grid, part, **same)
+            for name in LAYERS:
+                arrays[name] = arrays[name].copy()
+                arrays[name][window] = getattr(costs, name)[inside]
+                sealed(arrays[name])
+        arrays |= {"grid": grid, "of_heading": HeadingLayers.of(field, settings)}
+        return dataclasses.replace(self, **arrays)
+
+    def blocked_where(self, blocked: Bools) -> Costmap:
+        """Copy of the costmap with more cells blocked, such as a zone that is closed.
+
+        Parameters
+        ----------
+        blocked : (H, W) array of bool
+            True where the robot may not be, row 0 at the lowest y.
+        """
+        return dataclasses.replace(self, density=sealed(np.where(blocked, np.inf, self.density)))
+
+    def with_robot(self, robot: Robot | float) -> Costmap:
+        """Copy of the costmap for another robot.
+
+        Parameters
+        ----------
+        robot : Robot, or float
+            The robot, or its radius [m], at least the costmap's own: blocked cells cannot be freed
+            again.
+        """
+        radius = radius_of(robot)
+        if radius < self.robot_radius:
+            raise ConfigError(
+                f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
+                f" {radius:g} m; make another one instead"
+            )
+        density = blocked_near(self.density, self.grid, radius)
+        own = whole_robot(robot) or self.robot
+        return dataclasses.replace(self, density=density, robot_radius=radius, robot=own)
+
+    def figure(self) -> Figure:
+        """Draw the degeneracy u of a costmap over its map; blocked cells show the map."""
+        from locplan.planning.figures import costmap_figure
+
+        return costmap_figure(self)
+
+
+def about_costs(costs: Costmap) -> dict[str, object]:
+    """Version, map and settings of a costmap, fit for JSON.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whether or not it has a field.
+    """
+    return {
+        "locplan": __version__,
+        "map": {"name": costs.grid.name, "digest": costs.grid.digest},
+        **finite({"weight": costs.weight, "robot_radius": costs.robot_radius}),
+        **(costs.settings.to_json() if costs.settings else {}),
+    }
+
+
+def check_costs(costs: object) -> None:
+    """Raise a ConfigError unless this is a costmap.
+
+    Parameters
+    ----------
+    costs : object
+        What a function was given for a costmap.
+    """
+    instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")

@@ -1,0 +1,609 @@
+"""Figures of paths, of Pareto fronts, and of the progress of searches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm, Normalize, to_rgba_array
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+
+from locplan._support import drawing as styles
+from locplan._support.drawing import (
+    END_STYLE,
+    ERROR_COLOURS,
+    FIELD_COLOURS,
+    PATH_STYLES,
+    Picture,
+    field_bar,
+    label_plainly,
+    make_logarithmic,
+    outline,
+)
+from locplan._support.kernels.arrays import Floats
+from locplan._support.tables import in_square_metres
+from locplan.field.covariance import DEGENERATE
+from locplan.field.field import CovarianceField
+from locplan.field.figures import (
+    HARMLESS,
+    draw_field,
+    weak_spots,
+)
+from locplan.maps.figures import (
+    block,
+    coarse,
+    draw_cells,
+    draw_map,
+    is_small,
+    limits_of,
+    map_axes,
+    map_size,
+    shrunk,
+    zoomed_to,
+)
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.planning.metrics import costs_caption, profile
+from locplan.planning.path import Path
+from locplan.planning.results import Plan
+from locplan.robots.parts import Footprint
+from locplan.robots.robot import format_radius
+
+if TYPE_CHECKING:
+    from locplan.planning.map_info import MapInfo
+
+if TYPE_CHECKING:
+    from locplan.planning.path import Path
+
+if TYPE_CHECKING:
+    from locplan.planning.path_check import PathCheck
+    from locplan.planning.results import ParetoFront, Plan
+
+
+def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
+    """Weight, limits, footprint and robot radius that the plans were made with."""
+    asked = [f"weight {costs.weight:g}"]
+    for plan in plans.values():
+        if plan.budget is not None:
+            asked = [f"budget {plan.budget:g} m"]
+        if plan.max_e is not None:
+            asked.append(f"e at most {plan.max_e:g}")
+        if plan.footprint is not None and "footprint" not in asked:
+            asked.append("footprint")
+    radius = format_radius(costs.robot, costs.robot_radius)
+    return ", ".join([*asked, f"robot radius {radius}"])
+
+
+def info_figure(info: MapInfo) -> Figure:
+    """Draw the map with numbered grid lines [m], its rooms tinted, and its places named.
+
+    Parameters
+    ----------
+    info : MapInfo
+        The description of the map, from `locplan.planning.describe_map`.
+    """
+    figure, axes = map_axes(info.grid)
+    draw_map(axes, info.grid)
+    colours = (
+        styles.SKY,
+        styles.ORANGE,
+        styles.GREEN,
+        styles.PURPLE,
+        styles.YELLOW,
+        styles.BLUE,
+        "#b08d57",
+    )  # the last one of all others
+    shades = [to_rgba_array("black", 0.0), to_rgba_array(colours, 0.45)]
+    tints = np.round(255 * np.concatenate(shades)).astype(np.uint8)
+    kind = np.minimum(info.room_of_cell, len(tints) - 1).astype(np.uint8)
+    draw_cells(axes, info.grid, tints[shrunk(kind)])
+    extent = max(*np.diff(axes.get_xlim()), *np.diff(axes.get_ylim()))
+    # At most 24 lines, at 1, 2 or 5 times a power of ten; the same on both axes.
+    ticks = MaxNLocator(24, steps=[1, 2, 5, 10]).tick_values(0, extent)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(ticks[1] - ticks[0]))
+    axes.grid(color="0.25", linewidth=0.5, alpha=0.5)
+    axes.tick_params(labeltop=True, labelright=True, top=True, right=True, labelsize="small")
+    centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 9}
+    for place in info.places:
+        axes.plot(place.x, place.y, "o", markersize=13, **styles.END_STYLE)
+        axes.text(place.x, place.y, place.name, fontweight="bold", zorder=5, **centred)
+    (width, height), turned = info.size, math.degrees(info.grid.origin[2])
+    yaw = f", yaw {turned:.4g} deg" if turned else ""
+    size = f"{width:.4g} x {height:.4g} m, {info.grid.resolution:g} m a cell{yaw}"
+    rooms = f"{len(info.rooms)} room{'' if len(info.rooms) == 1 else 's'}"
+    robot = f"{rooms} for a robot of radius {info.robot_size}"
+    axes.set_title(f"{info.grid.name or 'map'}: {size}\n{robot}", fontsize="medium")
+    _add_legend(figure, info, colours)
+    return figure
+
+
+def _add_legend(figure: Figure, info: MapInfo, colours: Sequence[str]) -> None:
+    """Name the rooms' colours and the places' positions below the map."""
+    count = len(colours) - 1
+    labels = [f"room {each.number}, {in_square_metres(each.area)}" for each in info.rooms[:count]]
+    if more := info.rooms[count:]:
+        labels.append(f"{len(more)} more, {in_square_metres(sum(room.area for room in more))}")
+    handles: list[Patch | Line2D] = [
+        Patch(facecolor=colour, alpha=0.45, label=label)
+        for label, colour in zip(labels, colours, strict=False)
+    ]
+    plain: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0, "color": "black"}
+    for place in info.places:
+        marker = f"$\\mathbf{{{place.name}}}$"
+        handles.append(Line2D([], [], marker=marker, **plain, label=f"{place.xy} m"))
+    if handles:
+        columns = max(1, min(len(handles), int(figure.get_figwidth() / 1.6)))
+        style: dict[str, Any] = {"ncols": columns, "frameon": False, "fontsize": "small"}
+        figure.legend(handles=handles, loc="outside lower center", **style)
+
+
+def draw_path(axes: Axes, path: Path, **style: Any) -> None:
+    """Draw a path as a line with a white outline.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    path : Path
+        The path.
+    **style
+        Properties of the line for ``Axes.plot``, such as color and linewidth.
+    """
+    axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": styles.outline(), **style})
+
+
+def along_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
+    """The logarithmic scale of colours of what is drawn along paths.
+
+    Parameters
+    ----------
+    values : array (n,)
+        All that is drawn; NaN where unknown.
+    of_errors : bool, default False
+        Whether the values are mean errors [m]: the scale then spans all from `MIN_ERROR` on, and
+        else those between the quantiles of 2 and 98 %.
+    """
+    known = values[np.isfinite(values)]
+    if of_errors:
+        low = max(styles.MIN_ERROR, float(known.min()))
+        return LogNorm(low, max(float(known.max()), 2 * low), clip=True)
+    low, high = np.quantile(known, (0.02, 0.98)).tolist()
+    return LogNorm(low, max(high, 1.5 * low), clip=True)
+
+
+def draw_along(axes: Axes, xy: Floats, values: Floats, **style: Any) -> LineCollection:
+    """Draw a line in pieces from position to position, each in the colour of its value.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    xy : array (n, 2)
+        The positions [m].
+    values : array (n - 1,)
+        The value of each piece.
+    **style
+        Properties of the lines, such as norm and linewidths.
+    """
+    look = {"cmap": styles.ERROR_COLOURS, "linewidths": 4.0, "zorder": 3, **style}
+    lines = LineCollection(list(np.stack([xy[:-1], xy[1:]], axis=1)), array=values, **look)
+    axes.add_collection(lines)
+    return lines
+
+
+def draw_along_bar(
+    figure: Any, lines: Any, axes: Any, label: str = "mean position error [m]", shrink: float = 0.9
+) -> None:
+    """The colour bar of what is drawn along paths, with plain numbers.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure or SubFigure
+        The figure.
+    lines : LineCollection
+        What `draw_along` returned.
+    axes : matplotlib.axes.Axes, or a list of them
+        The Axes that the bar stands beside.
+    label : str, default "mean position error [m]"
+        What the colours stand for, with its unit.
+    shrink : float, default 0.9
+        Height of the bar, as a share of the Axes'.
+    """
+    bar = figure.colorbar(lines, ax=axes, label=label, shrink=shrink)
+    label_plainly(bar.ax.yaxis)
+
+
+def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
+    """Draw start (circle) and goal (star), each with an arrow if it has a heading.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    start, goal : (x, y) or (x, y, heading)
+        The poses in the world [m, m, rad].
+    """
+    axes.plot(*start[:2], "o", markersize=7, zorder=4, **styles.END_STYLE)
+    axes.plot(*goal[:2], "*", markersize=13, zorder=4, **styles.END_STYLE)
+    for x, y, *heading in (start, goal):
+        if heading:
+            ahead = 22 * np.cos(heading[0]), 22 * np.sin(heading[0])  # in points, at any scale
+            arrow = {"arrowstyle": "<|-", "color": "black", "linewidth": 1.5, "shrinkA": 0}
+            axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow)
+
+
+def end_handles() -> list[Line2D]:
+    """Start and goal as `draw_ends` draws them, for a legend.
+
+    Returns
+    -------
+    list of matplotlib.lines.Line2D
+        The two handles, labelled "start" and "goal".
+    """
+    style = {"linestyle": "none", **styles.END_STYLE}
+    start = Line2D([], [], marker="o", label="start", **style)
+    return [start, Line2D([], [], marker="*", markersize=10, label="goal", **style)]
+
+
+def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequence[Path]) -> None:
+    """Show in a corner without paths where a small part lies on its map, if it is small.
+
+    The part is drawn without a margin, since the map goes on there.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes on which the part was drawn.
+    grid, part : OccupancyGrid
+        The map, and the part of it that was drawn.
+    paths : sequence of Path
+        The paths that the inset must not cover, one at least.
+    """
+    if part.shape != grid.shape:
+        axes.set(**limits_of(part, share=0.0))
+    if not is_small(grid, part):
+        return
+    points = [path.resampled(0.5, even=True).xy for path in paths]
+    size = _size(axes, grid)
+    inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
+    draw_map(inset, coarse(grid, 300))
+    inset.images[0].set_cmap(styles.LIGHT_MAP_COLOURS)
+    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **limits_of(grid))
+    height, width = part.shape
+    x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
+    corners = np.stack([x, y], axis=1)
+    look: dict[str, Any] = {"color": styles.VERMILION, "zorder": 5}
+    inset.add_patch(Polygon(corners, fill=False, linewidth=2.2, **look))
+    if max(part.shape) < 0.06 * max(grid.shape):  # its outline is hard to see
+        inset.plot(*corners.mean(axis=0), "o", markersize=5, **look)
+
+
+def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
+    """Width and height of an inset that shows a map, as shares of those of the Axes."""
+    shares = np.ptp([*limits_of(grid).values()], axis=1)
+    shares /= np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1)
+    across, along = (shares * (0.3 / shares.max())).tolist()
+    return across, along
+
+
+def _free_corner(axes: Axes, xy: Floats, size: tuple[float, float]) -> tuple[float, float]:
+    """Lower left end, in shares of the Axes, of the inset in the corner with fewest points."""
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    at = (xy - low) / (high - low)
+    gap = 0.015
+    far = 1 - np.array(size) - gap
+    corners = np.array([(gap, far[1]), (far[0], far[1]), (far[0], gap), (gap, gap)])
+    near = gap + 0.03
+
+    inside = [((at > corner - near) & (at < corner + size + near)).all(1) for corner in corners]
+    x, y = corners[np.argmin(np.sum(inside, axis=1))].tolist()
+    return x, y
+
+
+def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan]) -> Figure:
+    """Draw paths over the e field of the map and, below, u along each path.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap that the paths were planned on.
+    field : CovarianceField
+        The field to draw below the paths, of the costmap's map.
+    plans : mapping of str to Plan
+        At most four plans, by the name to show; plans without a path are only named.
+    """
+    solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
+    found = [(*each, style) for each, style in zip(solved, PATH_STYLES, strict=False)]
+    shown = [path for plan in plans.values() for path in _drawn(plan)]
+    figure, upper, lower, part = _map_and_plot(costs.grid, shown, 2.2)
+    config = field.config
+    of_field = costs.settings is not None and costs.settings.config == config
+    plain = config.headings == 1 and config.estimator.criterion == "e"
+    whole = part is costs.grid and block(part.shape) == 1 and costs.grid == field.grid
+    read = costs.e if of_field and plain and whole else None  # they are the same
+    image = draw_field(upper, field, part=part, read=read)
+    draw_inset(upper, costs.grid, part, shown)
+    field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
+    # The first plan comes out on top, with its dashes visible where paths coincide.
+    for _, _, path, style in reversed(found):
+        draw_path(upper, path, **style)
+    _draw_stops(upper, plans)
+    _draw_profiles(lower, costs, found)
+    handles = _handles(plans, found, field.e_unit)
+    style = {"frameon": False, "fontsize": "medium", "ncols": 2}
+    figure.legend(handles=handles, loc="outside lower center", **style)
+    weak = weak_spots(field, image.get_array())
+    made = f"{config.title}; u is about 0 on {field.saturated_share:.0%}; {weak}"
+    asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
+    upper.set_title(f"{asked}\n{made}", fontsize="medium")
+    return figure
+
+
+Drawn = tuple[str, "Plan", Path, dict[str, Any]]
+"""The name of a plan with a path, the plan, its path, and the path's line style."""
+
+
+def _map_and_plot(
+    grid: OccupancyGrid, shown: Sequence[Path], height: float
+) -> tuple[Figure, Axes, Axes, OccupancyGrid]:
+    """A figure, Axes for a map and for a plot of some height [inch] below it, and the part shown.
+
+    The part of the map is what lies around some paths, where that is small.
+    """
+    part = zoomed_to(grid, shown)
+    wide, high = map_size(part)
+    figure = Picture(figsize=(wide, high + height + 0.2), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(high, height))
+    return figure, upper, lower, part
+
+
+def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
+    """Draw the ends and the waypoints of all plans."""
+    for plan in plans.values():
+        draw_ends(axes, plan.start, plan.goal)
+        if plan.via:
+            stops = np.array([pose[:2] for pose in plan.via])
+            axes.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
+
+
+def draw_u_along(axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[str, Any]]]) -> None:
+    """Draw the degeneracy u along some paths.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on.
+    costs : Costmap
+        The costmap.
+    paths : iterable of (Path, dict)
+        The paths, with the styles of their lines, as matplotlib has them.
+    """
+    for path, style in paths:
+        headed = None if path.heading is None else costs.u_of_heading
+        distance, u = profile(costs, path, costs.u if headed is None else headed)
+        axes.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
+    axes.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
+    axes.margins(x=0.01)
+
+
+def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
+    """Draw u along each path."""
+    draw_u_along(axes, costs, [(path, style) for _, _, path, style in found])
+    axes.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
+    ways = [path.xy for _, _, path, _ in found]
+    if len(ways) > 1 and all(w.shape == ways[0].shape and np.allclose(w, ways[0]) for w in ways):
+        both = "both" if len(found) == 2 else "all"
+        axes.set_title(f"{both} take the same path", fontsize="medium")
+    if not found:
+        axes.text(0.5, 0.25, "no path", transform=axes.transAxes, ha="center", va="center")
+        axes.set_xticks([])
+
+
+def _handles(plans: Mapping[str, Plan], found: Sequence[Drawn], e_unit: str) -> list[Line2D]:
+    """Entries of the legend: each plan with its metrics, or why it has no path, and its stops."""
+    handles = []
+    for label, plan, _, style in found:
+        metrics = plan.metrics
+        assert metrics is not None
+        text = (
+            f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
+            f" ∫e ds = {metrics.integrated_e:.3g} {e_unit} m"
+        )
+        handles.append(Line2D([], [], path_effects=outline(), linewidth=2, label=text, **style))
+    handles += [
+        Line2D([], [], linestyle="none", label=f"{label}: {plan.status}")
+        for label, plan in plans.items()
+        if plan.path is None
+    ]
+    handles += end_handles()
+    if any(plan.via for plan in plans.values()):
+        handles.append(Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE))
+    return handles
+
+
+def _drawn(plan: Plan) -> list[Path]:
+    """What a picture of a plan must show: its path, and the places that were asked for."""
+    asked = [plan.start, *plan.via, plan.goal]
+    places = Path(np.array([pose[:2] for pose in asked], dtype=float))
+    return [places] if plan.path is None else [plan.path, places]
+
+
+def costmap_figure(costs: Costmap) -> Figure:
+    """Draw the degeneracy u of a costmap over its map; blocked cells show the map.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+    """
+    radius = format_radius(costs.robot, costs.robot_radius)
+    return _u_figure(costs, f"robot radius {radius}", costs.grid)[0]
+
+
+def path_figure(plan: Plan) -> Figure:
+    """Draw a plan's path over the degeneracy u of its costmap.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan; without a path only its ends are shown.
+    """
+    assert plan.costs is not None
+    found = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
+    shown = _drawn(plan)
+    part = zoomed_to(plan.costs.grid, shown)
+    figure, axes = _u_figure(plan.costs, f"{plan.planner}, {found}", part)
+    draw_inset(axes, plan.costs.grid, part, shown)
+    if plan.path is not None:
+        draw_path(axes, plan.path, **PATH_STYLES[1])
+    draw_ends(axes, plan.start, plan.goal)
+    return figure
+
+
+def path_check_figure(check: PathCheck) -> Figure:
+    """Draw the outline along a path over the map, and in red where the robot cannot drive it.
+
+    Parameters
+    ----------
+    check : PathCheck
+        The check of the path.
+    """
+    part = zoomed_to(check.grid, [check.path])
+    figure, axes = map_axes(part)
+    draw_map(axes, part)
+    draw_inset(axes, check.grid, part, [check.path])
+    size = check.outline.circumscribed_radius
+    for pose in check.path.resampled(max(size, check.length / 500)).poses:
+        _draw_outline(axes, check.outline, pose, color="0.4", linewidth=0.6)
+    draw_path(axes, check.path, **PATH_STYLES[1])
+    for each in check.faults:
+        pose = np.array([each.x, each.y, each.heading])
+        _draw_outline(axes, check.outline, pose, color="tab:red", linewidth=1.4)
+    name, count = check.grid.name or "map", len(check.faults)
+    found = f"cannot be driven at {count} place{'s' if count > 1 else ''}" if count else "drivable"
+    clear = f"clearance {check.clearance:.2f} m, least radius {check.least_radius:.2f} m"
+    axes.set_title(f"{name}: {found}\n{clear}", fontsize="medium")
+    return figure
+
+
+def _draw_outline(axes: Axes, outline: Footprint, pose: Floats, **style: Any) -> None:
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    corners = outline.vertices @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
+    axes.plot(*np.vstack([corners, corners[:1]]).T, **style)
+
+
+def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
+    figure, axes = map_axes(part)
+    draw_map(axes, part)
+    greatest = draw_degeneracy(figure, axes, costs, part)
+    weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"
+    axes.set_title(f"{costs.grid.name or 'map'}: {title}{weak}", fontsize="medium")
+    return figure, axes
+
+
+def draw_degeneracy(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyGrid) -> float:
+    """Draw the degeneracy u of a part of a map, where the robot can be, with its bar.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure, for the bar.
+    axes : matplotlib.axes.Axes
+        The Axes to draw on.
+    costs : Costmap
+        The costmap of the whole map.
+    part : OccupancyGrid
+        The part of the map that is drawn.
+
+    Returns
+    -------
+    float
+        The greatest u there, 0..1.
+    """
+    top, left = np.round(costs.grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
+    shown = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
+    u, density = (shrunk(each[shown], maximum=True) for each in (costs.u, costs.density))
+    u = np.where(np.isfinite(density), u, np.nan)
+    if np.isfinite(u).any():
+        image = draw_cells(axes, part, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
+        figure.colorbar(image, ax=axes, label="degeneracy u", shrink=0.9)
+    return float(np.nanmax(u, initial=0.0))
+
+
+def front_figure(front: ParetoFront) -> Figure:
+    """Draw a Pareto front and, over the map, its paths in the same colours, the knee's bold.
+
+    Parameters
+    ----------
+    front : ParetoFront
+        The front, with at least one path.
+    """
+    grid = front.costs.grid
+    ends = front.plan(0), front.plan(len(front) - 1)
+    shown = [path for plan in ends for path in _drawn(plan)]
+    figure, upper, lower, part = _map_and_plot(grid, shown, 3.0)
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
+    low, high = front.length[[0, -1]]
+    norm, colours = Normalize(low, max(high, 1.01 * low)), colormaps[ERROR_COLOURS]
+    targets = np.linspace(low, high, 12)  # more lines hide each other
+    chosen = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
+    knee = front.knee
+    thin: dict[str, Any] = {"linewidth": 1.6, "path_effects": []}
+    for index, style in [*((each, thin) for each in chosen), (knee, {"linewidth": 3})]:
+        path = front.plan(index).path
+        assert path is not None
+        draw_path(upper, path, color=colours(norm(front.length[index])), **style)
+    draw_ends(upper, front.start, front.goal)
+    epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
+    name = grid.name or "map"
+    title = f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}"
+    if len(front) == 1:
+        title = f"{name}: one path, no other is less degenerate; front {epsilon}"
+    upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")
+    unit = "m" if front.objective == "u" else f"{front.costs.e_unit} m"
+    lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
+    look: dict[str, Any] = {"s": 14, "c": front.length, "cmap": ERROR_COLOURS, "norm": norm}
+    image = lower.scatter(front.length, front.integral, **look)
+    length, integral = front.length[knee], front.integral[knee]
+    name = "knee" if knee or len(front) == 1 else "no knee: shortest path"
+    label = f"{name}, bold above: {length:.1f} m long, {integral:.3g} {unit}"
+    lower.plot(length, integral, "D", markersize=9, label=label, **END_STYLE)
+    label = "degenerate metres (∫u ds)" if front.objective == "u" else "∫e ds"
+    lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
+    lower.legend(loc="upper right", frameon=False)
+    figure.colorbar(image, ax=[upper, lower], label="length [m]", shrink=0.6)
+    return figure
+
+
+def history_figure(plans: Mapping[str, Plan]) -> Figure:
+    """Draw the best J of sampling planners over the time since they began.
+
+    Parameters
+    ----------
+    plans : mapping of str to Plan
+        At most four plans with a history, by the name to show.
+    """
+    figure = Picture(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots()
+    for (label, plan), style in zip(plans.items(), PATH_STYLES, strict=False):
+        if not plan.history:
+            continue
+        seconds, cost = np.transpose(plan.history)
+        name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
+        axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
+    axes.set(xlabel="time since the search began [s]", ylabel="best cost J so far [m]")
+    make_logarithmic(axes.xaxis)
+    maps = {plan.costs.grid.name or "map": None for plan in plans.values() if plan.costs}
+    axes.set_title(f"{', '.join([*maps])}: best cost of each search over time", fontsize="medium")
+    axes.legend(frameon=False)
+    return figure

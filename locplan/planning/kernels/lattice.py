@@ -1,0 +1,348 @@
+"""Search over (row, col, heading) by motions of a few shapes: a state lattice.
+
+Whether a motion is free is one bit: the occupied cells, dilated by all cells that the outline
+sweeps along it, 64 cells in a word. A bound for the cost to the goal is found first by a backward
+search over cells alone, which may use any heading's motions: it never exceeds the cost, and no
+motion lowers it by more than its cost. Both searches have circular buckets, first in, first out.
+
+The number of the cell (row, col) is ``row * columns + col``. The states of a cell follow each
+other, so that those that differ by a turn or a gear share cache lines: a state's number is its
+cell's times the number of layers, plus its layer's; a layer is a heading, or a heading and a gear.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._support.kernels.arrays import Array, Floats, Ints, Singles, Words
+
+FORWARD, BACKWARD, EITHER = 0, 1, 2
+"""Gears of a motion; a turn on the spot and a motion sideways keep the one before."""
+FINISHED, OUT_OF_ROOM, PAUSED, READY = range(4)
+UNUSED, USED, WAITING, LOWEST, EXPANDED, BEST = range(6)
+"""Places in a queue's state: first entry free again, number of entries ever used, number that
+wait, lowest bucket, number of expansions, and the best state at the goal, or -1."""
+ROUNDING = 1e-6
+"""Share by which a bound in single precision is lowered."""
+
+
+class Moves(NamedTuple):
+    """The motions, by the heading that they begin with."""
+
+    begin: Ints  # (headings + 1,) first motion of each heading
+    source: Ints  # (m,) heading that it begins with
+    target: Ints  # (m,) heading that it ends with
+    row: Ints  # (m,) rows that it leads on
+    col: Ints  # (m,) columns that it leads on
+    gear: Ints  # (m,) FORWARD, BACKWARD or EITHER
+    at_end: Ints  # (m,) 1 if its mask is that of the motion from its end
+    mask_heading: Ints  # (m,) where its mask stands
+    slot: Ints  # (m,) likewise
+    crossed: Ints  # (m, k) number of each cell that it crosses from its beginning's, by layers
+    lengths: Floats  # (m, k) twice its length in each, times its factor [cells]
+    cells: Ints  # (m,) number of crossed cells
+    extra: Floats  # (m,) further cost [cells]
+    least: Floats  # (m,) cost without `extra` where the density is 1 [cells]
+
+
+class Ground(NamedTuple):
+    """What the motions go over."""
+
+    half: Floats  # (n,) half the density of each cell, by layers of headings
+    masks: Words  # (headings, rows, words, slots) bit 1 where a motion from a cell is not free
+    rows: int
+    columns: int
+    cheapest: float  # least density
+    nearby: Singles  # (rows * columns,) at most the density that motions to or from a cell meet
+
+
+class Terms(NamedTuple):
+    """What stays the same during a search."""
+
+    per_cost: float  # buckets per cost
+    gear_change: float  # cost of a change of the gear [cells]
+    gears: int  # 2 where changes cost, else 1
+    cap: float  # bound of all cells whose own is not known to be lower
+    goal_headings: int  # bit 1 for each heading that the goal may have
+
+
+class Graph(NamedTuple):
+    """The states of a search, and what leads from one to another."""
+
+    ground: Ground
+    moves: Moves
+    terms: Terms
+
+
+class Queue(NamedTuple):
+    """States that wait in buckets."""
+
+    state: Ints
+    heads: NDArray[np.int32]  # first entry of each bucket
+    tails: NDArray[np.int32]  # last entry of each bucket
+    states: NDArray[np.uint32]  # state of each entry
+    following: NDArray[np.int32]  # next entry of a bucket, or of those free again
+
+
+def new_queue(buckets: int, lowest: int) -> Queue:
+    """An empty queue with a power of two of buckets."""
+    return Queue(
+        np.array([-1, 0, 0, lowest, 0, -1]),
+        np.full(buckets, -1, np.int32),
+        np.full(buckets, -1, np.int32),
+        np.empty(1 << 16, np.uint32),
+        np.empty(1 << 16, np.int32),
+    )
+
+
+def grown(queue: Queue) -> Queue:
+    """The queue with twice the room."""
+    states, following = (np.concatenate([a, a]) for a in (queue.states, queue.following))
+    return queue._replace(states=states, following=following)
+
+
+@njit(nogil=True, cache=True)
+def put(queue: Queue, state: int, bucket: int) -> None:
+    """Put a state into a bucket; those too far away wait in the last one."""
+    numbers, heads, tails, states, following = queue
+    slot = min(bucket, numbers[LOWEST] + heads.size - 1) & (heads.size - 1)
+    entry = numbers[UNUSED]
+    if entry >= 0:
+        numbers[UNUSED] = following[entry]
+    else:
+        entry = numbers[USED]
+        numbers[USED] += 1
+    states[entry], following[entry] = state, -1
+    if heads[slot] < 0:
+        heads[slot] = entry
+    else:
+        following[tails[slot]] = entry
+    tails[slot] = entry
+    numbers[WAITING] += 1
+
+
+@njit(nogil=True, cache=True)
+def take(queue: Queue, slot: int) -> int:
+    """Take the first state out of a bucket that is not empty."""
+    numbers, heads, _, states, following = queue
+    entry = heads[slot]
+    heads[slot], following[entry], numbers[UNUSED] = following[entry], numbers[UNUSED], entry
+    numbers[WAITING] -= 1
+    return int(states[entry])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def settled(queue: Queue, furthest: float, room: int, pausing: int) -> int:
+    """Go on to the first bucket with a state in it: READY, or why the search stops here.
+
+    It is FINISHED beyond the bucket `furthest`, OUT_OF_ROOM without `room` for so many entries, and
+    PAUSED after so many expansions as `pausing`.
+    """
+    numbers, heads = queue.state, queue.heads
+    while numbers[WAITING] and not numbers[LOWEST] > furthest:
+        if heads[numbers[LOWEST] & (heads.size - 1)] < 0:
+            numbers[LOWEST] += 1
+        elif numbers[USED] + room > queue.states.size:
+            return OUT_OF_ROOM
+        else:
+            return PAUSED if numbers[EXPANDED] >= pausing else READY
+    return FINISHED
+
+
+@njit(inline="always")
+def is_free(ground: Ground, moves: Moves, move: int, row: int, col: int) -> bool:
+    """Whether a motion from a cell is free; its other end must lie on the map, too."""
+    if moves.at_end[move]:
+        row, col = row + moves.row[move], col + moves.col[move]
+    word = ground.masks[moves.mask_heading[move], row, col >> 6, moves.slot[move]]
+    return (word >> np.uint64(col & 63)) & np.uint64(1) == 0
+
+
+@njit(inline="always")
+def cost_of(ground: Ground, moves: Moves, move: int, cell: int) -> float:
+    """Cost of a free motion from a cell [density x cells]."""
+    total = moves.extra[move]
+    for k in range(moves.cells[move]):
+        total += moves.lengths[move, k] * ground.half[cell + moves.crossed[move, k]]
+    return total
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) -> int:
+    """Go on with the backward search over cells until `cell` is settled (-1: never), or pause.
+
+    `bound` holds the costs to the goal, infinite where nothing was seen. The caller has put in
+    the goal's cells.
+    """
+    ground, moves, terms = graph
+    numbers, mask = queue.state, queue.heads.size - 1
+    pausing = numbers[EXPANDED] + most
+    rows, columns, per_cost = ground.rows, ground.columns, terms.per_cost
+    room = 2 * len(moves.row)
+    while True:
+        status = settled(queue, bound[cell] * per_cost if cell >= 0 else np.inf, room, pausing)
+        if status != READY:
+            return status
+        lowest = numbers[LOWEST]
+        to = take(queue, lowest & mask)
+        here = np.float64(bound[to])
+        bucket = np.int64(here * per_cost)
+        if bucket != lowest:
+            if bucket > lowest:
+                put(queue, to, bucket)
+            continue
+        numbers[EXPANDED] += 1
+        to_row, to_col = to // columns, to % columns
+        nearby = np.float64(ground.nearby[to])
+        for move in range(len(moves.row)):
+            row, col = to_row - moves.row[move], to_col - moves.col[move]
+            if not (0 <= row < rows and 0 <= col < columns):
+                continue
+            source = row * columns + col
+            known = np.float64(bound[source])
+            if here + moves.least[move] * nearby + moves.extra[move] >= known:
+                continue
+            if not is_free(ground, moves, move, row, col):
+                continue
+            reached = np.float32(here + cost_of(ground, moves, move, source))
+            if reached < known:
+                bound[source], later = reached, np.int64(reached * per_cost)
+                if known == np.inf or np.int64(known * per_cost) != later:  # else it waits there
+                    put(queue, source, later)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int) -> int:
+    """Go on with the search over states until the goal is settled, or pause.
+
+    `cost` holds the costs from the start plus 1, negative where expanded, and 0 where nothing was
+    seen, so that memory that is never written takes no room. The caller has put in the start's
+    states.
+    """
+    _, moves, terms = graph
+    numbers, mask = queue.state, queue.heads.size - 1
+    pausing, room = numbers[EXPANDED] + most, 2 * len(moves.row)
+    layers, per_cost = (len(moves.begin) - 1) * terms.gears, terms.per_cost
+    while True:
+        enough = np.inf
+        if numbers[BEST] >= 0:
+            enough = abs(np.float64(cost[numbers[BEST]])) - 1.0
+        status = settled(queue, enough * per_cost, room, pausing)
+        if status != READY:
+            return status
+        state = take(queue, numbers[LOWEST] & mask)
+        if cost[state] < 0 or is_surpassed(cost, terms, state, layers):
+            continue
+        total = np.float64(cost[state]) - 1.0 + bound_of(bound, terms, state // layers)
+        bucket = np.int64(total * per_cost)
+        if bucket > numbers[LOWEST]:
+            put(queue, state, bucket)
+        elif total < enough:
+            expand(queue, graph, bound, cost, state, enough)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def expand(
+    queue: Queue, graph: Graph, bound: Singles, cost: Singles, state: int, enough: float
+) -> None:
+    """Expand a state: put in what its motions reach at less cost than before, below `enough`."""
+    ground, moves, terms = graph
+    numbers, rows, columns = queue.state, ground.rows, ground.columns
+    headings = len(moves.begin) - 1
+    layers = headings * terms.gears
+    here, cell, layer = np.float64(cost[state]) - 1.0, state // layers, state % layers
+    cost[state] = -cost[state]
+    numbers[EXPANDED] += 1
+    row, col = cell // columns, cell % columns
+    heading, gear = layer % headings, layer // headings
+    nearby = np.float64(ground.nearby[cell])
+    for move in range(moves.begin[heading], moves.begin[heading + 1]):
+        to_row, to_col = row + moves.row[move], col + moves.col[move]
+        if not (0 <= to_row < rows and 0 <= to_col < columns):
+            continue
+        if not is_free(ground, moves, move, row, col):
+            continue
+        to_gear, change = shifted(moves.gear[move], gear, terms)
+        to_cell = to_row * columns + to_col
+        other = to_cell * layers + to_gear * headings + moves.target[move]
+        known = abs(np.float64(cost[other]))
+        lowest = here + change + moves.extra[move] + moves.least[move] * nearby + 1.0
+        if known != 0.0 and lowest >= known:  # the exact cost takes longest
+            continue
+        reached = here + change + cost_of(ground, moves, move, cell) + 1.0
+        if known != 0.0 and reached >= known * (1 - 1e-7):
+            continue
+        total = reached - 1.0 + bound_of(bound, terms, to_cell)
+        if not total < enough:
+            continue
+        cost[other] = reached
+        if bound[to_cell] == 0 and (terms.goal_headings >> moves.target[move]) & 1:
+            numbers[BEST], enough = other, reached - 1.0
+        put(queue, other, max(np.int64(total * terms.per_cost), numbers[LOWEST]))
+
+
+@njit(inline="always")
+def is_surpassed(cost: Singles, terms: Terms, state: int, layers: int) -> bool:
+    """Whether the same pose in the other gear, and a change, cost no more than a state."""
+    if terms.gears == 1:
+        return False
+    half = layers // 2
+    other = state + half if state % layers < half else state - half
+    known = abs(cost[other])
+    return known != 0 and known + terms.gear_change <= cost[state]
+
+
+@njit(inline="always")
+def bound_of(bound: Singles, terms: Terms, cell: int) -> float:
+    """Bound of the cost from a cell to the goal."""
+    return min(np.float64(bound[cell]) * (1 - ROUNDING), terms.cap)
+
+
+@njit(inline="always")
+def shifted(gear_of_move: int, gear: int, terms: Terms) -> tuple[int, float]:
+    """Gear after a motion, and the cost of changing it."""
+    if terms.gears == 1 or gear_of_move in (EITHER, gear):
+        return gear, 0.0
+    return gear_of_move, terms.gear_change
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def traced(graph: Graph, cost: Singles, state: int) -> Array:
+    """The start's state, and the motions that lead from it to a state."""
+    ground, moves, terms = graph
+    headings = len(moves.begin) - 1
+    layers, path = headings * terms.gears, [state]
+    while abs(cost[state]) > 1.0:
+        cell, layer = state // layers, state % layers
+        heading, gear = layer % headings, layer // headings
+        least, before, by = np.inf, -1, -1
+        for move in range(len(moves.row)):
+            if moves.target[move] != heading:
+                continue
+            row = cell // ground.columns - moves.row[move]
+            col = cell % ground.columns - moves.col[move]
+            if not (0 <= row < ground.rows and 0 <= col < ground.columns):
+                continue
+            if not is_free(ground, moves, move, row, col):
+                continue
+            source = row * ground.columns + col
+            step = cost_of(ground, moves, move, source)
+            for from_gear in range(terms.gears):
+                to_gear, change = shifted(moves.gear[move], from_gear, terms)
+                other = source * layers + from_gear * headings + moves.source[move]
+                known = abs(np.float64(cost[other]))
+                if to_gear != gear or known == 0.0 or known >= abs(cost[state]):
+                    continue
+                if known + change + step < least:
+                    least, before, by = known + change + step, other, move
+        path.append(by)
+        state = before
+    found = np.empty(len(path), np.int64)
+    found[0] = state
+    for n in range(1, len(path)):
+        found[n] = path[len(path) - n]
+    return found

@@ -1,0 +1,280 @@
+"""Exact integrals of a density along motions between poses: straight lines and curves.
+
+A pose is (x, y, heading) on a bordered grid as in `locplan._support.kernels.search`: column, row
+[cells] and the angle from the columns' direction towards the rows' [rad]. If the density depends
+on the heading, it has a layer for each of several headings, evenly spaced from `first` on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from locplan._support.kernels.arrays import Array, Floats, Ints, Numbers
+from locplan._support.kernels.outlines import Body, first_hit
+from locplan._support.kernels.rays import TOUCH, segment_cost
+from locplan.planning.kernels import curves
+from locplan.planning.kernels.curves import QUARTER, STRAIGHT, TURN
+
+
+class Ground(NamedTuple):
+    """What a motion is integrated over."""
+
+    half: Floats  # (layers, n) half the density on a flat grid with a blocked border
+    columns: int  # of the bordered grid
+    first: float  # the heading of the first layer [rad]
+    corner_cutting: bool  # whether corners of blocked cells may be touched
+
+
+@njit(nogil=True, cache=True)
+def motion_cost(ground: Ground, kind: int, radius: float, start: Numbers, end: Numbers) -> float:
+    """Integral of a density along a motion [density x cells]; infinite if it is blocked.
+
+    Parameters
+    ----------
+    ground : Ground
+        The density.
+    kind : int
+        Kind of motion: STRAIGHT, DUBINS or REEDS_SHEPP.
+    radius : float
+        Least turning radius [cells].
+    start, end : (x, y, heading)
+        Poses at both ends; the start must lie on the grid.
+    """
+    if kind == STRAIGHT:
+        return _line_cost(ground, start, end)
+    half, columns, first, corner_cutting = ground
+    turns, lengths = word_of(kind, radius, start, end)
+    x, y, heading = start
+    total = 0.0
+    for n in range(curves.PIECES):
+        if lengths[n] == 0.0:
+            continue
+        x1, y1, heading1 = curves.moved(x, y, heading, turns[n], lengths[n], radius)
+        if turns[n]:
+            piece = x, y, heading, turns[n], lengths[n]
+            total += arc_cost(ground, piece, radius)
+        else:
+            layer = half[_layer(heading - first, len(half))]
+            total += segment_cost(layer, columns, y, x, y1, x1, corner_cutting)
+        if total == np.inf:
+            break
+        x, y, heading = x1, y1, heading1
+    return total
+
+
+@njit(nogil=True, cache=True)
+def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Array:
+    """Poses (n, 3) along a motion, so dense in turns that straight lines can join them.
+
+    There is a pose wherever a turn crosses a border between cells, so that the lines cross the
+    same cells as the curve.
+    """
+    first, last = np.array(start).reshape(1, 3), np.array(end).reshape(1, 3)
+    if kind == STRAIGHT:
+        return np.concatenate((first, last))
+    turns, lengths = word_of(kind, radius, start, end)
+    x, y, heading = start
+    poses = first
+    for n in range(curves.PIECES):
+        if lengths[n] == 0.0:
+            continue
+        x1, y1, heading1 = curves.moved(x, y, heading, turns[n], lengths[n], radius)
+        inner = np.empty((1, 3))
+        if turns[n]:
+            center_x, center_y, low, high = curves.arc(x, y, heading, turns[n], lengths[n], radius)
+            angles = curves.arc_crossings(center_x, center_y, radius, low, high)
+            angles = curves.closer(angles, 0.02)  # the path's length is then exact to 2e-5
+            if turns[n] * lengths[n] < 0:
+                angles = angles[::-1]
+            inner = np.empty((max(1, len(angles) - 1), 3))
+            for k, angle in enumerate(angles[1:]):
+                inner[k, 0] = center_x + radius * math.cos(angle)
+                inner[k, 1] = center_y + radius * math.sin(angle)
+                inner[k, 2] = angle + turns[n] * QUARTER
+        inner[-1] = x1, y1, heading1
+        poses = np.concatenate((poses, inner))
+        x, y, heading = x1, y1, heading1
+    poses[-1] = last[0]
+    return poses
+
+
+@njit(nogil=True, cache=True)
+def word_of(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
+    """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
+    x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
+    if kind == curves.DUBINS:
+        turns, lengths = curves.dubins(0.0, 0.0, start[2], x, y, end[2])
+    else:
+        turns, lengths = curves.reeds_shepp(0.0, 0.0, start[2], x, y, end[2])
+    return turns, lengths * radius
+
+
+@njit(nogil=True, cache=True)
+def _line_cost(ground: Ground, start: Numbers, end: Numbers) -> float:
+    """Cost of a straight line along which the heading turns evenly, the shorter way round."""
+    half, columns, first, corner_cutting = ground
+    layers = len(half)
+    if layers == 1:
+        return segment_cost(half[0], columns, start[1], start[0], end[1], end[0], corner_cutting)
+    heading = start[2] - first
+    turn = end[2] - start[2]
+    turn -= TURN * round(turn / TURN)
+    shares = np.sort(np.append(_changes(heading, turn, layers), np.array([0.0, 1.0])))
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    total = 0.0
+    for n in range(len(shares) - 1):
+        layer = half[_layer(heading + turn * (shares[n] + shares[n + 1]) / 2, layers)]
+        x0, y0 = start[0] + shares[n] * dx, start[1] + shares[n] * dy
+        x1, y1 = start[0] + shares[n + 1] * dx, start[1] + shares[n + 1] * dy
+        total += segment_cost(layer, columns, y0, x0, y1, x1, corner_cutting)
+        if total == np.inf:
+            break
+    return total
+
+
+@njit(nogil=True, cache=True)
+def arc_cost(ground: Ground, piece: Numbers, radius: float) -> float:
+    """Cost of one turn (x, y, heading, side, length)."""
+    half, columns, first, corner_cutting = ground
+    x, y, heading, turn, length = piece
+    layers, extent = len(half), half.shape[1] // columns + columns
+    if 2 * radius * math.sin(min(abs(length) / radius, math.pi) / 2) > extent:
+        return np.inf  # it leaves the map
+    center_x, center_y, low, high = curves.arc(x, y, heading, turn, length, radius)
+    angles = curves.arc_crossings(center_x, center_y, radius, low, high)
+    towards = turn * QUARTER - first  # added to an angle on the circle it gives the heading there
+    if layers > 1:
+        shares = _changes(low + towards, high - low, layers)
+        angles = np.sort(np.append(angles, low + shares * (high - low)))
+    begin, end, way = (0, len(angles) - 1, 1) if turn * length > 0 else (len(angles) - 1, 0, -1)
+    total, before_row, before_col = 0.0, -1, -1
+    # Go in the direction of travel: cells beyond the border must not be read.
+    for n in range(begin, end, way):
+        inside = abs(angles[n + way] - angles[n]) * radius
+        if inside <= TOUCH:
+            continue
+        middle = (angles[n] + angles[n + way]) / 2
+        row = math.floor(center_y + radius * math.sin(middle))
+        col = math.floor(center_x + radius * math.cos(middle))
+        layer = half[_layer(middle + towards, layers)]
+        at_corner = before_row >= 0 and row != before_row and col != before_col
+        beside = before_row * columns + col, row * columns + before_col
+        if at_corner and not corner_cutting and layer[beside[0]] + layer[beside[1]] == np.inf:
+            return np.inf
+        total += 2 * layer[row * columns + col] * inside
+        if total == np.inf:
+            break
+        before_row, before_col = row, col
+    return total
+
+
+@njit(nogil=True, cache=True)
+def _layer(heading: float, layers: int) -> int:
+    """Layer whose heading is nearest to `heading`, which is counted from the first layer's."""
+    return math.floor(heading / TURN * layers + 0.5) % layers if layers > 1 else 0
+
+
+@njit(nogil=True, cache=True)
+def _changes(heading: float, turn: float, layers: int) -> Array:
+    """Shares of a turn from a heading at which another layer begins."""
+    begin, end = heading / TURN * layers + 0.5, (heading + turn) / TURN * layers + 0.5
+    low, high = math.ceil(min(begin, end)), math.floor(max(begin, end))
+    if begin == end or high < low:
+        return np.empty(0)
+    return (np.arange(low, high + 1) - begin) / (end - begin)
+
+
+@njit(nogil=True, cache=True)
+def world_cost(
+    half: Floats,
+    columns: int,
+    kind: int,
+    radius: float,
+    frame: Numbers,
+    body: Body,
+    start: Numbers,
+    end: Numbers,
+    blocked: float,
+) -> float:
+    """Cost of a motion between poses in the world [m], at least their distance, or `blocked`.
+
+    `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
+    the row of the world's origin, and the yaw; the radius is in cells. A motion on which the
+    outline of `body` meets an occupied cell is blocked; a circle has no outline.
+    """
+    (x0, y0, heading0), (x1, y1, heading1) = start, end
+    if not (stands(half, columns, frame, x0, y0) and stands(half, columns, frame, x1, y1)):
+        return blocked
+    if not math.isfinite(heading0 + heading1):
+        return blocked
+    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    cost = motion_cost(Ground(half, columns, -frame[4], False), kind, radius, *ends)
+    cost /= math.hypot(frame[0], frame[1])
+    if cost < np.inf and len(body.outline):
+        poses = motion_poses(kind, radius, *ends)
+        for pose in poses:  # on the grid without its border
+            pose[0] -= 1.0
+            pose[1] -= 1.0
+        if first_hit(body.sums, body.outline, poses) >= 0:
+            return blocked
+    # After rounding, too, no motion costs less than its length.
+    return max(cost, (1 + 1e-14) * math.hypot(x1 - x0, y1 - y0)) if cost < np.inf else blocked
+
+
+@njit(nogil=True, cache=True)
+def world_costs(
+    half: Floats,
+    columns: int,
+    kind: int,
+    radius: float,
+    frame: Numbers,
+    body: Body,
+    poses: Floats,
+    pairs: Ints,
+) -> Array:
+    """Costs of motions between pairs (m, 2) of poses (n, 3) in the world [m], or infinite."""
+    result = np.empty(len(pairs))
+    for n, (i, j) in enumerate(pairs):
+        start = poses[i, 0], poses[i, 1], poses[i, 2]
+        end = poses[j, 0], poses[j, 1], poses[j, 2]
+        result[n] = world_cost(half, columns, kind, radius, frame, body, start, end, np.inf)
+    return result
+
+
+@njit(nogil=True, cache=True)
+def world_poses(kind: int, radius: float, frame: Numbers, start: Numbers, end: Numbers) -> Array:
+    """Poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
+    along, across, col0, row0, yaw = frame
+    (x0, y0, heading0), (x1, y1, heading1) = start, end
+    ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
+    poses = motion_poses(kind, radius, *ends)
+    per_metre = along**2 + across**2
+    for pose in poses:
+        col, row = pose[0] - col0, pose[1] - row0
+        pose[0] = (along * col - across * row) / per_metre
+        pose[1] = (across * col + along * row) / per_metre
+        pose[2] += yaw
+    poses[0, 0], poses[0, 1], poses[0, 2] = x0, y0, heading0
+    poses[-1, 0], poses[-1, 1], poses[-1, 2] = x1, y1, heading1
+    return poses
+
+
+@njit(nogil=True, cache=True)
+def _on_grid(frame: Numbers, x: float, y: float, heading: float) -> tuple[float, float, float]:
+    along, across, col0, row0, yaw = frame
+    heading -= yaw
+    heading -= TURN * round(heading / TURN)
+    return along * x + across * y + col0, along * y - across * x + row0, heading
+
+
+@njit(nogil=True, cache=True)
+def stands(half: Floats, columns: int, frame: Numbers, x: float, y: float) -> bool:
+    """True if a position in the world [m] lies in a cell that is not blocked."""
+    x, y, _ = _on_grid(frame, x, y, 0.0)
+    col, row = math.floor(x), math.floor(y)
+    inside = 0 < col < columns - 1 and 0 < row < half.shape[1] // columns - 1
+    return inside and half[0, int(row) * columns + int(col)] < np.inf

@@ -1,0 +1,246 @@
+"""All best trade-offs between two costs on an 8-connected grid (bi-objective A*).
+
+BOA* (Hernandez Ulloa et al., ICAPS 2020): labels leave the queue in the order of their first cost,
+so that a label is dominated exactly if its second cost is not less than the least one so far at its
+cell, or at the goal. The queue consists of buckets over the first cost; the lowest one is a heap.
+
+Costs are whole numbers, kept as floats: both costs of a diagonal step are rounded up, so that the
+bounds from searches with unrounded steps stay valid, and equal costs compare as equal. Cells are
+indices of a flat grid with a blocked border (`locplan._support.kernels.search`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._support.kernels.arrays import Array, Floats, Ints, Numbers
+from locplan._support.kernels.search import COLUMNS, LENGTHS, ROWS
+
+SCALE = 1 << 34
+"""Units of cost per cell; floats hold the sums exactly over 370,000 cells at this rate."""
+BUCKETS, BUCKETS_A_CELL = 64, 16
+"""Number of buckets, and of those per cell; a step raises the first bound by <= 2 sqrt(2) cells."""
+FINISHED, OUT_OF_LABELS, PAUSED = 0, 1, 2
+STATUS, UNUSED, USED, WAITING, LOWEST, IN_HEAP, SOLUTIONS = range(7)
+"""Indices of `Labels.state`."""
+
+
+class Labels(NamedTuple):
+    """The labels of a search: paths from the start to a cell."""
+
+    state: Ints
+    """State of the search, at the indices STATUS to SOLUTIONS."""
+    cell: NDArray[np.int32]
+    """Cell in which each label's path ends."""
+    first: Floats
+    """First cost of each path."""
+    second: Floats
+    """Second cost of each path."""
+    parent: NDArray[np.int32]
+    """Label before each label on its path, or -1."""
+    following: NDArray[np.int32]
+    """Next label in the same bucket, or in the chain of free labels."""
+    heads: NDArray[np.int32]
+    """First label of every bucket."""
+    heap: NDArray[np.int32]
+    """Labels of the lowest bucket."""
+    heap_first: Floats
+    heap_second: Floats
+    """Bounds on both costs of the heap's labels, by which it is ordered."""
+    least: Floats
+    """Least second cost of the paths that were expanded at each cell."""
+
+
+class Terms(NamedTuple):
+    """What stays the same during a search: the grid, the goal, and bounds on what is left to it."""
+
+    half: Floats  # (n,) half the second cost's density in whole units, infinite where blocked
+    columns: int  # of the bordered grid
+    goal: int  # flat index
+    corner_cutting: bool
+    first_to_go: Floats  # (n,) lower bound on the first cost to the goal
+    second_to_go: Floats  # (n,) lower bound on the second
+    both_to_go: Floats  # (n,) lower bound on first + multiplier * second
+    multiplier: float
+    most: float  # paths with a greater first + multiplier * second are left out
+
+
+@njit(nogil=True, cache=True)
+def search(labels: Labels, terms: Terms, expansions: int, solutions: NDArray[np.int32]) -> float:
+    """Continue for `expansions`; return a bound on the first cost of all solutions to come.
+
+    Parameters
+    ----------
+    labels : Labels
+        At the beginning just the start's label in bucket 0; `state[STATUS]` tells how it ended.
+    terms : Terms
+        What is searched.
+    expansions : int
+        Number of labels that are expanded at most.
+    solutions : (m,) array of int32
+        Receives the labels that reached the goal; the search pauses when it is full.
+    """
+    state, begun = labels.state, 0
+    state[STATUS] = FINISHED
+    while True:
+        if state[IN_HEAP] == 0:
+            if state[WAITING] == 0:
+                return np.inf
+            _open_bucket(labels, terms)
+            continue
+        begun = _expand_heap(labels, terms, begun, expansions, solutions)
+        if state[STATUS] != FINISHED:
+            return labels.heap_first[0]
+
+
+@njit(nogil=True, cache=True)
+def _open_bucket(labels: Labels, terms: Terms) -> None:
+    """Move the labels of the lowest bucket that has any into the heap, and free those dominated."""
+    state, heads, following = labels.state, labels.heads, labels.following
+    heap = labels.heap, labels.heap_first, labels.heap_second
+    first_to_go, second_to_go, goal = terms.first_to_go, terms.second_to_go, terms.goal
+    while heads[state[LOWEST] % BUCKETS] < 0:
+        state[LOWEST] += 1
+    slot = state[LOWEST] % BUCKETS
+    label = heads[slot]
+    heads[slot] = -1
+    while label >= 0:
+        after, cell = following[label], labels.cell[label]
+        state[WAITING] -= 1
+        bound = labels.second[label] + second_to_go[cell]
+        if not _is_open(labels.second[label], bound, labels.least[cell], labels.least[goal]):
+            following[label], state[UNUSED] = state[UNUSED], label
+        else:
+            bound_first = labels.first[label] + first_to_go[cell]
+            _push(state, heap, label, bound_first, bound)
+        label = after
+
+
+@njit(nogil=True, cache=True)
+def _expand_heap(
+    labels: Labels, terms: Terms, begun: int, expansions: int, solutions: NDArray[np.int32]
+) -> int:
+    """Expand the heap's labels, or so many of them that `expansions` have begun; return how many.
+
+    The other arguments are those of `search`.
+    """
+    # All arrays have local names: numba counts references to those that are passed on.
+    state, cells, first, second = labels.state, labels.cell, labels.first, labels.second
+    parents, following, heads = labels.parent, labels.following, labels.heads
+    heap, least = (labels.heap, labels.heap_first, labels.heap_second), labels.least
+    half, columns, goal, corner_cutting, first_to_go, second_to_go, both_to_go, _, _ = terms
+    multiplier, most = terms.multiplier, terms.most
+    corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
+    while state[IN_HEAP]:
+        if begun == expansions or state[SOLUTIONS] == solutions.size:
+            state[STATUS] = PAUSED
+            break
+        if state[USED] + 8 > cells.size:
+            state[STATUS] = OUT_OF_LABELS
+            break
+        label, bound = heap[0][0], heap[2][0]
+        _pop(state, heap)
+        cell = cells[label]
+        if not _is_open(second[label], bound, least[cell], least[goal]):
+            following[label], state[UNUSED] = state[UNUSED], label
+            continue
+        # First costs only grow from here on: no later label is better in both than this one.
+        least[cell] = second[label]
+        if cell == goal:
+            solutions[state[SOLUTIONS]] = label
+            state[SOLUTIONS] += 1
+            continue
+        begun += 1
+        for n in range(8):
+            beside, aside = cell + ROWS[n] * columns, cell + COLUMNS[n]
+            other, length = beside + COLUMNS[n], LENGTHS[n]
+            new_first = first[label] + np.ceil(length * SCALE)
+            new_second = second[label] + np.ceil(length * (half[cell] + half[other]))
+            # A blocked cell's least second cost is infinite, as that of its step.
+            if new_second >= least[other] or half[beside] + half[aside] == corner:
+                continue
+            bound = new_second + second_to_go[other]
+            both = new_first + multiplier * new_second + both_to_go[other]
+            if bound >= least[goal] or both > most:
+                continue
+            new = state[UNUSED]
+            if new >= 0:
+                state[UNUSED] = following[new]
+            else:
+                new = state[USED]
+                state[USED] += 1
+            cells[new], parents[new] = other, label
+            first[new], second[new] = new_first, new_second
+            bound_first = new_first + first_to_go[other]
+            bucket = int(bound_first * (BUCKETS_A_CELL / SCALE))
+            if bucket <= state[LOWEST]:
+                _push(state, heap, new, bound_first, bound)
+            else:
+                slot = bucket % BUCKETS
+                following[new], heads[slot] = heads[slot], new
+                state[WAITING] += 1
+    return begun
+
+
+@njit(nogil=True, cache=True)
+def path_of(labels: Labels, label: int) -> Array:
+    """Cells of a label's path, from the start on."""
+    count, at = 0, label
+    while at >= 0:
+        count, at = count + 1, labels.parent[at]
+    cells, at = np.empty(count, np.int64), label
+    for n in range(count - 1, -1, -1):
+        cells[n], at = labels.cell[at], labels.parent[at]
+    return cells
+
+
+@njit(inline="always")
+def _is_open(second: float, bound: float, least: float, least_at_goal: float) -> bool:
+    """Whether no path that was found is better than one with this second cost and bound on it."""
+    return second < least and bound < least_at_goal
+
+
+@njit(inline="always")
+def _comes_before(first: float, second: float, other_first: float, other_second: float) -> bool:
+    """Whether a label leaves the heap before another, by the bounds on both costs."""
+    return first < other_first or (first == other_first and second < other_second)
+
+
+@njit(inline="always")
+def _push(state: Ints, of_heap: Numbers, label: int, first: float, second: float) -> None:
+    heap, heap_first, heap_second = of_heap
+    at = state[IN_HEAP]
+    state[IN_HEAP] += 1
+    while at > 0:
+        above = (at - 1) // 2
+        if not _comes_before(first, second, heap_first[above], heap_second[above]):
+            break
+        heap[at], heap_first[at] = heap[above], heap_first[above]
+        heap_second[at] = heap_second[above]
+        at = above
+    heap[at], heap_first[at], heap_second[at] = label, first, second
+
+
+@njit(inline="always")
+def _pop(state: Ints, of_heap: Numbers) -> None:
+    heap, heap_first, heap_second = of_heap
+    state[IN_HEAP] -= 1
+    last = state[IN_HEAP]
+    label, first, second = heap[last], heap_first[last], heap_second[last]
+    at = 0
+    while 2 * at + 1 < last:
+        below = 2 * at + 1
+        if below + 1 < last and _comes_before(
+            heap_first[below + 1], heap_second[below + 1], heap_first[below], heap_second[below]
+        ):
+            below += 1
+        if not _comes_before(heap_first[below], heap_second[below], first, second):
+            break
+        heap[at], heap_first[at] = heap[below], heap_first[below]
+        heap_second[at] = heap_second[below]
+        at = below
+    heap[at], heap_first[at], heap_second[at] = label, first, second

@@ -1,0 +1,119 @@
+"""The lattice planner: an exact search over position and heading, with the robot's outline."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from locplan._support.checks import number, positive, shown, whole
+from locplan.errors import ConfigError
+from locplan.planning.costmap import Costmap
+from locplan.planning.grid import blank_costs
+from locplan.planning.protocol import LATTICE, Found, Position
+from locplan.planning.smoothing import GEAR_CHANGE, REVERSE, TURN, Smoother
+from locplan.robots.parts import Footprint
+from locplan.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """This planner finds the cheapest motions that the robot itself can make.
+
+    It searches over position and heading on the costmap's own robot: outline, drive, turning
+    radius, and whether it drives in reverse. Its path has headings. It is the cheapest one of the
+    motions of the lattice, which begin and end in the middle of cells, and then smoothed. Either
+    end may have a heading. Where no motions lead into the goal's cell, it ends within the robot's
+    goal tolerance, if it can. The outline keeps the robot's margin from walls, its corners moved
+    outwards as by Nav2's footprint_padding; where no path does, it keeps clear of them without it,
+    and the plan's note says so.
+
+    Examples
+    --------
+    >>> from locplan.planning import plan
+    >>> plan(blank_costs(9, 9), (1.5, 4.5), (7.5, 4.5, 0.0), planner="lattice").status
+    'solved'
+    """
+
+    headings: int = 16
+    """Number of headings: 8, 16 or 32."""
+    span: int = 1
+    """Number of headings, 1 to 4, that one turn may pass; more makes turns closer to the turning
+    radius, and takes longer. Take 2 or more with 32 headings."""
+    reverse: float = REVERSE
+    """Factor on the cost of driving in reverse or sideways, above 1."""
+    gear_change: float = GEAR_CHANGE
+    """Cost of changing between forward and reverse, >= 0 [m]."""
+    turn_cost: float = TURN
+    """Cost of turning on the spot, above 0 [m/rad]."""
+    smooth: bool = True
+    """True smooths the path by curves that the robot can drive, which begin and end at just the
+    poses asked for where they can; see `planners.smoothed`."""
+    time_limit: float | None = None
+    """Time after which the search ends [s], above 0; by default it is not limited."""
+    name: ClassVar[str] = "lattice"
+    minimises: ClassVar[str] = "J"
+    space: ClassVar[str] = LATTICE
+
+    def check(self) -> None:
+        """Raise a ConfigError if an option is out of its range."""
+        if self.headings not in (8, 16, 32):
+            raise ConfigError(f"headings must be 8, 16 or 32, not {shown(self.headings)}")
+        whole("span", self.span, 1, 4)
+        number("reverse", self.reverse, 1.0 + 1e-6)
+        number("gear_change", self.gear_change, 0.0)
+        positive("turn_cost", self.turn_cost, "m/rad")
+        if self.time_limit is not None:
+            positive("time_limit", self.time_limit, "seconds")
+
+    def prepare(self) -> None:
+        """Compile the kernels, so that the first plan is not timed with them."""
+        square = Footprint(np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) / 4)
+        costs = dataclasses.replace(blank_costs(9, 9), robot=Robot(footprint=square))
+        self.solve(costs, (1.5, 1.5), (7.5, 1.5))
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan between two world positions [m] or poses [m, rad] in free cells.
+
+        See `locplan.planning.Planner.solve`.
+        """
+        until = time.perf_counter() + (self.time_limit or math.inf)
+        robot = costs.robot
+        if robot is None or robot.outline is None or robot.margin == 0:
+            return self._solved(costs, start, goal, until)
+        wider = dataclasses.replace(costs, robot=_with_margin(robot, robot.outline))
+        found = self._solved(wider, start, goal, until)
+        if found.status != "infeasible":
+            kept = f" if it keeps the robot's margin of {robot.margin:g} m" if found.note else ""
+            return dataclasses.replace(found, note=found.note + kept)
+        found = self._solved(costs, start, goal, until)
+        if found.path is None:
+            return found
+        near = f"comes nearer to walls than the robot's margin of {robot.margin:g} m"
+        note = f"{near}: no path of the lattice keeps it"
+        return dataclasses.replace(found, note="; ".join(filter(None, [found.note, note])))
+
+    def _solved(self, costs: Costmap, start: Position, goal: Position, until: float) -> Found:
+        """Plan for the costmap's robot as it is, until a time of `time.perf_counter`."""
+        from locplan.planning.lattice_search import LatticeSearch, Prices
+
+        prices = Prices(self.reverse, self.gear_change, self.turn_cost)
+        search = LatticeSearch(costs, self.headings, self.span, prices, until)
+        found = search.found(start, goal)
+        if found.path is None or not self.smooth:
+            return found
+        smoother = Smoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
+        at_goal = costs.cell_of(found.path.xy[-1].tolist()) == costs.cell_of(goal[:2])
+        path = smoother.smoothed(found.path, start, goal if at_goal else None)
+        return dataclasses.replace(found, path=path)
+
+
+def _with_margin(robot: Robot, outline: Footprint) -> Robot:
+    """A robot whose outline holds the margin, too."""
+    around = robot.margin * np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
+    wider = Footprint((outline.vertices[:, None] + around).reshape(-1, 2))
+    return dataclasses.replace(robot, footprint=wider, margin=0.0)

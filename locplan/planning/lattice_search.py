@@ -1,0 +1,557 @@
+"""The search of the lattice planner: motion primitives, their costs, and the search itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Array, Floats, Ints, Singles, Words
+from locplan._support.kernels.outlines import TOUCH, swept
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import FREE, OCCUPIED
+from locplan.planning.costmap import Costmap
+from locplan.planning.grid import cheapest_cells
+from locplan.planning.kernels import lattice as kernels
+from locplan.planning.kernels.bit_masks import WORD, add_runs, widened
+from locplan.planning.kernels.lattice import BACKWARD, EITHER, FORWARD, Ground, Moves
+from locplan.planning.metrics import crossed_cells
+from locplan.planning.path import Path
+from locplan.planning.protocol import Found, Position
+from locplan.robots.parts import Footprint, Kinematics
+from locplan.robots.robot import Robot
+
+DIRECTIONS: dict[int, tuple[tuple[int, int], ...]] = {
+    8: ((1, 0), (1, 1)),
+    16: ((1, 0), (2, 1), (1, 1), (1, 2)),
+    32: ((1, 0), (3, 1), (2, 1), (3, 2), (1, 1), (2, 3), (1, 2), (1, 3)),
+}
+"""Directions (columns, rows) of a quarter of the headings, by the number of all."""
+ARC_STEP = 0.025
+"""Maximum turn between two poses on an arc [rad]; an arc is then at most 2.6e-5 too short."""
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """A motion from the centre of cell (0, 0) to that of another cell."""
+
+    source: int
+    """Heading that it begins with."""
+    target: int
+    """Heading that it ends with."""
+    poses: tuple[tuple[float, float, float], ...]
+    """Poses (col, row, heading) along it, from (0, 0) on [cells, rad]."""
+    sideways: bool = False
+    """True for a motion sideways."""
+
+    @property
+    def end(self) -> tuple[int, int]:
+        """Rows and columns that it leads on."""
+        col, row, _ = self.poses[-1]
+        return round(row), round(col)
+
+    @property
+    def turn(self) -> float:
+        """Turn on the spot, >= 0 [rad]; 0 for all other motions."""
+        if self.end != (0, 0):
+            return 0.0
+        return abs(math.remainder(self.poses[-1][2] - self.poses[0][2], 2 * math.pi))
+
+    @property
+    def neutral(self) -> bool:
+        """True if it leads neither ahead nor, driven from its end, in reverse."""
+        return self.sideways or self.turn > 0
+
+
+def angles_of(headings: int) -> Floats:
+    """The headings of a lattice, rising from 0 [rad]."""
+    return np.array([math.atan2(row, col) % (2 * math.pi) for col, row in _directions(headings)])
+
+
+def _directions(headings: int) -> list[tuple[int, int]]:
+    """The direction (columns, rows) of each heading."""
+    quarter, every = DIRECTIONS[headings], []
+    for turns in range(4):
+        for col, row in quarter:
+            for _ in range(turns):
+                col, row = -row, col
+            every.append((col, row))
+    return every
+
+
+@lru_cache(maxsize=32)
+def primitives(
+    headings: int, radius: float, sideways: bool, span: int = 1
+) -> tuple[Primitive, ...]:
+    """The primitives of all headings, sorted by the heading that they begin with.
+
+    Parameters
+    ----------
+    headings : int
+        Number of headings: 8, 16 or 32.
+    radius : float
+        Turning radius, >= 0 [cells]; with 0 turns are on the spot.
+    sideways : bool
+        Whether there are motions sideways.
+    span : int, default 1
+        Number of headings, at least 1, that a turn may pass to either side.
+    """
+    directions, angles = _directions(headings), angles_of(headings)
+    found = []
+    for source, ahead in enumerate(directions):
+        start, angle = (0.0, 0.0, angles[source]), angles[source]
+        found.append(Primitive(source, source, (start, (*map(float, ahead), angle))))
+        for steps in (*range(1, span + 1), *range(-1, -span - 1, -1)):
+            target = (source + steps) % headings
+            for poses in _turns(ahead, directions[target], angle, radius):
+                found.append(Primitive(source, target, poses))
+        for quarter in (1, 3) if sideways else ():
+            aside = directions[(source + quarter * headings // 4) % headings]
+            poses = start, (*map(float, aside), angle)
+            found.append(Primitive(source, source, poses, sideways=True))
+    return tuple(found)
+
+
+def _turns(
+    ahead: tuple[int, int], after: tuple[int, int], heading: float, radius: float
+) -> list[tuple[tuple[float, float, float], ...]]:
+    """The poses of the turns from one direction to another."""
+    (x, y), (x1, y1) = ahead, after
+    cross = x * y1 - y * x1
+    turn = math.atan2(cross, x * x1 + y * y1)
+    long, long1 = math.hypot(x, y), math.hypot(x1, y1)
+    least = radius * math.tan(abs(turn) / 2)
+    # The ends lie in a parallelogram from the least turn's end on.
+    near, reach = least * (x / long + x1 / long1), math.ceil(long + long1)
+    columns = range(math.floor(near) - reach, math.ceil(near) + reach + 1)
+    near = least * (y / long + y1 / long1)
+    rows = range(math.floor(near) - reach, math.ceil(near) + reach + 1)
+    found = []
+    for col, row in itertools.product(columns, rows):
+        along = (col * y1 - row * x1) / cross * long
+        beyond = (x * row - y * col) / cross * long1
+        first, second = along - least, beyond - least
+        if -1e-9 <= first < long - 1e-9 and -1e-9 <= second < long1 - 1e-9:
+            found.append(_turn_poses(heading, turn, along, beyond, (float(col), float(row))))
+    return found
+
+
+def _turn_poses(
+    heading: float, turn: float, along: float, beyond: float, end: tuple[float, float]
+) -> tuple[tuple[float, float, float], ...]:
+    """Poses along a straight rest, an arc, and a straight rest."""
+    tangent = min(along, beyond)
+    radius, side = tangent / math.tan(abs(turn) / 2), math.copysign(1.0, turn)
+    cos, sin = math.cos(heading), math.sin(heading)
+    poses = [(0.0, 0.0, heading)]
+    begin = along - tangent
+    steps = max(1, math.ceil(abs(turn) / ARC_STEP)) if radius > 1e-9 else 1
+    for n in range(steps + 1):
+        angle = abs(turn) * n / steps
+        x, y = begin + radius * math.sin(angle), side * radius * (1 - math.cos(angle))
+        poses.append((cos * x - sin * y, sin * x + cos * y, heading + side * angle))
+    if math.hypot(poses[1][0], poses[1][1]) <= 1e-9:
+        del poses[1]  # no straight rest before the arc
+    if math.hypot(poses[-1][0] - end[0], poses[-1][1] - end[1]) <= 1e-9:
+        del poses[-1]
+    return (*poses, (*end, heading + turn))
+
+
+def reach_of(found: tuple[Primitive, ...], outline: Footprint | None, resolution: float) -> int:
+    """Number of cells, rounded up, that the robot reaches from where a primitive begins."""
+    body = 0.0 if outline is None else outline.circumscribed_radius / resolution
+    far = max(max(abs(col), abs(row)) for each in found for col, row, _ in each.poses)
+    return math.ceil(far + body) + 2
+
+
+def centre_cells(primitive: Primitive) -> Ints:
+    """Cells (n, 2) of (row, col) that the centre crosses, or touches at a corner."""
+    row, col, _, _ = _crossed(primitive, 1, 0.0)
+    cells = [np.column_stack([row, col])]
+    corner = np.flatnonzero((np.diff(row) != 0) & (np.diff(col) != 0))
+    cells += [np.column_stack([row[corner], col[corner + 1]])]
+    cells += [np.column_stack([row[corner + 1], col[corner]])]
+    return np.unique(np.concatenate(cells), axis=0)
+
+
+def _crossed(primitive: Primitive, layers: int, yaw: float) -> tuple[Array, Array, Array, Array]:
+    """Rows, columns, layers and lengths of the cells that the centre crosses [cells]."""
+    poses = np.array(primitive.poses)
+    unit = OccupancyGrid(np.full((1, 1), FREE), 1.0)
+    path = Path(poses[:, :2] + 0.5, poses[:, 2] + yaw)
+    layer, row, col, length = crossed_cells(unit, path, layers)
+    return row, col, layer, length
+
+
+@dataclass(frozen=True)
+class Prices:
+    """What motions cost beside the integral of the density."""
+
+    reverse: float
+    """Factor on the cost of motions in reverse and sideways, above 1."""
+    gear_change: float
+    """Cost of a change between forward and reverse [m]."""
+    turn: float
+    """Cost of a turn on the spot [m/rad]."""
+
+
+def moves_of(
+    found: tuple[Primitive, ...],
+    kinematics: Kinematics,
+    prices: Prices,
+    costs: Costmap,
+) -> tuple[Moves, list[tuple[int, bool]]]:
+    """The motions that primitives make on a costmap.
+
+    Beside the kernels' arrays it gives the primitive of each motion, and whether it is driven from
+    its end.
+    """
+    yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
+    slots, made = slots_of(found), _driven(found, kinematics.reverse)
+    crossed, lengths, rest = [], [], []
+    for number, back in made:
+        each = found[number]
+        cells, shares = _crossed_from(each, back, costs.density_of_heading.shape, yaw)
+        factor = prices.reverse if back or each.sideways else 1.0
+        crossed.append(cells)
+        lengths.append(2 * factor * shares)
+        gear = EITHER if each.neutral else BACKWARD if back else FORWARD
+        ends = (each.target, each.source) if back else (each.source, each.target)
+        leads = (-each.end[0], -each.end[1]) if back else each.end
+        rest.append((*ends, *leads, gear, int(back), each.source, slots[number]))
+    begin = np.searchsorted([row[0] for row in rest], np.arange(found[-1].source + 2))
+    table = np.array(rest, np.int64).T
+    count = np.array([len(one) if one.sum() > 0 else 0 for one in lengths])
+    extra = np.array([turn * found[number].turn for number, _ in made])
+    least = np.array([one.sum() / 2 for one in lengths])
+    arrays = _padded(crossed, np.int64), _padded(lengths, np.float64), count, extra, least
+    moves = Moves._make([begin.astype(np.int64), *(row.copy() for row in table), *arrays])
+    return moves, made
+
+
+def _driven(found: tuple[Primitive, ...], reverse: bool) -> list[tuple[int, bool]]:
+    """The number of each primitive, and whether it is driven from its end, by the first heading."""
+    ahead = [(each.source, number, False) for number, each in enumerate(found)]
+    both = enumerate(found) if reverse else ()
+    back = [(each.target, number, True) for number, each in both if not each.neutral]
+    return [(number, backward) for _, number, backward in sorted(ahead + back)]
+
+
+def _crossed_from(
+    primitive: Primitive, back: bool, shape: tuple[int, ...], yaw: float
+) -> tuple[Array, Array]:
+    """Number of each cell crossed from the beginning's on, by layers (`shape`), and its length."""
+    layers, rows, columns = shape
+    row, col, layer, length = _crossed(primitive, layers, yaw)
+    if back:
+        row, col = row - primitive.end[0], col - primitive.end[1]
+    return (layer * rows + row) * columns + col, length
+
+
+@lru_cache(maxsize=32)
+def slots_of(found: tuple[Primitive, ...]) -> list[int]:
+    """The number of each primitive among those of its heading."""
+    slots: list[int] = []
+    for each in found:
+        slots.append(sum(other.source == each.source for other in found[: len(slots)]))
+    return slots
+
+
+def _padded(rows: list[Array], dtype: type) -> Array:
+    """An array of rows of unequal length, filled up with zeros."""
+    result: Array = np.zeros((len(rows), max(map(len, rows))), dtype)
+    for row, values in zip(result, rows, strict=True):
+        row[: len(values)] = values
+    return result
+
+
+def masked_ground(
+    found: tuple[Primitive, ...],
+    outline: Footprint | None,
+    costs: Costmap,
+) -> Ground:
+    """What motions go over: the density, and where each primitive is not free.
+
+    A primitive is free where no cell that the outline sweeps is occupied, and the centre crosses
+    and touches no cell of infinite density.
+    """
+    density = costs.density_of_heading
+    rows, columns = costs.grid.shape
+    masks = outline_masks(costs.grid, outline, found).copy()
+    centres = [np.insert(centre_cells(each), 2, 1, axis=1) for each in found]
+    _add_masks(masks, np.isinf(density[0]), centres, found, outside=True)
+    half = np.array(density).reshape(-1) / 2
+    free = half[np.isfinite(half)]
+    cheapest = 2 * float(free.min()) if free.size else 1.0
+    return Ground(
+        half, masks, rows, columns, cheapest, _nearby(density, reach_of(found, None, 1.0))
+    )
+
+
+def _nearby(density: Array, reach: int) -> Singles:
+    """Least density within so many cells of each cell, over all headings, (rows * columns,)."""
+    import cv2
+
+    least = density.min(axis=0).astype(np.float32)
+    size = 2 * reach + 1
+    eroded = cv2.erode(least, np.ones((size, size), np.uint8), borderValue=np.inf)
+    # A free cell is below infinity; single precision may have rounded it up.
+    found: Singles = np.where(np.isfinite(eroded), eroded * np.float32(1 - 1e-6), 0.0)
+    return found.astype(np.float32).reshape(-1)
+
+
+@lru_cache(maxsize=4)
+def outline_masks(
+    grid: OccupancyGrid, outline: Footprint | None, found: tuple[Primitive, ...]
+) -> Words:
+    """Bits (headings, rows, words, slots) where a primitive's outline meets an occupied cell."""
+    rows, columns = grid.shape
+    slots = max(slots_of(found)) + 1
+    masks: Words = np.zeros((found[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64)
+    if outline is not None:
+        reach, half = reach_of(found, outline, grid.resolution), np.array([0.5, 0.5, 0.0])
+        corners = outline.vertices / grid.resolution
+        cells = [swept(corners, np.array(each.poses) + half, reach) for each in found]
+        runs = [_runs(each, reach) for each in cells]
+        _add_masks(masks, grid.cells == OCCUPIED, runs, found, outside=False)
+    masks.setflags(write=False)
+    return masks
+
+
+def _add_masks(
+    masks: Words, plane: Array, runs: list[Ints], found: tuple[Primitive, ...], *, outside: bool
+) -> None:
+    """Set the bits where runs of cells, those of each primitive, meet a plane."""
+    farthest = max(int(np.abs(each).max()) + int(each[:, 2].max()) for each in runs)
+    margin = WORD * math.ceil(farthest / WORD)
+    wide = widened(_packed(plane, margin, masks.shape[2], outside))
+    for each, slot, of_each in zip(found, slots_of(found), runs, strict=True):
+        add_runs(masks, wide, of_each, np.array([each.source, slot]), margin)
+
+
+def _packed(plane: Array, margin: int, words: int, outside: bool) -> Array:
+    """The bits of a plane with a margin [cells] around the map, (rows, words)."""
+    rows, columns = plane.shape
+    wide = np.full((rows + 2 * margin, 64 * (words + 1) + 2 * margin), outside)
+    wide[margin : margin + rows, margin : margin + columns] = plane
+    return np.packbits(wide, axis=1, bitorder="little").view(np.uint64)
+
+
+def _runs(cells: Array, reach: int) -> Ints:
+    """Runs (n, 3) of cells: row, first column and number, from the middle one."""
+    edges = np.diff(cells.astype(np.int8), axis=1, prepend=0, append=0)
+    row, first = np.nonzero(edges == 1)
+    _, after = np.nonzero(edges == -1)
+    return np.column_stack([row - reach, first - reach, after - first])
+
+
+STRETCH = 1 << 16
+"""Number of expansions between two looks at the clock."""
+
+
+class OutOfTimeError(Exception):
+    """The time is up; its argument is the cost that was reached [m]."""
+
+
+class LatticeSearch:
+    """A search of one path on a costmap, for its robot."""
+
+    def __init__(
+        self, costs: Costmap, headings: int, span: int, prices: Prices, until: float = math.inf
+    ) -> None:
+        grid, robot = costs.grid, costs.robot
+        self._costs, self._angles, self._until = costs, angles_of(headings), until
+        kinematics = robot.kinematics if robot else Kinematics()
+        radius = kinematics.turning_radius / grid.resolution
+        every = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        self._primitives = tuple(each for each in every if not _leads_off(each, grid.shape))
+        ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
+        moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
+        change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
+        terms = kernels.Terms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
+        self.graph = kernels.Graph(ground, moves, terms)
+        reversible = len(costs.density_of_heading) == 1 and _is_reversible(robot)
+        self._between_cells = self.graph._replace(moves=_between_cells(moves, reversible))
+        self._size = grid.shape[0] * grid.shape[1]
+
+    def found(self, start: Position, goal: Position) -> Found:
+        """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
+        robot, near = self._costs.robot, self._near(goal)
+        try:
+            found, may_come_near = self._found_to([self._cell(goal)], start, goal, near)
+            if found.status != "infeasible" or robot is None or len(near) < 2:
+                return found
+            nearly = self._found_to(near, start, goal)[0] if may_come_near else found
+        except OutOfTimeError as out:
+            note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
+            return Found(status="timeout", note=note)
+        tolerance = f"the robot's goal tolerance, {robot.goal_tolerance:g} m"
+        if nearly.path is None:
+            return dataclasses.replace(found, note=f"{found.note}, nor into {tolerance}")
+        away = math.dist(nearly.path.xy[-1], goal[:2])
+        note = f"ends {away:.2f} m from the goal, within {tolerance}: none leads into its cell"
+        return dataclasses.replace(nearly, note=note)
+
+    def _found_to(
+        self, targets: list[int], start: Position, goal: Position, others: Sequence[int] = ()
+    ) -> tuple[Found, bool]:
+        """The path from start to one of the cells `targets`, in the goal's heading, or why none.
+
+        The second value is False if surely none leads to any of the `others`, either.
+        """
+        bound = self.bound_to(targets, self._cell(start))
+        cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
+        if math.isinf(cap):
+            return self._none(start, goal, 0), True
+        goal_headings = sum(1 << heading for heading in self._headings(goal))
+        terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
+        graph = self.graph._replace(terms=terms)
+        cost, last, expanded = self.costs_from(start, bound, graph)
+        if last < 0:
+            # All that can be reached was, but for cells from which none leads to the targets.
+            of_others = cost.reshape(self._size, -1, len(self._angles))[others]
+            reached = of_others[:, :, self._headings(goal)].any(axis=(1, 2))
+            reached |= np.isinf(bound[others])
+            return self._none(start, goal, expanded), bool(reached.any())
+        moves = kernels.traced(graph, cost, last)
+        return Found(self._path(moves), expanded=expanded), True
+
+    def _near(self, goal: Position) -> list[int]:
+        """The cells whose centres lie within the robot's goal tolerance of the goal."""
+        grid, robot = self._costs.grid, self._costs.robot
+        tolerance = (robot.goal_tolerance if robot else 0.0) / grid.resolution
+        row, col = (float(one) for one in grid.world_to_grid(*goal[:2]))
+        rows = np.arange(grid.shape[0])[:, None] + 0.5 - row
+        columns = np.arange(grid.shape[1]) + 0.5 - col
+        free = np.isfinite(self._costs.density)
+        return np.flatnonzero((np.hypot(rows, columns) <= tolerance) & free).tolist()
+
+    def bound_to(self, targets: list[int], source: int) -> Array:
+        """Bound of the cost to any target of each cell, final up to that of the cell `source`."""
+        bound, graph = np.full(self._size, np.inf, np.float32), self._between_cells
+        queue = kernels.new_queue(self._buckets(1.0), 0)
+        for target in targets:
+            bound[target] = 0.0
+            kernels.put(queue, target, 0)
+        self._run(lambda queue, most: kernels.project(queue, graph, bound, source, most), queue)
+        return bound
+
+    def costs_from(
+        self, start: Position, bound: Array, graph: kernels.Graph
+    ) -> tuple[Array, int, int]:
+        """The costs of the search over states, the last state or -1, and the expansions."""
+        terms, source = graph.terms, self._cell(start)
+        layers = terms.gears * len(self._angles)
+        cost = np.zeros(self._size * layers, np.float32)
+        lowest = int(terms.cap * terms.per_cost)
+        queue = kernels.new_queue(self._buckets(2.0), lowest)
+        for gear in range(terms.gears):
+            for heading in self._headings(start):
+                state = source * layers + gear * len(self._angles) + heading
+                cost[state] = 1.0
+                kernels.put(queue, state, lowest)
+                if bound[source] == 0 and (terms.goal_headings >> heading) & 1:
+                    queue.state[kernels.BEST] = state  # the start is the goal
+        queue = self._run(
+            lambda queue, most: kernels.explore(queue, graph, bound, cost, most), queue
+        )
+        numbers = queue.state
+        return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])
+
+    def _run(
+        self, step: Callable[[kernels.Queue, int], int], queue: kernels.Queue
+    ) -> kernels.Queue:
+        """Run a kernel until it has finished, giving it room and looking at the clock."""
+        while (status := step(queue, STRETCH)) != kernels.FINISHED:
+            if status == kernels.OUT_OF_ROOM:
+                queue = kernels.grown(queue)
+            elif time.perf_counter() > self._until:
+                reached = queue.state[kernels.LOWEST] / self.graph.terms.per_cost
+                raise OutOfTimeError(reached * self._costs.grid.resolution)
+        return queue
+
+    def _buckets(self, factor: float) -> int:
+        """Number of buckets that a motion's cost spans, a power of two."""
+        ground, moves, terms = self.graph
+        half = ground.half
+        costliest = 2 * half[np.isfinite(half)].max(initial=0.5)
+        longest = float((moves.lengths.sum(axis=1) / 2 * costliest + moves.extra).max())
+        spanned = factor * (longest + terms.gear_change) * terms.per_cost + 2
+        # States that are to come later wait in the last bucket.
+        return int(min(2**14, 2 ** math.ceil(math.log2(spanned))))
+
+    def _cell(self, pose: Position) -> int:
+        """The number of the cell of a pose."""
+        row, col = self._costs.cell_of(pose[:2])
+        return row * self.graph.ground.columns + col
+
+    def _headings(self, pose: Position) -> list[int]:
+        """The heading nearest to that of a pose; without one all headings."""
+        if len(pose) < 3:
+            return list(range(len(self._angles)))
+        apart = np.cos(self._angles + self._costs.grid.origin[2] - pose[2])
+        return [int(np.argmax(apart))]
+
+    def _path(self, moves: Array) -> Path:
+        """The path of motions after the state that begins it."""
+        state, grid = int(moves[0]), self._costs.grid
+        cell, layer = divmod(state, self.graph.terms.gears * len(self._angles))
+        row, col = divmod(cell, self.graph.ground.columns)
+        heading = self._angles[layer % len(self._angles)]
+        pieces: list[Floats] = [np.array([(col + 0.5, row + 0.5, heading)])]
+        for move in moves[1:].tolist():
+            number, back = self._made[move]
+            poses = np.array(self._primitives[number].poses)
+            poses = poses[::-1] if back else poses
+            begin = pieces[-1][-1] - poses[0]
+            begin[2] = 0.0
+            pieces.append(poses[1:] + begin)
+        poses = np.concatenate(pieces)
+        if len(poses) == 1:
+            poses = np.repeat(poses, 2, axis=0)
+        x, y = grid.grid_to_world(poses[:, 1], poses[:, 0])
+        return Path(np.column_stack([x, y]), poses[:, 2] + grid.origin[2])
+
+    def _none(self, start: Position, goal: Position, expanded: int) -> Found:
+        """Why there is no path, after all states were searched."""
+        ends = start[:2], goal[:2]
+        cells, _ = cheapest_cells(self._costs, *ends, allow_corner_cutting=False)
+        if cells is None:
+            return Found(status="unreachable", expanded=expanded)
+        headings, edge = len(self._angles), self._costs.grid.resolution
+        note = f"none of the motions between {headings} headings and cells of {edge:g} m lead to"
+        note += " the goal with the robot's outline, drive and turning radius"
+        return Found(status="infeasible", note=note, expanded=expanded)
+
+
+def _leads_off(motion: Primitive, shape: tuple[int, ...]) -> bool:
+    """Whether a motion is a turn too wide for a map of a shape, from wherever it begins."""
+    turns = motion.source != motion.target
+    return turns and any(abs(n) >= size for n, size in zip(motion.end, shape, strict=True))
+
+
+def _is_reversible(robot: Robot | None) -> bool:
+    """Whether a robot covers the same cells when it stands the other way round."""
+    if robot is None or robot.outline is None:
+        return True
+    corners = robot.outline.vertices
+    apart = np.hypot(*(corners[:, None] + corners).T)
+    return bool((apart.min(axis=0) < TOUCH).all())
+
+
+def _between_cells(moves: kernels.Moves, reversible: bool) -> kernels.Moves:
+    """The motions that lead to another cell at least cost, of which `begin` means nothing.
+
+    In reverse a robot that is `reversible` goes where it does ahead the other way round, but at a
+    higher cost.
+    """
+    kept = (moves.row != 0) | (moves.col != 0)
+    if reversible:
+        kept &= moves.gear != kernels.BACKWARD
+    return kernels.Moves(moves.begin, *(each[kept] for each in moves[1:]))

@@ -1,0 +1,211 @@
+"""Limits that a path must keep: waypoints, a greatest e, and an outline clear of walls."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from locplan._support.checks import positive
+from locplan._support.tables import rounded_up
+from locplan.errors import ConfigError
+from locplan.planning.cost_to_go import plan_field
+from locplan.planning.costmap import Costmap
+from locplan.planning.lattice import Lattice
+from locplan.planning.path import Path
+from locplan.planning.protocol import CURVED, LATTICE, Found, Planner, Position, Wrapper
+from locplan.robots.parts import Footprint
+from locplan.robots.robot import Robot
+
+
+@dataclass(frozen=True)
+class Limited(Wrapper):
+    """A planner whose paths keep limits; see `locplan.plan`."""
+
+    via: tuple[Position, ...] = ()
+    """The waypoints to visit in their order, as positions [m] or poses."""
+    outline: Footprint | None = None
+    """The robot's outline to keep clear of walls [m]."""
+    max_e: float | None = None
+    """The greatest e of a cell that may be entered [m^2 rad]."""
+
+    def check(self) -> None:
+        """Raise a ConfigError unless the limit of e is a positive number."""
+        super().check()
+        if self.max_e is not None:
+            positive("max_e", self.max_e, "m^2 rad")
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan within all limits."""
+        stops = start, *self.via, goal
+        return self._clear(costs, stops) if self.max_e is None else self._below(costs, stops)
+
+    def _below(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+        """Plan where e allows it; if nothing joins the stops there, find the least e that does."""
+        assert self.max_e is not None
+        allowed, found = _allowed(costs, self.max_e), None
+        if _free(allowed, stops):
+            found = self._clear(allowed, stops)
+            if found.path is not None:
+                return found
+        least = self._min_max_e(self._thin(costs), stops)
+        if least is None or least <= self.max_e:  # max_e is not the reason
+            return found or self._clear(costs, stops)
+        any_will_do = self.outline is None and self.space not in CURVED
+        verdict = "would do" if any_will_do else "is needed at least"
+        note = f"every path enters cells with e above {self.max_e:g};"
+        note += f" max_e {rounded_up(least)} {verdict}"
+        return Found(status="infeasible", feasible_from=least, note=note)
+
+    def _clear(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+        """Plan for the outline's inscribed circle, the circumscribed one, or the outline itself."""
+        if self.outline is None:
+            return self._over(costs, stops)
+        if self.space == LATTICE:
+            return self._exactly(costs, stops, self.planner)
+        found, gave_up, meets = self._of_circles(costs, stops)
+        if found is not None:
+            return found
+        if not self._joins(self._thin(costs), stops):
+            without = self._over(costs, stops)
+            if without.path is None:
+                return without
+            inner = f"radius {self.outline.inscribed_radius:.3g} m"
+            note = f"not even the footprint's inner circle ({inner}) fits through"
+            return Found(status="infeasible", note=note)
+        if self.space == "R2" and gave_up is None:
+            limit = getattr(self.planner, "time_limit", None)
+            found = self._exactly(costs, stops, Lattice(time_limit=limit))
+            if found.path is not None:
+                note = "planned by the lattice for the footprint itself: no path of its inner or"
+                note += " outer circle is clear of walls"
+                return dataclasses.replace(found, note="; ".join(filter(None, [note, found.note])))
+            if found.status == "timeout":
+                return found
+        return gave_up or self._not_searched(costs, meets)
+
+    def _of_circles(
+        self, costs: Costmap, stops: Sequence[Position]
+    ) -> tuple[Found | None, Found | None, tuple[float, float] | None]:
+        """A circle's path that is clear for the outline, if there is one; beside it the last search
+        that gave up, and where the outline meets a wall on the inner circle's path."""
+        assert self.outline is not None
+        inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
+        meets, gave_up = None, None
+        wider = f"planned for the footprint's outer circle (radius {outer:.3g} m), since it meets a"
+        wider += " wall on the path of the inner one: there may be a better path between"
+        for radius in (inner, outer):
+            wide = costs.with_robot(max(radius, costs.robot_radius))
+            if not _free(wide, stops):
+                continue
+            found = self._over(wide, stops)
+            if found.status in ("timeout", "not found"):
+                gave_up = found
+            if found.path is None:
+                continue
+            collision = self.outline.first_collision(costs.grid, found.path)
+            if collision is None:
+                clear = dataclasses.replace(found, note=wider) if radius > inner else found
+                return clear, None, None
+            meets = meets or collision
+        return None, gave_up, meets
+
+    def _exactly(self, costs: Costmap, stops: Sequence[Position], planner: Planner) -> Found:
+        """Plan for the outline itself, by a lattice."""
+        assert self.outline is not None
+        robot = dataclasses.replace(costs.robot or Robot(), footprint=self.outline)
+        own = dataclasses.replace(costs, robot=robot)
+        return dataclasses.replace(self, planner=planner)._over(own, stops)
+
+    def _not_searched(self, costs: Costmap, meets: tuple[float, float] | None) -> Found:
+        """What was searched where the outline meets a wall on both circles' paths."""
+        assert self.outline is not None
+        inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
+        note = f"only the paths of the footprint's inner and outer circle (radii {inner:.3g} and"
+        note += f" {outer:.3g} m) were searched"
+        if self.space == "R2":
+            edge = f"cells of {costs.grid.resolution:g} m"
+            note += f", and the lattice's motions between {Lattice().headings} headings and {edge}"
+        note += ": there may be another path"
+        if meets:
+            where = f"{meets[0]:.2f},{meets[1]:.2f}"
+            note += f"; the footprint meets a wall on that of the inner circle (near {where})"
+        return Found(note=note)
+
+    def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+        """Plan each leg from one stop to the next separately."""
+        legs: list[Path] = []
+        notes: list[str] = []
+        expanded: int | None = 0
+        begin = stops[0]
+        for number, end in enumerate(stops[1:], 1):
+            found = self.planner.solve(costs, begin, end)
+            if not self.via:
+                return found
+            if expanded is not None:
+                expanded = None if found.expanded is None else expanded + found.expanded
+            if found.path is None:
+                if number > 1 and found.status == "infeasible":
+                    found = dataclasses.replace(found, status="not found")  # in another heading?
+                if number == len(stops) - 1:
+                    return found
+                because = f": {found.note}" if found.note else ""
+                said = "leads" if found.status == "unreachable" else "was found"
+                note = f"no path {said} to waypoint {number}{because}"
+                return dataclasses.replace(found, note=note, expanded=expanded)
+            begin = end
+            if self.space == LATTICE and found.path.heading is not None:
+                x, y, heading = found.path.poses[-1].tolist()
+                begin = (x, y, heading)  # goes on as this leg ends
+            legs.append(found.path)
+            notes += [f"leg {number} {found.note}"] if found.note else []
+        return Found(Path.joined(legs), note="; ".join(notes), expanded=expanded)
+
+    def _thin(self, costs: Costmap) -> Costmap:
+        """The costmap of a robot that fits wherever the outline does, for proofs.
+
+        The centre of a cell may be half a cell's diagonal nearer to a wall than the robot's is. A
+        costmap of the inscribed radius blocks such cells already: there the map alone proves.
+        """
+        if self.outline is None or costs.robot_radius > self.outline.inscribed_radius:
+            return costs
+        radius = self.outline.inscribed_radius - costs.grid.resolution * math.sqrt(0.5)
+        if costs.robot_radius <= radius:
+            return costs.with_robot(radius)
+        alone = Costmap.blank(costs.grid, robot=max(0.0, radius))
+        return dataclasses.replace(costs, density=alone.density)
+
+    def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
+        """Whether a path over the grid joins the stops: where none does, no other one does."""
+        if not _free(costs, stops):
+            return False
+        cutting = getattr(self.planner, "allow_corner_cutting", False)
+        cost = plan_field(costs, stops[0][:2], allow_corner_cutting=cutting).cost
+        return all(np.isfinite(cost[costs.grid.cell(stop[:2])]) for stop in stops)
+
+    def _min_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
+        """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""
+        if not self._joins(costs, stops):
+            return None
+        levels = np.unique(costs.e[np.isfinite(costs.density)])
+        low, high = 0, len(levels) - 1
+        while low < high:
+            middle = (low + high) // 2
+            joins = self._joins(_allowed(costs, float(levels[middle])), stops)
+            low, high = (low, middle) if joins else (middle + 1, high)
+        return float(levels[low])
+
+
+def _free(costs: Costmap, stops: Sequence[Position]) -> bool:
+    """Return whether the robot can stand at all stops."""
+    return all(np.isfinite(costs.density[costs.grid.cell(stop[:2])]) for stop in stops)
+
+
+def _allowed(costs: Costmap, max_e: float) -> Costmap:
+    """A copy of the costmap in which the cells with e above a limit are blocked."""
+    if not np.isfinite(costs.e[np.isfinite(costs.density)]).all():
+        raise ConfigError("a costmap without a field has no e to limit")
+    return costs.blocked_where(costs.e > max_e)

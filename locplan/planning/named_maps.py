@@ -1,0 +1,66 @@
+"""Maps as callers of functions of many maps name them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path as File
+from typing import Any
+
+from locplan._support.checks import shown
+from locplan.errors import ConfigError
+from locplan.maps.files import find_maps, load_map
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+
+
+def named_maps(
+    maps: Any, read: Callable[[File], OccupancyGrid] = load_map
+) -> dict[str, OccupancyGrid | Costmap]:
+    """Read maps in any form that functions of many maps accept, and name them.
+
+    Parameters
+    ----------
+    maps : path, OccupancyGrid or Costmap, sequence or mapping of them
+        Map files, folders of them, grids or costmaps; a mapping gives them names of its own.
+    read : callable, default `load_map`
+        Function that reads a map's file.
+
+    Returns
+    -------
+    dict of str to OccupancyGrid or Costmap
+        The maps by name.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, one is something else, or two have one name.
+    """
+    if isinstance(maps, Mapping) and maps:
+        return {str(name): _map(one, read) for name, one in maps.items()}
+    if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
+        maps = [maps]
+    named: dict[str, OccupancyGrid | Costmap] = {}
+    for n, given in enumerate(maps, 1):
+        for one in find_maps(given) if isinstance(given, (str, os.PathLike)) else [given]:
+            loaded = _map(one, read)
+            grid = loaded.grid if isinstance(loaded, Costmap) else loaded
+            name = grid.name or f"map {n}"
+            if name in named and isinstance(one, File):
+                name = f"{one.resolve().parent.name}/{name}"
+            if name in named:
+                raise ConfigError(
+                    f"two maps are called {shown(name)}; give a mapping of names to maps"
+                )
+            named[name] = loaded
+    if not named:
+        raise ConfigError("there must be at least one map")
+    return named
+
+
+def _map(given: Any, read: Callable[[File], OccupancyGrid]) -> OccupancyGrid | Costmap:
+    if isinstance(given, (OccupancyGrid, Costmap)):
+        return given
+    if isinstance(given, (str, os.PathLike)):
+        return read(File(given))
+    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {shown(given)}")

@@ -1,0 +1,1 @@
+"""OMPL's sampling-based planners on a costmap."""

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from locplan.planning.protocol import SPACES
+
+_NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
+"""Spaces of planners that drive Dubins' curves backwards, or find none, as FMT within 25 s."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The abilities of one of OMPL's planners."""
+
+    minimises: bool
+    """True if it seeks the least J; the others stop at the first path that they find."""
+    spaces: tuple[str, ...] = SPACES
+    """The spaces in which it works."""
+    from_grid: bool = False
+    """True if it can begin with the grid planner's path, in "R2"."""
+    anytime: bool = False
+    """True if it goes on improving its path, so that it can stop on convergence."""
+    settled_after: int = 1000
+    """Minimum iterations before it may count as converged."""
+    roadmap: bool = False
+    """True if it grows a roadmap."""
+
+
+KINDS: dict[str, Kind] = {
+    "RRTstar": Kind(minimises=True, from_grid=True, anytime=True),
+    "InformedRRTstar": Kind(minimises=True, from_grid=True, anytime=True),
+    "SORRTstar": Kind(minimises=True, from_grid=True, anytime=True),
+    "BITstar": Kind(minimises=True, anytime=True, settled_after=30_000),  # they are edges
+    "FMT": Kind(minimises=True, spaces=_NOT_DUBINS),
+    "BFMT": Kind(minimises=True, spaces=_NOT_DUBINS),
+    "PRM": Kind(minimises=True, from_grid=True, roadmap=True),
+    "PRMstar": Kind(minimises=True, from_grid=True, roadmap=True),
+    "RRT": Kind(minimises=False),
+    "RRTConnect": Kind(minimises=False),
+    "KPIECE1": Kind(minimises=False),
+    "BKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
+    "LBKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
+}
+"""The planners by OMPL's own names."""

@@ -1,0 +1,120 @@
+"""OMPL's bindings, its planners and their settings by name, and its log as a log of Python."""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from locplan._support.checks import number, shown, suggestion
+from locplan._support.output import temporary_folder
+from locplan.errors import ConfigError, LocplanError
+
+try:
+    from ompl import base as base, geometric as geometric, util as util
+    from ompl.base import Cost as Cost
+except ModuleNotFoundError:
+    instead = {"Windows": "WSL"} if sys.platform == "win32" else {}
+    if sys.version_info >= (3, 14):
+        instead["Python 3.14 and later"] = "Python 3.13"
+    raise LocplanError(
+        f"OMPL's planners are not available on {' with '.join(instead)}: ompl has no wheels for it;"
+        f" take grid or any-angle, or {' with '.join(instead.values())}"
+        if instead
+        else "OMPL's planners need ompl, which is not installed: pip install 'ompl>=2.0.1'"
+    ) from None
+
+
+LOG = logging.getLogger("locplan.ompl")
+LOG.addHandler(logging.NullHandler())  # who wants to read it adds another
+_LINE = re.compile(r"(Debug|Info|Warning|Error):\s*(.*)")
+_HARMLESS = "Random number generation already started"
+"""OMPL warns so at every seed but the first, although what is built afterwards obeys it."""
+
+_LEVELS = (
+    (logging.DEBUG, util.LogLevel.LOG_DEBUG),
+    (logging.INFO, util.LogLevel.LOG_INFO),
+    (logging.WARNING, util.LogLevel.LOG_WARN),
+    (math.inf, util.LogLevel.LOG_ERROR),
+)
+"""The greatest levels of Python's log at which OMPL's levels are wanted."""
+_NO_PLAIN_VALUE = (
+    *("setName", "setProblemDefinition", "setProjectionEvaluator"),
+    *("setDefaultConnectionStrategy", "setup"),
+)
+"""Setters that take no plain value."""
+_CRASH = ("setOrderedSampling", "setFocusSearch", "setInformedSampling", "setNearestK")
+"""Setters that end the process at another value than the planner's own."""
+
+
+def planner_of(
+    name: str, information: base.SpaceInformation, settings: Mapping[str, Any]
+) -> base.Planner:
+    """One of OMPL's planners with our defaults and these settings; a ConfigError if it cannot."""
+    kind = getattr(geometric, name)
+    planner = kind(information)
+    if issubclass(kind, geometric.RRTstar):
+        planner.setRewireFactor(0.25)  # fewer neighbours, more iterations, a better J
+    if kind is geometric.BITstar and information.getStateDimension() == 2:
+        planner.setSamplesPerBatch(1000)  # more than its own 100: a better J on large maps
+    setters = setters_of(name)
+    for setting, value in settings.items():
+        try:
+            getattr(planner, setters[setting])(value)
+        except (TypeError, RuntimeError) as error:
+            signature = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
+            expected = signature.rpartition(": ")[2].partition(")")[0]
+            why = f"it must be {expected}" if isinstance(error, TypeError) else error
+            raise ConfigError(f"{name} does not take {setting}={shown(value)}: {why}") from None
+    return planner
+
+
+def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
+    """Raise a ConfigError unless the planner has all these settings."""
+    known = setters_of(planner)
+    if not isinstance(settings, Mapping):
+        raise ConfigError(
+            f"settings must be a dict, such as {{'range': 2.0}}, not {shown(settings)}"
+        )
+    for name, value in settings.items():
+        if name not in known:
+            names = f"{', '.join(known)}{suggestion(name, known)}"
+            raise ConfigError(f"{planner} has no setting {shown(name)}; it has: {names}")
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)
+
+
+def setters_of(planner: str) -> dict[str, str]:
+    """Return the names of a planner's setters by the settings' names, such as "goal_bias"."""
+    setters = {}
+    for name in dir(getattr(geometric, planner)):
+        if name.startswith("set") and name not in _NO_PLAIN_VALUE + _CRASH:
+            setters[re.sub("(?<=[a-z])(?=[A-Z])", "_", name[3:]).lower()] = name
+    return setters
+
+
+@contextmanager
+def logged() -> Iterator[None]:
+    """Pass OMPL's messages of this block to the logger "locplan.ompl" at its end.
+
+    OMPL takes no Python function for this, and its own messages go to standard output.
+    """
+    with temporary_folder() as folder:
+        file = folder / "ompl.log"
+        handler = util.OutputHandlerFile(str(file))
+        level = util.getLogLevel()
+        util.useOutputHandler(handler)
+        util.setLogLevel(next(ours for most, ours in _LEVELS if LOG.getEffectiveLevel() <= most))
+        try:
+            yield
+        finally:
+            util.setLogLevel(level)
+            util.restorePreviousOutputHandler()
+            for line in file.read_text(errors="replace").splitlines():
+                found = _LINE.match(line)
+                if found and not found[2].startswith(_HARMLESS):
+                    LOG.log(logging.getLevelName(found[1].upper()), found[2])

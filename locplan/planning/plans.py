@@ -1,0 +1,292 @@
+"""Plan paths on a costmap, with any planner, by `plan`; or on a field that is fine near them."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.kernels.arrays import Bools
+from locplan.field.config import FieldConfig
+from locplan.field.field import CovarianceField
+from locplan.field.lattice import every_second_point, points_near
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap, check_costs
+from locplan.planning.path import Path
+from locplan.planning.protocol import LATTICE, Planner, Position, check_pose
+from locplan.planning.requests import AnyPlanner, outline_of, planner_for, takes
+from locplan.planning.results import Plan, finished
+from locplan.planning.robot_fit import robot_note
+from locplan.robots.parts import Footprint
+
+SHORTEST, AWARE = "shortest", "localizability-aware"
+"""Labels of the paths that `plan_beside_shortest` gives."""
+
+
+def check_ends(
+    costs: Costmap,
+    start: Position,
+    goal: Position,
+    via: Sequence[Position] = (),
+    *,
+    space: str = "R2",
+) -> list[Position]:
+    """Return start, waypoints and goal as numbers, if the robot can stand at all of them.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whose blocked cells count.
+    start, goal : (x, y) or (x, y, heading)
+        Positions in the world [m], with a heading [rad] in all spaces but "R2".
+    via : sequence of (x, y) or (x, y, heading), default ()
+        Waypoints in between [m, rad].
+    space : str, default "R2"
+        The planner's space: "R2", "SE2", "Dubins", "ReedsShepp" or "lattice".
+
+    Returns
+    -------
+    list of (x, y) or (x, y, heading)
+        Start, waypoints and goal [m, rad], with headings in -pi..pi.
+
+    Raises
+    ------
+    PoseError
+        If it cannot, with the nearest free position, or if a heading is missing or useless.
+    """
+    named = [(start, "start"), *((xy, f"waypoint {n}") for n, xy in enumerate(via, 1))]
+    headed = None if space == LATTICE else space != "R2"
+    return [check_pose(costs, pose, role, headed=headed) for pose, role in [*named, (goal, "goal")]]
+
+
+def plan(
+    costs: Costmap,
+    start: Position,
+    goal: Position,
+    *,
+    planner: AnyPlanner | None = None,
+    via: Sequence[Position] = (),
+    max_e: float | None = None,
+    budget: float | None = None,
+    footprint: Footprint | ArrayLike | None = None,
+    **options: Any,
+) -> Plan:
+    """Plan a path of least cost J.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap to plan on.
+    start, goal : (x, y) or (x, y, heading)
+        Positions in the world [m], with a heading [rad] where the planner's `space` has one.
+    planner : str, function or Planner, optional
+        One of `names`; a function ``f(costs, start, goal, **options)`` that returns a `Path`, a
+        `Plan` or a `planners.Found`; or an object such as ``planners.AnyAngle(accuracy="high")``.
+        By default "lattice" if the robot of the costmap has an outline or a turning radius,
+        otherwise "any-angle". If a planner ignores the outline or the turning radius, the plan's
+        note says so.
+    via : sequence of (x, y) or (x, y, heading), default ()
+        Positions in the world to visit on the way, in this order [m, rad].
+    max_e : float, optional
+        The path enters no cell whose e is above this [m^2 rad], above 0; by default there is no
+        limit.
+    budget : float, optional
+        The path is the shortest one whose integral of u is at most this [m], or of e with
+        ``objective="e"`` [m^2 rad m], >= 0; by default the path of least J is wanted instead. The
+        grid planner finds it exactly; its options are the fields of `planners.BudgetPlanner`,
+        which also tells the tolerance.
+    footprint : Footprint or (n, 2) array, optional
+        The robot's outline [m], checked exactly along the path that is returned: the cheapest
+        for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
+        one; where neither is clear, the lattice's, see `planners.Lattice`. If none of its motions
+        lead there, the status is "not found". By default the robot is the circle of the costmap's
+        radius; give the outline of a robot that is far from round.
+    **options
+        Options of the planner: see `planners.GridPlanner` (also for "astar" and "dijkstra"),
+        `planners.AnyAngle`, `planners.Lattice` and `planners.Ompl`.
+
+    Returns
+    -------
+    Plan
+        The plan, with status "unreachable" if no path joins start and goal, "infeasible" if none
+        does within the limits, "timeout" if none was found in time, and "not found" if none was
+        found though there may be one.
+
+    Raises
+    ------
+    PoseError
+        If start, goal or a waypoint lies outside the map or in a blocked cell, or lacks a heading.
+    ConfigError
+        If the planner or an option is unknown, or a limit is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from locplan.maps import FREE, OccupancyGrid
+    >>> grid = OccupancyGrid(np.full((4, 4), FREE), resolution=1.0)
+    >>> result = plan(Costmap.from_density(grid, np.ones((4, 4))), (0.5, 0.5), (3.5, 2.5))
+    >>> result.path.xy.tolist()
+    [[0.5, 0.5], [3.5, 2.5]]
+    >>> round(result.metrics.cost, 3)
+    3.606
+    """
+    check_costs(costs)
+    outline = outline_of(footprint)
+    limits: dict[str, Any] = {"max_e": max_e, "budget": budget, "footprint": outline}
+    limits["robot"] = costs.robot
+    space = planner_for(planner, options, via=via, **limits).space
+    start, *over, goal = check_ends(costs, start, goal, via, space=space)
+    asked = planner_for(planner, options, via=over, **limits)
+    asked.prepare()
+    corners = None if outline is None else tuple((x, y) for x, y in outline.vertices.tolist())
+    return dataclasses.replace(
+        run_planner(asked, costs, start, goal),
+        via=tuple(over),
+        max_e=max_e,
+        budget=None if budget is None else float(budget),
+        footprint=corners,
+    )
+
+
+def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Position) -> Plan:
+    """Plan between two positions that were checked, with a planner that was prepared.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner, as `planner_for` makes it; its `prepare` has been called.
+    costs : Costmap
+        The costmap to plan on.
+    start, goal : (x, y) or (x, y, heading)
+        Positions in the world [m, rad], as `check_ends` returns them.
+
+    Returns
+    -------
+    Plan
+        The plan with the path's metrics and the time that it took.
+    """
+    began = time.perf_counter()
+    found = planner.solve(costs, start, goal)
+    elapsed = time.perf_counter() - began if found.solve_time is None else found.solve_time
+    if found.path is not None and (note := robot_note(planner, costs, found.path)):
+        found = dataclasses.replace(found, note="; ".join(filter(None, [found.note, note])))
+    made = finished(planner.name, costs, start, goal, found, elapsed)
+    return dataclasses.replace(made, minimises=planner.minimises is not None)
+
+
+def plan_beside_shortest(
+    costs: Costmap,
+    start: Position,
+    goal: Position,
+    *,
+    planner: AnyPlanner | None = None,
+    via: Sequence[Position] = (),
+    max_e: float | None = None,
+    budget: float | None = None,
+    footprint: Footprint | ArrayLike | None = None,
+    **options: Any,
+) -> dict[str, Plan]:
+    """Plan as `plan` does, and plan the shortest path without limits of e beside it.
+
+    Both are measured on `costs`. Any-angle paths are improved from two beginnings here: unless
+    there are limits, the shorter of the two counts as the shortest, and the cheaper one as the
+    other. Paths of planners with random numbers stay as they are.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Costmap of a field, with the weight of the localizability-aware path.
+    start, goal : (x, y) or (x, y, heading)
+        Positions in the world [m, rad].
+    planner, via, footprint
+        Those of both paths; see `plan`. With a budget the planner is "grid" by default.
+    max_e, budget : float, optional
+        Limits of the localizability-aware path alone; see `plan`.
+    **options
+        Options of the planner of both paths; see `plan`.
+
+    Returns
+    -------
+    dict of str to Plan
+        The plans "shortest" and "localizability-aware".
+
+    Raises
+    ------
+    LocplanError
+        The errors of `plan`.
+    """
+    if budget is not None:
+        planner = planner or "grid"
+    request: dict[str, Any] = {"planner": planner, "via": via, "footprint": footprint, **options}
+    # Of the many shortest paths on a grid this is the one that sees most: the comparison is fair.
+    shortest = plan(costs.with_weight(1e-6), start, goal, **request).measured_on(costs)
+    aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
+    both = [one for one in (shortest, aware) if one.metrics]
+    free = max_e is None and budget is None
+    own = planner_for(planner, options, robot=costs.robot)
+    if free and len(both) == 2 and not takes(own, "seed"):
+        shortest, aware = (
+            min(both, key=lambda one: getattr(one.metrics, measure))
+            for measure in ("length", "cost")
+        )
+    return {SHORTEST: shortest, AWARE: aware}
+
+
+T = TypeVar("T")
+
+
+def planned_near_paths(
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    field_of: Callable[[Bools], CovarianceField],
+    planned: Callable[[CovarianceField], T],
+    paths_of: Callable[[T], Iterable[Path]],
+) -> tuple[CovarianceField, T]:
+    """Plan on every second lattice point, then on all points near the paths, until they stay there.
+
+    On a real map of 0.05 m about two fifths of the points are evaluated for a path across it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    config : FieldConfig
+        Settings of the field.
+    field_of : callable
+        Function of a mask (h, w) of lattice points that returns the field with values at those.
+    planned : callable
+        Function of a field that plans on it, and returns what it planned.
+    paths_of : callable
+        Function of what `planned` returned that returns the paths in it.
+
+    Returns
+    -------
+    field : CovarianceField
+        The last field; NaN where it was not evaluated.
+    planned
+        What was planned on it.
+    """
+    needed = config.lattice_points(grid)
+    resolution, stride = grid.resolution, config.stride_cells(grid.resolution)
+    points = every_second_point(needed)
+    for _ in range(3):  # at last there is a fourth field, whose paths may leave what is fine
+        field = field_of(points)
+        points = points | field.evaluated
+        found = planned(field)
+        spacing = max(resolution, stride * resolution / 2)
+        along = [path.resampled(spacing).xy for path in paths_of(found)]
+        xy = np.concatenate([*along, np.empty((0, 2))])
+        cells = np.stack(grid.world_to_grid(*xy.T), axis=1) - 0.5  # from the first cell's centre
+        # Within 0.3 m of a path, or one and a half strides, the field must be fine, ...
+        close = points_near(needed, stride, cells, max(0.3 / resolution, 1.5 * stride))
+        if not (close & ~points).any():
+            return field, found
+        # ... and is made so within 1 m, so that the next paths have room to move.
+        points = points | points_near(needed, stride, cells, 1.0 / resolution)
+        del field, found  # saves memory on a large map
+    field = field_of(points)
+    return field, planned(field)

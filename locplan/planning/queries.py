@@ -1,0 +1,348 @@
+"""Queries for the planners that are compared, from a file or drawn at random, and stations."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import file_path, is_whole, number, position, shown, whole
+from locplan._support.kernels.arrays import Array, Floats, Ints
+from locplan._support.reading import read_text
+from locplan._support.tables import from_csv_cell
+from locplan.errors import ConfigError, LocplanError
+from locplan.planning.costmap import Costmap
+from locplan.planning.grid import connected_parts
+from locplan.planning.protocol import Position
+
+COLUMNS = {
+    "queries": ("name,start_x,start_y,goal_x,goal_y", "start_heading_deg,goal_heading_deg"),
+    "stations": ("name,x,y", ""),
+}
+"""The columns of each kind of file, and those that may follow."""
+
+
+@dataclass(frozen=True)
+class Station:
+    """A named position where robots have something to do."""
+
+    name: str
+    """The name, which no other station has."""
+    x: float
+    """World x [m]."""
+    y: float
+    """World y [m]."""
+
+    def __post_init__(self) -> None:
+        position(self.x, self.y, f"station {self.name}")
+
+
+@dataclass(frozen=True)
+class Query:
+    """A start and a goal between which a path is wanted."""
+
+    name: str
+    """The query's name, which no other query on the map has."""
+    start: Position
+    """Position of the start in the world [m], or a pose with a heading [rad]."""
+    goal: Position
+    """Position of the goal in the world [m], or a pose with a heading [rad]."""
+
+
+def check_random(count: int, seed: int, min_distance: float) -> None:
+    """Raise a ConfigError unless random queries can be drawn; to be called before long work.
+
+    Parameters
+    ----------
+    count : int
+        Number of queries, 1 to 10,000.
+    seed : int
+        Seed of the random numbers, >= 0.
+    min_distance : float
+        Minimum distance between start and goal in a straight line [m], >= 0.
+    """
+    # The time to spread them over a map grows with the square of their number.
+    whole("the number of random queries", count, 1, 10_000)
+    whole("the seed of random queries", seed, 0)
+    number("min_distance", min_distance, 0)
+
+
+def queries_of(
+    costs: Costmap, queries: Any, min_distance: float, seed: int, headed: bool = False
+) -> tuple[Query, ...]:
+    """Make queries in any form that functions of many queries accept.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap.
+    queries : int, path or sequence
+        Number of random ones, a CSV file, or a sequence of `Query` or (start, goal).
+    min_distance : float
+        Minimum distance from start to goal of random ones [m].
+    seed : int
+        Seed of random ones, >= 0.
+    headed : bool, default False
+        Whether random ones have headings.
+
+    Raises
+    ------
+    ConfigError
+        If it is none of these.
+    """
+    if is_whole(queries):
+        return tuple(random_queries(costs, queries, seed, min_distance=min_distance, headed=headed))
+    if isinstance(queries, (str, os.PathLike)):
+        return tuple(read_queries(queries))
+    try:
+        return tuple(
+            one
+            if isinstance(one, Query)
+            else Query(f"query {n}", *(tuple(map(float, pose)) for pose in one))
+            for n, one in enumerate(queries, 1)
+        )
+    except (TypeError, ValueError):
+        raise ConfigError(
+            "queries must be a number, a file, or a sequence of Query or (start, goal),"
+            f" not {shown(queries)}"
+        ) from None
+
+
+def read_stations(path: str | os.PathLike[str]) -> list[Station]:
+    """Read stations from a CSV file.
+
+    Parameters
+    ----------
+    path : path
+        File with columns name, x and y [m].
+
+    Returns
+    -------
+    list of Station
+        The stations in the order of the rows.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or a row is wrong.
+    """
+    rows = _rows(path, "stations")
+    return [Station(name, *_pose(where, values, "")) for name, (where, values) in rows.items()]
+
+
+def read_queries(path: str | os.PathLike[str]) -> list[Query]:
+    """Read queries from a CSV file.
+
+    Parameters
+    ----------
+    path : path
+        File with columns name, start_x, start_y, goal_x and goal_y [m]; start_heading_deg and
+        goal_heading_deg [deg] may follow, and be empty. Or a file with columns name, x and y [m]
+        of stations, each two of which are a query.
+
+    Returns
+    -------
+    list of Query
+        The queries in the order of the rows, with headings in radians.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or a row is wrong.
+    """
+    rows = _rows(path, "queries", "stations")
+    if all("start_x" in values for _, values in rows.values()):
+        return [
+            Query(name, _pose(where, values, "start_"), _pose(where, values, "goal_"))
+            for name, (where, values) in rows.items()
+        ]
+    if len(rows) < 2:
+        raise LocplanError(f"{path}: has one station; add a row for each, at least two")
+    return [
+        Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
+        for one, other in combinations(read_stations(path), 2)
+    ]
+
+
+def _pose(where: str, values: Mapping[str, str], end: str) -> Position:
+    """The position in the columns of an end, and its heading if there is one."""
+    heading = f"{end}heading_deg"
+    columns = [f"{end}x", f"{end}y", *([heading] if values.get(heading) else [])]
+    pose = [_number(where, column, values[column]) for column in columns]
+    return (*pose[:2], *map(math.radians, pose[2:]))
+
+
+def _number(where: str, column: str, text: str) -> float:
+    """The finite number in a column of a row."""
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(text)):
+            return value
+    raise LocplanError(f"{where}: {column} must be a finite number, not {shown(text)}")
+
+
+def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dict[str, str]]]:
+    """The rows of a file by name: where each stands, and its values; empty lines are none.
+
+    An apostrophe that keeps a name from being a formula in a spreadsheet is no part of the name.
+    """
+    path = file_path(f"a file of {kinds[0]}", file)
+    lines = _lines(path)
+    _, header = next(lines, ("", []))
+    known = []
+    for kind in kinds:
+        first, more = COLUMNS[kind]
+        columns, beside = first.split(","), set(filter(None, more.split(",")))
+        if header[: len(columns)] == columns and set(header[len(columns) :]) <= beside:
+            break
+        known.append(f"{first}, and if wanted {more}" if more else first)
+    else:
+        text = f"{'; or '.join(known)}, not {shown(','.join(header))}"
+        raise LocplanError(f"{path}: its header must be {text}")
+    rows = {}
+    for where, line in lines:
+        if not any(line):
+            continue
+        if len(line) != len(header):
+            raise LocplanError(
+                f"{where}: has {len(line)} values, but the header {len(header)} columns"
+            )
+        values = dict(zip(header, line, strict=True))
+        name = values["name"] = from_csv_cell(values["name"])
+        if not name:
+            raise LocplanError(f"{where}: name is empty; give each row one")
+        if name in rows:
+            raise LocplanError(f"{where}: another row is named {shown(name)}; name each otherwise")
+        rows[name] = where, values
+    if not rows:
+        raise LocplanError(f"{path}: has no {kind}; add a row for each below the header")
+    return rows
+
+
+def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Where each line of a CSV file stands, and its values."""
+    lines = csv.reader(read_text(path).splitlines())
+    try:
+        for line in lines:
+            yield f"{path}: row {lines.line_num}", [value.strip() for value in line]
+    except csv.Error as error:
+        raise LocplanError(f"{path}: row {lines.line_num}: is no CSV ({error})") from None
+
+
+def random_queries(
+    costs: Costmap, count: int, seed: int, *, min_distance: float, headed: bool = False
+) -> list[Query]:
+    """Draw queries at random that all can be solved, spread over the map.
+
+    Start and goal are the centres of cells where the robot can stand, joined by a path that cuts
+    no corners. Of several random pairs, the one farthest from all before is taken each time.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whose robot radius counts; its weight does not matter.
+    count : int
+        Number of queries, 1 to 10,000.
+    seed : int
+        Seed of the random numbers, >= 0; the same seed gives the same queries.
+    min_distance : float
+        Minimum distance between start and goal in a straight line [m], >= 0.
+    headed : bool, default False
+        True gives the queries random headings as well, for planners whose space has headings.
+
+    Returns
+    -------
+    list of Query
+        The queries, named "random 1" and so on.
+
+    Raises
+    ------
+    ConfigError
+        If no two positions that are joined lie so far apart, or a value is out of its range.
+    """
+    check_random(count, seed, min_distance)
+    random = np.random.default_rng(seed)
+    parts = _Parts(costs, min_distance)
+    chosen = np.empty((0, 4))
+    while len(chosen) < count:
+        pairs = np.array([parts.draw(random) for _ in range(20)])
+        chosen = np.vstack([chosen, _farthest(pairs, chosen)])
+    angles = random.uniform(-math.pi, math.pi, (count, 2, int(headed)))  # none, or one an end
+    queries = []
+    for n, (pair, turns) in enumerate(zip(chosen.reshape(-1, 2, 2), angles, strict=True), 1):
+        start, goal = (
+            (*costs.grid.position(int(row), int(col)), *turn.tolist())
+            for (row, col), turn in zip(pair, turns, strict=True)
+        )
+        queries.append(Query(f"random {n:0{len(str(count))}}", start, goal))
+    return queries
+
+
+class _Parts:
+    """The parts of a map that are wide enough, as cells (n, 2), to draw pairs of cells from."""
+
+    def __init__(self, costs: Costmap, min_distance: float) -> None:
+        count, labels = connected_parts(costs)
+        flat = np.argsort(labels, axis=None, kind="stable")
+        borders = np.searchsorted(labels.ravel()[flat], np.arange(1, count))
+        every = [
+            np.column_stack(np.unravel_index(part, labels.shape))
+            for part in np.split(flat, borders)[1:]
+        ]
+        if not every:
+            raise ConfigError(f"{costs.grid.name or 'the map'}: has no cell where the robot fits")
+        self._min = min_distance / costs.grid.resolution - 1e-9
+        ends = [_farthest_apart(part) for part in every]
+        widths = [_apart(*pair) for pair in ends]
+        if max(widths) < self._min:
+            raise ConfigError(
+                f"{costs.grid.name or 'the map'}: no two positions that are joined lie"
+                f" {min_distance:g} m apart; the farthest are"
+                f" {max(widths) * costs.grid.resolution:.2f} m; choose a smaller minimum distance"
+            )
+        wide = [n for n, width in enumerate(widths) if width >= self._min]
+        self._cells, self._ends = [every[n] for n in wide], [ends[n] for n in wide]
+
+    def draw(self, random: np.random.Generator) -> Floats:
+        """Start and goal in one part, far enough apart: (row, col, row, col)."""
+        pairs = np.array([len(part) ** 2 for part in self._cells], float)
+        which = random.choice(len(self._cells), p=pairs / pairs.sum())
+        part = self._cells[which]
+        starts, goals = (part[random.integers(0, len(part), 4096)] for _ in range(2))
+        fit = np.flatnonzero(_apart(starts, goals) >= self._min)
+        if fit.size:
+            return np.concatenate([starts[fit[0]], goals[fit[0]]])
+        ends = [self._ends[which][random.integers(2)]]
+        for _ in range(2):  # the goal is far from an end of the part, and the start from the goal
+            ends.append(random.choice(part[_apart(part, ends[-1]) >= self._min]))
+        return np.concatenate(ends[:0:-1])
+
+
+def _apart(one: Array, other: Array) -> Floats:
+    """The distances between cells (..., 2)."""
+    return np.asarray(np.hypot(*np.moveaxis(one - other, -1, 0)))
+
+
+def _farthest_apart(cells: Ints) -> Ints:
+    """The two of the cells (n, 2) that are farthest apart, (2, 2)."""
+    import cv2
+
+    hull = cv2.convexHull(cells.astype(np.int32)).reshape(-1, 2).astype(np.int64)
+    distance = _apart(hull[:, None], hull[None])
+    return np.asarray(hull[list(np.unravel_index(int(np.argmax(distance)), distance.shape))])
+
+
+def _farthest(pairs: Floats, before: Floats) -> Floats:
+    """The pair that is farthest from those before, in whichever direction these lead."""
+    if not len(before):
+        return np.asarray(pairs[0])
+    known = np.vstack([before, before[:, [2, 3, 0, 1]]])
+    nearest = np.linalg.norm(pairs[:, None] - known[None], axis=2).min(axis=1)
+    return np.asarray(pairs[np.argmax(nearest)])

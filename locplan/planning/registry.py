@@ -1,0 +1,151 @@
+"""The planners that have a name, with what each minimises, its spaces and its options.
+
+A new planner needs a module and a line in `PLANNERS`. Nothing heavy is imported before it is used.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from locplan._support.checks import shown, suggestion
+from locplan.errors import ConfigError
+from locplan.planning.ompl.kinds import KINDS
+from locplan.planning.protocol import LATTICE, Planner
+
+DEFAULT = "any-angle"
+"""The planner that is used if none is named and the robot counts as a circle."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A planner that is known by a name."""
+
+    place: str
+    """The planner's class as "module:Class"; if it has a field `name`, it is given the name."""
+    minimises: str | None = "J"
+    """The quantity that its paths minimise; None if it stops at any path."""
+    spaces: tuple[str, ...] = ("R2",)
+    """The spaces in which it can plan."""
+
+    def kind(self) -> type[Any]:
+        """The planner's class, imported now."""
+        module, _, name = self.place.partition(":")
+        found: type[Any] = getattr(import_module(module), name)
+        return found
+
+    def options(self) -> dict[str, Any]:
+        """The names of the planner's options with their defaults."""
+        return defaults_of(self.kind())
+
+    def typed_options(self) -> list[str]:
+        """Return the names of the options that can be typed in a text."""
+        return [name for name in self.options() if name not in ("settings", "progress")]
+
+
+PLANNERS: dict[str, Entry] = {
+    "grid": Entry("locplan.planning.grid:GridPlanner"),
+    "astar": Entry("locplan.planning.grid:AStar"),
+    "dijkstra": Entry("locplan.planning.grid:Dijkstra"),
+    "any-angle": Entry("locplan.planning.any_angle:AnyAngle"),
+    "lattice": Entry("locplan.planning.lattice:Lattice", spaces=(LATTICE,)),
+    **{
+        name: Entry(
+            "locplan.planning.ompl.planner:Ompl", "J" if kind.minimises else None, kind.spaces
+        )
+        for name, kind in KINDS.items()
+    },
+}
+
+
+def names() -> tuple[str, ...]:
+    """The names of the planners that `locplan.plan` knows."""
+    return tuple(PLANNERS)
+
+
+def named_planner(
+    name: str, options: Mapping[str, Any], entries: Mapping[str, Entry] | None = None
+) -> Planner:
+    """Make a planner by its name.
+
+    Parameters
+    ----------
+    name : str
+        The name; case does not count, and RRT* is RRTstar.
+    options : mapping of str to object
+        The planner's options by name; those that are left out have their defaults. OMPL's planners
+        take OMPL's own settings as well, such as range.
+    entries : mapping of str to Entry, optional
+        The planners to choose from; by default `PLANNERS`.
+
+    Raises
+    ------
+    ConfigError
+        If none has this name, or it does not take the options.
+    """
+    entries = PLANNERS if entries is None else entries
+    name = known_name(name, entries)
+    entry, kind = entries[name], entries[name].kind()
+    own_settings = getattr(kind, "setting_names", None)
+    other = {option: options[option] for option in options if option not in entry.options()}
+    if other and own_settings:
+        check_names(f"planner {shown(name)}", other, [*entry.typed_options(), *own_settings(name)])
+        kept = {option: value for option, value in options.items() if option not in other}
+        options = {**kept, "settings": {**kept.get("settings", {}), **other}}
+    check_names(f"planner {shown(name)}", options, entry.options())
+    several = "name" in inspect.signature(kind).parameters
+    planner: Planner = kind(name, **options) if several else kind(**options)
+    planner.check()
+    return planner
+
+
+def known_name(name: str, entries: Iterable[str]) -> str:
+    """Return the known spelling of a planner's name; a ConfigError if no planner has the name.
+
+    Parameters
+    ----------
+    name : str
+        The name; case does not count, and RRT* is RRTstar.
+    entries : iterable of str
+        The known names.
+
+    Examples
+    --------
+    >>> known_name("rrt*", PLANNERS), known_name("AnyAngle", PLANNERS)
+    ('RRTstar', 'any-angle')
+    """
+    known = {_plain_name(entry): entry for entry in entries}
+    plain = _plain_name(name)
+    if plain not in known:
+        names_known, guess = ", ".join(known.values()), suggestion(name, known.values())
+        raise ConfigError(f"planner must be one of {names_known}, not {shown(name)}{guess}")
+    return known[plain]
+
+
+def _plain_name(name: str) -> str:
+    return re.sub(r"[\s_-]", "", name.casefold().replace("*", "star"))
+
+
+def defaults_of(kind: type) -> dict[str, Any]:
+    """The names of the options of a planner's class with their defaults: a dataclass's fields."""
+    if not dataclasses.is_dataclass(kind):
+        return {}
+    return {
+        one.name: one.default_factory() if callable(one.default_factory) else one.default
+        for one in dataclasses.fields(kind)
+        if one.name not in ("name", "planner")  # its own name, and the planner that it wraps
+    }
+
+
+def check_names(whose: str, options: Iterable[str], known: Iterable[str]) -> None:
+    """Raise a ConfigError unless all options are known."""
+    for name in options:
+        if name not in known:
+            names_known = ", ".join(known) or "none"
+            guess = suggestion(name, known)
+            raise ConfigError(f"{whose} has no option {shown(name)}; it has: {names_known}{guess}")

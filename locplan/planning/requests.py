@@ -1,0 +1,307 @@
+"""One planner for what a caller asks for: a name, a function or an object, with limits.
+
+Planners of the user's own cannot change the costmap that measures their paths.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.checks import is_whole, shown
+from locplan.errors import ConfigError, LocplanError
+from locplan.planning.costmap import Costmap
+from locplan.planning.limits import Limited
+from locplan.planning.metrics import path_metrics
+from locplan.planning.pareto import BudgetPlanner
+from locplan.planning.path import Path
+from locplan.planning.protocol import Found, Planner, Position, Status, Wrapper
+from locplan.planning.registry import check_names, defaults_of, named_planner
+from locplan.planning.results import Plan
+from locplan.planning.robot_fit import default_planner
+from locplan.robots.parts import Footprint
+from locplan.robots.robot import Robot
+
+PlannerFunction: TypeAlias = Callable[..., Plan | Path | Found]
+"""A function ``f(costs, start, goal, **options)`` that returns a path, an (n, 2) or (n, 3) array of
+its positions, a `Found` or a `Plan`."""
+AnyPlanner: TypeAlias = str | Planner | PlannerFunction
+"""A planner as a caller may give it."""
+
+
+@dataclass(frozen=True)
+class FunctionPlanner:
+    """A planner written as a function ``f(costs, start, goal, **options)``.
+
+    The function returns a `Path`, an (n, 2) or (n, 3) array, a `Found` or a `Plan`. If
+    it has an attribute ``prepare``, that is called before anything is timed, so that it can compile
+    there.
+    """
+
+    function: PlannerFunction
+    """The function that plans."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Keyword arguments that the function is called with; none by default."""
+    minimises: ClassVar[str] = "J"
+
+    @property
+    def name(self) -> str:
+        """The function's name."""
+        return getattr(self.function, "__name__", type(self.function).__name__)
+
+    @property
+    def space(self) -> str:
+        """The function's option "space", or "R2"."""
+        return str(self.options.get("space", "R2"))
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of the function's options."""
+        every = list(inspect.signature(self.function).parameters.values())[3:]
+        return [one.name for one in every if one.kind is not one.VAR_KEYWORD]
+
+    def check(self) -> None:
+        """Raise a ConfigError unless the function takes the options."""
+        every = inspect.signature(self.function).parameters.values()
+        if not any(one.kind is one.VAR_KEYWORD for one in every):
+            check_names(f"planner {shown(self.name)}", self.options, self.parameters)
+
+    def prepare(self) -> None:
+        """Call the function's own ``prepare``, if it has one."""
+        getattr(self.function, "prepare", lambda: None)()
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Call the function and return what it found. See `locplan.planning.Planner.solve`."""
+        result = self.function(costs, start, goal, **self.options)
+        if isinstance(result, np.ndarray | list):
+            result = _path_of(result)
+        if isinstance(result, Path):
+            return Found(result)
+        if isinstance(result, Plan):
+            names = [one.name for one in dataclasses.fields(Found)]
+            return Found(**{name: getattr(result, name) for name in names})
+        return result
+
+
+def _path_of(positions: ArrayLike) -> Path:
+    """Return the path of an (n, 2) array of positions, or (n, 3) of poses."""
+    array = np.asarray(positions)
+    has_headings = array.ndim == 2 and array.shape[1] == 3
+    return Path(array[:, :2], array[:, 2]) if has_headings else Path(array)
+
+
+class Guarded(Wrapper):
+    """A user's planner that gets a costmap of its own, and whose path is checked."""
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Plan on a copy of the costmap, not timing the copying, and check what is returned.
+
+        See `locplan.planning.Planner.solve`.
+
+        Raises
+        ------
+        LocplanError
+            If the planner returns something else than a path that can be driven, or a reason.
+        """
+        own = costs.copy()
+        began = time.perf_counter()
+        found = self.planner.solve(own, start, goal)
+        elapsed = time.perf_counter() - began
+        _check_sound(found, costs, start, goal)
+        found = dataclasses.replace(found, note=str(found.note or ""))
+        reported = found.solve_time
+        plausible = reported is not None and 0 <= reported <= elapsed
+        return found if plausible else dataclasses.replace(found, solve_time=elapsed)
+
+
+def _check_sound(found: object, costs: Costmap, start: Position, goal: Position) -> None:
+    """Raise a LocplanError unless what a planner returned can be driven."""
+    statuses = get_args(Status)
+    if not isinstance(found, Found) or found.status not in statuses:
+        raise LocplanError(
+            "the planner must return a locplan.Path, an array of positions, a Plan or a"
+            f" planners.Found with a status of {', '.join(statuses)}, not {type(found).__name__}"
+        )
+    if found.expanded is not None and not is_whole(found.expanded):
+        raise LocplanError(
+            f"the planner's number of expanded cells must be whole, not {shown(found.expanded)}"
+        )
+    if found.path is None:
+        if found.status == "solved":
+            raise LocplanError("the planner says it has solved the query, but returned no path")
+        return
+    apart = np.hypot(*(found.path.xy[[0, -1]] - np.array([start[:2], goal[:2]])).T)
+    if apart.max() > 1.5 * costs.grid.resolution:
+        raise LocplanError("the planner's path does not lead from start to goal")
+    if not np.isfinite(path_metrics(costs, found.path).cost):
+        raise LocplanError("the planner's path enters cells where the robot cannot be")
+
+
+def planner_for(
+    planner: AnyPlanner | None = None,
+    options: Mapping[str, Any] | None = None,
+    *,
+    via: Sequence[Position] = (),
+    max_e: float | None = None,
+    budget: float | None = None,
+    footprint: Footprint | ArrayLike | None = None,
+    robot: Robot | None = None,
+) -> Planner:
+    """Make the planner, with its options and limits, that `locplan.plan` uses for these arguments.
+
+    Parameters
+    ----------
+    planner : str, function or Planner, optional
+        The planner; by default "grid" with a budget, otherwise the one for the robot.
+    options : mapping of str to object, optional
+        The planner's options by name; those that are left out have their defaults.
+    via, max_e, budget, footprint
+        Limits that a path must keep; see `locplan.plan`. By default there are none.
+    robot : Robot, optional
+        The robot of the costmap, which decides the default: "lattice" if it has an outline or a
+        turning radius, otherwise "any-angle".
+
+    Returns
+    -------
+    Planner
+        The planner, checked. One of the user's own is wrapped in `Guarded`.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such planner, or the options and limits do not go together.
+
+    Examples
+    --------
+    >>> planner_for("any-angle", {"accuracy": "high"})
+    AnyAngle(accuracy='high', allow_corner_cutting=False)
+    """
+    options, stops, outline = options or {}, tuple(via), outline_of(footprint)
+    if budget is None:
+        made = _unlimited(default_planner(robot) if planner is None else planner, options)
+    else:
+        if planner not in (None, "grid") or stops or outline is not None or max_e is not None:
+            raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
+        known = [name for name in defaults_of(BudgetPlanner) if name != "budget"]
+        check_names("a budget", options, known)
+        made = BudgetPlanner(budget, **options)
+    if stops or outline is not None or max_e is not None:
+        made = Limited(made, stops, outline, max_e)
+    made.check()
+    return made
+
+
+def outline_of(footprint: Footprint | ArrayLike | None) -> Footprint | None:
+    """Return a footprint that is given as one or by its corners."""
+    if footprint is None or isinstance(footprint, Footprint):
+        return footprint
+    return Footprint(np.asarray(footprint))
+
+
+def takes(planner: Planner, option: str) -> bool:
+    """Return whether a planner has an option of this name.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner.
+    option : str
+        Name of an option, such as "seed".
+    """
+    inner = innermost(planner)
+    own = inner.parameters if isinstance(inner, FunctionPlanner) else defaults_of(type(inner))
+    return option in own
+
+
+def innermost(planner: Planner) -> Planner:
+    """The planner without its limits.
+
+    Parameters
+    ----------
+    planner : Planner
+        A planner as `planner_for` makes it.
+    """
+    while isinstance(planner, Wrapper):
+        planner = planner.planner
+    return planner
+
+
+def own_planner(planner: Planner) -> Planner | None:
+    """The planner of the user's own without its limits, or None if it is one of locplan's.
+
+    Parameters
+    ----------
+    planner : Planner
+        A planner as `planner_for` makes it.
+    """
+    while isinstance(planner, Wrapper) and not isinstance(planner, Guarded):
+        planner = planner.planner
+    return planner.planner if isinstance(planner, Guarded) else None
+
+
+def options_of(planner: Planner) -> dict[str, Any]:
+    """The options and limits of a planner that differ from their defaults.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner.
+
+    Returns
+    -------
+    dict of str to object
+        Their values by name; all options of a function.
+    """
+    if isinstance(planner, FunctionPlanner):
+        return dict(planner.options)
+    inner = options_of(planner.planner) if isinstance(planner, Wrapper) else {}
+    known = defaults_of(type(planner))
+    own = {name: getattr(planner, name) for name in known if getattr(planner, name) != known[name]}
+    return inner | own
+
+
+def with_options(planner: Planner, **options: Any) -> Planner:
+    """A copy of a planner with other options.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner.
+    **options
+        New values of some options; the others stay.
+
+    Raises
+    ------
+    ConfigError
+        If the planner does not have one of them.
+    """
+    if isinstance(planner, Wrapper):
+        return dataclasses.replace(planner, planner=with_options(planner.planner, **options))
+    if isinstance(planner, FunctionPlanner):
+        return dataclasses.replace(planner, options={**planner.options, **options})
+    check_names(f"planner {shown(planner.name)}", options, defaults_of(type(planner)))
+    return dataclasses.replace(planner, **options) if options else planner  # type: ignore[type-var]
+
+
+def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
+    """A planner by its name, or the user's own, which gets a costmap of its own."""
+    if isinstance(planner, str):
+        return named_planner(planner, options)
+    if isinstance(planner, Planner) and not isinstance(planner, type):
+        made = with_options(planner, **options)
+    elif callable(planner) and not isinstance(planner, type):
+        made = FunctionPlanner(planner, options)
+    else:
+        raise ConfigError(
+            "planner must be a name, a function f(costs, start, goal), or an object with name,"
+            f" minimises, space, check, prepare and solve, not {shown(planner)}"
+        )
+    ours = type(made).__module__.startswith("locplan.") and not isinstance(made, FunctionPlanner)
+    return made if ours else Guarded(made)

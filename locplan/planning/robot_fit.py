@@ -1,0 +1,119 @@
+"""The planner for a robot, and what a planner does not respect of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from locplan.planning.path_check import TIGHT, path_faults
+from locplan.planning.protocol import CURVED, LATTICE
+from locplan.planning.registry import DEFAULT
+
+if TYPE_CHECKING:
+    from locplan.planning.costmap import Costmap
+    from locplan.planning.path import Path
+    from locplan.planning.protocol import Planner
+    from locplan.robots.robot import Robot
+
+
+def needs_lattice(robot: Robot | None) -> bool:
+    """True if a robot has an outline or a turning radius, so that a circle cannot stand for it.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot; None if only its radius is known.
+    """
+    return robot is not None and (robot.outline is not None or robot.kinematics.turning_radius > 0)
+
+
+def default_planner(robot: Robot | None) -> str:
+    """Return the name of the planner that is used for a robot if none is named.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot of the costmap; None if only its radius is known.
+
+    Returns
+    -------
+    str
+        "lattice" for a robot with an outline or a turning radius, otherwise "any-angle".
+    """
+    return "lattice" if needs_lattice(robot) else DEFAULT
+
+
+def robot_note(planner: Planner, costs: Costmap, path: Path) -> str:
+    """Return a note on what a planner's path does not respect of the costmap's robot.
+
+    Parameters
+    ----------
+    planner : Planner
+        The planner, with its limits.
+    costs : Costmap
+        The costmap that was planned on.
+    path : Path
+        The planner's path.
+
+    Returns
+    -------
+    str
+        The note; empty if the planner respects the robot. A planner that locplan does not know is
+        judged by its path.
+    """
+    robot = costs.robot
+    if robot is None or not needs_lattice(robot):
+        return ""
+    keeps_outline, inner = False, planner
+    while (wrapped := getattr(inner, "planner", None)) is not None:
+        keeps_outline |= getattr(inner, "outline", None) is not None
+        inner = wrapped
+    if not type(inner).__module__.startswith("locplan.planning.") or _is_function(inner):
+        faults = path_faults(costs.grid, path, robot)
+        where = f"{faults[0].kind} near {faults[0].x:.2f},{faults[0].y:.2f}" if faults else ""
+        return f"the robot cannot drive this path: {where}" if faults else ""
+    if inner.space == LATTICE:
+        return ""
+    keeps_outline |= inner.space != "R2"
+    kinematics = robot.kinematics
+    radius = getattr(inner, "turning_radius", None) if inner.space in CURVED else None
+    keeps_radius = (radius or 0.0) >= kinematics.turning_radius * (1 - TIGHT)
+    backs_up = inner.space == "ReedsShepp" and not kinematics.reverse
+    return unfit_note(
+        planner.name, robot, outline=keeps_outline, radius=keeps_radius, reverse=not backs_up
+    )
+
+
+def unfit_note(
+    name: str,
+    robot: Robot | None,
+    *,
+    outline: bool = False,
+    radius: bool = False,
+    reverse: bool = True,
+) -> str:
+    """Return a note on what a planner of this name does not respect of a robot.
+
+    Parameters
+    ----------
+    name : str
+        The planner's name.
+    robot : Robot or None
+        The robot.
+    outline, radius, reverse : bool
+        True if the planner respects the robot's outline, its turning radius, and whether it drives
+        in reverse.
+    """
+    if robot is None:
+        return ""
+    ignored = [] if outline or robot.outline is None else ["outline"]
+    ignored += [] if radius or not robot.kinematics.turning_radius else ["turning radius"]
+    ignored += [] if reverse else ["lack of a reverse gear"]
+    if not ignored:
+        return ""
+    what = " and ".join(ignored)
+    return f"{name} ignores the robot's {what}: check the path with check_path, or plan by lattice"
+
+
+def _is_function(planner: object) -> bool:
+    """True if a planner is a user's function."""
+    return hasattr(planner, "function")

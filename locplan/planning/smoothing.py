@@ -1,0 +1,222 @@
+"""Paths straightened by curves that the robot can drive, and shifted to where they cost least."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Floats, Ints
+from locplan.maps.occupancy import OCCUPIED
+from locplan.planning.costmap import Costmap, check_costs
+from locplan.planning.path import Path
+from locplan.planning.protocol import Position
+from locplan.robots.parts import Kinematics
+from locplan.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from locplan.planning.kernels.smoothing import Drive
+
+REVERSE, GEAR_CHANGE, TURN = 2.0, 0.5, 0.3
+"""Default prices: factor on the cost in reverse and sideways, a change of the gear [m], and a turn
+on the spot [m/rad]."""
+SPOT = 1e-4
+"""Turning radius that stands for turns on the spot [cells]."""
+LOOKAHEAD = 60
+"""Maximum number of knots that one curve may replace."""
+ROUNDS = 3
+"""Rounds of shifts, each followed by straightening."""
+
+
+def smoothed(
+    costs: Costmap,
+    path: Path,
+    robot: Robot | None = None,
+    *,
+    reverse: float = REVERSE,
+    gear_change: float = GEAR_CHANGE,
+    turn_cost: float = TURN,
+) -> Path:
+    """Smooth a path of any planner by curves that the robot can drive.
+
+    The curves are those of Dubins, or of Reeds and Shepp for a robot that drives in reverse. The
+    result costs no more than the path, keeps the turning radius, and its outline meets no wall;
+    where that cannot be had, it is the path itself.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap, whose density is integrated.
+    path : Path
+        The path; without headings it is driven forward.
+    robot : Robot, optional
+        The robot, by default that of the costmap; without one it turns on the spot.
+    reverse : float, default 2.0
+        Factor on the cost of driving in reverse or sideways, above 1.
+    gear_change : float, default 0.5
+        Cost of changing between forward and reverse, >= 0 [m].
+    turn_cost : float, default 0.3
+        Cost of turning on the spot, above 0 [m/rad].
+
+    Returns
+    -------
+    Path
+        The path with headings, from the same start to the same goal.
+    """
+    check_costs(costs)
+    smoother = Smoother(costs, robot or costs.robot, reverse, gear_change, turn_cost)
+    return smoother.smoothed(path, None, None)
+
+
+class Smoother:
+    """What smooths the paths of a robot on a costmap."""
+
+    def __init__(
+        self,
+        costs: Costmap,
+        robot: Robot | None,
+        reverse: float,
+        gear_change: float,
+        turn_cost: float,
+    ) -> None:
+        from locplan._support.kernels.outlines import Body, sums_of
+        from locplan._support.kernels.search import bordered_half
+        from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP
+        from locplan.planning.kernels.motions import Ground
+        from locplan.planning.kernels.smoothing import Drive
+
+        grid, self._costs = costs.grid, costs
+        kinematics = robot.kinematics if robot else Kinematics()
+        self._outline = robot.outline if robot else None
+        half = np.array([bordered_half(layer, 1) for layer in costs.density_of_heading])
+        self._ground = Ground(half, grid.shape[1] + 2, -grid.origin[2], False)
+        on_spot = kinematics.turning_radius == 0
+        self._drive: Drive = Drive(
+            REEDS_SHEPP if kinematics.reverse else DUBINS,
+            SPOT if on_spot else kinematics.turning_radius / grid.resolution,
+            kinematics.drive == "omnidirectional",
+            reverse,
+            gear_change / grid.resolution,
+            turn_cost / grid.resolution if on_spot else 0.0,
+        )
+        corners = self._outline.vertices / grid.resolution if self._outline else np.empty((0, 2))
+        self._body: Body = Body(sums_of(grid.cells == OCCUPIED), corners)
+
+    def smoothed(self, path: Path, start: Position | None, goal: Position | None) -> Path:
+        """A path smoothed, or itself; its ends become start and goal where curves lead there."""
+        poses = self._on_grid(path)
+        found = self._improved(self._with_ends(poses, start, goal))
+        if found is None and (start or goal):
+            found = self._improved(poses)
+        if found is None:
+            return path
+        made = self._in_world(found)
+        if self._outline and self._outline.first_collision(self._costs.grid, made) is not None:
+            return path
+        return made
+
+    def cost(self, poses: Floats) -> float:
+        """Cost of poses (n, 3) on the bordered grid, with all prices [cells]."""
+        from locplan.planning.kernels.smoothing import own_costs
+
+        return float(own_costs(self._ground, self._drive, poses).sum())
+
+    def _improved(self, poses: Floats) -> Floats | None:
+        """Better poses, or None where none are."""
+        best, least = None, self.cost(poses)
+        step, turn = 1.5, 0.2
+        poses = self._straightened(poses)
+        for _ in range(ROUNDS + 1):
+            if len(poses) < 2:
+                break
+            cost = self.cost(poses)
+            if cost < least * (1 - 1e-9):
+                best, least = poses, cost
+            shifted = self._shifted(poses, (step, turn))
+            poses = poses if shifted is poses else self._straightened(shifted)
+            step, turn = 0.6 * step, 0.6 * turn
+        return best
+
+    def _straightened(self, poses: Floats) -> Floats:
+        """Poses along the cheapest chain of curves; none where there is none."""
+        from locplan.planning.kernels.smoothing import straightest
+
+        if len(poses) < 2:
+            return poses
+        at = self._knots(poses, max(2.0, 0.25 * self._drive.radius))
+        own = np.add.reduceat(self._own(poses), at[:-1])
+        chain = straightest(self._ground, self._drive, self._body, poses[at], own, LOOKAHEAD)
+        pieces, last = [], len(at) - 1
+        while last > 0:
+            before = int(chain[last])
+            if before == -1:
+                return poses[:0]
+            if before >= 0:
+                pieces.append(self._curve(poses[at[before]], poses[at[last]])[1:])
+            else:
+                before = -2 - before
+                pieces.append(poses[at[before] + 1 : at[last] + 1])
+            last = before
+        return np.concatenate([poses[:1], *pieces[::-1]])
+
+    def _shifted(self, poses: Floats, steps: tuple[float, float]) -> Floats:
+        """Poses with knots shifted to where they cost less, or themselves where that is nowhere."""
+        from locplan.planning.kernels.smoothing import shift_knots
+
+        at = self._knots(poses, max(3.0, 0.75 * self._drive.radius))
+        own = np.add.reduceat(self._own(poses), at[:-1])
+        knots, curved = poses[at].copy(), np.zeros(len(own), bool)
+        shift_knots(self._ground, self._drive, self._body, knots, own, curved, steps)
+        if not curved.any():
+            return poses
+        pieces = [
+            self._curve(knots[n], knots[n + 1])[1:] if curved[n] else poses[a + 1 : b + 1]
+            for n, (a, b) in enumerate(itertools.pairwise(at.tolist()))
+        ]
+        return np.concatenate([poses[:1], *pieces])
+
+    def _own(self, poses: Floats) -> Floats:
+        from locplan.planning.kernels.smoothing import own_costs
+
+        return np.asarray(own_costs(self._ground, self._drive, poses))
+
+    def _knots(self, poses: Floats, spacing: float) -> Ints:
+        """Places of poses at least a spacing [cells], or a quarter of a radian, apart."""
+        steps = np.diff(poses, axis=0)
+        turn = np.abs(np.remainder(steps[:, 2] + math.pi, 2 * math.pi) - math.pi)
+        still = np.hypot(*steps[:, :2].T) < 1e-3
+        way = np.hypot(*steps[:, :2].T) / spacing + np.where(still, 4 * turn, 0.0)
+        along = np.concatenate([[0.0], np.cumsum(way)])
+        kept = np.concatenate([[True], np.diff(np.floor(along)) > 0])
+        kept[-1] = True
+        return np.flatnonzero(kept)
+
+    def _curve(self, start: Floats, end: Floats) -> Floats:
+        from locplan.planning.kernels.motions import motion_poses
+
+        ends = tuple(start.tolist()), tuple(end.tolist())
+        return np.asarray(motion_poses(self._drive.kind, self._drive.radius, *ends))
+
+    def _with_ends(self, poses: Floats, start: Position | None, goal: Position | None) -> Floats:
+        """Poses with the true ends before and after them; a heading that is left out is theirs."""
+        for pose, place, at in ((start, 0, 0), (goal, -1, None)):
+            if pose is not None:
+                row, col = self._costs.grid.world_to_grid(*pose[:2])
+                yaw = self._costs.grid.origin[2]
+                heading = pose[2] - yaw if len(pose) == 3 else poses[place, 2]
+                index = len(poses) if at is None else at
+                poses = np.insert(poses, index, (float(col) + 1, float(row) + 1, heading), axis=0)
+        return poses
+
+    def _on_grid(self, path: Path) -> Floats:
+        """Poses on the bordered grid; without headings with turns where lines meet."""
+        x, y, heading = path.driven.T
+        row, col = self._costs.grid.world_to_grid(x, y)
+        return np.column_stack([col + 1, row + 1, heading - self._costs.grid.origin[2]])
+
+    def _in_world(self, poses: Floats) -> Path:
+        grid = self._costs.grid
+        x, y = grid.grid_to_world(poses[:, 1] - 1, poses[:, 0] - 1)
+        return Path(np.column_stack([x, y]), poses[:, 2] + grid.origin[2])

@@ -1,0 +1,198 @@
+"""Ambiguous places of a map, which one scan cannot tell from another place, and safe starts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from locplan._support.checks import check_threads, positive
+from locplan._support.kernels.arrays import Bools, Floats, Ints
+from locplan._support.poses import wrapped
+from locplan._support.progress import ProgressCallback
+from locplan.errors import ConfigError
+from locplan.field.config import equipped
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.recordings.matching import (
+    APART,
+    AWAY,
+    MIN_RETURNS,
+    TURNED,
+    Database,
+    ScanOnMap,
+    checked_database,
+    in_batches,
+    places_every,
+)
+from locplan.robots.robot import Robot
+
+SPACING = 1.6
+"""Default distance between neighbouring places [m]."""
+HEADINGS = 8
+"""Number of headings at each place if what the lidar sees depends on the heading."""
+THRESHOLD = 3.0
+"""Excess up to which a pose is taken for another: a match mistakes one in ten such [nats]."""
+STARTS, STARTS_APART = 3, 3.0
+"""Number of starts that are proposed, and the minimum distance between two of them [m]."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AmbiguousPlaces:
+    """The places of a map, and how well one scan tells each from all places more than 2 m away."""
+
+    places: Floats
+    """World x and y of the places, (n, 2) [m]."""
+    excess: Floats
+    """How much worse the best pose more than 2 m away explains the scan, (n,) [nats].
+
+    It is that of the worst heading, 0 where hardly a beam returns, and infinite without such a
+    pose.
+    """
+    elsewhere: Floats
+    """Share of the posterior more than 2 m away, the mean of the headings, (n,)."""
+    spacing: float
+    """Distance between neighbouring places [m]."""
+
+    def __repr__(self) -> str:
+        return f"AmbiguousPlaces({self.share:.0%} of {len(self.places)} places)"
+
+    @property
+    def is_ambiguous(self) -> Bools:
+        """True for each ambiguous place, one with an excess of up to 3 nats, (n,)."""
+        return np.asarray(self.excess <= THRESHOLD)
+
+    @property
+    def share(self) -> float:
+        """Share of the places that are ambiguous, 0..1."""
+        return float(self.is_ambiguous.mean())
+
+    @property
+    def starts(self) -> Floats:
+        """World x and y of up to three places to start the robot at, the safest first, (k, 2) [m].
+
+        Neither they nor their neighbours are ambiguous, since a robot never stands quite where it
+        should. They are 3 m apart.
+        """
+        from scipy.spatial import cKDTree
+
+        # Factor on the spacing of the places within which they are neighbours.
+        near = cKDTree(self.places).query_ball_point(self.places, 1.6 * self.spacing)
+        least = np.array([self.excess[some].min() for some in near])
+        most = np.array([self.elsewhere[some].max() for some in near])
+        starts: list[Floats] = []
+        for n in np.lexsort([most, -least]):
+            if len(starts) == STARTS or least[n] <= THRESHOLD:
+                break
+            if all(np.hypot(*(self.places[n] - start)) >= STARTS_APART for start in starts):
+                starts.append(self.places[n])
+        return np.array(starts).reshape(-1, 2)
+
+    @property
+    def sentence(self) -> str:
+        """The share of ambiguous places, and where to start the robot, in a sentence."""
+        share = f"{100 * self.share:.0f} % of the places are ambiguous to one scan"
+        starts = [f"{x:.1f},{y:.1f}" for x, y in self.starts.tolist()]
+        if not starts:
+            return f"{share}, and no start is safe: set the pose"
+        return f"{share}; safe starts: {' '.join(starts)}"
+
+
+def find_ambiguous_places(
+    grid: OccupancyGrid,
+    robot: Robot | None = None,
+    *,
+    spacing: float = SPACING,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> AmbiguousPlaces:
+    """Find the places of a map that one scan cannot tell from another place.
+
+    The scan that the lidar would take at each place is compared with all places and turns, and the
+    best ones are refined on the map's likelihood field. This predicts failures of global matching
+    of single scans. It does not predict well where AMCL's own global localization fails, which
+    scatters particles and drives.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    robot : Robot, optional
+        The robot with its lidar, by default one of 6 m that sees all round; its radius is the
+        distance that it keeps from walls.
+    spacing : float, default 1.6
+        Distance between neighbouring places [m], at least a cell. A smaller one misses less, and
+        takes longer.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default. The result does not depend on it.
+    progress : callable, optional
+        Called with (done, total) poses.
+
+    Returns
+    -------
+    AmbiguousPlaces
+        The places, the share that is ambiguous, and where to start the robot.
+
+    Raises
+    ------
+    LocplanError
+        If a value is out of its range, or the robot fits nowhere.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("places", resolution=0.1)
+    >>> found = find_ambiguous_places(grid, locplan.Robot(locplan.Lidar(range=8.0)), spacing=2.0)
+    >>> found.is_ambiguous.shape == found.excess.shape == (len(found.places),)
+    True
+    """
+    check_grid(grid)
+    robot = equipped(robot)
+    lidar = robot.known_lidar
+    positive("spacing", spacing, "m")
+    if spacing < grid.resolution:
+        raise ConfigError(
+            f"spacing must be at least a cell of the map, {grid.resolution:g} m, not {spacing:g}"
+        )
+    workers = check_threads(threads)
+    database = checked_database(grid, lidar, robot.radius, None).everywhere
+    positions = places_every(spacing, database.fits, grid.resolution)
+    count = 1 if lidar.sees_alike_in_all_headings else HEADINGS
+    headings = np.arange(count, dtype=np.float64) * (2 * math.pi / count)
+    poses = np.column_stack(
+        [np.repeat(positions, count, axis=0), np.tile(headings, len(positions))]
+    )
+    ranges = database.scans_at(poses)
+
+    def compare(some: Ints) -> list[tuple[float, float]]:
+        return [_compare_elsewhere(database, ranges[n], poses[n]) for n in some]
+
+    values = np.array(in_batches(compare, len(poses), workers, progress)).reshape(-1, count, 2)
+    return AmbiguousPlaces(
+        np.column_stack(grid.grid_to_world(positions[:, 1], positions[:, 0])),
+        values[..., 0].min(axis=1),
+        values[..., 1].mean(axis=1),
+        float(spacing),
+    )
+
+
+def _compare_elsewhere(database: Database, ranges: Floats, home: Floats) -> tuple[float, float]:
+    """Return the minimum excess of poses more than 2 m away, and their share of the posterior.
+
+    The scan of a pose, x, y [cells] and heading on the map, is matched with the whole map.
+    """
+    modes = ScanOnMap(database, ranges).modes(home)
+    if modes.returns < MIN_RETURNS:
+        return 0.0, 1.0
+    away = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
+    turn = np.abs(wrapped(modes.poses[:, 2] - home[2]))
+    here = np.flatnonzero((away < APART) & (turn < TURNED))
+    if not here.size:  # the robot does not fit quite there
+        return 0.0, 1.0
+    excess = modes.losses - modes.losses[here[0]]
+    weights = np.exp(-(modes.losses - modes.losses.min()))
+    far = away > AWAY
+    return (
+        float(excess[far].min()) if far.any() else math.inf,
+        float(weights[far].sum() / weights.sum()),
+    )

@@ -1,0 +1,564 @@
+"""Evaluation of estimators on a recorded drive: how well each scan fixes the pose."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import check_threads, instance
+from locplan._support.intervals import (
+    Interval,
+    Rank,
+    Resamples,
+    blocks_along,
+    draws_of,
+    mean_interval,
+    plain,
+    rank,
+    short,
+)
+from locplan._support.kernels.arrays import Floats
+from locplan._support.poses import ends_in_map
+from locplan._support.progress import ProgressCallback
+from locplan._support.public import Pictured
+from locplan._support.records import POSE, Column, Table
+from locplan._support.tables import REPORT_WIDTH, table
+from locplan.errors import RecordingError
+from locplan.field.config import FieldConfig
+from locplan.field.covariance import position_axes, scalar
+from locplan.field.estimator import Estimator
+from locplan.field.fisher import Fisher, Fused
+from locplan.field.sad import Sad
+from locplan.field.scan import Scan
+from locplan.field.store import covariance_field
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.occupancy import OCCUPIED
+from locplan.recordings.matching import Matcher, in_batches
+from locplan.recordings.recording import Recording
+from locplan.robots.lidar import Lidar
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+MIN_RETURNS = 10
+"""Number of returns below which a scan tells too little to be judged."""
+FITS = 0.6
+"""Share of the beams that end at walls from which a map fits. Six real logs have .91 to 1.00 on the
+maps made of them, and at most .41 on those of each other, wherever the drive is moved."""
+
+
+def check_enough(fitting: int, scans: int) -> None:
+    """Raise a RecordingError if fewer than ten scans of a drive fit the map."""
+    if scans < 10:
+        raise RecordingError(
+            f"the drive has {scans} scans, too few: 10 are needed; read more of them (every=), or"
+            " record a longer one"
+        )
+    if fitting < 10:
+        raise RecordingError(
+            f"{fitting} of {scans} scans fit the map and lie in its free space, too few; is it the"
+            " right map, and are the poses in its frame? See locplan.recordings.fit_to_map"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Matches:
+    """The posteriors of n recorded scans about their recorded poses, in the world's frame."""
+
+    recording: Recording
+    """The scans, with their poses."""
+    grid: OccupancyGrid
+    """The map that they were matched with."""
+    settings: Scan
+    """The search window, and how a beam's end is scored."""
+    mean: Floats
+    """Mean offset from the recorded pose, (n, 3) [m, m, rad]."""
+    best: Floats
+    """Most probable offset, (n, 3) [m, m, rad]."""
+    covariance: Floats
+    """Covariance about the mean, (n, 3, 3) [m, m, rad]; NaN where a scan tells too little."""
+    ambiguity: Floats
+    """Probability outside the central mode, (n,), 0..1."""
+    entropy: Floats
+    """Entropy of the posterior, (n,) [nat]."""
+    score: Floats
+    """Log-likelihood a return at the most probable offset, (n,): 0 where all ends lie on walls."""
+    returns: NDArray[np.int64]
+    """Number of returns among the beams that were compared, (n,)."""
+
+    def __repr__(self) -> str:
+        median = float(np.nanmedian(self.position_std)) if self.judged.any() else math.nan
+        return f"Matches({len(self)} scans, median position_std {100 * median:.1f} cm)"
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Mask of the scans with enough returns, on the map, (n,)."""
+        return np.asarray(np.isfinite(self.covariance[:, 0, 0]))
+
+    @cached_property
+    def stray(self) -> Floats:
+        """Share of the returns that end away from all walls at the most probable offset, (n,).
+
+        Away is beyond three cells, at least 0.25 m, and a fiftieth of the beam's length: so far
+        from their cells even walls are met where cells are coarse or beams are long.
+        """
+        import cv2
+
+        clear = np.asarray(self.grid.cells != OCCUPIED, np.uint8)
+        distance = self.grid.resolution * cv2.distanceTransform(clear, cv2.DIST_L2, 5)
+        least, share = max(3 * self.grid.resolution, 0.25), np.zeros(len(self))
+        for first in range(0, len(self), 512):  # in blocks, which saves memory
+            some = slice(first, first + 512)
+            ends = self.recording[some].ends_on_robot()
+            at = looked_up(
+                self.grid,
+                distance,
+                ends_in_map(ends, self.recording.poses[some] + self.best[some]),
+                math.inf,
+            )
+            away = at > least + np.hypot(*ends.T).T / 50  # False without a return
+            share[some] = away.sum(axis=1) / np.maximum(np.isfinite(ends[..., 0]).sum(axis=1), 1)
+        return share
+
+    @property
+    def position_std(self) -> Floats:
+        """Largest standard deviation of the position, (n,) [m]."""
+        return scalar(self.covariance, "position_std")
+
+    @property
+    def direction(self) -> Floats:
+        """Direction of that deviation in the world, (n,) [rad]."""
+        return position_axes(self.covariance)[2]
+
+
+def match_scans(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    settings: Scan | None = None,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Matches:
+    """Match the scans of a drive with a map, each about its recorded pose.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map; the poses are in its world frame.
+    settings : Scan, optional
+        The search window and the likelihood of beams; its `lidar` must be the recording's. By
+        default +-1.5 m in 0.1 m and +-4 deg in 1 deg, 180 beams that tell as much as 15.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) scans.
+
+    Returns
+    -------
+    Matches
+        The posterior of each scan; NaN where it has fewer than 10 returns or lies off the map.
+
+    Raises
+    ------
+    RecordingError
+        If no scan with enough returns was taken on the map.
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_grid(grid)
+    workers = check_threads(threads)
+    matcher = Matcher(grid, settings) if settings else Matcher.of(grid, recording.lidar)
+    settings = matcher.settings
+    count, beams = len(recording), settings.beams_compared
+    row, col = grid.world_to_grid(*recording.poses[:, :2].T)
+    cells = np.column_stack([np.floor(row), np.floor(col)])
+    mean, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    best, summary = np.zeros((count, 3)), np.full((count, 3), np.nan)
+    returns = np.isfinite(recording.ranges[:, settings.beam_numbers]).sum(axis=1)
+    inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
+    chosen = np.flatnonzero(inside & (returns >= min(MIN_RETURNS, beams)))
+    if not chosen.size:
+        raise RecordingError(
+            "no scan with enough returns was taken on this map; is it the right one? See"
+            " locplan.recordings.fit_to_map"
+        )
+    _ = matcher.prepared  # now, once for all threads
+
+    def match(numbers: NDArray[np.int64]) -> list[int]:
+        some = chosen[numbers]
+        found = matcher.posteriors(recording[some].ends_on_robot(), recording.poses[some])
+        mean[some], covariance[some], best[some], summary[some] = found
+        return list(some)
+
+    in_batches(match, chosen.size, workers, progress, batch=64)
+    entropy, ambiguity, score = summary.T
+    found = mean, best, covariance, ambiguity, entropy, score
+    return Matches(recording, grid, settings, *found, returns)
+
+
+def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
+    """Distance from a wall within which a beam ends at it [m], and the cells so near.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    """
+    # A cell's worth is lost by the map's and the end's own rounding, another one by the wall's
+    # thickness in a map of many scans; and 0.1 m is three deviations of a lidar's noise.
+    distance = max(2 * grid.resolution, 0.1)
+    return distance, grid.closer_than(distance)
+
+
+def looked_up(grid: OccupancyGrid, values: NDArray[Any], xy: Floats, beyond: float) -> Floats:
+    """Values of the cells at points (..., 2), and off the map, or where a point is NaN, another."""
+    row, col = (np.floor(each) for each in grid.world_to_grid(xy[..., 0], xy[..., 1]))
+    inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
+    at = tuple(np.where(inside, each, 0).astype(np.int64) for each in (row, col))
+    return np.where(inside, values[at], beyond)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well an estimator's deviations agree with the measured ones.
+
+    Intervals are percentiles of a bootstrap over blocks of 10 m of the drive; NaN where it has
+    fewer than five.
+    """
+
+    rank: Rank
+    """Rank correlation, -1..1, and AUC for the worst fifth of the scans, 0..1."""
+    aligned: Interval
+    """Share of the elongated ellipses whose direction is right to 15 deg, 0..1; NaN without any."""
+    factor: Interval
+    """Predicted over measured deviation of the position: geometric mean; 1 where they agree."""
+
+    @property
+    def texts(self) -> list[str]:
+        """The columns of a table: rank correlation, AUC, direction, and factor."""
+        aligned = "-" if math.isnan(self.aligned.value) else f"{self.aligned.value:.0%}"
+        return [short(self.rank.spearman), short(self.rank.auc), aligned, short(self.factor)]
+
+
+def agreement(
+    values: Floats, predicted: Floats, measured: Floats, blocks: NDArray[np.int64]
+) -> Agreement:
+    """Agreement of predicted with measured covariances at n scans.
+
+    Parameters
+    ----------
+    values : (n,) array
+        The scalar by which the estimator ranks places.
+    predicted, measured : (n, d, d) arrays
+        Covariances [m, m, rad].
+    blocks : (n,) array of int
+        The block of the drive that each scan belongs to.
+    """
+    drawn = draws_of(blocks)
+    major, minor, direction = position_axes(measured)
+    own, _, towards = position_axes(predicted)
+    turned = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
+    elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
+    return Agreement(
+        rank([values], [major], Resamples([drawn], np.ones((len(drawn), 1)))),
+        mean_interval((turned < math.radians(15)).astype(float), blocks, elongated),
+        Interval(*np.exp(mean_interval(np.log(own / major), blocks)).tolist()),
+    )
+
+
+PREFERRED = ("fused", "scan", "fisher", "sad")
+"""The estimators, the one that is named first where it ranks the scans better than chance."""
+
+MAX_OUTDATED = 0.3
+"""Share of scans that do not fit the map from which on nothing else is concluded."""
+LEGEND = (
+    "predicted against measured deviations of the position [95 % intervals, stretches of 10 m];"
+    "\nAUC: for the worst fifth; direction: share of long ellipses right to 15 deg; factor:"
+    " predicted\nover measured"
+)
+"""Explanation of the columns of the report's table."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DriveEvaluation(Pictured):
+    """Measured and predicted deviations along a recorded drive."""
+
+    matches: Matches
+    """The measured ones: posteriors of the scans."""
+    predicted: Mapping[str, Floats]
+    """Covariances at the poses and headings of the scans by the estimators' names, (n, d, d) in the
+    world [m, m, rad]; d is 2 or 3, and NaN where there is no field."""
+    criteria: Mapping[str, str]
+    """The scalar that each estimator ranks places by, such as "position_std"."""
+
+    def __repr__(self) -> str:
+        return f"DriveEvaluation({len(self.matches)} scans, {', '.join(self.predicted)})"
+
+    @cached_property
+    def outdated(self) -> NDArray[np.bool_]:
+        """Mask of the scans that saw what is not on the map, (n,): people, changes, plants."""
+        # Log-likelihood of a scan with a sixth of its returns away from all walls.
+        poor = self.matches.judged & (self.matches.score < -0.5)
+        if poor.sum() > MAX_OUTDATED * len(poor):  # the map, the poses or the mount are wrong
+            return np.asarray(poor)
+        # Coarse cells, long beams and plants make fits poor, too, but few returns stray by them.
+        return np.asarray(poor & (self.matches.stray > 1 / 6))
+
+    @cached_property
+    def compared(self) -> NDArray[np.bool_]:
+        """Mask of the scans at which measured and all predicted deviations are compared, (n,)."""
+        known = self.matches.judged & ~self.outdated
+        for each in self.predicted.values():
+            known &= np.isfinite(each[:, 0, 0])
+        return np.asarray(known)
+
+    @cached_property
+    def blocks(self) -> NDArray[np.int64]:
+        """The block of the drive that each scan belongs to, (n,)."""
+        return blocks_along(self.matches.recording.poses)
+
+    @cached_property
+    def agreements(self) -> dict[str, Agreement]:
+        """How well each estimator agrees with the measurement, at the scans compared."""
+        some = self.compared
+        return {
+            name: agreement(
+                scalar(covariance[some], self.criteria[name]),
+                covariance[some],
+                self.matches.covariance[some],
+                self.blocks[some],
+            )
+            for name, covariance in self.predicted.items()
+        }
+
+    @property
+    def verdict(self) -> list[str]:
+        """Two sentences: whether a field says where the scans fix the pose badly, and where."""
+        apart = int(self.outdated.sum())
+        if apart > MAX_OUTDATED * len(self.outdated):
+            return [
+                f"{apart} of {len(self.outdated)} scans do not fit the map at their poses: check"
+                " how the lidar is mounted (mount), the poses, and that the map is of this place"
+                " and time.",
+                "Until then the comparison with the fields says little.",
+            ]
+        return [_about_fields(self.agreements), f"{self._about_places()}{self._about_map()}."]
+
+    def _about_places(self) -> str:
+        """Where the scans fix the position worst."""
+        compared, blocks, std = self.compared, self.blocks, self.matches.position_std
+        nine_of_ten = float(np.quantile(std[compared], 0.9))
+        if nine_of_ten <= 0.1:
+            return (
+                f"Nine of ten scans fix the position within {100 * nine_of_ten:.0f} cm: there is"
+                " little to gain by other ways"
+            )
+        each, number, counts = np.unique(blocks[compared], return_inverse=True, return_counts=True)
+        worst = each[np.argmax(np.bincount(number, np.log(std[compared])) / counts)]
+        here = compared & (blocks == worst)
+        count, median = int(here.sum()), float(np.median(std[here]))
+        scans = "the only scan compared fixes" if count == 1 else f"{count} scans fix"
+        every = len(np.unique(blocks))
+        left = every - len(each)
+        without = f"; {left} of {every} stretches of 10 m have no scan to compare" if left else ""
+        return (
+            f"The worst 10 m lie around {self._middle(here)}, where {scans} the position to"
+            f" {100 * median:.0f} cm along {_axis(self.matches.direction[here])}°{without}"
+        )
+
+    def _about_map(self) -> str:
+        """Where the map is out of date, if many scans say so."""
+        outdated, blocks = self.outdated, self.blocks
+        if outdated.sum() < max(1, 0.05 * len(outdated)):
+            return ""
+        each, counts = np.unique(blocks[outdated], return_counts=True)
+        most = outdated & (blocks == each[np.argmax(counts)])
+        return (
+            f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
+            f" {self._middle(most)}: people, changes, or what a map leaves out, such as plants"
+        )
+
+    def _middle(self, chosen: NDArray[np.bool_]) -> str:
+        """The middle of some scans' positions, to 0.1 m; no -0.0."""
+        middle = self.matches.recording.poses[chosen, :2].mean(axis=0)
+        return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
+
+    def report(self) -> str:
+        """Return the drive, the agreement of each estimator, and the verdict as text."""
+        matches, compared = self.matches, self.compared
+        low, middle, high = 100 * np.quantile(matches.position_std[compared], (0.1, 0.5, 0.9))
+        n_outdated = int(self.outdated.sum())
+        n_off = len(matches) - int(compared.sum()) - n_outdated
+        rows = [
+            ("map", matches.grid.name),
+            ("drive", repr(matches.recording)),
+            ("scans compared", f"{compared.sum()} of {len(matches)}"),
+            (
+                "set apart",
+                f"{n_outdated} that saw what is not on the map, {n_off} off the free space",
+            ),
+            ("deviation", f"median {middle:.1f} cm, 10 to 90 %: {low:.1f} to {high:.1f} cm"),
+        ]
+        columns = ["", "rank correlation", "AUC", "direction", "factor"]
+        estimators = [[name, *agreement.texts] for name, agreement in self.agreements.items()]
+        verdict = textwrap.fill(" ".join(self.verdict), REPORT_WIDTH, break_on_hyphens=False)
+        return "\n".join([table([], rows), table(columns, estimators), LEGEND, verdict])
+
+    def table(self) -> Table:
+        """A row per scan: its pose, its measured deviations, and those of each estimator."""
+        matches, drive = self.matches, self.matches.recording
+        major, minor, direction = position_axes(matches.covariance)
+        unknown = np.full(len(drive), np.nan)
+        values: dict[Column, NDArray[Any]] = {
+            Column("scan"): np.arange(len(drive)),
+            Column("time", "s"): unknown if drive.times is None else drive.times - drive.times[0],
+            **dict(zip(POSE, drive.poses.T, strict=True)),
+            Column("judged"): matches.judged,
+            Column("outdated"): self.outdated,
+            Column("score"): matches.score,
+            Column("returns"): matches.returns,
+            Column("offset_x", "m"): matches.best[:, 0],
+            Column("offset_y", "m"): matches.best[:, 1],
+            Column("offset_heading", "rad"): matches.best[:, 2],
+            Column("major_std", "m"): major,
+            Column("minor_std", "m"): minor,
+            Column("major_axis", "rad"): direction,
+            Column("heading_std", "rad"): np.sqrt(matches.covariance[:, 2, 2]),
+            Column("ambiguity"): matches.ambiguity,
+        }
+        for name, covariance in self.predicted.items():
+            own, _, towards = position_axes(covariance)
+            values[Column(f"{name}_major_std", "m")] = own
+            values[Column(f"{name}_major_axis", "rad")] = towards
+        rows = np.column_stack([*values.values()]).astype(float).tolist()
+        return Table(tuple(values), tuple(map(tuple, rows)))
+
+    def figure(self) -> Figure:
+        """The drive over the map, and its deviations along the way.
+
+        Its wide line is coloured by the deviation that an estimator predicts, the narrow one by the
+        measured one, and ellipses compare both at some poses. Crosses are scans that saw what is
+        not on the map.
+        """
+        from locplan.recordings.figures import drive_figure
+
+        return drive_figure(self)
+
+
+def evaluate_drive(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    estimators: Mapping[str, Estimator] | None = None,
+    settings: Scan | None = None,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> DriveEvaluation:
+    """Compare the deviations that fields predict with those of the scans of a drive.
+
+    Scans of which more than a sixth of the returns lie away from all walls, farther than coarse
+    cells and long beams explain, saw what is not on the map, and are set apart.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive; its poses are the reference.
+    grid : OccupancyGrid
+        The map; the poses are in its world frame.
+    estimators : mapping of str to Estimator, optional
+        The estimators by name; by default all of them with the recording's lidar.
+    settings : Scan, optional
+        The search window and the likelihood of the measurement, see `match_scans`.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) fields and matchings.
+
+    Returns
+    -------
+    DriveEvaluation
+        Both deviations at each scan, how well they agree, and a verdict in two sentences.
+
+    Raises
+    ------
+    RecordingError
+        If too few scans were taken where the map is known and fits.
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_enough(len(recording), len(recording))
+    if estimators is None:
+        estimators = estimators_for(recording.lidar)
+    tell = progress or (lambda done, total: None)
+    matches = match_scans(recording, grid, settings=settings, threads=threads)
+    tell(1, len(estimators) + 1)
+    predicted = {}
+    for n, (name, estimator) in enumerate(estimators.items(), start=2):
+        config = FieldConfig(estimator)
+        points = config.lattice_points(grid, recording.poses)
+        field = covariance_field(grid, config, points=points, threads=threads)
+        predicted[name] = field.at(recording.poses, "covariance")
+        tell(n, len(estimators) + 1)
+    criteria = {name: each.criterion for name, each in estimators.items()}
+    result = DriveEvaluation(matches, predicted, criteria)
+    check_enough(int(result.compared.sum()), len(recording))
+    return result
+
+
+def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
+    """All estimators by name, with a recording's lidar.
+
+    Parameters
+    ----------
+    lidar : Lidar
+        The lidar.
+    """
+    return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused(lidar)}
+
+
+def _about_fields(agreements: Mapping[str, Agreement]) -> str:
+    names = [name for name in PREFERRED if name in agreements]
+    names += [name for name in agreements if name not in names]
+    ranks = {name: agreements[name].rank for name in names}
+    sure = [name for name, each in ranks.items() if each.spearman.low > 0 and each.auc.value > 0.5]
+    for name in sure:
+        rank, factor = ranks[name], agreements[name].factor
+        if rank.spearman.value >= 0.5:  # good enough to plan by
+            return (
+                f"On this drive `{name}` says where the scans fix the pose badly: rank correlation"
+                f" {short(rank.spearman)}, AUC {short(rank.auc)} for the worst fifth, and its"
+                f" deviations are {plain(factor.value)} times the measured ones."
+            )
+    best = max(names, key=lambda name: ranks[name].spearman.value)
+    rank = ranks[best]
+    if math.isnan(rank.spearman.low):
+        return (
+            f"The drive is too short to tell whether a field is right: `{best}` has a rank"
+            f" correlation of {plain(rank.spearman.value)}, but less than 50 m were compared."
+        )
+    if best in sure:
+        return (
+            f"The fields rank the scans of this drive only a little better than chance (`{best}`"
+            f" {short(rank.spearman)}, AUC {short(rank.auc)}): look at the picture before you plan"
+            " by one."
+        )
+    return (
+        f"No field ranks the scans of this drive better than chance (`{best}`"
+        f" {short(rank.spearman)}): do not plan by a field here before you know why."
+    )
+
+
+def _axis(directions: NDArray[np.float64]) -> int:
+    """Mean of axes, which have no sense, in whole degrees from 0 to 179."""
+    return round(math.degrees(float(np.angle(np.exp(2j * directions).mean()))) / 2) % 180

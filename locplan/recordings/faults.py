@@ -1,0 +1,555 @@
+"""Faults of a recorded drive that show without ground truth: odometry, stamps, and the map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import instance
+from locplan._support.kernels.arrays import Array, Bools, Floats, Ints, Octets
+from locplan._support.poses import ends_in_map, way_along, way_between, wrapped
+from locplan.errors import RecordingError
+from locplan.field.scan import Scan, likelihood_field
+from locplan.field.search_window import SearchWindow
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.occupancy import FREE, OCCUPIED
+from locplan.recordings.evaluation import looked_up, match_scans
+from locplan.recordings.recording import Recording
+
+WAY, TURN, SECONDS, SCANS = 0.25, math.radians(15), 1.0, 10
+"""Way [m], turn [rad] and time [s] of a step; without times, so many scans are one."""
+CELL, HALF_STEPS, HALF_TURNS = 0.05, 24, 15
+"""Spacing of the lattice of motions [m], and its steps and turns of 1 deg to each side."""
+SIGMA, ANYWHERE = 0.1, 0.5
+"""Deviation of an end from what the scan before saw [m], and the likelihood of an end anywhere."""
+REACH, RETURNS = 12.0, 10
+"""Greatest range that is compared [m], and least number of returns."""
+GRAZING = 10.0
+"""Distance of neighbouring ends on one wall, in times of that on a wall across the beams."""
+TURNED = math.radians(30)
+"""Turn beyond which a step is not judged: odometry and scans have different stamps [rad]."""
+APART, GAIN, FIT = 0.16, 0.07, 0.5
+"""Odometry and scans disagree if a motion more than so far from odometry's [m] has a score that is
+higher by so much, and at least so high."""
+NEXT_GAIN = 0.02
+"""The same at steps next to such a step: a fault is mostly longer than a step."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanSteps:
+    """k steps of a drive: the motion of the robot by odometry, and by the scans.
+
+    Motions are seen from the robot before the step: ahead, to the left, turn [m, m, rad].
+    """
+
+    scans: Ints
+    """Scans at which the steps begin and end, (k + 1,)."""
+    reported: Floats
+    """Motions by odometry, (k, 3)."""
+    measured: Floats
+    """Motions of the best score, (k, 3); NaN if a step cannot be judged."""
+    scores: Floats
+    """Best scores, (k,)."""
+    gains: Floats
+    """Best scores minus those of odometry, which may err by a cell and in its turn, (k,)."""
+    hidden: Bools
+    """Mask of the steps at which another motion scores almost as well, as along corridors, (k,)."""
+
+    @property
+    def are_judged(self) -> Bools:
+        """Mask of the steps with enough returns and not too large a turn, (k,)."""
+        return np.isfinite(self.scores)
+
+    @property
+    def errors(self) -> Floats:
+        """Distances between the ends of both motions, (k,) [m]; NaN if a step is not judged."""
+        return np.asarray(np.hypot(*(self.measured - self.reported)[:, :2].T))
+
+    @property
+    def disagree(self) -> Bools:
+        """Mask of the steps at which the scans contradict odometry, (k,)."""
+        turned = np.abs(self.measured[:, 2] - self.reported[:, 2])
+        # At the edge of the lattice the true turn lies beyond.
+        is_inside = turned < math.radians(HALF_TURNS - 0.5)
+        is_apart = is_inside & (self.errors > APART) & (self.scores > FIT)
+        is_likely, is_sure = (is_apart & (self.gains > gain) for gain in (NEXT_GAIN, GAIN))
+        runs = np.cumsum(np.diff(is_likely, prepend=False))
+        return np.asarray(is_likely & np.isin(runs, runs[is_sure]))
+
+    @property
+    def motions(self) -> Floats:
+        """Motions by odometry, but by the scans where these contradict it, (k, 3)."""
+        return np.where(self.disagree[:, None], self.measured, self.reported)
+
+
+def measure_steps(recording: Recording) -> ScanSteps:
+    """Compare odometry with the motion between scans.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive, with odometry.
+    """
+    from locplan._support.kernels.likelihood import make_lattice
+
+    odometry = recording.odometry
+    assert odometry is not None
+    scans = step_ends(odometry, recording.times)
+    reported = way_between(odometry[scans[:-1]], odometry[scans[1:]])
+    reported[:, 2] = wrapped(reported[:, 2])
+    outlines, ends = _outlines(recording, scans), _compared_ends(recording, scans)
+    lattice = make_lattice(HALF_STEPS, np.radians(np.arange(-HALF_TURNS, HALF_TURNS + 1.0)))
+    measured = np.full_like(reported, np.nan)
+    scores, gains = np.full(len(reported), np.nan), np.zeros(len(reported))
+    hidden = np.zeros(len(reported), np.bool_)
+    for n, motion in enumerate(reported):
+        is_seen = min(len(outlines[n][0]), len(ends[n + 1])) >= RETURNS
+        if not is_seen or abs(motion[2]) > TURNED:
+            continue
+        values = _scores_around(motion, *outlines[n], ends[n + 1], lattice)
+        turn, left, ahead = map(int, np.unravel_index(int(np.argmax(values)), values.shape))
+        offset = np.array([ahead - HALF_STEPS, left - HALF_STEPS, turn - HALF_TURNS])
+        measured[n] = motion + offset * (CELL, CELL, math.radians(1))
+        scores[n], any_turn = values[turn, left, ahead], values.max(axis=0)
+        # Odometry may err by a cell, and in its turn.
+        gains[n] = scores[n] - any_turn[_distances(HALF_STEPS, HALF_STEPS) < 1.2 * CELL].max()
+        away = _distances(left, ahead)
+        hidden[n] = scores[n] - any_turn[(away > 4.5 * CELL) & (away < 6.5 * CELL)].max() < GAIN
+    return ScanSteps(scans, reported, measured, scores, gains, hidden)
+
+
+def step_ends(odometry: Floats, times: Floats | None) -> Ints:
+    """Scans at which steps end: after so much way or turn, and of a robot that stands, of time."""
+    way = way_along(odometry)
+    turned = np.append(0.0, np.cumsum(np.abs(wrapped(np.diff(odometry[:, 2])))))
+    passed = np.arange(len(way)) / SCANS if times is None else (times - times[0]) / SECONDS
+    progress, scans = np.column_stack([way / WAY, turned / TURN, passed]), [0]
+    for n, here in enumerate(progress):
+        if (here - progress[scans[-1]] >= 1.0).any():
+            scans.append(n)
+    return np.array(scans)
+
+
+def _compared_ends(recording: Recording, scans: Ints) -> list[Floats]:
+    """Ends of up to some 180 beams of each scan on the robot, (b, 2) [m]."""
+    some = slice(None, None, max(1, recording.lidar.beams // 180))
+    chosen = recording[scans]
+    near = chosen.ranges[:, some] < REACH
+    ends = chosen.ends_on_robot()[:, some]
+    return [part[is_near] for part, is_near in zip(ends, near, strict=True)]
+
+
+def _outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
+    """Ends of the beams of each scan that have a neighbour on the same wall, and which have.
+
+    The other ends are left out: at the same angles from anywhere in a corridor, they would show a
+    robot that stands still.
+    """
+    chosen = recording[scans]
+    angles, found = recording.lidar.angles, []
+    spacing = GRAZING * abs(float(angles[1] - angles[0])) if len(angles) > 1 else 0.0
+    for ends, ranges in zip(chosen.ends_on_robot(), chosen.ranges, strict=True):
+        near, gaps = ranges < REACH, np.hypot(*np.diff(ends, axis=0).T)
+        widest = np.maximum(2 * CELL, spacing * np.minimum(ranges[1:], ranges[:-1]))
+        joined = near[1:] & near[:-1] & (gaps < widest)
+        kept = np.append(joined, False) | np.append(False, joined)
+        found.append((ends[kept], np.append(joined, False)[kept]))
+    return found
+
+
+def _scores_around(
+    motion: Floats, outline: Floats, joined: Bools, ends: Floats, lattice: Any
+) -> Array:
+    """Mean scores of a scan at the motions about one by odometry, (turn, left, ahead)."""
+    from locplan._support.kernels.likelihood import TOP
+    from locplan._support.kernels.posterior import score
+
+    low = outline.min(axis=0) - CELL
+    field = likelihood_field(_drawn(outline, joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE)
+    position = (motion[:2] - low) / CELL
+    cell = np.floor(position).astype(np.int64)
+    cos, sin = math.cos(motion[2]), math.sin(motion[2])
+    turned = ends @ np.array([[cos, sin], [-sin, cos]]) / CELL + (position - cell - 0.5)
+    costs = np.empty_like(lattice.empty)
+    score(field, lattice, int(cell[1]), int(cell[0]), turned, costs)
+    rows, side = lattice.plane // lattice.width, lattice.offsets
+    values = costs.reshape(-1, rows, lattice.width)[:, :side, :side]
+    return np.asarray(1.0 - values / (TOP * len(ends)))
+
+
+def _drawn(outline: Floats, joined: Bools, low: Floats) -> Octets:
+    """A map of what a scan saw: walls from each end to the next one where they are joined."""
+    import cv2
+
+    places = np.floor((outline - low) / CELL).astype(np.int32)
+    cols, rows = places.max(axis=0) + 2
+    levels = np.full((rows, cols), FREE, np.uint8)
+    lines = [places[n : n + 2] for n in np.flatnonzero(joined)]
+    cv2.polylines(levels, lines, False, (float(OCCUPIED),))
+    return levels
+
+
+def _distances(row: int, col: int) -> Floats:
+    """Distances of the lattice's positions from one of them [m]."""
+    rows, cols = np.mgrid[: 2 * HALF_STEPS + 1, : 2 * HALF_STEPS + 1]
+    return np.asarray(CELL * np.hypot(rows - row, cols - col))
+
+
+SPACING, AWAY, FARTHEST = 0.25, 0.1, 0.5
+"""Way between scans that are compared with the map, mean distance of their ends from walls from
+which on the map does not fit, and that from which on an end counts as no farther [m]."""
+
+
+@dataclass(frozen=True)
+class MisfitStretch:
+    """The longest stretch of a drive where the map does not fit the scans."""
+
+    x: float
+    """Recorded position at its middle [m]."""
+    y: float
+    """Recorded position at its middle [m]."""
+    length: float
+    """Length of the way [m]; 0 if the map fits all scans."""
+
+
+def longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
+    """Find the longest stretch of a drive where ends of scans lie away from a map's walls.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive; poses that are off by up to 0.5 m and 4 deg do no harm.
+    grid : OccupancyGrid
+        The map.
+    """
+    check_grid(grid)
+    way = way_along(recording.poses)
+    scans = np.unique(np.searchsorted(way, [*np.arange(0.0, way[-1], SPACING), way[-1]]))
+    chosen, way = recording[scans], way[scans]
+    distances = _mean_distances(chosen, chosen.poses, grid)
+    for n in np.array_split(far := np.flatnonzero(distances > AWAY), len(far) // 500 + 1):
+        if len(n):
+            poses = chosen.poses[n] + _best_offsets(chosen[n], grid)
+            distances[n] = np.minimum(distances[n], _mean_distances(chosen[n], poses, grid))
+    is_away = np.concatenate([[False], distances > AWAY, [False]])
+    begins, ends = (np.flatnonzero(np.diff(is_away.astype(int)) == sign) for sign in (1, -1))
+    lengths = way[ends - 1] - way[begins]
+    if not lengths.any():
+        x, y, _ = chosen.poses[0].tolist()
+        return MisfitStretch(x, y, 0.0)
+    longest = int(np.argmax(lengths))
+    x, y, _ = chosen.poses[(begins[longest] + ends[longest]) // 2].tolist()
+    return MisfitStretch(x, y, float(lengths[longest]))
+
+
+def _mean_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
+    """Mean distance of each scan's ends from the walls, (n,) [m]; 0 with too few returns."""
+    ends = ends_in_map(recording.ends_on_robot(), poses)
+    away = looked_up(grid, grid.clearance, ends, math.inf)
+    returns = np.isfinite(ends[..., 0])
+    count = returns.sum(axis=1)
+    total = np.where(returns, np.minimum(away, FARTHEST), 0.0).sum(axis=1)
+    return np.where(count >= RETURNS, total / np.maximum(count, 1), 0.0)
+
+
+def _best_offsets(recording: Recording, grid: OccupancyGrid) -> Floats:
+    """Offsets from the recorded poses at which scans fit the map best, (n, 3) [m, m, rad]."""
+    window = SearchWindow(half_width=0.5, step=0.1, half_rotation_deg=4.0, rotation_step_deg=1.0)
+    settings = Scan(recording.lidar, window=window, effective_beams=15.0)
+    try:
+        return match_scans(recording, grid, settings=settings, threads=1).best
+    except RecordingError:  # none lies on the map
+        return np.zeros((len(recording), 3))
+
+
+BACK, FORWARD = -0.075, 0.05
+"""Motions from which on the scans move back, and odometry moves forward, in a step [m]."""
+FEW = 3
+"""Least number of steps with a wrong sign that are a driver's fault; they must be over half."""
+SAME_PLACE = 1.0
+"""Way between two steps up to which they are at the same place [m]."""
+LARGE = 1.3
+"""Error of odometry at one place from which on precise settings lose a robot for good [m]: it is
+2 m of standstill that do, and slips of 1 m that do not."""
+HIDDEN = 0.1
+"""Share of the steps that scans do not show from which on the faults may be incomplete."""
+JUMP, FASTEST, OFTEN = 1.0, 3.0, 4.0
+"""Least step [m] and speed [m/s] of a jump of odometry, which is so many times as large as all but
+a twentieth of the others."""
+NEAR_ZERO = 0.1
+"""Distance from its zero, or its first pose, to which odometry was reset [m]."""
+MOVING = 0.02
+"""Step [m] and speed [m/s] from which on their signs are compared."""
+STRETCH = 2.0
+"""Length of the way from which on the map does not fit [m]: sound ones have up to 1 m."""
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A place of a drive where odometry and scans disagree."""
+
+    x: float
+    """Recorded position at its beginning, by odometry if the drive has no poses [m]."""
+    y: float
+    """Recorded position at its beginning, by odometry if the drive has no poses [m]."""
+    error: float
+    """Sum of the differences of the motions [m]."""
+
+
+@dataclass(frozen=True)
+class WrongSigns:
+    """Steps at which odometry's pose and its velocity have opposite signs."""
+
+    count: int
+    """Number of the steps with opposite signs."""
+    of: int
+    """Number of the steps with a velocity of this sign."""
+    is_negative: bool
+    """Whether the velocity is negative."""
+
+    @property
+    def sentence(self) -> str:
+        """The fault for people."""
+        pose, velocity = ("forward", "negative") if self.is_negative else ("back", "positive")
+        return (
+            f"Odometry's pose moves {pose} at {self.count:,} of {self.of:,} steps with a {velocity}"
+            " velocity. Its driver confuses the sign: correct it, and record again."
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordingFaults:
+    """Faults of a recorded drive.
+
+    `faulty_steps` do not belong into a fit of odometry's drift, and a recording that is not sound
+    is no evidence for settings that trust odometry and map.
+    """
+
+    faulty_steps: Bools
+    """Mask of the steps from scan to scan at which odometry is wrong, (scans - 1,)."""
+    places: tuple[Disagreement, ...]
+    """Places where odometry and scans disagree by more than 0.15 m a step, in their order."""
+    moved_back: int
+    """Number of steps at which the scans move back."""
+    reversed_steps: int
+    """Number of these at which odometry moves forward."""
+    reversed_way: float
+    """Length of the way of odometry in these [m]."""
+    steps: int
+    """Number of the steps of some 0.25 m or 15 deg that were compared."""
+    hidden_steps: int
+    """Number of the steps at which scans do not show all motions, as along corridors."""
+    wrong_signs: tuple[WrongSigns, ...]
+    """Odometry's velocity against its pose."""
+    jumps: int
+    """Number of the steps of odometry that no robot makes, resets among them."""
+    resets: int
+    """Number of the jumps to odometry's zero, or to its first pose."""
+    stamps_back: int
+    """Number of the scans whose stamps lie before those of scans before them."""
+    stretch: MisfitStretch | None
+    """Where the map fits worst; None without a map."""
+
+    def __repr__(self) -> str:
+        return f"RecordingFaults({' '.join(self.sentences) or 'none'})"
+
+    @property
+    def drops_sign(self) -> bool:
+        """True if odometry moves forward at most steps at which the scans move back."""
+        return self.reversed_steps >= FEW and 2 * self.reversed_steps > self.moved_back
+
+    @property
+    def has_sign_fault(self) -> bool:
+        """True if odometry has the wrong sign: against the scans, or against its velocity."""
+        return self.drops_sign or bool(self.wrong_signs)
+
+    @property
+    def has_misfit(self) -> bool:
+        """True if the map does not fit the scans over more than 2 m."""
+        return self.stretch is not None and self.stretch.length > STRETCH
+
+    @property
+    def is_sound(self) -> bool:
+        """True if the recording is evidence for settings that trust odometry and map.
+
+        Slips of up to 1.3 m do no harm, nor do stamps out of order: scans keep the log's order.
+        """
+        is_large = any(place.error > LARGE for place in self.places)
+        is_broken = self.has_sign_fault or self.has_misfit or is_large
+        return not (is_broken or self.jumps)
+
+    @property
+    def fault_sentences(self) -> tuple[str, ...]:
+        """The faults, for people."""
+        texts = [signs.sentence for signs in self.wrong_signs]
+        if self.drops_sign:
+            texts.append(
+                f"Odometry moves forward at {self.reversed_steps:,} of {self.moved_back:,} places"
+                f" where the scans move back ({self.reversed_way:.2g} m). Probably the driver drops"
+                " the sign of the velocity."
+            )
+        elif self.places:
+            worst = max(self.places, key=lambda place: place.error)
+            texts.append(
+                "Odometry and scans disagree by more than 0.15 m a step at"
+                f" {_places_text(len(self.places))}, most at {_position(worst)}, by"
+                f" {worst.error:.1f} m."
+            )
+        if self.jumps:
+            resets = f", to its start at {self.resets:,} of them" if self.resets else ""
+            texts.append(f"Odometry jumps at {_places_text(self.jumps)}{resets}.")
+        if self.stamps_back:
+            texts.append(f"The stamps of {self.stamps_back:,} scans are out of order.")
+        if self.has_misfit and self.stretch is not None:
+            texts.append(
+                f"The map does not fit the scans at {_position(self.stretch)}, over"
+                f" {self.stretch.length:.2g} m."
+            )
+        return tuple(texts)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The faults, and what cannot be seen, for people."""
+        if self.hidden_steps <= HIDDEN * self.steps:
+            return self.fault_sentences
+        hidden = (
+            f"The scans cannot show motion along corridors at {self.hidden_steps:,} of"
+            f" {self.steps:,} steps."
+        )
+        return (*self.fault_sentences, hidden)
+
+
+def _places_text(count: int) -> str:
+    return "1 place" if count == 1 else f"{count:,} places"
+
+
+def _position(place: Disagreement | MisfitStretch) -> str:
+    return f"({place.x:.1f}, {place.y:.1f})"
+
+
+def find_recording_faults(
+    recording: Recording, grid: OccupancyGrid | None = None
+) -> RecordingFaults:
+    """Find faults of a recorded drive, without ground truth.
+
+    Odometry is compared with the motion between scans some 0.25 m apart, and with its velocity.
+    Faults of a recording along long corridors remain unseen, which `hidden_steps` counts.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive. Its poses count for the comparison with the map only, and may be off by 0.5 m.
+    grid : OccupancyGrid, optional
+        The map.
+
+    Returns
+    -------
+    RecordingFaults
+        The faults, as numbers and as sentences.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.recordings import record_drive
+    >>> grid = locplan.maps.environments.make("office", resolution=0.1)
+    >>> robot = locplan.Robot(locplan.Lidar(range=8.0, beams=180))
+    >>> drive = record_drive(grid, locplan.Path([[7.0, 7.0], [14.0, 7.0]]), robot)
+    >>> find_recording_faults(drive, grid).is_sound
+    True
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    # Poses count for the map alone: odometry and scans are compared with each other.
+    stretch = longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
+    odometry, count = recording.odometry, len(recording)
+    if odometry is None:
+        none = np.zeros(count - 1, np.bool_)
+        return RecordingFaults(
+            none, (), 0, 0, 0.0, 0, 0, (), 0, 0, recording.source.stamps_back, stretch
+        )
+    jumps, resets = odometry_jumps(odometry, recording.times)
+    steps = measure_steps(recording)
+    judged = steps.are_judged & ~_with_any(jumps, steps.scans)
+    disagree = steps.disagree & judged
+    moves_back = (steps.motions[:, 0] < BACK) & judged
+    is_reversed = disagree & moves_back & (steps.reported[:, 0] > FORWARD)
+    return RecordingFaults(
+        faulty_steps=jumps | _from_scan_to_scan(_widened(disagree), steps.scans, count),
+        places=_places(recording, steps, disagree),
+        moved_back=int(moves_back.sum()),
+        reversed_steps=int(is_reversed.sum()),
+        reversed_way=float(np.hypot(*steps.reported[is_reversed, :2].T).sum()),
+        steps=len(judged),
+        hidden_steps=int((steps.hidden | ~judged).sum()),
+        wrong_signs=_wrong_signs(recording),
+        jumps=int(jumps.sum()),
+        resets=int(resets.sum()),
+        stamps_back=recording.source.stamps_back,
+        stretch=stretch,
+    )
+
+
+def odometry_jumps(odometry: Floats, times: Floats | None) -> tuple[Bools, Bools]:
+    """Masks of the steps of odometry that no robot makes, and of those that reset it, (n - 1,)."""
+    lengths = np.hypot(*np.diff(odometry[:, :2], axis=0).T)
+    if not len(lengths):
+        return lengths > 0, lengths > 0
+    is_jump = lengths > max(JUMP, OFTEN * float(np.quantile(lengths, 0.95)))
+    if times is not None:
+        speeds = lengths / np.maximum(np.diff(times), 1e-3)
+        is_jump &= speeds > max(FASTEST, OFTEN * float(np.quantile(speeds, 0.95)))
+    ends = odometry[1:, :2]
+    from_start = np.minimum(np.hypot(*ends.T), np.hypot(*(ends - odometry[0, :2]).T))
+    return is_jump, is_jump & (from_start < NEAR_ZERO)
+
+
+def _widened(marked: Bools) -> Bools:
+    """Mask of the steps with those before and after: a fault begins and ends within a step."""
+    return np.asarray(np.convolve(marked, np.ones(3), "same") > 0) if len(marked) else marked
+
+
+def _with_any(mask: Bools, ends: Ints) -> Bools:
+    """Mask of the steps between ends that contain a marked step from scan to scan."""
+    before = np.append(0, np.cumsum(mask))
+    return np.asarray(before[ends[1:]] > before[ends[:-1]])
+
+
+def _from_scan_to_scan(marked: Bools, ends: Ints, scans: int) -> Bools:
+    """Mask of the steps from scan to scan that belong to marked steps between ends."""
+    of_step = np.searchsorted(ends, np.arange(scans - 1), side="right") - 1
+    is_within = of_step < len(marked)
+    return np.asarray(is_within & np.append(marked, False)[np.minimum(of_step, len(marked))])
+
+
+def _places(recording: Recording, steps: ScanSteps, disagree: Bools) -> tuple[Disagreement, ...]:
+    """The disagreements; those of steps near each other along the way are one."""
+    odometry = recording.odometry
+    assert odometry is not None
+    numbers, way = np.flatnonzero(disagree), way_along(odometry)[steps.scans]
+    poses = recording.poses if recording.has_poses else odometry
+    if not len(numbers):
+        return ()
+    is_apart = way[numbers[1:]] - way[numbers[:-1] + 1] > SAME_PLACE
+    places = []
+    for group in np.split(numbers, np.flatnonzero(is_apart) + 1):
+        x, y, _ = poses[steps.scans[group[0]]].tolist()
+        places.append(Disagreement(x, y, float(steps.errors[group].sum())))
+    return tuple(places)
+
+
+def _wrong_signs(recording: Recording) -> tuple[WrongSigns, ...]:
+    """Signs of velocities against those of the steps of the pose around them."""
+    odometry, speeds = recording.odometry, recording.speeds
+    if odometry is None or speeds is None:
+        return ()
+    ahead, faults = way_between(odometry[:-1], odometry[1:])[:, 0], []
+    for sign in (-1.0, 1.0):
+        # Of both ends, or the step may be that of another velocity.
+        is_clear = (sign * speeds[:-1] > MOVING) & (sign * speeds[1:] > MOVING)
+        is_clear &= np.abs(ahead) > MOVING
+        count = int((is_clear & (sign * ahead < 0)).sum())
+        if count >= FEW and 2 * count > is_clear.sum():
+            faults.append(WrongSigns(count, int(is_clear.sum()), sign < 0))
+    return tuple(faults)

@@ -1,0 +1,427 @@
+"""Figures of recorded drives: evaluations, replays, trajectories, and located scans."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+from numpy.typing import ArrayLike
+
+from locplan._support import drawing as style
+from locplan._support.drawing import FIELD_COLOURS, Picture, draw_number, label_plainly
+from locplan._support.kernels.arrays import Bools, Floats
+from locplan._support.poses import ends_in_map, way_along
+from locplan.field.covariance import position_axes
+from locplan.maps.figures import draw_map, map_around, map_size, zoomed_to
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.figures import along_norm, draw_along, draw_along_bar, draw_inset
+from locplan.planning.path import Path
+from locplan.recordings.evaluation import PREFERRED, DriveEvaluation
+from locplan.recordings.location import LocatedDrive, Location
+from locplan.recordings.recording import Recording
+from locplan.recordings.replays import Replay
+from locplan.recordings.trajectory import Trajectory
+from locplan.simulation.drives import LOST
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+RECORDED, ESTIMATED, FILTER = "black", "#0072b2", "#d55e00"
+MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
+
+
+def drive_figure(found: DriveEvaluation) -> Figure:
+    """The drive over the map, and its deviations along the way.
+
+    Its wide line is coloured by the deviation that an estimator predicts, the narrow one by the
+    measured one, and ellipses compare both at some poses. Crosses are scans that saw what is not on
+    the map.
+
+    Parameters
+    ----------
+    found : DriveEvaluation
+        What `evaluate_drive` returned.
+    """
+    figure, upper, lower = _over_profile_of(found.matches.grid, found.matches.recording)
+    name = next(each for each in (*PREFERRED, *found.predicted) if each in found.predicted)
+    predicted = position_axes(found.predicted[name])[0]
+    measured = np.where(found.compared, found.matches.position_std, np.nan)
+    norm = along_norm(100 * np.concatenate([measured, predicted]))
+    _draw_line(upper, found, 100 * predicted, 7.0, norm)
+    _draw_line(upper, found, 100 * measured, 4.0, None)
+    lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
+    draw_along_bar(figure, lines, upper, "std. dev. of the position [cm]", 0.8)
+    magnify = _draw_ellipses(upper, found, name)
+    xy = found.matches.recording.poses[found.outdated, :2]
+    upper.plot(*xy.T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
+    handles = [
+        Line2D([], [], color="0.6", linewidth=7, label=f"predicted by {name}"),
+        Line2D([], [], color="0.3", linewidth=2.6, label="measured"),
+        Line2D([], [], color=PREDICTED, label=f"predicted ellipse{magnify}"),
+        Line2D([], [], color=MEASURED, label=f"measured ellipse{magnify}"),
+    ]
+    if found.outdated.any():
+        count = int(found.outdated.sum())
+        label = f"{count} scan{'s' * (count > 1)} unlike the map"
+        handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
+    figure.key(handles, ncols=2, at="upper center")
+    _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
+    return _said(figure, *found.verdict)
+
+
+def _over_profile_of(grid: OccupancyGrid, recording: Recording) -> tuple[Picture, Axes, Axes]:
+    return _map_over_profile(grid, recording.poses, recording.source.file, recording.lidar.title)
+
+
+def _map_over_profile(
+    grid: OccupancyGrid, poses: Floats, file: str, about: str
+) -> tuple[Picture, Axes, Axes]:
+    """A figure with the map around a drive's poses, and axes for what changes along it."""
+    shown = [Path(poses[:, :2])]
+    part = map_around(grid, shown)
+    width, height = map_size(part)
+    figure = Picture(figsize=(width, height + 3.0), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
+    title = f"{grid.name or 'map'}{', ' if file else ''}{file}: {about}"
+    upper.set_title(title, fontsize="medium")
+    lower.set_xlabel("distance along the drive [m]")
+    lower.grid(alpha=0.3)
+    return figure, upper, lower
+
+
+def _said(figure: Figure, *sentences: str) -> Figure:
+    """The figure with sentences below it."""
+    width = int(11 * figure.get_figwidth())
+    text = textwrap.fill(" ".join(sentences), width, break_on_hyphens=False)
+    figure.supxlabel(text, fontsize="small")
+    return figure
+
+
+def _draw_line(
+    axes: Axes, found: DriveEvaluation, values: Floats, width: float, norm: LogNorm | None
+) -> LineCollection:
+    """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white.
+
+    A scan far from both of its neighbours becomes a dot.
+    """
+    xy = found.matches.recording.poses[:, :2]
+    lines = np.stack([xy[:-1], xy[1:]], axis=1)
+    means = (values[:-1] + values[1:]) / 2
+    shown = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < 3)
+    joined = np.append(shown, False) | np.insert(shown, 0, False)
+    alone = np.isfinite(values) & ~joined
+    dots = np.stack([xy[alone], xy[alone] + 1e-3], axis=1)  # without length they are not drawn
+    colours: dict[str, Any] = {"colors": "white"}
+    if norm:
+        every = np.concatenate([means[shown], values[alone]])
+        colours = {"array": every, "cmap": FIELD_COLOURS, "norm": norm}
+    drawn = LineCollection(
+        list(np.concatenate([lines[shown], dots])),
+        linewidths=width,
+        capstyle="round",
+        zorder=3,
+        **colours,
+    )
+    axes.add_collection(drawn)
+    return drawn
+
+
+def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
+    """Draw both ellipses at poses along the drive; return how much they are magnified."""
+    some = np.flatnonzero(found.compared)
+    chosen = some[np.unique(np.linspace(0, len(some) - 1, 14).round().astype(int))]
+    xy = found.matches.recording.poses[chosen, :2]
+    every = [
+        position_axes(covariance[chosen])
+        for covariance in (found.predicted[name], found.matches.covariance)
+    ]
+    largest = max(float(major.max()) for major, _, _ in every)
+    low, high = axes.get_xlim()
+    # The largest takes 4 % of the map's width.
+    magnify = max(1.0, float(f"{0.04 * (high - low) / (2 * largest):.1g}"))
+    for (major, minor, direction), colour, line in zip(
+        every, (PREDICTED, MEASURED), (2.0, 1.2), strict=True
+    ):
+        axes.add_collection(
+            EllipseCollection(
+                *(2 * magnify * major, 2 * magnify * minor, np.degrees(direction)),
+                units="xy",
+                offsets=xy,
+                offset_transform=axes.transData,
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=line,
+                zorder=5,
+            )
+        )
+    return "" if magnify == 1 else f", {magnify:g} times as large"
+
+
+def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Floats]) -> None:
+    """Draw deviations along the way, and where scans are unlike the map."""
+    way = way_along(found.matches.recording.poses)
+    for (label, each), colour, line in zip(
+        values.items(), (MEASURED, PREDICTED), (1.2, 2.0), strict=True
+    ):
+        axes.plot(way, 100 * each, color=colour, linewidth=line, label=label, zorder=4 - line)
+    if found.outdated.any():
+        at = way[found.outdated]
+        low = 100 * min(float(np.nanmin(each)) for each in values.values())
+        axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
+    axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="std. dev. [cm]")
+    label_plainly(axes.yaxis)
+
+
+def replay_figure(replay: Replay) -> Figure:
+    """The recorded way and the filter's over the map, and its error along the drive.
+
+    Parameters
+    ----------
+    replay : Replay
+        What `locplan.recordings.replay` returned.
+    """
+    figure, upper, lower = _over_profile_of(replay.grid, replay.recording)
+    xy, ways = replay.recording.poses[:, :2], replay.poses[:20, :, :2]
+    for way in ways:
+        upper.plot(*way.T, color=ESTIMATED, linewidth=1.2, alpha=0.5, zorder=4)
+    upper.plot(*xy.T, color=RECORDED, linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
+    upper.plot(*xy[0], "o", color=RECORDED, markersize=6, zorder=6)
+    profile, deviation = replay.drives.profile(), replay.filter_std
+    way, known = profile[:, 0], np.isfinite(deviation)
+    low, high = profile[:, 6], profile[:, 7]
+    style: dict[str, Any] = {"color": ESTIMATED}
+    runs = f"error, median of {len(replay.errors)} runs"
+    lower.plot(way, profile[:, 5], linewidth=1.8, label=runs, **style)
+    lower.fill_between(way, low, high, alpha=0.2, linewidth=0, label="error, 10 to 90 %", **style)
+    style = {"color": FILTER, "linestyle": "--", "label": "rms deviation by the filter"}
+    lower.plot(way[known], deviation[known], linewidth=1.4, **style)
+    top = 1.1 * max(float(high.max()), float(deviation[known].max(initial=0.0)))
+    if top > LOST / 2:
+        lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
+        style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
+        lower.annotate("off by > 1 m", (0, LOST), (4, 2), textcoords="offset points", **style)
+    lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
+    style = {"bbox_to_anchor": (0.5, 1.0), "frameon": False, "fontsize": "small"}
+    lower.legend(loc="lower center", ncols=3, **style)
+    recorded = Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded")
+    estimated = Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs")
+    figure.key([recorded, estimated], ncols=2, at="upper center")
+    return _said(figure, replay.verdict, *(f"Note: {each}." for each in replay.notes))
+
+
+def trajectory_figure(found: Trajectory) -> Figure:
+    """The trajectory over the map, coloured by its deviation, and that along the way.
+
+    Crosses are poses that are not to be trusted, and the thin line is the log's own poses.
+
+    Parameters
+    ----------
+    found : Trajectory
+        What `smooth` returned, with its map.
+    """
+    assert found.grid is not None  # else it is not drawable
+    xy, deviation, doubtful = found.poses[:, :2], 100 * found.deviation, ~found.trusted
+    about = f"{len(found):,} scans"
+    figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, about)
+    look: dict[str, Any] = {"cmap": FIELD_COLOURS, "capstyle": "round"}
+    means = (deviation[:-1] + deviation[1:]) / 2
+    drawn = draw_along(upper, xy, means, norm=along_norm(deviation), **look)
+    draw_along_bar(figure, drawn, upper, "std. dev. of the position [cm]", 0.8)
+    limits = upper.get_xlim(), upper.get_ylim()
+    upper.plot(*found.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
+    upper.plot(*xy[doubtful].T, "x", color=FILTER, markersize=5, mew=1.6, zorder=6)
+    jumps = np.array([(each.x, each.y) for each in found.jumps]).reshape(-1, 2)
+    upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
+    upper.set(xlim=limits[0], ylim=limits[1])
+    way = way_along(found.poses)
+    lower.plot(way, 100 * found.off, color=RECORDED, linewidth=0.8)
+    lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
+    lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
+    lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
+    lower.set_ylim(bottom=deviation.min() / 5)  # by chance some poses are the log's own
+    label_plainly(lower.yaxis)
+    crosses: dict[str, Any] = {"color": FILTER, "linestyle": ""}
+    handles = [
+        Line2D([], [], color="0.5", linewidth=4, label="trajectory"),
+        Line2D([], [], color=RECORDED, linewidth=0.8, label="log's own poses; their distance"),
+        Line2D([], [], color=PREDICTED, linewidth=1.8, label="std. dev. of the position"),
+    ]
+    if doubtful.any():
+        handles.append(Line2D([], [], marker="x", label="not to be trusted", **crosses))
+    if found.jumps:
+        handles.append(Line2D([], [], marker="o", mfc="none", label="odometry jumps", **crosses))
+    figure.key(handles, ncols=2, at="upper center")
+    return _said(figure, *found.sentences)
+
+
+CLOSE = 4.5
+"""Width of that map [inch]."""
+DEVIATIONS = 2.0
+"""Deviations at which ellipses are drawn."""
+
+
+def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> Figure:
+    """The map with the scan at the best mode, and the other modes, numbered, with their weights.
+
+    Ellipses show the deviations of the positions. Where the robot sees but a part of the map, its
+    surroundings are shown beside it.
+
+    Parameters
+    ----------
+    location : Location
+        A located scan, as `locate` returns it.
+    recorded : (3,) array, optional
+        Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by default.
+    """
+    grid, best = location.grid, location.best
+    width, height = map_size(grid)
+    on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
+    ends = ends_in_map(on_robot, np.array([best.pose]))[0]
+    away = np.hypot(*(ends - np.array(best.pose[:2])).T)
+    # Minimum distance from the robot to the edges of that map [m].
+    reach = max(4.0, 1.1 * float(np.nanquantile(away, 0.95)))
+    # Share of the map's width from which on the surroundings of the robot get no map of their own.
+    columns = 2 if 2 * reach < 0.6 * max(grid.shape) * grid.resolution else 1
+    figure = Picture(
+        figsize=(width + (columns - 1) * CLOSE, max(height, CLOSE) + 1.2), layout="constrained"
+    )
+    axes = figure.subplots(1, columns, squeeze=False, width_ratios=(width, CLOSE)[:columns])[0]
+    for own in axes:
+        draw_map(own, grid)
+        own.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
+    _draw_modes(axes[0], location)
+    close = axes[-1]
+    if columns == 2:
+        x, y, _ = best.pose
+        (left, right), (low, high) = close.get_xlim(), close.get_ylim()
+        close.set(xlim=(max(left, x - reach), min(right, x + reach)), ylabel="")
+        close.set(ylim=(max(low, y - reach), min(high, y + reach)))
+        close.set_title("around place 1", fontsize="medium", loc="left")
+        _draw_arrow(close, best.pose, style.VERMILION)
+    low, high = close.get_xlim()
+    # Ellipses are so much larger that that of the best mode has this share of the map's width.
+    magnify = max(1.0, float(f"{0.08 * (high - low) / (DEVIATIONS * best.position_std):.1g}"))
+    larger = "" if magnify == 1 else f", {magnify:g} times as large"
+    for own in axes:
+        for mode in location.modes:
+            major, minor, direction = (float(each) for each in position_axes(mode.covariance))
+            own.add_patch(
+                Ellipse(
+                    mode.pose[:2],
+                    2 * DEVIATIONS * magnify * major,
+                    2 * DEVIATIONS * magnify * minor,
+                    angle=math.degrees(direction),
+                    facecolor="none",
+                    edgecolor=style.VERMILION if mode is best else style.BLUE,
+                    linewidth=1.2,
+                    zorder=5,
+                )
+            )
+    handles = [
+        Line2D([], [], color=style.VERMILION, marker=".", linestyle="", label="scan at place 1"),
+        Line2D([], [], color=style.VERMILION, label=f"{DEVIATIONS:g} std. deviations{larger}"),
+    ]
+    if recorded is not None:
+        pose = np.asarray(recorded, np.float64)
+        for own in axes:
+            own.plot(*pose[:2], "x", color=style.GREEN, markersize=9, mew=2, zorder=7)
+        cross = Line2D([], [], color=style.GREEN, marker="x", mew=2, ls="", label="recorded pose")
+        handles.append(cross)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    lines = [location.sentence]
+    if len(location.modes) > 1:
+        weights = [
+            f"{n}: {mode.weight:.0%}" if mode.weight >= 0.005 else f"{n}: < 1%"
+            for n, mode in enumerate(location.modes, 1)
+        ]
+        lines.append(f"share of each place:  {',  '.join(weights)}")
+    figure.title(f"{grid.name or 'map'}; {location.lidar.title}", *lines)
+    return figure
+
+
+def _draw_modes(axes: Axes, location: Location) -> None:
+    """Draw the modes, the best one last, each with its number at one side or the other."""
+    for n, mode in reversed(list(enumerate(location.modes, 1))):
+        colour = style.VERMILION if n == 1 else style.BLUE
+        _draw_arrow(axes, mode.pose, colour)
+        heading, side = mode.pose[2], (1, -1)[n % 2]
+        aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
+        draw_number(axes, n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
+
+
+def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> None:
+    """Draw a pose as a dot with an arrow of its heading, of one size at any scale."""
+    x, y, heading = pose
+    axes.plot(x, y, "o", color=colour, markersize=6, markeredgecolor="white", zorder=6)
+    ahead = 20 * math.cos(heading), 20 * math.sin(heading)
+    arrow = {"arrowstyle": "<|-", "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow, zorder=6)
+
+
+def located_drive_figure(found: LocatedDrive) -> Figure:
+    """The recorded drive over the map, with what each scan by itself was located as.
+
+    Scans that are located elsewhere are joined to the place where they were found. The only scan is
+    drawn by `locate_figure`.
+
+    Parameters
+    ----------
+    found : LocatedDrive
+        What `locate_drive` returned.
+    """
+    if found.alone:
+        recorded = found.recording.poses[0] if found.recording.has_poses else None
+        return locate_figure(found.alone, recorded=recorded)
+    grid, poses, right, certain = found.grid, found.poses[:, :2], found.right, found.certain
+    known = np.isfinite(poses[:, 0])
+    drive = found.recording.poses[:, :2]
+    if not found.recording.has_poses:  # then the best places are drawn by themselves
+        drive, right = np.where(known[:, None], poses, 0.0), known
+    shown = [Path(np.concatenate([drive[known | found.recording.has_poses], poses[known]]))]
+    part = zoomed_to(grid, shown)
+    figure, axes = _on_map(part, 1.4)
+    draw_inset(axes, grid, part, shown)
+    wrong = known & ~right
+    kinds: list[tuple[str, Bools, str, str]] = [
+        ("right, certain", right & certain, "o", style.BLUE),
+        ("right, other places alike", right & ~certain, "o", style.BLUE),
+        ("elsewhere, other places alike", wrong & ~certain, "s", style.VERMILION),
+        ("elsewhere, certain", wrong & certain, "s", style.VERMILION),
+        ("too few returns", ~known & found.recording.has_poses, "x", "0.4"),
+    ]
+    joined = list(np.stack([drive[wrong], poses[wrong]], axis=1))
+    dotted: dict[str, Any] = {"linewidths": 0.8, "linestyles": "dotted", "zorder": 3}
+    axes.add_collection(LineCollection(joined, colors=style.VERMILION, **dotted))
+    axes.plot(*poses[wrong].T, "+", color=style.VERMILION, markersize=7, zorder=4)
+    for label, chosen, marker, colour in kinds:
+        if chosen.any():
+            face = "white" if "alike" in label else colour
+            text = label if found.recording.has_poses else label.removeprefix("right, ")
+            named: dict[str, Any] = {"label": f"{text}: {int(chosen.sum())}", "zorder": 5}
+            axes.plot(*drive[chosen].T, marker, color=colour, mfc=face, markersize=5, **named)
+    if wrong.any():
+        axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    figure.title(f"{grid.name or 'map'}; {found.recording.lidar.title}", found.sentence)
+    return figure
+
+
+def _on_map(grid: OccupancyGrid, more: float) -> tuple[Picture, Axes]:
+    """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
+    width, height = map_size(grid)
+    figure = Picture(figsize=(width, height + more), layout="constrained")
+    axes = figure.add_subplot()
+    draw_map(axes, grid)
+    return figure, axes

@@ -1,0 +1,1 @@
+"""Kernels by numba: arrays and numbers in, arrays and numbers out."""

@@ -1,0 +1,282 @@
+"""The loss of a scan at a pose on a likelihood field, and the poses near by where it is least.
+
+A table holds for every cell the losses at four neighbouring cell centres, a byte each in one word,
+so that one look-up gives all that a bilinear interpolation needs. The losses are in steps of which
+`TOP` are that of an end far from all walls. A margin around the map holds `TOP`; ends beyond it are
+moved to its edge. Positions are x (columns) and y (rows) in cells.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from locplan._support.kernels.arrays import Array, Floats, Ints, Octets, Singles
+
+TOP = 255
+"""Loss of a beam's end far from all walls [steps]."""
+ROUNDS = 24
+"""Greatest number of rounds of the search with one step."""
+
+
+class LossTables(NamedTuple):
+    """The losses around a map at some deviations, the widest first, and where the robot fits."""
+
+    corners: NDArray[np.uint32]  # (level, row x col) losses at four centres, the lowest first
+    fits: Octets  # (row, col) of the map, 1 where the robot may stand
+    margin: int  # cells around the map
+    width: int  # number of words in a row
+    height: int  # number of rows
+    steps: Floats  # (level, steps) of the search [cells]; 0 where there is none
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def loss_at(
+    tables: LossTables, level: int, ends: Singles, x: float, y: float, heading: float
+) -> float:
+    """Sum of the losses of a scan's ends, (2, k) ahead and to the left [cells], at a pose [steps].
+
+    Ends are rounded down to 1/256 of a cell, so that sums are whole numbers.
+    """
+    cos, sin = np.float32(np.cos(heading)), np.float32(np.sin(heading))
+    corners, width = tables.corners[level], tables.width
+    shift, zero, parts = tables.margin - 0.5, np.float32(0.0), np.float32(256)
+    from_x, from_y = np.float32(x + shift), np.float32(y + shift)
+    last_x, last_y = np.float32(width - 1.01), np.float32(tables.height - 1.01)
+    total = np.int64(0)
+    for b in range(ends.shape[1]):
+        ahead, left = ends[0, b], ends[1, b]
+        u = min(max(from_x + cos * ahead - sin * left, zero), last_x)
+        v = min(max(from_y + sin * ahead + cos * left, zero), last_y)
+        across, along = np.int32(u * parts), np.int32(v * parts)
+        # An unsigned index need not be checked if it counts from the end.
+        word = corners[np.uint32((along >> 8) * width + (across >> 8))]
+        a, c = across & 255, along & 255
+        low = np.int32(word & 255) * (256 - a) + np.int32(word >> 8 & 255) * a
+        high = np.int32(word >> 16 & 255) * (256 - a) + np.int32(word >> 24) * a
+        total += low * (256 - c) + high * c
+    return total / (256 * 256)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def fits(tables: LossTables, x: float, y: float) -> bool:
+    """Whether the robot may stand at a position [cells]."""
+    row, col = int(np.floor(y)), int(np.floor(x))
+    rows, cols = tables.fits.shape
+    return 0 <= row < rows and 0 <= col < cols and tables.fits[row, col] > 0
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def refine(tables: LossTables, level: int, ends: Singles, lever: float, pose: Floats) -> float:
+    """Move a pose, x, y [cells] and heading [rad], to where no step lowers the loss; return it.
+
+    Steps along the axes and turns that move an end `lever` cells away as far are tried in turn,
+    with each of the level's steps. The robot fits at all positions but perhaps the first.
+    """
+    best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
+    tried = np.empty(3)
+    for step in tables.steps[level]:
+        for _ in range(ROUNDS if step > 0 else 0):
+            moved = False
+            for axis in range(3):
+                for sign in (1.0, -1.0):
+                    tried[:] = pose
+                    tried[axis] += sign * (step if axis < 2 else step / lever)
+                    if axis < 2 and not fits(tables, tried[0], tried[1]):
+                        continue
+                    loss = loss_at(tables, level, ends, tried[0], tried[1], tried[2])
+                    if loss < best:
+                        best, moved = loss, True
+                        pose[axis] = tried[axis]
+                        break
+            if not moved:
+                break
+    return best
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def polish(tables: LossTables, ends: Singles, lever: float, pose: Floats) -> float:
+    """Move a pose to where no step in any of 26 directions lowers the loss; return the loss.
+
+    Steps along one axis alone stop where a turn would have to go with a move. The steps are those
+    of the last level, the deviation is its own.
+    """
+    level = len(tables.corners) - 1
+    best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
+    tried = np.empty(3)
+    for step in tables.steps[level]:
+        for _ in range(ROUNDS if step > 0 else 0):
+            moved = False
+            for n in range(27):
+                tried[0] = pose[0] + (n % 3 - 1) * step
+                tried[1] = pose[1] + (n // 3 % 3 - 1) * step
+                tried[2] = pose[2] + (n // 9 - 1) * step / lever
+                if n == 13 or not fits(tables, tried[0], tried[1]):
+                    continue
+                loss = loss_at(tables, level, ends, tried[0], tried[1], tried[2])
+                if loss < best:
+                    best, moved = loss, True
+                    pose[:] = tried
+            if not moved:
+                break
+    return best
+
+
+@njit(nogil=True, cache=True)
+def are_alike(a: Floats, b: Floats, apart: float, turned: float) -> bool:
+    """Whether two poses are nearer than `apart` [cells] and `turned` [rad] to each other."""
+    across, along = a[0] - b[0], a[1] - b[1]
+    if across * across + along * along >= apart * apart:
+        return False
+    return abs((a[2] - b[2] + np.pi) % (2 * np.pi) - np.pi) < turned
+
+
+@njit(nogil=True, cache=True)
+def unlike(poses: Floats, order: Ints, apart: float, turned: float) -> Array:
+    """Indices, in order, of the poses that are like none of those before that are kept."""
+    kept = np.empty(order.size, np.int64)
+    count = 0
+    for n in order:
+        for k in range(count):
+            if are_alike(poses[n], poses[kept[k]], apart, turned):
+                break
+        else:
+            kept[count] = n
+            count += 1
+    return kept[:count]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def modes(
+    tables: LossTables,
+    ends: Singles,
+    starts: Floats,
+    lever: float,
+    enough: float,
+    slack: float,
+    home: Floats,
+    away: float,
+    apart: float,
+    turned: float,
+) -> tuple[Array, Array]:
+    """Poses of least loss that are found from starts, the best first, (n, 3), and losses (n,).
+
+    But for the last deviation, every second beam is compared. A start is given up when its loss
+    with a wider deviation, which is hardly greater than that with a narrower one, is above the
+    least loss that was found by more than `enough`, and above the least loss away from home.
+
+    Parameters
+    ----------
+    tables, ends, lever
+        See `refine`.
+    starts : (k, 3) array
+        Poses to begin from.
+    enough : float
+        Excess over the least loss up to which all modes are found [steps].
+    slack : float
+        By how much the first refinement lowers a loss at most [steps].
+    home : (2,) array
+        Position, x and y [cells]; NaN where there is none.
+    away : float
+        Distance from home from which on the best mode is found whatever its loss [cells].
+    apart, turned : float
+        Distance [cells] and angle [rad] below which two modes are one.
+    """
+    count, last = len(starts), len(tables.corners) - 1
+    poses, losses = starts.copy(), np.full(count, np.inf)
+    few = np.ascontiguousarray(ends[:, ::2])
+    factor = ends.shape[1] / few.shape[1]
+    for n in range(count):
+        if fits(tables, poses[n, 0], poses[n, 1]):
+            losses[n] = factor * loss_at(tables, 0, few, poses[n, 0], poses[n, 1], poses[n, 2])
+    place, found, order = (home[0], home[1], away), (poses, losses), _ascending(losses)
+    _refine_all(tables, 0, (few, factor), lever, order, enough, slack, place, found)
+    for level in range(1, last + 1):
+        order = unlike(poses, _ascending(losses), apart / 2, turned / 2)
+        scaled = (few, factor) if level < last else (ends, 1.0)
+        _refine_all(tables, level, scaled, lever, order, enough, 0.0, place, found)
+    kept = unlike(poses, _ascending(losses), apart, turned)
+    poses, losses = poses[kept], losses[kept]
+    for n in range(len(kept)):
+        if losses[n] <= losses[0] + enough:
+            losses[n] = polish(tables, ends, lever, poses[n])
+    order = np.argsort(losses, kind="mergesort")
+    return poses[order], losses[order]
+
+
+@njit(nogil=True, cache=True)
+def _ascending(losses: Floats) -> Array:
+    """Indices of the finite losses, the least first."""
+    return np.argsort(losses, kind="mergesort")[: int((losses < np.inf).sum())]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _refine_all(
+    tables: LossTables,
+    level: int,
+    scaled: tuple[Singles, float],
+    lever: float,
+    order: Ints,
+    enough: float,
+    slack: float,
+    home: tuple[float, float, float],
+    found: tuple[Floats, Floats],
+) -> None:
+    """Refine poses in the order of their losses; those given up get infinite ones, see `modes`."""
+    (ends, factor), (poses, losses) = scaled, found
+    before = losses.copy()
+    losses[:] = np.inf
+    x, y, away = home
+    least, least_away = np.inf, 0.0 if np.isnan(x) else np.inf
+    for n in order:
+        # The rest of the order is worse: refined, too, it would neither be the best nor near it.
+        if before[n] > least + enough + slack and before[n] > least_away + slack:
+            break
+        losses[n] = factor * refine(tables, level, ends, lever, poses[n])
+        least = min(least, losses[n])
+        if np.hypot(poses[n, 0] - x, poses[n, 1] - y) > away:
+            least_away = min(least_away, losses[n])
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def settle(
+    tables: LossTables,
+    ends: Singles,
+    lever: float,
+    half_steps: int,
+    step: float,
+    half_turns: int,
+    turn: float,
+    pose: Floats,
+) -> float:
+    """Move a pose (3,) to the least loss of all offsets on a lattice about it, refined; return it.
+
+    The lattice has so many steps [cells] to each side in x and y, and so many turns [rad]. That is
+    repeated about the pose that was found, as long as the lattice has a lower loss, which is the
+    loss at the least deviation. The robot fits at all positions but perhaps the first. For
+    `tables`, `ends` and `lever` see `refine`.
+    """
+    last = len(tables.corners) - 1
+    best = refine(tables, last, ends, lever, pose)
+    found = np.empty(3)
+    for _ in range(6):  # so often at most the pose moves to a better one of the lattice around it
+        least = best
+        for k in range(-half_turns, half_turns + 1):
+            heading = pose[2] + k * turn
+            for j in range(-half_steps, half_steps + 1):
+                y = pose[1] + j * step
+                for i in range(-half_steps, half_steps + 1):
+                    x = pose[0] + i * step
+                    if fits(tables, x, y):
+                        loss = loss_at(tables, last, ends, x, y, heading)
+                        if loss < least:
+                            least = loss
+                            found[0], found[1], found[2] = x, y, heading
+        if least >= best:
+            break
+        pose[:] = found
+        best = refine(tables, last, ends, lever, pose)
+    return best

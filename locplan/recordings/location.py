@@ -1,0 +1,688 @@
+"""Global localization: the poses of a whole map that explain one scan, or those near a route."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.checks import check_threads, instance, number, shown, whole
+from locplan._support.kernels.arrays import Bools, Floats, Ints, Singles
+from locplan._support.output import Results
+from locplan._support.poses import wrapped
+from locplan._support.progress import ProgressCallback
+from locplan._support.public import Pictured
+from locplan._support.records import Column, Result, Table
+from locplan._support.tables import REPORT_WIDTH, finite
+from locplan.errors import ConfigError, RecordingError
+from locplan.field.covariance import position_axes
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.planning.path import Path
+from locplan.recordings.matching import (
+    APART,
+    CLEARANCE,
+    ENOUGH,
+    MIN_RETURNS,
+    TURNED,
+    Database,
+    ScanDatabase,
+    ScanOnMap,
+    checked_database,
+    in_batches,
+)
+from locplan.recordings.recording import Recording
+from locplan.robots.lidar import Lidar
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+CERTAIN = 3.0
+"""Excess of the second place from which on the best one is certain [nats]."""
+NEAR, MAX_TURN = 0.3, float(np.radians(3.0))
+"""Distance [m] and angle [rad] from the recorded pose up to which a scan is located rightly."""
+AGREE = 0.5
+"""Share of the certain scans that are right, or of all that fit, below which the recorded poses
+seem to be of another map."""
+
+
+def drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
+    """Return how many scans are located, and whether the certain ones are right.
+
+    The masks are those of `LocatedDrive`; without recorded poses no scan is known to be right.
+    """
+    count = len(certain)
+    limits = f"{NEAR:g} m and {np.degrees(MAX_TURN):.0f}°"
+    alone = f"have no second place within {CERTAIN:g} nats"
+    if right is not None:
+        text = (
+            f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose."
+            f" {int(certain.sum())} {alone}, and {int((right & certain).sum())} of these are right."
+        )
+        if certain.any() and right[certain].mean() < AGREE:
+            return text + (
+                " The recorded poses hardly agree with the map: check that they are in its frame,"
+                " and how the lidar is mounted."
+            )
+    else:
+        text = f"{int(certain.sum())} of {count} scans {alone}. The drive has no poses on the map."
+    if fits.mean() < AGREE:
+        text += (
+            f" Careful: only {int(fits.sum())} of {count} scans have most of their returns at"
+            " walls: people, changes, or the map of another place."
+        )
+    return text
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mode:
+    """A pose that explains a scan, better than all poses around it."""
+
+    pose: tuple[float, float, float]
+    """x, y, heading in the world [m, m, rad]."""
+    weight: float
+    """Share of the posterior, of exp(-loss) over all modes, 0..1."""
+    excess: float
+    """How much worse it explains the scan than the best mode does, >= 0 [nats]."""
+    covariance: Floats
+    """Covariance of the pose in the world, (3, 3) [m, m, rad], as that of `match_scans`: the
+    posterior over +-1.5 m and +-4 deg about the pose."""
+
+    def __repr__(self) -> str:
+        x, y, heading = self.pose
+        return f"Mode({x:.2f},{y:.2f} m, {math.degrees(heading):.1f}°, weight {self.weight:.2f})"
+
+    @property
+    def position_std(self) -> float:
+        """Largest standard deviation of the position [m]."""
+        return float(position_axes(self.covariance)[0])
+
+    @property
+    def heading_std(self) -> float:
+        """Standard deviation of the heading [rad]."""
+        return math.sqrt(self.covariance[2, 2])
+
+
+POSE = (
+    Column("x", "m", "x", value=lambda mode: mode.pose[0]),
+    Column("y", "m", "y", value=lambda mode: mode.pose[1]),
+    Column("heading", "rad", "heading", 1, "deg", value=lambda mode: mode.pose[2]),
+)
+DEVIATIONS = (
+    Column("position_std", "m", "std. dev.", 0, "cm"),
+    Column("heading_std", "rad", "std. dev.", 1, "deg"),
+)
+WEIGHT = Column("weight", "", "weight", 0, "%")
+
+
+def _entry(row: int, col: int) -> Callable[[Mode], float]:
+    return lambda mode: float(mode.covariance[row, col])
+
+
+MODES = (
+    *POSE,
+    WEIGHT,
+    Column("excess", "nat", "worse by", 1),
+    *DEVIATIONS,
+    *(
+        Column(f"covariance_{'xyh'[row]}{'xyh'[col]}", value=_entry(row, col))
+        for row, col in combinations_with_replacement(range(3), 2)
+    ),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Location(Pictured):
+    """Where a robot may be that has taken one scan, from `locate`."""
+
+    grid: OccupancyGrid
+    """The map."""
+    lidar: Lidar
+    """The lidar that took the scan."""
+    ranges: Floats
+    """The scan: distances along the lidar's beams, (beams,) [m], inf without a return."""
+    modes: tuple[Mode, ...]
+    """The poses that explain it, the best first."""
+    second: float
+    """Excess of the second best place [nats]; infinite if none is within 8 nats."""
+    explained: float
+    """Share of the returns that end within two deviations of a wall at the best pose, 0..1."""
+    restricted: bool
+    """True if only places near a route were looked at."""
+
+    def __repr__(self) -> str:
+        return f"Location({self.best!r}, second {self.second:.1f} nats)"
+
+    @property
+    def best(self) -> Mode:
+        """The pose that explains the scan best."""
+        return self.modes[0]
+
+    @property
+    def certain(self) -> bool:
+        """True if every other place explains the scan worse by more than 3 nats."""
+        return self.second > CERTAIN
+
+    @property
+    def fits(self) -> bool:
+        """True if three of five returns end at walls of the map at the best pose."""
+        return self.explained >= 0.6
+
+    @property
+    def sentence(self) -> str:
+        """Where the robot is, or which places look alike."""
+        where = " near the route" if self.restricted else ""
+        alike = [mode for mode in self.modes if mode.excess <= CERTAIN]
+        if self.certain:
+            text = (
+                f"The robot is at {_place(self.best)} (± {100 * self.best.position_std:.0f} cm,"
+                f" {math.degrees(self.best.heading_std):.1f}°): no other place{where} explains the"
+                f" scan within {CERTAIN:g} nats."
+            )
+        elif len(alike) <= 3:
+            count = ("Two", "Three")[len(alike) - 2]
+            named = [f"{_place(mode)} ({mode.weight:.0%})" for mode in alike]
+            text = f"{count} places{where} look alike: {', '.join(named[:-1])} and {named[-1]}."
+        else:
+            # Sum of weights from which on none is left out.
+            cut = sum(mode.weight for mode in self.modes) < 1 - 1e-9
+            more = "or more " if cut and len(alike) == len(self.modes) else ""
+            text = (
+                f"{len(alike)} {more}places{where} look alike; the best, {_place(self.best)}, has"
+                f" {self.best.weight:.0%} of the posterior."
+            )
+        if self.fits:
+            return text
+        return (
+            f"{text} Careful: only {self.explained:.0%} of the returns end at walls there: people,"
+            " changes, or the map of another place."
+        )
+
+    def table(self) -> Table:
+        """The poses that explain the scan, the best first."""
+        return Table.of(MODES, self.modes, number="place")
+
+    def figure(self, *, recorded: ArrayLike | None = None) -> Figure:
+        """The map with the scan at the best mode, and the other modes, numbered, with their
+        weights.
+
+        Ellipses show the deviations of the positions. Where the robot sees but a part of the map,
+        its surroundings are shown beside it.
+
+        Parameters
+        ----------
+        recorded : (3,) array, optional
+            Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by
+            default.
+        """
+        from locplan.recordings.figures import locate_figure
+
+        return locate_figure(self, recorded=recorded)
+
+
+def _place(mode: Mode) -> str:
+    """Text of a pose, without -0."""
+    x, y, heading = mode.pose
+    turn = round(math.degrees(heading)) + 0.0
+    return f"{round(x, 2) + 0.0:.2f},{round(y, 2) + 0.0:.2f} m, {turn:.0f}°"
+
+
+SCANS = (
+    Column("scan", title="scan", digits=0),
+    Column("time", "s"),
+    *POSE,
+    WEIGHT,
+    Column("second", "nat", "second", 1),
+    Column("explained"),
+    *(replace(column, title=None) for column in DEVIATIONS),
+    *(replace(column, name=f"recorded_{column.name}", title=None) for column in POSE),
+    Column("distance", "m", "off by", 1, "cm"),
+    Column("turn", "rad", "turned by", 1, "deg"),
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LocatedDrive(Result):
+    """The scans of a recorded drive, each located by itself, from `locate_drive`."""
+
+    files: ClassVar[Results] = Results(
+        "located", ("located.json", "located.png", "modes.csv", "scans.csv")
+    )
+
+    recording: Recording
+    """The scans, with their recorded poses if there are any."""
+    grid: OccupancyGrid
+    """The map."""
+    locations: tuple[Location | None, ...]
+    """Where each was taken; None where it has too few returns."""
+
+    def __repr__(self) -> str:
+        if not self.recording.has_poses:
+            return f"LocatedDrive({len(self)} scans, {self.certain.mean():.0%} certain)"
+        return f"LocatedDrive({len(self)} scans, {self.right.mean():.0%} right)"
+
+    def __len__(self) -> int:
+        return len(self.locations)
+
+    @property
+    def alone(self) -> Location | None:
+        """The location of the only scan; None where there are several."""
+        return self.locations[0] if len(self) == 1 else None
+
+    @property
+    def poses(self) -> Floats:
+        """The best pose of each scan in the world, (n, 3) [m, m, rad]; NaN where there is none."""
+        none = (np.nan,) * 3
+        return np.array([none if each is None else each.best.pose for each in self.locations])
+
+    @property
+    def distance(self) -> Floats:
+        """Distance of each best pose from the recorded one, (n,) [m]."""
+        return np.asarray(np.hypot(*(self.poses - self.recording.poses)[:, :2].T))
+
+    @property
+    def turn(self) -> Floats:
+        """Angle of each best pose from the recorded one, (n,) [rad]."""
+        return np.abs(wrapped(self.poses[:, 2] - self.recording.poses[:, 2]))
+
+    @property
+    def right(self) -> Bools:
+        """Mask of the scans located within 0.3 m and 3 deg of the recorded pose, (n,)."""
+        return np.asarray((self.distance <= NEAR) & (self.turn <= MAX_TURN))
+
+    @property
+    def certain(self) -> Bools:
+        """Mask of the scans that no second place explains within 3 nats, (n,)."""
+        return np.array([each is not None and each.certain for each in self.locations])
+
+    @property
+    def fits(self) -> Bools:
+        """Mask of the scans of which three of five returns end at walls of the map, (n,)."""
+        return np.array([each is not None and each.fits for each in self.locations])
+
+    @property
+    def sentence(self) -> str:
+        """How many scans are located, and whether the certain ones are right."""
+        right = self.right if self.recording.has_poses else None
+        return drive_sentence(self.certain, self.fits, right)
+
+    def table(self) -> Table:
+        """The scans: where each was taken, and how far that is from the recorded pose."""
+        drive, unknown = self.recording, (math.nan,) * 8
+        times = np.full(len(drive), np.nan) if drive.times is None else drive.times - drive.times[0]
+        beside = np.column_stack([drive.poses, self.distance, self.turn]).tolist()
+        rows = []
+        for n, each in enumerate(self.locations):
+            own = unknown
+            if each is not None:
+                best, sure = each.best, (each.second, each.explained)
+                own = (*best.pose, best.weight, *sure, best.position_std, best.heading_std)
+            rows.append((n, float(times[n]), *own, *beside[n]))
+        return Table(SCANS, tuple(rows))
+
+    def report(self) -> str:
+        """The modes of the only scan, or how many of several are right: text for people."""
+        if self.alone is None:
+            drive = repr(self.recording).removeprefix("Recording(").removesuffix(")")
+            missing = sum(each is None for each in self.locations)
+            few = [f"{missing} scans have too few returns."] if missing else []
+            about = [f"{self.grid.name or 'map'}, {drive}", *few]
+            return "\n".join(map(_wrapped, [*about, self.sentence, *self._errors()]))
+        modes = self.alone.table()
+        if not self.recording.has_poses:
+            return f"{modes}\n{_wrapped(self.alone.sentence)}"
+        recorded = ("recorded", *self.recording.poses[0].tolist())
+        unknown = (math.nan,) * (len(modes.columns) - len(recorded))
+        away = (
+            f"The best place is {self.distance[0]:.2f} m and {math.degrees(self.turn[0]):.1f}° from"
+            " the recorded pose."
+        )
+        shown = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
+        return f"{shown}\n{_wrapped(f'{self.alone.sentence} {away}')}"
+
+    def _errors(self) -> list[str]:
+        if not self.right.any():
+            return []
+        away, turn = 100 * self.distance[self.right], np.degrees(self.turn[self.right])
+        at = np.column_stack([np.quantile(each, (0.5, 0.9)) for each in (away, turn)])
+        median, below = (f"{distance:.1f} cm, {angle:.2f}°" for distance, angle in at)
+        return [f"Errors of these: median {median}; nine of ten below {below}."]
+
+    def _write(self, folder: FilePath) -> None:
+        if self.alone:
+            self.alone.table().write_csv(folder / "modes.csv")
+        else:
+            self.table().write_csv(folder / "scans.csv")
+
+    def summary(self) -> dict[str, object]:
+        """The only scan with its modes, or of several the shares that are right, fit for JSON."""
+        about = {"map": self.grid.name, "drive": self.recording.source.file}
+        right, certain = self.right, self.certain
+        if self.alone:
+            names = ("x", "y", "heading", "distance", "turn")
+            values = (*self.recording.poses[0].tolist(), self.distance[0], self.turn[0])
+            recorded = dict(zip(names, map(float, values), strict=True))
+            return finite(
+                {
+                    **about,
+                    "sentence": self.alone.sentence,
+                    "certain": self.alone.certain,
+                    "second": self.alone.second,
+                    "explained": self.alone.explained,
+                    "returns": int(np.isfinite(self.alone.ranges).sum()),
+                    "modes": self.alone.table().records(),
+                    "recorded": recorded,
+                }
+            )
+        return finite(
+            {
+                **about,
+                "sentence": self.sentence,
+                "scans": len(self),
+                "right": float(right.mean()) if self.recording.has_poses else None,
+                "certain": float(certain.mean()),
+                "right_of_certain": float(right[certain].mean())
+                if certain.any() and self.recording.has_poses
+                else None,
+                "median_distance": float(np.median(self.distance[right])) if right.any() else None,
+                "median_turn": float(np.median(self.turn[right])) if right.any() else None,
+            }
+        )
+
+    def figure(self) -> Figure:
+        """The recorded drive over the map, with what each scan by itself was located as.
+
+        Scans that are located elsewhere are joined to the place where they were found. The only
+        scan is drawn by `locate_figure`.
+        """
+        from locplan.recordings.figures import located_drive_figure
+
+        return located_drive_figure(self)
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
+
+
+WITHIN = 3.0
+"""Default distance from a route within which a robot is looked for [m]."""
+COUNT = 10
+"""Default number of modes that are kept."""
+STEPS, STEP = 5, 0.1
+"""Steps to each side that are tried about a mode, and their length, at least a cell [m]."""
+TURNS_ASIDE, TURN = 5, math.radians(2.0)
+"""Turns to each side that are tried about a mode, and their angle [rad]."""
+
+
+class NotLocatedError(ConfigError):
+    """A scan leaves open where it was taken."""
+
+
+def locate(
+    grid: OccupancyGrid,
+    scan: ArrayLike | Recording,
+    lidar: Lidar | None = None,
+    *,
+    near: Path | ArrayLike | None = None,
+    within: float = WITHIN,
+    count: int = COUNT,
+    clearance: float = CLEARANCE,
+    database: ScanDatabase | None = None,
+) -> Location:
+    """Find where on a map a robot can be that has taken one scan.
+
+    The scan is compared with what the lidar would see at places 0.4 m apart all over the map, at 96
+    turns; the best of them are refined on the map's likelihood field, at last with all beams. Beams
+    without a return count for nothing. What a lidar sees everywhere is found when the first scan is
+    located, and kept for the next ones.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    scan : (beams,) array or Recording
+        Distances along the beams [m] in the order of ``lidar.angles``, inf or 0 without a return;
+        or a recording of one scan, such as ``drive[n : n + 1]``.
+    lidar : Lidar, optional
+        The lidar, with its mount on the robot. A recording has its own.
+    near : Path or (n, 2) array, optional
+        Only poses along this path, or near one of these positions in the world, are looked for
+        [m]; by default all of the map.
+    within : float, default 3.0
+        Their greatest distance from it, at least 0.5 [m].
+    count : int, default 10
+        Maximum number of modes that are kept, at least 1. The weights are shares of all that were
+        found.
+    clearance : float, default 0.1
+        Distance of the robot's centre from walls at which a pose is possible [m], >= 0. Raise it to
+        the robot's radius where map and walls agree well.
+    database : ScanDatabase, optional
+        What the lidar sees on this map, if it is to be kept by the caller. Its own clearance
+        counts. By default the last four are kept.
+
+    Returns
+    -------
+    Location
+        The modes, the best first.
+
+    Raises
+    ------
+    LocplanError
+        If the scan does not belong to the lidar, has too few returns, or there is no place for the
+        robot.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("places", resolution=0.1)
+    >>> robot = locplan.Robot(locplan.Lidar(range=8.0, beams=180))
+    >>> route = locplan.Path([[13.0, 5.5], [20.0, 5.5]])
+    >>> drive = locplan.recordings.record_drive(grid, route, robot, seed=1)
+    >>> anywhere = locate(grid, drive[:1])
+    >>> anywhere.best.weight <= sum(mode.weight for mode in anywhere.modes) <= 1.001
+    True
+    >>> here = locate(grid, drive[:1], near=route, within=1.0)
+    >>> bool(abs(here.best.pose[0] - 13.0) < 0.5)
+    True
+    """
+    check_grid(grid)
+    ranges, lidar = _checked(scan, lidar)
+    whole("count", count)
+    database = checked_database(grid, lidar, clearance, database)
+    places = places_of(database, near, within)
+    return located(database, ranges, places, count, restricted=near is not None)
+
+
+def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: float) -> Database:
+    """The ranges of the places at which the robot may be.
+
+    Raises
+    ------
+    LocplanError
+        If there is none, or the positions are wrong.
+    """
+    if near is None:
+        return database.everywhere
+    # Least such distance, a little more than that of the places that scans are compared with [m].
+    radius, places = number("within", within, 0.5), near
+    if isinstance(places, Path):
+        places = places.resampled(database.grid.resolution).xy
+    return database.near(Path(np.asarray(places)).xy, radius)
+
+
+def located(
+    database: ScanDatabase, ranges: Floats, places: Database, count: int, *, restricted: bool
+) -> Location:
+    """Find the modes of a scan, inf without a return, among places of a database."""
+    from locplan.recordings.kernels.scan_losses import TOP, fits, settle, unlike
+
+    lidar, resolution = database.lidar, database.grid.resolution
+    compared = places.matching.compared(ranges[None])[0]
+    scan = ScanOnMap(places, compared)
+    starts = scan.shortlisted()
+    found = scan.refined(starts)
+    on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
+    ends = database.compared_ends(on_robot[0])
+    if found.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
+        raise NotLocatedError(
+            f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to know where it was"
+            f" taken; at least {MIN_RETURNS} of {int(places.matching.seen.sum())} directions need"
+            " one"
+        )
+    # Where people stand around, a wide deviation leads away from the true pose.
+    # Modes and, of the shortlist's best pairs of a place and a turn, those refined with all beams.
+    poses = np.concatenate([found.poses[:150], starts[:20]])
+    tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
+    losses = np.array(
+        [settle(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
+    )
+    losses *= database.nats_a_loss / TOP
+    stands = np.array([fits(places.tables, *pose[:2]) for pose in poses.tolist()], bool)
+    if not stands.any():
+        raise NotLocatedError("the robot fits at no place that explains the scan; lower clearance")
+    poses, losses = poses[stands], losses[stands]
+    kept = unlike(poses, np.argsort(losses, kind="stable"), APART / resolution, TURNED)
+    excess = losses[kept] - losses[kept[0]]
+    kept = kept[excess <= ENOUGH]
+    excess = excess[: len(kept)]
+    share = np.exp(-excess) / np.exp(-excess).sum()
+    best = kept[:count]
+    world = places.in_world(poses[best])
+    matched = database.matcher.posteriors(np.repeat(on_robot, len(best), axis=0), world)
+    modes = [
+        Mode(tuple(pose), float(weight), float(above), covariance)
+        for pose, weight, above, covariance in zip(
+            world.tolist(), share[:count], excess[:count], matched.covariance, strict=True
+        )
+    ]
+    return Location(
+        database.grid,
+        lidar,
+        ranges,
+        tuple(modes),
+        second=float(excess[1]) if len(excess) > 1 else math.inf,
+        explained=_explained(places, ends, poses[kept[0]]),
+        restricted=restricted,
+    )
+
+
+def _explained(places: Database, ends: Singles, pose: Floats) -> float:
+    """Share of the ends that lie within two deviations of a wall at a pose on the map."""
+    from locplan.recordings.kernels.scan_losses import TOP, loss_at
+
+    tables, z_rand = places.tables, places.matching.z_rand
+    # A beam's end within two deviations of a wall is explained by it.
+    most = TOP * math.log((1 - z_rand) * math.exp(-0.5 * 2.0**2) + z_rand) / math.log(z_rand)
+    last = len(tables.corners) - 1
+    losses = [loss_at(tables, last, ends[:, [n]], *pose.tolist()) for n in range(ends.shape[1])]
+    return float(np.mean(np.array(losses) <= most))
+
+
+def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, Lidar]:
+    """The ranges of a scan, inf without a return, and the lidar that took it."""
+    if isinstance(scan, Recording):
+        if lidar is not None and lidar != scan.lidar:
+            raise ConfigError("the recording has a lidar of its own; leave lidar out")
+        if len(scan) != 1:
+            raise ConfigError(
+                f"one scan is located at a time, not {len(scan)}; take drive[n : n + 1], or"
+                " locplan.recordings.location.locate_drive for all"
+            )
+        return scan.ranges[0].astype(np.float64), scan.lidar
+    if lidar is None:
+        raise ConfigError("name the lidar that took the scan; only a recording knows its own")
+    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+    try:
+        ranges = np.array(scan, np.float64)
+    except (TypeError, ValueError):
+        raise ConfigError(f"a scan must be an array of ranges [m], not {shown(scan)}") from None
+    if ranges.shape != (lidar.beams,):
+        raise ConfigError(
+            f"a scan must be the ranges of the lidar's {lidar.beams} beams, not an array of shape"
+            f" {ranges.shape}; see locplan.Lidar.from_scan"
+        )
+    if np.isnan(ranges).any():
+        raise ConfigError(
+            f"the range of beam {int(np.argmax(np.isnan(ranges)))} is NaN; give inf where there is"
+            " no return"
+        )
+    returns = lidar.has_return(ranges.astype(np.float32))
+    if not returns.any():
+        raise ConfigError(
+            f"no beam of the scan ends within {lidar.min_range:g} to {lidar.range:g} m; are the"
+            " ranges in metres, and the lidar's right?"
+        )
+    return np.where(returns, ranges, np.inf), lidar
+
+
+def locate_drive(
+    recording: Recording,
+    grid: OccupancyGrid,
+    *,
+    near: Path | ArrayLike | None = None,
+    within: float = WITHIN,
+    count: int = COUNT,
+    clearance: float = CLEARANCE,
+    database: ScanDatabase | None = None,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> LocatedDrive:
+    """Locate each scan of a recorded drive by itself, as `locate` does.
+
+    The recorded poses are only compared with the result.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    near, within, count, clearance, database
+        See `locate`.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) scans.
+
+    Returns
+    -------
+    LocatedDrive
+        The location of each scan, and how many are right.
+
+    Raises
+    ------
+    LocplanError
+        If a value is out of its range, no scan has enough returns, or there is no place for the
+        robot.
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_grid(grid)
+    whole("count", count)
+    workers = check_threads(threads)
+    database = checked_database(grid, recording.lidar, clearance, database)
+    places = places_of(database, near, within)
+    _ = database.matcher.prepared  # now, once for all threads
+
+    def find(some: Ints) -> list[Location | None]:
+        found: list[Location | None] = []
+        for n in some:
+            ranges = recording.ranges[n].astype(np.float64)
+            try:
+                found.append(located(database, ranges, places, count, restricted=near is not None))
+            except NotLocatedError:
+                found.append(None)
+        return found
+
+    locations = in_batches(find, len(recording), workers, progress)
+    if not any(locations):
+        raise RecordingError(
+            f"none of {len(recording)} scans has enough returns to know where it was taken"
+        )
+    return LocatedDrive(recording, grid, tuple(locations))

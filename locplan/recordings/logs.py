@@ -1,0 +1,321 @@
+"""What is read of a log: the options, where it comes from, and its scans in one order of beams."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._support.checks import (
+    FARTHEST,
+    MAX_RANGE,
+    Settings,
+    finite_numbers,
+    keep,
+    shown,
+    suggestion,
+    whole,
+)
+from locplan._support.kernels.arrays import Floats
+from locplan._support.poses import wrapped
+from locplan.errors import ConfigError, LocplanError, RecordingError
+from locplan.robots.lidar import MAX_BEAMS, Lidar
+
+FIRST_ROWS = 256
+"""Number of scans that room is made for at first."""
+MAX_ROOM = 2**30
+"""Maximum size of all ranges together [bytes]; room is made for no more, whatever a log says."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Topics(Settings):
+    """Topics and frames that are read of a robot's log, where it has several, or others than usual.
+
+    Raises
+    ------
+    ConfigError
+        If one is no name.
+
+    Examples
+    --------
+    >>> Topics(scan_topic="/front/scan")
+    Topics(scan_topic='/front/scan')
+    """
+
+    scan_topic: str | None = None
+    """Topic of the scans; in a log of CARMEN "FLASER" or "ROBOTLASER1". It is needed where there
+    are several."""
+    pose_topic: str | None = None
+    """Topic of the robot's poses, in place of TF. Only for bags."""
+    odom_topic: str | None = None
+    """Topic of the robot's odometry. Only for bags."""
+    map_frame: str = "map"
+    """Frame of the poses."""
+    base_frame: str | None = None
+    """Frame of the robot; by default that of odometry, or base_footprint or base_link. Only for
+    bags."""
+
+    def __post_init__(self) -> None:
+        for each in fields(Topics):
+            value = getattr(self, each.name)
+            if value != each.default and not (isinstance(value, str) and value):
+                raise ConfigError(f"{each.name} must be a name, not {shown(value)}")
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Options(Topics):
+    """What is read of a log; `read_recording` explains each."""
+
+    every: int = 1
+    window: tuple[float, float] | None = None
+    range_limits: tuple[float, float] | None = None
+    mount: tuple[float, float, float] | None = None
+    needs_poses: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        keep(self, every=whole("every", self.every))
+        for name in ("window", "range_limits"):
+            keep(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
+        keep(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
+        for name, most, what in (
+            ("window", math.inf, "two times from the start on, the first one earlier [s]"),
+            ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
+        ):
+            ends = getattr(self, name)
+            if ends and not 0 <= ends[0] < ends[1] <= most:
+                raise ConfigError(f"{name} must be {what}, not {shown(ends)}")
+
+    def refuse_others(self, what: str, *, of_robot: bool) -> None:
+        """Raise a ConfigError if an option is set that this kind of file cannot follow.
+
+        A log of a robot has topics of scans and a frame, only a bag has the others.
+        """
+        of_robots = ("scan_topic", "map_frame")
+        for each in fields(Topics):
+            kinds = "logs of robots" if each.name in of_robots else "bags"
+            allowed = of_robot and each.name in of_robots
+            if getattr(self, each.name) != each.default and not allowed:
+                raise ConfigError(f"{each.name} is for {kinds}, and {what} has none; leave it out")
+
+    def lidar(self, values: Mapping[str, Any]) -> Lidar:
+        """The lidar that a file describes, with the mount and the limits that were named."""
+        known = [each.name for each in fields(Lidar)]
+        for name in values:
+            if name not in known:
+                raise RecordingError(
+                    f"its lidar has no {shown(name)}; known are {', '.join(known)}"
+                    f"{suggestion(name, known)}"
+                )
+        try:
+            lidar = Lidar(**values)
+        except LocplanError as error:
+            raise RecordingError(f"its lidar cannot be: {error}") from None
+        if self.mount is not None:
+            x, y, yaw = self.mount
+            lidar = replace(lidar, mount_x=x, mount_y=y, mount_yaw_deg=math.degrees(yaw))
+        if self.range_limits is not None:
+            least, most = self.range_limits
+            lidar = replace(lidar, min_range=least, range=most)
+        return lidar
+
+
+def _numbers(name: str, values: Any, count: int, what: str) -> tuple[float, ...] | None:
+    """A number of numbers, or None."""
+    if values is None:
+        return None
+    found = finite_numbers(values)
+    if len(found) != count:
+        raise ConfigError(f"{name} must be {what}, not {shown(values)}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Source(Settings):
+    """Where a recording comes from: its file, and the topics and frames that were used."""
+
+    file: str = ""
+    """Name of the file or folder, without its path."""
+    scans: str = ""
+    """Topic of the scans, or the kind of lines."""
+    poses: str = ""
+    """Topic of the poses, or the frames that TF relates."""
+    odometry: str = ""
+    """Topic of the odometry, or the frames that TF relates; empty if there is none."""
+    map_frame: str = ""
+    """Frame that the poses are in."""
+    base_frame: str = ""
+    """Frame of the robot, whose poses these are."""
+    lidar_frame: str = ""
+    """Frame of the lidar."""
+    stamps_back: int = 0
+    """Number of scans whose stamps lie before that of an earlier scan in the log."""
+    notes: tuple[str, ...] = ()
+    """What was assumed or left out, in sentences without a full stop."""
+
+
+def check_room(count: int, beams: int, room: int) -> None:
+    """Raise a RecordingError if one more scan takes more than the room that there is [bytes]."""
+    # A scan counts as 256 bytes at least: its pose and times take memory, too.
+    if count == (most := room // max(256, 4 * beams)):
+        raise RecordingError(
+            f"over {most:,} scans of {beams} beams take too much memory; read every n-th (every=),"
+            " or a part of the log"
+        )
+
+
+class ScanRows:
+    """Scans in one array that grows, each brought to the beams of the first one.
+
+    Beams are kept counter-clockwise. A scan with other angles, as lidars whose motor is not
+    regulated have, takes for each beam the nearest of its own, if there is one within a step.
+    """
+
+    def __init__(self, range_limits: tuple[float, float] | None = None) -> None:
+        self._limits = range_limits
+        self._rows: NDArray[np.float32] = np.empty((0, 0), np.float32)
+        self._count = 0
+        self._first, self._step, self._beams = 0.0, 0.0, 0
+        self._lidar = Lidar()
+        self.resampled = 0
+
+    def __len__(self) -> int:
+        """Return the number of scans."""
+        return self._count
+
+    def add(
+        self, ranges: ArrayLike, first: float, step: float, least: float, greatest: float
+    ) -> None:
+        """Take a scan: ranges [m], angle of its first beam, from beam to beam [rad], limits [m].
+
+        Raises
+        ------
+        RecordingError
+            If it has no beams, or its angles cannot be.
+        """
+        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+            values = np.asarray(ranges, np.float32)
+        if not self._count:
+            self._begin(first, step, len(values), least, greatest)
+        check_room(self._count, self._beams, MAX_ROOM)
+        if self._count == len(self._rows):
+            self._rows.resize((FIRST_ROWS + self._count * 5 // 4, self._beams), refcheck=False)
+        if step < 0:
+            first, step, values = first + step * (len(values) - 1), -step, values[::-1]
+        row = self._rows[self._count]
+        off = abs(first - self._first) + abs(step - self._step) * self._beams
+        if len(values) >= self._beams and off < self._step / 10:
+            row[:] = values[: self._beams]
+        else:
+            self.resampled += 1
+            row[:] = self._resampled(first, step, values)
+        row[~self._lidar.has_return(row)] = np.inf
+        self._count += 1
+
+    def finish(self, kept: Sequence[int]) -> NDArray[np.float32]:
+        """The scans that are kept, in this order, (n, beams); nothing can be added after."""
+        rows, self._rows = self._rows, np.empty((0, 0), np.float32)
+        if (np.diff(kept) < 0).any():
+            return np.asarray(rows[np.asarray(kept)])
+        for to, index in enumerate(kept):
+            if to != index:  # in place: a copy would take the memory twice
+                rows[to] = rows[index]
+        rows.resize((len(kept), self._beams), refcheck=False)
+        self._count = 0
+        return rows
+
+    def lidar(self, mount: tuple[float, float, float], upside_down: bool) -> Lidar:
+        """The lidar with its pose on the robot [m, m, rad].
+
+        The beams of one that is upside down come clockwise: the rows have to be reversed.
+        """
+        middle = self._first + self._step * (self._beams - 1) / 2
+        yaw = mount[2] + (-middle if upside_down else middle)
+        turn = math.degrees((yaw + math.pi) % (2 * math.pi) - math.pi)
+        x, y = round(mount[0], 6), round(mount[1], 6)
+        return replace(self._lidar, mount_x=x, mount_y=y, mount_yaw_deg=round(turn, 4))
+
+    def _begin(self, first: float, step: float, count: int, least: float, most: float) -> None:
+        if not (math.isfinite(first) and math.isfinite(step) and step and 0 < count < MAX_BEAMS):
+            raise RecordingError(
+                f"its first scan has {count} beams from {first:g} rad on, {step:g} rad apart, which"
+                " is no scan"
+            )
+        if self._limits is not None:
+            least, most = self._limits
+        elif not 0 < most <= MAX_RANGE:
+            raise RecordingError(
+                f"its scans name a greatest range of {most:g} m; give the lidar's own as"
+                " range_limits=(least, greatest)"
+            )
+        if step < 0:
+            first, step = first + step * (count - 1), -step
+        lidar = Lidar.from_scan(
+            angle_min=first,
+            angle_max=first + step * (count - 1),
+            angle_increment=step,
+            range_min=min(max(_plain(least), 0.0), 0.999 * most) if math.isfinite(least) else 0.0,
+            range_max=_plain(most),
+        )
+        # Angles were stored in single precision, which has no more than four decimals.
+        lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, 4))
+        self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
+        self._rows = np.empty((FIRST_ROWS, lidar.beams), np.float32)
+
+    def _resampled(
+        self, first: float, step: float, values: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """A scan with other angles, at the beams of the first one; inf where it has none."""
+        row = np.full(self._beams, np.inf, np.float32)
+        if not (math.isfinite(first) and math.isfinite(step) and step and len(values)):
+            return row
+        angles = self._first + self._step * np.arange(self._beams)
+        turn = 2 * math.pi
+        beam = np.rint(((angles - first + step / 2) % turn - step / 2) / step).astype(np.int64)
+        seen = (beam >= 0) & (beam < len(values))
+        row[seen] = values[beam[seen]]
+        return row
+
+
+def _plain(value: float) -> float:
+    """A number without the further digits that single precision gave it."""
+    return float(f"{value:.7g}")
+
+
+def poses_of(name: str, values: object) -> Floats:
+    """Rows of finite x, y and heading, the last within +-pi; see `array_of`."""
+    poses = array_of(f"{name}s", values, np.dtype(np.float64), 2)
+    if poses.shape[1] != 3:
+        raise RecordingError(f"{name}s must be rows of x, y, heading, not {poses.shape}")
+    wrong = ~np.isfinite(poses).all(1) | (np.abs(poses) > FARTHEST).any(1)
+    if wrong.any():
+        scan = int(np.argmax(wrong))
+        x, y, heading = poses[scan]
+        raise RecordingError(
+            f"{name} {scan} must be finite and within ±{FARTHEST:g} m, not"
+            f" {x:g}, {y:g}, {heading:g}; leave such scans out"
+        )
+    inside = (np.abs(poses[:, 2]) <= np.pi).all()
+    return poses if inside else frozen(np.column_stack([poses[:, :2], wrapped(poses[:, 2])]))
+
+
+def array_of(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
+    """Array of numbers that nobody changes any more: a copy unless it is read-only already."""
+    try:
+        with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
+            array = np.asarray(values, kind)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(f"{name} must be an array of numbers, not {shown(values)}") from None
+    if array.ndim != dimensions:
+        raise RecordingError(f"{name} must have {dimensions} dimensions, not {array.ndim}")
+    return frozen(array.copy() if array.flags.writeable else array)
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """The array, which nobody changes any more."""
+    array.setflags(write=False)
+    return array

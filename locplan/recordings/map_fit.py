@@ -1,0 +1,815 @@
+"""The fit of a map to a recorded drive: ranges, walls, and places that contradict the scans."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import instance, printable
+from locplan._support.intervals import Interval, blocks_along, intervals
+from locplan._support.kernels.arrays import Bools, Floats, Ints
+from locplan._support.poses import after_way, ends_in_map, moved, way_between, wrapped
+from locplan._support.progress import ProgressCallback, parts
+from locplan.errors import RecordingError
+from locplan.field.covariance import position_axes
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.map_faults import MapFault, boxes_of
+from locplan.maps.occupancy import FREE, OCCUPIED
+from locplan.recordings.calibration import MAD, SeenWalls
+from locplan.recordings.evaluation import FITS, at_walls, looked_up, match_scans
+from locplan.recordings.location import locate_drive
+from locplan.recordings.matching import ScanDatabase
+from locplan.recordings.recording import Recording
+
+RANGE_SCANS, MIN_BEAMS = 100, 12
+"""Number of the scans of a drive that are compared, and of beams that a scan needs."""
+FAR, FAR_CELLS, FAR_OFF = 0.2, 4, 0.06
+"""Difference of a range from the map's as which larger ones do not count: so many metres or cells,
+and this share of the range."""
+GRAZING = 2.0
+"""Way of a beam's end over the way of the robot across the wall from which on it is not used."""
+OFF, SURELY_OFF = 0.007, 0.005
+"""Deviations of the factor from 1 from which on a map has another resolution, and which the whole
+interval must surpass."""
+DEEP = 1.5
+"""Depth behind the map's surfaces from which on these are not where the walls are [cells]."""
+
+
+@dataclass(frozen=True)
+class RangeFit:
+    """How ranges differ from those that a map says, with 95 % intervals over pieces of 10 m."""
+
+    factor: Interval
+    """Ratio of the ranges to the map's."""
+    depth: Interval
+    """Distance behind the map's surfaces at which beams end, across the walls [m]."""
+
+    @property
+    def is_scaled(self) -> bool:
+        """True if the map surely has another resolution than its file says."""
+        value, low, high = (each - 1 for each in self.factor)
+        return abs(value) >= OFF and (low > SURELY_OFF or high < -SURELY_OFF)
+
+    def faults(self, grid: OccupancyGrid) -> Iterator[MapFault]:
+        """The faults of the map that they tell.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        """
+        if self.is_scaled:
+            value, low, high = (100 * (each - 1) for each in self.factor)
+            true = grid.resolution * self.factor.value
+            yield MapFault(
+                "resolution",
+                f"ranges are {value:+.1f} [{low:+.1f}, {high:+.1f}] % longer than on the map:"
+                f" resolution {grid.resolution:.4g} should be {true:.3g}",
+                f"set resolution: {true:.3g} in its YAML, and scale its origin likewise, if the"
+                " lidar's ranges are right",
+                sure=True,
+            )
+        cells, low, _ = (each / grid.resolution for each in self.depth)
+        if cells >= DEEP and low > 1:
+            yield MapFault(
+                "deep walls",
+                f"beams end {cells:.1f} cells ({100 * self.depth.value:.0f} cm) behind the map's"
+                " surfaces: walls are inflated, or smeared by mapping",
+                "give the filter a map that is not inflated; this one is not hollowed, since the"
+                " truth lies inside of its walls",
+                sure=True,
+            )
+
+
+def range_fit(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit:
+    """Compare the ranges of recorded drives with those that a map says, where each scan fits best.
+
+    A range is the map's times a factor, and the depth at which beams end behind its surfaces; what
+    the scan's pose may be off by is fitted with it.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    recordings : sequence of Recording
+        The drives, with poses that are good to some 0.1 m.
+    """
+    once, _ = _compared(grid, recordings, 1.0)
+    if not once:
+        nothing = Interval(math.nan, math.nan, math.nan)
+        return RangeFit(nothing, nothing)
+    # What a pose took for its own error, it no longer does where the ranges are nearly right.
+    first = 1 + float(_solved(once, np.ones(len(once)))[0])
+    kept, blocks = _compared(grid, recordings, first)
+    factor, depth = intervals(lambda weights: _solved(kept, weights), blocks, 200)
+    return RangeFit(Interval(*(first * (1 + value) for value in factor)), depth)
+
+
+def _compared(
+    grid: OccupancyGrid, recordings: Sequence[Recording], factor: float
+) -> tuple[list[Floats], Ints]:
+    """What the scans say of ranges that are divided by a factor, and the block of each."""
+    parts, blocks, first = [], [], 0
+    for each in recordings:
+        own, of_scan = _equations(grid, each, factor)
+        parts += own
+        blocks += (first + of_scan).tolist()
+        first = max([first, *blocks]) + 1
+    kept = _projected(parts)
+    for _ in range(2 * bool(parts)):
+        # What is off by three deviations is no wall of the map, or a beam that something blocks.
+        at = _solved(kept, np.ones(len(kept)))
+        off = [np.abs(each[:, 2] - each[:, :2] @ at) for each in kept]
+        bound = max(3 * MAD * float(np.median(np.concatenate(off))), 0.5 * grid.resolution)
+        parts = [each[far < bound] for each, far in zip(parts, off, strict=True)]
+        kept = _projected(parts)
+    return kept, np.array(blocks, np.int64)
+
+
+def _equations(
+    grid: OccupancyGrid, recording: Recording, factor: float
+) -> tuple[list[Floats], Ints]:
+    """Of each scan that shows walls what its beams say, and the scan's block.
+
+    A row is (range, 1, difference, and what it changes by with the pose (x, y, heading)), across
+    the wall.
+    """
+    walls, rows, used = SeenWalls(grid, recording), [], []
+    far = max(FAR, FAR_CELLS * grid.resolution)
+    chosen = np.unique(np.linspace(0, len(recording) - 1, RANGE_SCANS).astype(np.int64))
+    steps = np.diag([grid.resolution, grid.resolution, math.radians(0.5)])
+    for scan in chosen.tolist():
+        measured = recording.ranges[scan, :: walls.every].astype(np.float64) / factor
+        pose = walls.settled(recording.poses[scan], measured)
+        expected = walls.ranges(pose, walls.some)
+        with np.errstate(invalid="ignore"):
+            ways = np.column_stack(
+                [
+                    (walls.ranges(pose + step, walls.some) - walls.ranges(pose - step, walls.some))
+                    / (2 * step.sum())
+                    for step in steps
+                ]
+            )
+            steep, off = np.hypot(ways[:, 0], ways[:, 1]), measured - expected
+            good = (steep > 0.9) & (steep < GRAZING) & np.isfinite(ways[:, 2])
+            good &= np.abs(off) < far + FAR_OFF * expected
+        if good.sum() >= MIN_BEAMS:
+            of_beams = np.column_stack([expected, steep, off, ways])[good]
+            rows.append(of_beams / steep[good, None])
+            used.append(scan)
+    return rows, blocks_along(recording.poses)[np.array(used, np.int64)]
+
+
+def _projected(parts: list[Floats]) -> list[Floats]:
+    """The first three columns of each, without what another pose explains."""
+    found = []
+    for each in parts:
+        base, _ = np.linalg.qr(each[:, 3:])
+        found.append(each[:, :3] - base @ (base.T @ each[:, :3]))
+    return found
+
+
+def _solved(parts: list[Floats], weights: Floats) -> Floats:
+    """Factor minus 1, and depth [m], by least squares of scans with weights, (2,)."""
+    sums = np.tensordot(weights, np.array([each.T @ each for each in parts]), 1)
+    return np.asarray(np.linalg.lstsq(sums[:2, :2], sums[:2, 2], rcond=None)[0])
+
+
+Move = tuple[float, float, float]
+BETTER = 0.1
+"""Gain in the share for which a move of the map is suggested."""
+FINEST = 0.2
+"""Minimum edge of the cells of the search at all turns [m]."""
+BLUR = 0.1
+"""Minimum deviation of the walls' blur at which moves are compared [m]."""
+PLACES, STEPS, STEP = 8, 6, 1.0
+"""Number of places of a drive from which it is followed on a map, and number and length [m] of the
+steps along the drive to both sides of each."""
+AGREES = 0.3
+"""Difference up to which a range agrees with the map's wall [m]."""
+TURNS = (0.0, math.radians(8.0), math.radians(-8.0))
+"""Turns from the expected heading at which a scan is compared [rad]."""
+SAME_PLACE = 0.66
+"""Mean share of ranges that agree from which a recording fits a map. Six real recordings have
+.76 to .95 on their own maps, and .24 to .59 on those of each other."""
+
+
+@dataclass(frozen=True)
+class MapFit:
+    """How well a recorded drive fits a map where it is, and where it would fit best."""
+
+    share: float
+    """Share of the beams with a return that end within `distance` of a wall, 0..1."""
+    best_share: float
+    """The same after `move`."""
+    move: Move
+    """The move of the drive that fits best: a turn about the map frame's origin, then a shift
+    [m, m, rad]; `Recording.moved` does it."""
+    distance: float
+    """Distance within which a beam ends at a wall [m]."""
+    origin: tuple[float, float, float]
+    """Origin of the map with which the drive fits best as it is [m, m, rad]."""
+    mount: str = field(default="")
+    """How the lidar seems to be mounted instead, if that explains a bad fit; else empty."""
+    ranges: RangeFit | None = None
+    """How the ranges differ from the map's, if its resolution explains a bad fit."""
+
+    @property
+    def fits(self) -> bool:
+        """True if the map fits as it is."""
+        return self.share >= FITS and not self.shifted
+
+    @property
+    def shifted(self) -> bool:
+        """True if the map would fit, or fit clearly better, after a move."""
+        x, y, turn = self.move
+        away = math.hypot(x, y) > 0.1 or abs(turn) > math.radians(0.5)
+        return away and self.best_share >= FITS and self.best_share >= self.share + BETTER
+
+    @property
+    def sentence(self) -> str:
+        """Whether the map fits, and what to do if it does not."""
+        now = f"{self.share:.0%} of the beams end within {self.distance:.2g} m of a wall"
+        if self.fits:
+            return f"The map fits: {now}."
+        if self.mount:
+            return f"The lidar seems to be {self.mount}: {now}; give its mount= when reading."
+        if self.shifted:
+            x, y, turn = self.move
+            origin = ", ".join(f"{value:.3f}" for value in self.origin)
+            return (
+                f"The map seems shifted: {now}, and {self.best_share:.0%} with the drive turned by"
+                f" {math.degrees(turn):.1f} deg about the origin and moved by {x:.2f},{y:.2f} m;"
+                f" set origin: [{origin}] in the map's YAML, or take"
+                f" drive.moved({x:.3f}, {y:.3f}, {turn:.4f})."
+            )
+        if self.ranges:
+            return (
+                f"The map's resolution seems wrong: {now}; multiply resolution and origin in its"
+                f" YAML by {self.ranges.factor.value:.4f}, if the lidar's ranges are right."
+            )
+        return (
+            f"The map does not fit: {now}, and {self.best_share:.0%} at best wherever the drive is"
+            " moved; take the map of this place and time, and check the lidar's mount, and that the"
+            " poses are not odometry alone."
+        )
+
+
+class _Sample(NamedTuple):
+    """Some beams of some scans."""
+
+    on_robot: Floats  # (n, beams, 2), NaN without return [m]
+    poses: Floats  # (n, 3)
+
+    def ends(self) -> Floats:
+        """Ends of the returns in the map's frame, (k, 2) [m]."""
+        ends = ends_in_map(self.on_robot, self.poses).reshape(-1, 2)
+        return ends[np.isfinite(ends[:, 0])]
+
+
+def fit_to_map(
+    recording: Recording, grid: OccupancyGrid, *, progress: ProgressCallback | None = None
+) -> MapFit:
+    """Tell how well a recorded drive fits a map, and find where it would fit best.
+
+    Where fewer than 60 % of the beams end at walls, the whole drive is moved: it is correlated with
+    the walls at all turns and shifts, coarsely, and the best of these are refined. Else only the
+    surroundings are searched.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive; up to 100 scans and 60 beams of each are compared.
+    grid : OccupancyGrid
+        The map.
+    progress : callable, optional
+        Called with (done, total) turns of the search.
+
+    Returns
+    -------
+    MapFit
+        The shares, the best move, and a sentence.
+
+    Raises
+    ------
+    RecordingError
+        If the map has no walls.
+
+    Examples
+    --------
+    >>> from locplan.robots import Lidar
+    >>> from locplan.maps import environments
+    >>> grid = environments.make("two_corridors", resolution=0.1)
+    >>> lidar = Lidar(range=4.0, field_of_view_deg=180.0, beams=2)
+    >>> drive = Recording([[1.05, 1.05]] * 2, lidar, [[10.0, 3.0, 0.0], [11.0, 3.0, 0.0]])
+    >>> print(fit_to_map(drive, grid).sentence)
+    The map fits: 100% of the beams end within 0.2 m of a wall.
+    """
+    instance("recording", recording, Recording)
+    check_grid(grid)
+    if not (grid.cells == OCCUPIED).any():
+        raise RecordingError(
+            f"{grid.name or 'the map'} has no walls, that beams could end at; take another map"
+        )
+    distance, near = at_walls(grid)
+    sample = _sample(recording)
+    ends = sample.ends()
+    share = _share(grid, near, ends)
+    search, starts = _Search(grid, ends, sample.poses[:, :2]), [(0.0, 0.0, 0.0)]
+    if share < FITS:
+        starts += search.everywhere(progress)
+    move = search.nearby(starts)
+    best = _share(grid, near, sample._replace(poses=moved(sample.poses, move)).ends())
+    if best <= share:
+        move, best = (0.0, 0.0, 0.0), share
+    mount = _mount(grid, near, sample, best) if best < FITS else ""
+    ranges = None if best >= FITS or mount else _ranges(grid, near, recording)
+    return MapFit(share, best, move, distance, _origin(grid, move), mount, ranges)
+
+
+def check_place(
+    recording: Recording, grid: OccupancyGrid, *, database: ScanDatabase | None = None
+) -> None:
+    """Raise a RecordingError if a recording does not fit a map, wherever its poses are.
+
+    Eight scans are located on the whole map, or taken where they were recorded if these poses fit
+    the map. From each of them, the robot is followed over 6 m to both sides by odometry and scans.
+    In another building single scans may fit, but ranges along the drive do not.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    database : ScanDatabase, optional
+        What the lidar sees on this map, if it is kept by the caller.
+
+    Raises
+    ------
+    RecordingError
+        If less than 66 % of the ranges agree with the map.
+
+    Examples
+    --------
+    >>> from locplan.maps import load_map
+    >>> from locplan.recordings import read_recording
+    >>> recording = read_recording("two_corridors")
+    >>> check_place(recording, load_map("two_corridors"))
+    >>> check_place(recording, load_map("office"))
+    Traceback (most recent call last):
+    locplan.errors.RecordingError: ...
+    """
+    instance("recording", recording, Recording)
+    check_grid(grid)
+    if not (grid.cells == OCCUPIED).any():
+        return  # all that take the recording refuse this map
+    share = _measure_agreement(recording, grid, database)
+    if not share < SAME_PLACE:
+        return
+    name = printable(recording.source.file) or "the recording"
+    fault = _find_lidar_fault(recording, grid) if recording.has_poses else ""
+    raise RecordingError(
+        f"{name} does not fit {grid.name or 'the map'}: "
+        + (
+            fault
+            or f"only {share:.0%} of its ranges agree with the walls ({SAME_PLACE:.0%} are needed);"
+            " name the map of the building where it was taken"
+        )
+    )
+
+
+def _find_lidar_fault(recording: Recording, grid: OccupancyGrid) -> str:
+    """Return a sentence if another mount or other ranges explain a bad fit; else an empty text."""
+    distance, near = at_walls(grid)
+    sample = _sample(recording)
+    share = _share(grid, near, sample.ends())
+    mount = _mount(grid, near, sample, share)
+    ranges = None if mount else _ranges(grid, near, recording)
+    if not mount and ranges is None:
+        return ""
+    fit = MapFit(share, share, (0.0, 0.0, 0.0), distance, grid.origin, mount, ranges)
+    return fit.sentence.rstrip(".")
+
+
+def _measure_agreement(
+    recording: Recording, grid: OccupancyGrid, database: ScanDatabase | None
+) -> float:
+    """Return the mean share of ranges that agree along a drive; NaN if no scan can be located."""
+    motion = recording.poses if recording.odometry is None else recording.odometry
+    moved_by = np.hypot(*np.diff(motion[:, :2], axis=0).T)
+    way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(moved_by))])  # NaN without any poses
+    reach = min(STEPS * STEP, way[-1] / 2)
+    at = np.linspace(reach, way[-1] - reach, PLACES) if way[-1] else np.zeros(1)
+    scans = np.unique(np.searchsorted(way, at))
+    poses = _start_poses(recording, grid, scans, database)
+    is_located = np.isfinite(poses).all(axis=1)
+    walls = SeenWalls(grid, recording)
+    steps = STEP * np.arange(1, STEPS + 1)
+    shares = []
+    for scan, start in zip(scans[is_located], poses[is_located], strict=True):
+        first, share = _compare_ranges(walls, recording, scan, start)
+        along = [share]
+        for side in (steps, -steps) if way[-1] else ():
+            pose, before = first, scan
+            for next_scan in np.searchsorted(way, np.clip(way[scan] + side, 0.0, way[-1])):
+                pose = after_way(pose, way_between(motion[before], motion[next_scan]))
+                pose, share = _compare_ranges(walls, recording, next_scan, pose)
+                along.append(share)
+                before = next_scan
+        shares.append(np.nanmean(along))
+    return float(np.mean(shares)) if shares else math.nan
+
+
+def _start_poses(
+    recording: Recording, grid: OccupancyGrid, scans: Ints, database: ScanDatabase | None
+) -> Floats:
+    """Return the poses of scans on a map: recorded ones that fit, or located ones; NaN if lost."""
+    near = at_walls(grid)[1]
+    if recording.has_poses and _share(grid, near, _sample(recording).ends()) >= FITS:
+        return recording.poses[scans]
+    try:
+        return locate_drive(recording[scans], grid, count=1, database=database).poses
+    except RecordingError:  # too few returns in all scans
+        return np.full((len(scans), 3), np.nan)
+
+
+def _compare_ranges(
+    walls: SeenWalls, recording: Recording, scan: int, pose: Floats
+) -> tuple[Floats, float]:
+    """Return the pose near another one where a scan fits best, and the share that agrees there."""
+    ranges = recording.ranges[scan]
+    returned = np.isfinite(ranges)
+    if not returned.any():
+        return pose, math.nan
+    best, best_share = pose, -1.0
+    for turn in TURNS:  # if odometry misjudged a turn, a scan settles from another heading alone
+        there = walls.settled(pose + np.array([0.0, 0.0, turn]), ranges[:: walls.every])
+        off = np.abs(ranges[returned] - walls.ranges(there, walls.beams)[returned])
+        share = float((off < AGREES).mean())
+        if share > best_share:
+            best, best_share = there, share
+        if share >= SAME_PLACE:
+            break
+    return best, best_share
+
+
+def _ranges(grid: OccupancyGrid, near: NDArray[np.bool_], recording: Recording) -> RangeFit | None:
+    """How ranges differ from the map's, if scans without that fit where they were taken."""
+    ranges = range_fit(grid, [recording])
+    if not ranges.is_scaled:
+        return None
+    scaled = replace(recording, ranges=recording.ranges / ranges.factor.value)
+    return ranges if _share(grid, near, _sample(scaled).ends()) >= FITS else None
+
+
+def _sample(recording: Recording) -> _Sample:
+    """Scans and beams that are evenly spaced."""
+    scans = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
+    beams = np.unique(np.linspace(0, recording.lidar.beams - 1, 60).astype(np.int64))
+    ends = recording[scans].ends_on_robot()
+    if np.isfinite(ends[:, beams]).any():
+        ends = ends[:, beams]
+    return _Sample(ends, recording.poses[scans])
+
+
+def _share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Floats) -> float:
+    """Share of points that lie in the cells of a mask."""
+    return float(looked_up(grid, near, ends, False).mean())
+
+
+def _origin(grid: OccupancyGrid, move: Move) -> Move:
+    """Origin of the map after the move the other way."""
+    (x, y, yaw), (dx, dy, turn) = grid.origin, move
+    cos, sin = math.cos(turn), math.sin(turn)
+    u, v = x - dx, y - dy
+    return cos * u + sin * v, cos * v - sin * u, float(wrapped(yaw - turn))
+
+
+def _mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: float) -> str:
+    """How the lidar is mounted if another mount explains the scans at the recorded poses."""
+    x, y = sample.on_robot[..., 0], sample.on_robot[..., 1]
+    others = {
+        "turned by 90 deg": (-y, x),
+        "turned by 180 deg": (-x, -y),
+        "turned by -90 deg": (y, -x),
+        "upside down": (x, -y),
+    }
+    for words, ends in others.items():
+        share = _share(grid, near, sample._replace(on_robot=np.stack(ends, axis=-1)).ends())
+        if share >= max(FITS, best + BETTER):
+            return words
+    return ""
+
+
+class _Search:
+    """The rigid moves of a drive that take the ends of its beams to a map's walls.
+
+    Ends of beams and places of the robot, (k, 2) and (n, 2), are in the map's frame [m].
+    """
+
+    def __init__(self, grid: OccupancyGrid, ends: Floats, places: Floats) -> None:
+        self.grid, self.middle = grid, places.mean(0)
+        self.out, self.stood = ends - self.middle, places - self.middle
+        self.radius = math.sqrt(float((self.out**2).sum(1).mean()))
+
+    def everywhere(self, progress: ProgressCallback | None = None) -> list[Move]:
+        """The moves that fit best of all turns and shifts, about the origin [m, m, rad].
+
+        The ends, rotated, are correlated with the walls by the Fourier transform; so are the places
+        of the robot with the free space, which tells walls from clutter. `progress` is called with
+        (done, total) turns.
+        """
+        from scipy.fft import irfft2, next_fast_len, rfft2
+
+        grid = self.grid
+        reach = float(np.abs(np.concatenate([self.out, self.stood])).max())
+        side = max(max(grid.shape) * grid.resolution, 2 * reach)
+        cell = max(FINEST, side / 224, grid.resolution)  # of which so many lie along a side at most
+        walls, free = self._coarse(cell)
+        half = math.ceil(math.hypot(reach, reach) / cell) + 1
+        shape = tuple(next_fast_len(each + 2 * half + 1, real=True) for each in walls.shape)
+        of_walls, of_free = (np.conj(rfft2(each, shape)) for each in (walls, free))
+        turns = 4 * max(1, min(math.ceil(2 * math.pi * self.radius / cell / 4), 180))
+        (tell,) = parts(progress, [turns])
+        found: list[tuple[float, float, float, float]] = []
+        for n in range(turns):
+            turn = 2 * math.pi * n / turns
+            rotated = (_rotated(each, turn) for each in (self.out, self.stood))
+            rasters = (_raster(each, cell, half) for each in rotated)
+            hits, stands = (rfft2(each / each.sum(), shape) for each in rasters)
+            score = irfft2(np.conj(hits * of_walls + 0.5 * stands * of_free), shape)
+            for _ in range(2):
+                row, col = divmod(int(np.argmax(score)), shape[1])
+                found.append((float(score[row, col]), turn, float(row), float(col)))
+                score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
+            tell(n + 1, turns)
+        moves: list[Move] = []
+        for _, turn, *at in sorted(found, reverse=True):
+            # The raster's cell (half, half) holds the drive's middle; the transform is periodic.
+            shift = (s - n if s > n / 2 else s for s, n in zip(at, shape, strict=True))
+            rows, cols = ((each + half + 0.5) * cell / grid.resolution for each in shift)
+            x, y = map(float, grid.grid_to_world(rows, cols))
+            move = self._about_origin((x, y, turn + grid.origin[2]))
+            if all(self._apart(move, other) > 2 * cell for other in moves):
+                moves.append(move)
+            if len(moves) == 12:
+                break
+        return moves
+
+    def nearby(self, starts: list[Move]) -> Move:
+        """The best move around some: steps in x, y and turn are halved until none is better."""
+        size = self.grid.resolution
+        best, best_score = (0.0, 0.0, 0.0), -1.0
+        for start in starts:
+            at, step = self._about_middle(start), 0.4
+            while step > size / 4:
+                at = self._climbed(at, step, max(BLUR, size, step))
+                step /= 2
+            score = self._score(at, max(BLUR, size))
+            if score > best_score:
+                best, best_score = self._about_origin(at), score
+        return best
+
+    def _climbed(self, at: Move, step: float, blur: float) -> Move:
+        """The move from which no step of this size leads to a better one."""
+        score, turning = self._score(at, blur), step / max(self.radius, self.grid.resolution)
+        steps = np.array([*itertools.product((-1, 0, 1), repeat=3)]) * (step, step, turning)
+        for _ in range(30):
+            others = [(at[0] + x, at[1] + y, at[2] + turn) for x, y, turn in steps.tolist()]
+            better, there = max((self._score(other, blur), other) for other in others)
+            if better <= score:
+                break
+            score, at = better, there
+        return at
+
+    def _score(self, at: Move, blur: float) -> float:
+        """Mean nearness of the ends to walls, 0..1, and half the share of places that are free."""
+        grid, to = self.grid, np.array(at[:2])
+        distance = looked_up(grid, grid.clearance, to + _rotated(self.out, at[2]), np.inf)
+        free = looked_up(grid, grid.free, to + _rotated(self.stood, at[2]), 0.0)
+        return float(np.exp(-0.5 * (distance / blur) ** 2).mean() + 0.5 * free.mean())
+
+    def _coarse(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Nearness to walls, and free space, in coarser cells along the map's own axes."""
+        grid = self.grid
+        counts = (math.ceil(each * grid.resolution / cell) for each in grid.shape)
+        at = np.ix_(
+            *(
+                np.minimum((np.arange(n) + 0.5) * cell / grid.resolution, side - 1).astype(np.int64)
+                for n, side in zip(counts, grid.shape, strict=True)
+            )
+        )
+        walls = np.exp(-0.5 * (grid.clearance[at] / (0.75 * cell)) ** 2)
+        return walls.astype(np.float32), grid.free[at].astype(np.float32)
+
+    def _about_origin(self, at: Move) -> Move:
+        """The move that takes the middle to a place with a turn, as a turn about the origin."""
+        x, y = _rotated(self.middle[None], at[2])[0]
+        return at[0] - float(x), at[1] - float(y), (at[2] + math.pi) % (2 * math.pi) - math.pi
+
+    def _about_middle(self, move: Move) -> Move:
+        """Where a move takes the middle, and its turn."""
+        x, y = _rotated(self.middle[None], move[2])[0]
+        return float(x) + move[0], float(y) + move[1], move[2]
+
+    def _apart(self, *moves: Move) -> float:
+        """Distance of the middle after either of two moves [m]; infinite if their turns differ."""
+        (x, y, turn), (u, v, angle) = map(self._about_middle, moves)
+        between = abs((turn - angle + math.pi) % (2 * math.pi) - math.pi)
+        return math.hypot(x - u, y - v) + (math.inf if between > 0.1 else 0.0)
+
+
+def _raster(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
+    """Number of points in each cell around the middle, (2 half + 1, 2 half + 1)."""
+    size = 2 * half + 1
+    col, row = (np.floor(part / cell + 0.5).astype(np.int64) + half for part in xy.T)
+    counts = np.bincount(row * size + col, minlength=size * size)
+    return counts.reshape(size, size).astype(np.float32)
+
+
+def _rotated(xy: Floats, turn: float) -> Floats:
+    cos, sin = math.cos(turn), math.sin(turn)
+    return np.column_stack([cos * xy[:, 0] - sin * xy[:, 1], sin * xy[:, 0] + cos * xy[:, 1]])
+
+
+CROSSED, TIMES, HITS = 5, 3, 3
+"""Number of scans that see through a wall that is none, in times of those that end there; and of
+scans that end at a wall that is missing, or see through one without passing another."""
+SEEN_THROUGH, LENGTH = 0.02, 1.0
+"""Maximum share of the walls in view that scans see through on a true map, and maximum length of
+the walls that they miss there [m]."""
+BAD_POSES = 0.04
+"""Deviation of the poses, in directions that walls fix, from which on no place is named [m]."""
+SURE = 0.05
+"""Maximum deviation of a match in its best direction to judge a pose by [m]."""
+MISFIT_SCANS, BEAMS = 4000, 180
+"""Numbers of the scans of a drive, and of the beams of each, that are used."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Misfits:
+    """Cells of a map that recorded scans contradict."""
+
+    false: Bools
+    """Occupied cells that scans see through, (H, W)."""
+    missing: Bools
+    """Cells where scans end and the map has no wall near, (H, W)."""
+    seen_through: float
+    """Share of the wall cells in view that are false, 0..1."""
+    at_walls: float
+    """Share of the beams that end at walls of the map, 0..1."""
+
+    def faults(self, grid: OccupancyGrid) -> Iterator[MapFault]:
+        """Yield the faults of the map with their places, the largest first; none on a true map.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        """
+        remedy = "here the scans do not fit the map: see what stands there, and map it again"
+        if self.seen_through > SEEN_THROUGH:
+            what = f"{self.seen_through:.1%} of the walls in view are seen through"
+            boxes = boxes_of(grid, self.false)
+            yield MapFault("false walls", what, remedy, sure=True, boxes=boxes)
+        if self.missing.sum() * grid.resolution > LENGTH:
+            what = f"{1 - self.at_walls:.0%} of the beams end at no wall"
+            boxes = boxes_of(grid, self.missing)
+            yield MapFault("missing walls", what, remedy, sure=True, boxes=boxes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Beams:
+    """Beams of scans on a map [cells]."""
+
+    origins: Floats  # (n, 2)
+    ends: Floats  # (n, beams, 2), NaN without return
+
+
+def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfits:
+    """Find the places where recorded scans do not fit the map.
+
+    A wall is false if five scans or more see through it, over three times as many as end there.
+    A wall is missing where three scans end.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    recordings : sequence of Recording
+        The drives, whose poses count as true.
+
+    Returns
+    -------
+    Misfits
+        The cells of false and of missing walls.
+
+    Raises
+    ------
+    RecordingError
+        If the poses are off by so much that walls would seem to be wrong.
+    """
+    for each in recordings:
+        instance("recording", each, Recording, "read one with locplan.recordings.read_recording")
+    deviation = max(_pose_deviation(grid, each) for each in recordings)
+    name = grid.name or "the map"
+    if math.isinf(deviation):
+        raise RecordingError(
+            f"no scan fits {name} near its pose; give a drive of this map, with poses on it"
+        )
+    if deviation > BAD_POSES:
+        raise RecordingError(
+            f"the poses are off by {deviation:.2f} m from where their scans fit {name},"
+            f" too much to tell false walls by (at most {BAD_POSES:g} m);"
+            " find the ground truth with locplan recording FILE MAP -o drive.npz"
+        )
+    parts = [_beams(grid, each) for each in recordings]
+    beams = _Beams(
+        np.concatenate([each.origins for each in parts]),
+        np.concatenate([each.ends for each in parts]),
+    )
+    return Misfits(*_contradicted(grid, beams), _at_walls(grid, beams))
+
+
+def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
+    """The beams of up to so many scans of a drive that are evenly spaced, in the map's cells."""
+    scans = np.unique(np.linspace(0, len(recording) - 1, MISFIT_SCANS).astype(np.int64))
+    beams = np.unique(np.linspace(0, recording.lidar.beams - 1, BEAMS).astype(np.int64))
+    recording = recording[scans]
+    lidar = np.array([[[recording.lidar.mount_x, recording.lidar.mount_y]]])
+    lidars = np.repeat(lidar, len(scans), axis=0)
+    ends = ends_in_map(recording.ends_on_robot()[:, beams], recording.poses)
+    origins = ends_in_map(lidars, recording.poses)[:, 0]
+    own = [np.stack(grid.world_to_grid(each[..., 0], each[..., 1]), -1) for each in (origins, ends)]
+    return _Beams(own[0], own[1])
+
+
+def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
+    """Median distance of the poses from where scans fit, along x or y or as each fits best [m].
+
+    The largest of the three counts. A map that is wrong somewhere has walls enough elsewhere; along
+    a corridor no pose is judged.
+    """
+    some = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
+    found = match_scans(recording[some], grid, threads=1)
+    _, minor, direction = position_axes(found.covariance)
+    # A few scans fit any map somewhere.
+    deviations = [] if (found.judged & (minor < SURE)).sum() > 5 else [math.inf]
+    x, y = np.sqrt(found.covariance[:, 0, 0]), np.sqrt(found.covariance[:, 1, 1])
+    for across, sigma in ((0.0, x), (math.pi / 2, y), (direction + math.pi / 2, minor)):
+        off = found.mean[:, 0] * np.cos(across) + found.mean[:, 1] * np.sin(across)
+        sure = found.judged & (sigma < SURE)
+        if sure.sum() > 5:
+            deviations.append(float(np.median(np.abs(off[sure]))))
+    return max(deviations, default=0.0)
+
+
+def _contradicted(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
+    """Cells of false and of missing walls, and the share of the walls in view that are false.
+
+    A beam that passes a wall at which others end is wrong from there on. Without such beams three
+    scans tell what else takes five, and one scan tells of what is connected with that.
+    """
+    import cv2
+
+    walls = grid.cells == OCCUPIED
+    passed, hit, around = _counted(grid, np.zeros_like(walls), beams)
+    kept = walls & ((passed < CROSSED) | (passed <= TIMES * around))
+    cells = np.where(walls & ~kept, np.uint8(FREE), grid.cells)
+    _, beside = at_walls(replace(grid, cells=cells))
+    missing = (hit >= HITS) & (passed <= TIMES * hit) & ~beside & ~walls
+    met = (around >= HITS) & (passed <= TIMES * around)
+    passed, _, around = _counted(grid, missing | (walls & met), beams)
+    seen = walls & (passed > TIMES * around)
+    _, labels = cv2.connectedComponents(seen.view(np.uint8), connectivity=8)
+    false = seen & np.isin(labels, labels[seen & (passed >= HITS)])
+    in_view = np.count_nonzero(walls & ((passed > 0) | (around > 0)))
+    return false, missing, float(false.sum() / max(in_view, 1))
+
+
+def _counted(grid: OccupancyGrid, stops: Bools, beams: _Beams) -> tuple[Ints, Ints, Floats]:
+    """Numbers of the scans that pass each cell, that end in it, and that end in it or beside it."""
+    import cv2
+
+    from locplan._support.kernels.walls import count_scans
+
+    margin = at_walls(grid)[0] / grid.resolution
+    passed, hit = count_scans(stops, beams.origins, beams.ends, margin)
+    # A beam ends a cell beside the one that it met, by its noise and by the map's rounding.
+    return passed, hit, cv2.boxFilter(hit.astype(np.float64), -1, (3, 3), normalize=False)
+
+
+def _at_walls(grid: OccupancyGrid, beams: _Beams) -> float:
+    """Share of the beams that end at walls, whatever they pass."""
+    ends = beams.ends[np.isfinite(beams.ends[..., 0])]
+    row, col = np.floor(ends).astype(np.int64).T
+    inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
+    _, near = at_walls(grid)
+    return float((near[row * inside, col * inside] & inside).mean())

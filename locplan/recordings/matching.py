@@ -1,0 +1,805 @@
+"""Scan matching: the poses of a whole map, or near a pose, that explain a scan."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import Settings, instance, keep, number, positive, setting
+from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
+from locplan._support.poses import ends_in_map, turning, wrapped
+from locplan._support.progress import ProgressCallback
+from locplan.errors import ConfigError
+from locplan.field.beams import wall_cells
+from locplan.field.scan import Scan
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.occupancy import OCCUPIED
+from locplan.robots.lidar import Lidar
+
+TURNS = 96
+"""Number of beams all round, and of turns, at which a scan is compared with the map."""
+STEP = 2 * math.pi / TURNS
+"""Angle from one beam to the next [rad]."""
+GLOBAL_EFFECTIVE_BEAMS = 36.0
+"""Number of independent beams of a full circle, fitted to global matches of simulated scans."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Matching(Settings):
+    """How the scan of a lidar is matched with a whole map.
+
+    A pose's loss is ``global_effective_beams / 96`` times the sum over the beams that return of
+    ``-ln((1 - z_rand) exp(-D^2 / 2 sigma_hit^2) + z_rand)``, D the distance of the beam's end from
+    the nearest wall. The beams are 96 all round; a lidar of a narrower view has fewer of them.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+    """
+
+    lidar: Lidar
+    """The lidar: its range, field of view and mount; its number of beams does not matter."""
+    global_effective_beams: float = setting(GLOBAL_EFFECTIVE_BEAMS, positive, "beams")
+    """Number of independent beams that count as much as 96 all round, above 0."""
+    sigma_hit: float = setting(0.1, positive, "m")
+    """Standard deviation of the distance of a beam's end from a wall [m], above 0; it counts as at
+    least a cell."""
+    z_rand: float = setting(0.05, positive)
+    """Share of the beams that end anywhere, above 0 and below 1."""
+    robot_radius: float = setting(0.25, 0.0)
+    """Distance from walls at which a pose is possible [m], >= 0."""
+    shortlisted: int = setting(600, 1, 100_000)
+    """Number of pairs of a place and a turn that are refined, before alike ones are dropped, 1 to
+    100,000."""
+
+    def __post_init__(self) -> None:
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        super().__post_init__()
+        if self.z_rand >= 1:
+            raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
+
+    def sigmas(self, resolution: float) -> Floats:
+        """Deviations at which a pose is refined, one after the other, at least a cell [m].
+
+        Parameters
+        ----------
+        resolution : float
+            Edge of the map's cells [m].
+        """
+        levels = [max(factor * self.sigma_hit, resolution) for factor in (4, 2, 1)]
+        return np.array(sorted(set(levels), reverse=True))
+
+    @property
+    def bearings(self) -> Floats:
+        """Directions of the beams that are compared, from the robot's front, (96,) [rad]."""
+        return np.arange(TURNS, dtype=np.float64) * STEP
+
+    @property
+    def seen(self) -> Bools:
+        """Mask of these beams that lie in the lidar's field of view, (96,)."""
+        aside = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
+        half = math.radians(self.lidar.field_of_view_deg) / 2
+        return np.asarray(np.abs(aside) <= half + 1e-9)
+
+    def compared(self, ranges: Floats) -> Floats:
+        """Ranges of scans at `bearings`.
+
+        Parameters
+        ----------
+        ranges : (n, beams) array
+            Distances along all the lidar's beams [m], in the order of ``lidar.angles``.
+
+        Returns
+        -------
+        (n, 96) array
+            Range of the beam next to each bearing, which errs as much as any [m]: infinite without
+            a return, which is what a range below the least or beyond the greatest one is, and NaN
+            out of the view.
+        """
+        beams = self.lidar.angles + self.lidar.mount_yaw
+        aside = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi
+        chosen = ranges[:, np.abs(aside).argmin(axis=1)]
+        returns = (chosen > self.lidar.min_range) & (chosen <= self.lidar.range)
+        return np.where(self.seen, np.where(returns, chosen, np.inf), np.nan)
+
+    def beams(self, forward: float, left: float) -> Any:
+        """The beams that are compared, of a lidar so mounted, as the kernels take them.
+
+        Parameters
+        ----------
+        forward, left : float
+            Mount of the lidar ahead and to the left of the robot's centre [m].
+        """
+        mounted = {"forward": forward, "left": left, "yaw": 0.0}
+        return self.lidar.for_kernels()._replace(angles=self.bearings, **mounted)
+
+    @property
+    def nats_a_loss(self) -> float:
+        """Nats of the greatest loss of one beam."""
+        return -math.log(self.z_rand) * self.global_effective_beams / TURNS
+
+
+BAND = 1 << 20
+"""Number of cells of a strip, which bounds the memory."""
+
+
+def loss_tables(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Any:
+    """The losses around the map at each deviation, in the form that the kernels take."""
+    import cv2
+
+    from locplan.recordings.kernels.scan_losses import LossTables
+
+    sigmas, resolution = matching.sigmas(grid.resolution), grid.resolution
+    margin = math.ceil(4 * sigmas[0] / resolution) + 2
+    clear = 1 - np.pad(wall_cells(grid.cells == OCCUPIED), margin)
+    height, width = clear.shape
+    levels = _losses_of_squares(sigmas, matching.z_rand, resolution, math.hypot(height, width))
+    far = levels.shape[1] - 1
+    reach = math.isqrt(far) + 1
+    corners = np.empty((len(sigmas), height, width), np.uint32)
+    rows = max(reach, BAND // width)
+    for top in range(0, height, rows):
+        above = max(0, top - reach)  # wall_cells farther away than this do not count
+        part = clear[above : top + rows + 1 + reach]
+        part = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        part = np.minimum(part[top - above : top - above + rows + 1], reach)
+        count = min(rows, height - top)
+        squares = np.full((count + 1, width + 1), far)
+        squares[: len(part), :-1] = np.minimum(np.rint(part * part), far)
+        for level, words in zip(levels, corners[:, top : top + count], strict=True):
+            steps = level[squares]
+            words[:] = steps[:-1, :-1]
+            for n, each in enumerate((steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]), 1):
+                words |= each << np.uint32(8 * n)
+    # Steps of the refinement: only with the least deviation there are several.
+    steps = sigmas[:, None] / resolution * (0.5, 0.25, 0.125)
+    steps[:-1, 1:] = 0
+    return LossTables(
+        corners.reshape(len(sigmas), -1),
+        fits.astype(np.uint8),
+        margin=margin,
+        width=width,
+        height=height,
+        steps=steps,
+    )
+
+
+def _losses_of_squares(
+    sigmas: Floats, z_rand: float, resolution: float, farthest: float
+) -> NDArray[np.uint32]:
+    """Losses at a squared distance of 0, 1, ... cells^2 for each deviation; the last one is `TOP`.
+
+    Distances of a map are at most the farthest [cells].
+    """
+    from locplan.recordings.kernels.scan_losses import TOP
+
+    # At this distance a hit is half a step of loss above z_rand.
+    excess = z_rand * math.expm1(-math.log(z_rand) / TOP / 2) / (1 - z_rand)
+    reach = float(sigmas[0]) * math.sqrt(max(0.0, -2 * math.log(excess))) / resolution
+    squares = np.arange(math.ceil(min(reach + 1, farthest)) ** 2 + 2)
+    distance = np.sqrt(squares.astype(np.float32)) * np.float32(resolution)
+    hit = (1 - z_rand) * np.exp(-0.5 * (distance / sigmas[:, None]) ** 2)
+    losses = np.rint(TOP * np.log(hit + z_rand) / math.log(z_rand)).astype(np.uint32)
+    losses[:, -1] = TOP
+    return losses
+
+
+class Posteriors(NamedTuple):
+    """The posteriors of n scans about n poses, in the world's frame."""
+
+    mean: Floats
+    """Mean offset from the pose, (n, 3) [m, m, rad]."""
+    covariance: Floats
+    """Covariance about the mean, (n, 3, 3) [m, m, rad]."""
+    best: Floats
+    """Most probable offset, (n, 3) [m, m, rad]."""
+    summary: Floats
+    """Entropy [nat], ambiguity, and log-likelihood a return at the most probable offset, (n, 3)."""
+
+
+class Matcher:
+    """The likelihood field of a map, made once for many scans.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    settings : Scan
+        The search window, and how a beam's end is scored.
+    """
+
+    def __init__(self, grid: OccupancyGrid, settings: Scan) -> None:
+        self.grid, self.settings = grid, settings
+        self.window = settings.lattice(grid.resolution)
+
+    @classmethod
+    def of(cls, grid: OccupancyGrid, lidar: Lidar) -> Matcher:
+        """Matcher with the default settings for a lidar.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The map.
+        lidar : Lidar
+            The lidar, with its mount on the robot.
+        """
+        # So many independent beams tell as much as a scan of half a turn.
+        return cls(grid, Scan(lidar, effective_beams=15.0))
+
+    @cached_property
+    def prepared(self) -> Any:
+        """Likelihood field and offsets, in the form that the kernels take."""
+        from locplan._support.kernels.likelihood import make_lattice
+
+        field = self.settings.prepare(self.grid.cells, self.grid.resolution).likelihood
+        return field, make_lattice(self.window.half_steps, self.window.angles)
+
+    def posteriors(self, on_robot: Floats, poses: Floats) -> Posteriors:
+        """Match scans about poses, each from the centre of its cell.
+
+        Parameters
+        ----------
+        on_robot : (n, beams, 2) array
+            Ends of all the lidar's beams ahead and to the left of the robot [m]; NaN for none.
+        poses : (n, 3) array
+            Poses in the world, on the map [m, m, rad].
+        """
+        from locplan.recordings.kernels.matches import recorded_posteriors
+
+        count, compared = len(poses), self.settings.beam_numbers
+        ends = ends_in_map(on_robot[:, compared], poses)
+        row, col = self.grid.world_to_grid(*poses[:, :2].T)
+        cells = np.column_stack([np.floor(row), np.floor(col)]).astype(np.int64)
+        ends_row, ends_col = self.grid.world_to_grid(*np.moveaxis(ends, -1, 0))
+        middle = cells + 0.5
+        from_cell = np.stack([ends_col - middle[:, 1, None], ends_row - middle[:, 0, None]], -1)
+        mean, covariance = np.empty((count, 3)), np.empty((count, 3, 3))
+        best, summary = np.zeros((count, 3), np.int64), np.empty((count, 3))
+        found = mean, covariance, best, summary
+        field, lattice = self.prepared
+        recorded_posteriors(field, lattice, cells, from_cell, self.settings.temperature, *found)
+        turn, steps = turning(self.grid.origin[2]), self.window.steps
+        return Posteriors(
+            mean * steps @ turn.T,
+            turn @ (covariance * np.outer(steps, steps)) @ turn.T,
+            best * steps @ turn.T,
+            summary,
+        )
+
+
+BLOCK_BAND = 1 << 20
+"""Number of cells that are looked through at once, which bounds the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """The ranges at every reachable place of a map, and the losses of beams' ends around it.
+
+    `ScanDatabase` is what users keep: it makes one of these when it is needed.
+    """
+
+    grid: OccupancyGrid
+    """The map."""
+    matching: Matching
+    """The lidar, and how scans are matched."""
+    fits: Bools
+    """Mask of the cells where the robot may stand, (H, W)."""
+    positions: Floats
+    """Positions of the lidar that scans are compared with, x and y (n, 2) [cells]."""
+    codes: Octets
+    """Codes of the ranges, in blocks of 64 places."""
+    tables: Any
+    """The losses of beams' ends around the map, as the kernels take them."""
+    squares: Octets
+    """The map, with the empty squares about its cells, as the kernels take it."""
+
+    @cached_property
+    def lever(self) -> tuple[float, float]:
+        """Position of the lidar ahead and to the left of the robot's centre [cells]."""
+        lidar, resolution = self.matching.lidar, self.grid.resolution
+        return lidar.mount_x / resolution, lidar.mount_y / resolution
+
+    def scans_at(self, poses: Floats) -> Floats:
+        """Ranges at the robot's poses, x, y [cells] and heading [rad], (n, 96) [m].
+
+        They belong to `Matching.bearings`: infinite without a return, NaN out of the view.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            x, y and heading on the map [cells, cells, rad].
+        """
+        lidar = self.matching.lidar
+        ranges = _ranges(self, poses, lidar.mount_x, lidar.mount_y)
+        ranges[:, ~self.matching.seen] = np.nan
+        return ranges
+
+    def codes_of(self, ranges: Floats) -> Octets:
+        """Codes of ranges, of which 16 are a metre; they begin anew after 16 m.
+
+        Parameters
+        ----------
+        ranges : array
+            Ranges, infinite without a return [m].
+        """
+        # No return lies two metres behind the lidar's range, which no wall does.
+        none = 16 * self.matching.lidar.range + 32
+        counts = np.where(np.isfinite(ranges), 16 * ranges, none)
+        return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
+
+    def in_world(self, poses: Floats) -> Floats:
+        """Poses in the world, (n, 3) [m, m, rad].
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            x, y and heading on the map [cells, cells, rad].
+        """
+        x, y = self.grid.grid_to_world(poses[:, 1], poses[:, 0])
+        heading = wrapped(poses[:, 2] + self.grid.origin[2])
+        return np.column_stack([x, y, heading])
+
+
+def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
+    """Cast the beams of a lidar at every reachable place of a map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    matching : Matching
+        The lidar, and how scans are matched.
+
+    Raises
+    ------
+    ConfigError
+        If the robot fits nowhere, or the map has no wall.
+    """
+    from locplan._support.kernels.rays import empty_squares
+
+    occupied = grid.cells == OCCUPIED
+    if not occupied.any():
+        raise ConfigError(f"{grid.name or 'the map'} has no occupied cell that a beam could meet")
+    fits = reachable(grid, matching.robot_radius)
+    if not fits.any():
+        raise ConfigError(
+            f"a robot of radius {matching.robot_radius:g} m fits nowhere in"
+            f" {grid.name or 'the map'}; give a smaller radius"
+        )
+    tables = loss_tables(grid, matching, fits)
+    positions = places_every(0.4, _of_lidar(grid, matching, fits), grid.resolution)
+    squares = empty_squares(occupied)
+    made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
+    return dataclasses.replace(made, codes=_all_codes(made))
+
+
+def _all_codes(database: Database) -> Octets:
+    """Codes of the ranges at all places, as `Database.codes` has them."""
+    count = len(database.positions)
+    codes = np.empty((count, TURNS), np.uint8)
+    for first in range(0, count, 1 << 14):  # in blocks, which bounds the memory
+        some = database.positions[first : first + (1 << 14)]
+        poses = np.column_stack([some, np.zeros(len(some))])
+        ranges = _ranges(database, poses, 0.0, 0.0)
+        codes[first : first + len(some)] = database.codes_of(ranges)
+    return in_blocks(np.hstack([codes, codes]))
+
+
+def in_blocks(codes: Octets) -> Octets:
+    """Codes of n places, (n, turns), as `Database.codes` has them."""
+    from locplan._support.kernels.simd import OCTETS
+
+    blocks = -(-len(codes) // OCTETS)
+    padded = np.zeros((blocks * OCTETS, codes.shape[1]), np.uint8)
+    padded[: len(codes)] = codes
+    return padded.reshape(blocks, OCTETS, -1).transpose(0, 2, 1).reshape(-1)
+
+
+def reachable(grid: OccupancyGrid, robot_radius: float) -> Bools:
+    """Mask of the free cells where the robot fits, (H, W), without small regions of them."""
+    import cv2
+
+    fits = (grid.free & ~grid.closer_than(robot_radius - 1e-9)).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=4)
+    areas = stats[:, cv2.CC_STAT_AREA].copy()
+    areas[0] = 0
+    large = areas >= max(1.0, 0.1 * areas.max())
+    large[0] = False
+    return np.asarray(large[labels])
+
+
+def places_every(spacing: float, fits: Bools, resolution: float) -> Floats:
+    """Centres of cells, the one next to the middle of each square that has any, x and y (n, 2).
+
+    Parameters
+    ----------
+    spacing : float
+        Edge of the squares [m].
+    fits : (H, W) array of bool
+        The cells.
+    resolution : float
+        Edge of a cell [m].
+    """
+    edge = max(1, round(spacing / resolution))
+    height, width = fits.shape
+    rows = edge * max(1, BLOCK_BAND // (edge * width))
+    found = [np.empty((0, 2))]
+    for top in range(0, height, rows):
+        found.append(_middles(fits[top : top + rows], edge))
+        found[-1][:, 1] += top
+    return np.concatenate(found) + 0.5
+
+
+def _middles(fits: Bools, edge: int) -> Floats:
+    """Columns and rows (n, 2) of the cells next to the middles of squares."""
+    rows, cols = np.nonzero(fits)
+    block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
+    aside = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
+    order = np.lexsort([aside, block])  # cells that are as near stay in the order of their rows
+    block = block[order]
+    chosen = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
+    return np.column_stack([cols[chosen], rows[chosen]]).astype(np.float64)
+
+
+def _of_lidar(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Bools:
+    """Mask of the cells where the lidar may be."""
+    import cv2
+
+    lidar = matching.lidar
+    reach = math.ceil(math.hypot(lidar.mount_x, lidar.mount_y) / grid.resolution)
+    if reach == 0:
+        return fits
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    near = cv2.dilate(fits.astype(np.uint8), around)
+    return np.asarray((near > 0) & (grid.cells != OCCUPIED))
+
+
+def _ranges(database: Database, poses: Floats, forward: float, left: float) -> Floats:
+    """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
+    from locplan.recordings.kernels.matches import ranges_from
+
+    beams = database.matching.beams(forward, left)
+    ranges = np.empty((len(poses), TURNS))
+    at = np.ascontiguousarray(poses[:, [1, 0, 2]])
+    ranges_from(database.squares, database.grid.resolution, at, beams, ranges)
+    return ranges
+
+
+CLEARANCE = 0.1
+"""Default distance from walls at which a pose is possible [m]; less than the radius of robots,
+since their recorded poses and maps err."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScanDatabase:
+    """What a lidar sees at all places of a map; it is made when the first scan is compared.
+
+    `locate` and `find_ambiguous_places` make one if none is given, and keep the last four.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("places", resolution=0.1)
+    >>> ScanDatabase(grid, locplan.Lidar(range=8.0))
+    ScanDatabase(places, lidar, 8 m, 360°)
+    """
+
+    grid: OccupancyGrid
+    """The map."""
+    lidar: Lidar
+    """The lidar, with its mount on the robot."""
+    clearance: float = CLEARANCE
+    """Distance of the robot's centre from walls at which a pose is possible [m], >= 0."""
+
+    def __post_init__(self) -> None:
+        check_grid(self.grid)
+        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        keep(self, clearance=number("clearance", self.clearance, 0.0))
+
+    def __repr__(self) -> str:
+        return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"
+
+    @cached_property
+    def everywhere(self) -> Database:
+        """Ranges at all places.
+
+        Raises
+        ------
+        ConfigError
+            If the map has no wall, or no place with this clearance.
+        """
+        return make_database(self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance))
+
+    @cached_property
+    def matcher(self) -> Matcher:
+        """What gives the covariance of a match about its pose."""
+        return Matcher.of(self.grid, self.lidar)
+
+    @cached_property
+    def nats_a_loss(self) -> float:
+        """Nats of the greatest loss of one of the beams that count."""
+        matching = self.everywhere.matching
+        beams = len(self.matcher.settings.beam_numbers)
+        return matching.nats_a_loss * float(matching.seen.sum()) / beams
+
+    def compared_ends(self, on_robot: Floats) -> Singles:
+        """Ends of the beams that return, (2, k) [cells], of those that `locplan.Scan` compares.
+
+        Parameters
+        ----------
+        on_robot : (beams, 2) array
+            Ends of all beams ahead and to the left of the robot [m]; NaN without a return.
+        """
+        ends = on_robot[self.matcher.settings.beam_numbers] / self.grid.resolution
+        return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
+
+    def near(self, xy: Floats, within: float) -> Database:
+        """Ranges at the places near some positions.
+
+        Parameters
+        ----------
+        xy : (n, 2) array
+            Positions in the world [m].
+        within : float
+            Maximum distance of a place from them [m].
+
+        Raises
+        ------
+        ConfigError
+            If the robot fits nowhere so near.
+        """
+        grid, every = self.grid, self.everywhere
+        chosen = every.fits & (_distances(grid, xy) <= within)
+        if not chosen.any():
+            raise ConfigError(
+                f"the robot has no place within {within:g} m of the {len(xy)} positions that it"
+                f" may be near; are they in the frame of {grid.name or 'the map'}?"
+            )
+        return _restricted(every, chosen)
+
+
+@lru_cache(maxsize=4)
+def database_of(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDatabase:
+    """The database of a map and a lidar, one of the last or a new one."""
+    return ScanDatabase(grid, lidar, clearance)
+
+
+def checked_database(
+    grid: OccupancyGrid, lidar: Lidar, clearance: float, database: ScanDatabase | None
+) -> ScanDatabase:
+    """The database that was given, or one of the last four, or a new one.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map, of which it must be.
+    lidar : Lidar
+        The lidar, of which it must be.
+    clearance : float
+        Clearance of a database that is not given [m].
+    database : ScanDatabase, optional
+        The one that was given.
+
+    Raises
+    ------
+    ConfigError
+        If it is of another map or lidar, or the clearance is out of its range.
+    """
+    if database is None:
+        database = database_of(grid, lidar, number("clearance", clearance, 0.0))
+    instance("database", database, ScanDatabase)
+    if database.grid != grid or database.lidar != lidar:
+        raise ConfigError(
+            "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"
+        )
+    return database
+
+
+def _distances(grid: OccupancyGrid, xy: Floats) -> Singles:
+    """Distance of each cell from the nearest cell with a position, (H, W) [m]."""
+    import cv2
+
+    row, col = (np.floor(each).astype(np.int64) for each in grid.world_to_grid(*xy.T))
+    inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
+    away = np.ones(grid.shape, np.uint8)
+    away[row[inside], col[inside]] = 0
+    if not inside.any():
+        return np.full(grid.shape, np.inf, np.float32)
+    cells = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(cells * np.float32(grid.resolution))
+
+
+def _restricted(database: Database, fits: Bools) -> Database:
+    """The part of a database of the places from which the robot can get to cells (H, W)."""
+    from locplan._support.kernels.simd import OCTETS
+
+    near = _of_lidar(database.grid, database.matching, fits)
+    col, row = np.floor(database.positions.T).astype(np.int64)
+    chosen = np.flatnonzero(near[row, col])
+    places = database.codes.reshape(-1, 2 * TURNS, OCTETS).transpose(0, 2, 1)
+    return dataclasses.replace(
+        database,
+        fits=fits,
+        positions=database.positions[chosen],
+        codes=in_blocks(places.reshape(-1, 2 * TURNS)[chosen]),
+        tables=database.tables._replace(fits=fits.astype(np.uint8)),
+    )
+
+
+Result = TypeVar("Result")
+MIN_RETURNS = 5
+"""Number of returns below which a scan says nothing about its pose."""
+APART, TURNED = 0.8, 0.5
+"""Distance [m] and angle [rad] below which two modes are one."""
+ENOUGH = 8.0
+"""Excess over the best pose up to which all modes are found [nats]."""
+AWAY = 2.0
+"""Distance from the true position from which on a match is wrong [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The poses that explain a scan best, the best first."""
+
+    poses: Floats
+    """x, y [cells] and heading [rad] of each on the map, (n, 3)."""
+    losses: Floats
+    """Loss of each, (n,) [nats]."""
+    returns: int
+    """Number of the scan's beams that return; below `MIN_RETURNS` there are no modes."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanOnMap:
+    """A scan, and the whole map that it is matched with.
+
+    Poses are x, y [cells] and heading [rad] on the map.
+    """
+
+    database: Database
+    """What the lidar sees on the map, from `make_database`."""
+    ranges: Floats
+    """Ranges of the beams in `Matching.bearings`, (96,) [m]: infinite without a return, NaN where
+    nothing is known. A beam that is neither is compared."""
+
+    @cached_property
+    def returns(self) -> Bools:
+        """Mask of the beams that return, (96,)."""
+        return np.isfinite(self.ranges)
+
+    @cached_property
+    def ends(self) -> Singles:
+        """Ends of the beams that return, ahead and to the left of the robot, (2, k) [cells]."""
+        database = self.database
+        bearing = database.matching.bearings[self.returns]
+        away = self.ranges[self.returns] / database.grid.resolution
+        forward, left = database.lever
+        ends = np.array([forward + away * np.cos(bearing), left + away * np.sin(bearing)])
+        return ends.astype(np.float32)
+
+    @cached_property
+    def lever(self) -> float:
+        """Root mean square of the ranges, which makes turns comparable with moves [cells]."""
+        away = self.ranges[self.returns] / self.database.grid.resolution
+        return max(1.0, math.sqrt(float((away**2).mean())))
+
+    @property
+    def _nats(self) -> float:
+        """Nats of one step of a kernel's loss."""
+        from locplan.recordings.kernels.scan_losses import TOP
+
+        return self.database.matching.nats_a_loss / TOP
+
+    def modes(self, home: Floats | None = None) -> Modes:
+        """Match the scan with the whole map.
+
+        Parameters
+        ----------
+        home : (3,) array, optional
+            A pose from which the search begins, too. The best mode more than 2 m from it is found
+            whatever its loss.
+        """
+        return self.refined(self.shortlisted(), home)
+
+    def shortlisted(self) -> Floats:
+        """Poses of the robot whose ranges are nearest to the scan's, (n, 3)."""
+        from locplan.recordings.kernels.matches import shortlist
+        from locplan.recordings.kernels.scan_losses import unlike
+
+        database, returns = self.database, self.returns
+        matching, resolution = database.matching, database.grid.resolution
+        if returns.sum() < MIN_RETURNS:
+            return np.empty((0, 3))
+        # Every fourth beam first, so that a part of them covers all directions.
+        order = np.concatenate([np.arange(first, TURNS, 4) for first in (0, 2, 1, 3)])
+        compared = order[returns[order]]
+        codes = database.codes_of(self.ranges)[compared]
+        count = len(database.positions)
+        # From a difference of eight codes on, half a metre, a beam costs no more.
+        _, where = shortlist(database.codes, count, compared, codes, 8, matching.shortlisted)
+        place, turn = np.divmod(where, TURNS)
+        heading = turn * STEP
+        forward, left = database.lever
+        cos, sin = np.cos(heading), np.sin(heading)
+        levers = np.column_stack([cos * forward - sin * left, sin * forward + cos * left])
+        starts = np.column_stack([database.positions[place] - levers, heading])
+        # A pair within 0.6 m and 0.25 rad of a better one is not refined.
+        return np.asarray(starts[unlike(starts, np.arange(len(starts)), 0.6 / resolution, 0.25)])
+
+    def refined(self, starts: Floats, home: Floats | None = None) -> Modes:
+        """Modes to which some poses lead.
+
+        Parameters
+        ----------
+        starts : (n, 3) array
+            The poses, as `shortlisted` gives them.
+        home : (3,) array, optional
+            See `modes`.
+        """
+        from locplan.recordings.kernels.scan_losses import modes
+
+        resolution = self.database.grid.resolution
+        count = int(self.returns.sum())
+        if count < MIN_RETURNS:
+            return Modes(np.empty((0, 3)), np.empty(0), count)
+        poses, losses = modes(
+            self.database.tables,
+            self.ends,
+            starts if home is None else np.concatenate([home[None], starts]),
+            self.lever,
+            ENOUGH / self._nats,
+            8 / self._nats,  # the widest deviation's refinement lowers a start's loss by no more
+            np.full(2, np.nan) if home is None else home[:2],
+            AWAY / resolution,
+            APART / resolution,
+            TURNED,
+        )
+        losses = losses * self._nats
+        order = np.argsort(losses, kind="stable")
+        return Modes(poses[order], losses[order], count)
+
+
+def in_batches(
+    work: Callable[[Ints], Sequence[Result]],
+    count: int,
+    threads: int,
+    progress: ProgressCallback | None = None,
+    batch: int = 16,
+) -> list[Result]:
+    """Results of numbers 0 to count - 1, which threads work at in batches.
+
+    Parameters
+    ----------
+    work : callable
+        Gives the results of some of the numbers.
+    count : int
+        How many there are.
+    threads : int
+        Number of threads.
+    progress : callable, optional
+        Called with (done, total) numbers.
+    batch : int, default 16
+        How many a thread takes at a time.
+    """
+    found: list[Result] = []
+    batches = np.array_split(np.arange(count), max(1, -(-count // batch)))
+    with ThreadPoolExecutor(threads) as pool:
+        for some in pool.map(work, batches):
+            found.extend(some)
+            if progress:
+                progress(len(found), count)
+    return found

@@ -1,0 +1,356 @@
+"""A recorded drive: scans, the lidar that took them, poses, and odometry."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._support.checks import instance, keep, number, printable, shown, whole
+from locplan._support.kernels.arrays import Floats
+from locplan._support.poses import ends_in_map, moved, way_between, way_length, wrapped
+from locplan._support.tables import finite, table
+from locplan.errors import RecordingError
+from locplan.recordings.logs import Source, array_of, frozen, poses_of
+from locplan.robots.lidar import Lidar
+from locplan.robots.parts import Kinematics
+from locplan.robots.robot import Robot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording:
+    """A recorded drive of a robot with a 2D lidar.
+
+    All arrays are read-only, and have a row for each scan. `ranges`, `poses`, `times`, `odometry`
+    and `speeds` are checked and copied unless they are read-only already.
+
+    Raises
+    ------
+    RecordingError
+        If the arrays do not belong together, a pose is not finite, times go back, or no beam of any
+        scan has a return within the lidar's range.
+
+    Examples
+    --------
+    >>> lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
+    >>> drive = Recording([[2.0, 1.0, 2.0], [2.0, 0.5, 12.0]], lidar, [[0.0, 0, 0], [0.5, 0, 0]])
+    >>> drive
+    Recording(2 scans of 3 beams, 0.5 m)
+    >>> drive.ranges[1].tolist()
+    [2.0, 0.5, inf]
+    >>> drive.moved(1.0, 0.0, 0.0).poses[:, 0].tolist()
+    [1.0, 1.5]
+    """
+
+    ranges: NDArray[np.float32]
+    """Distances along the beams, (n, beams) float32 [m], in the order of `lidar.angles`; inf where
+    a beam has no return: none was reported, or it lay below the lidar's least range or not below
+    its range."""
+    lidar: Lidar
+    """The lidar, with its mount on the robot."""
+    poses: Floats
+    """Poses x, y, heading of the robot in the map's frame at the scans, (n, 3) [m, m, rad]; all NaN
+    if the log has none, see `read_recording`."""
+    times: Floats | None = None
+    """Times of the scans, (n,) [s]; None where the log has none that can be relied on."""
+    odometry: Floats | None = None
+    """Poses by odometry at the scans, (n, 3) [m, m, rad], in a frame of its own; or None."""
+    source: Source = field(default_factory=Source)
+    """The file, topics and frames that it was read from."""
+    speeds: Floats | None = None
+    """Speeds ahead by odometry at the scans, (n,) [m/s], NaN where unknown; or None."""
+
+    if TYPE_CHECKING:  # lists are taken, but arrays kept
+
+        def __init__(
+            self,
+            ranges: ArrayLike,
+            lidar: Lidar,
+            poses: ArrayLike,
+            times: ArrayLike | None = None,
+            odometry: ArrayLike | None = None,
+            source: Source = ...,
+            speeds: ArrayLike | None = None,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        instance("lidar", self.lidar, Lidar)
+        instance("source", self.source, Source)
+        poses = array_of("poses", self.poses, np.dtype(np.float64), 2)
+        if not len(poses) or not np.isnan(poses).all():
+            poses = poses_of("pose", poses)
+        ranges = array_of("ranges", self.ranges, np.dtype(np.float32), 2)
+        if len(ranges) == 0 or ranges.shape != (len(poses), self.lidar.beams):
+            raise RecordingError(
+                f"ranges must be (scans, beams) for {len(poses)} poses and {self.lidar.beams} beams"
+                f" of the lidar, not {ranges.shape}"
+            )
+        # In blocks of scans, which saves memory.
+        parts = (ranges[n : n + 4096] for n in range(0, len(ranges), 4096))
+        returns = np.concatenate([self.lidar.has_return(part) for part in parts])
+        if not returns.any():
+            raise RecordingError(
+                f"no beam of {len(ranges)} scans ends within {self.lidar.min_range:g} to"
+                f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
+            )
+        if not (returns | (ranges == np.inf)).all():
+            ranges = frozen(np.where(returns, ranges, np.float32(np.inf)))
+        keep(self, ranges=ranges, poses=poses)
+        if self.times is not None:
+            times = array_of("times", self.times, np.dtype(np.float64), 1)
+            if times.shape != (len(poses),) or not np.isfinite(times).all():
+                raise RecordingError(f"times must be {len(poses)} finite seconds, one of each scan")
+            if (np.diff(times) < 0).any():
+                scan = int(np.argmax(np.diff(times) < 0)) + 1
+                raise RecordingError(f"times go back at scan {scan}; give None if they are wrong")
+            keep(self, times=times)
+        if self.odometry is not None:
+            odometry = poses_of("odometry", self.odometry)
+            if len(odometry) != len(poses):
+                raise RecordingError(
+                    f"odometry must be a pose for each of {len(poses)} scans, not {len(odometry)}"
+                )
+            keep(self, odometry=odometry)
+        if self.speeds is not None:
+            speeds = array_of("speeds", self.speeds, np.dtype(np.float64), 1)
+            if speeds.shape != (len(poses),):
+                raise RecordingError(
+                    f"speeds must be {len(poses)} numbers, one of each scan, not {speeds.shape}"
+                )
+            keep(self, speeds=speeds)
+
+    def __repr__(self) -> str:
+        name = f"{printable(self.source.file)}, " if self.source.file else ""
+        without = "" if self.odometry is None else ", with odometry"
+        scans, beams = self.ranges.shape
+        length = f"{self.length:.4g} m" if self.has_poses else "no poses"
+        return f"Recording({name}{scans} scans of {beams} beams, {length}{without})"
+
+    def __len__(self) -> int:
+        """Return the number of scans."""
+        return len(self.poses)
+
+    def __getitem__(self, chosen: slice | ArrayLike) -> Recording:
+        """Recording of some scans: a slice, their indices, or a mask.
+
+        Raises
+        ------
+        RecordingError
+            If no scan is left, or the indices are none.
+        """
+        index: Any = chosen
+        if not isinstance(chosen, slice):
+            index = np.asarray(chosen)
+            if index.ndim != 1 or index.dtype.kind not in "biu":
+                raise RecordingError(
+                    f"scans are chosen by a slice, indices or a mask, not {shown(chosen)}; take"
+                    " drive[n : n + 1] for one"
+                )
+        try:
+            poses = self.poses[index]
+        except IndexError:
+            raise RecordingError(
+                f"the recording has {len(self)} scans; there are none at these indices"
+            ) from None
+        if not len(poses):
+            raise RecordingError(f"none of {len(self)} scans is chosen; take more")
+        return replace(
+            self,
+            ranges=frozen(self.ranges[index]),
+            poses=poses,
+            times=None if self.times is None else self.times[index],
+            odometry=None if self.odometry is None else self.odometry[index],
+            speeds=None if self.speeds is None else self.speeds[index],
+        )
+
+    def every(self, count: int) -> Recording:
+        """Recording of every n-th scan, from the first on.
+
+        Parameters
+        ----------
+        count : int
+            The number n, at least 1.
+        """
+        return self[:: whole("every", count)]
+
+    def window(self, start: float, end: float) -> Recording:
+        """Recording of the scans of a part of the drive.
+
+        Parameters
+        ----------
+        start, end : float
+            Times after the first scan [s]: from `start` on, before `end`.
+
+        Raises
+        ------
+        RecordingError
+            If the recording has no times, or no scan lies in the window.
+        """
+        start, end = number("start", start), number("end", end)
+        if self.times is None:
+            raise RecordingError("the recording has no times; choose scans by their indices")
+        after = self.times - self.times[0]
+        inside = (after >= start) & (after < end)
+        if not inside.any():
+            raise RecordingError(
+                f"no scan lies {start:g} to {end:g} s after the first; the drive takes"
+                f" {after[-1]:.4g} s"
+            )
+        return self[inside]
+
+    def moved(self, x: float, y: float, turn: float) -> Recording:
+        """Recording whose poses are turned about the map frame's origin, then shifted [m, m, rad].
+
+        It is the remedy where `fit_to_map` finds that a map was shifted.
+
+        Parameters
+        ----------
+        x, y : float
+            Shift after the turn [m].
+        turn : float
+            Turn about the frame's origin, counter-clockwise [rad].
+        """
+        x, y, turn = number("x", x), number("y", y), number("turn", turn)
+        return replace(self, poses=moved(self.poses, (x, y, turn)))
+
+    @property
+    def has_poses(self) -> bool:
+        """True if the poses are known."""
+        return not bool(np.isnan(self.poses).all())
+
+    @property
+    def length(self) -> float:
+        """Length of the way from scan to scan [m]."""
+        return way_length(self.poses)
+
+    def ends_on_robot(self) -> Floats:
+        """Ends of the beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
+        return self.lidar.ends_on_robot(self.ranges)
+
+    def ends(self) -> Floats:
+        """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""
+        return ends_in_map(self.ends_on_robot(), self.poses)
+
+    def robot(self, known: Robot | None = None) -> Robot:
+        """The robot that was recorded: its lidar, and how it moved.
+
+        Where its kinematics are not known, its usual speed is the median while it moves, and it is
+        omnidirectional if its odometry has it drive sideways.
+
+        Parameters
+        ----------
+        known : Robot, optional
+            What else is known of it; the defaults without it.
+
+        Examples
+        --------
+        >>> lidar = Lidar(range=10.0, field_of_view_deg=180.0, beams=3)
+        >>> poses = [[0, 0, 0], [0.5, 0, 0], [1.0, 0, 0], [1.0, 0, 0]]
+        >>> drive = Recording([[2.0, 1.0, 2.0]] * 4, lidar, poses, times=[0, 2, 4, 9])
+        >>> drive.robot().kinematics
+        Kinematics(speed=0.25)
+        """
+        known = Robot() if known is None else known
+        instance("robot", known, Robot, 'such as locplan.Robot("turtlebot4")')
+        robot = replace(known, lidar=self.lidar)
+        if robot.kinematics != Kinematics():
+            return robot
+        own: dict[str, Any] = {}
+        if self.times is not None:
+            steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                speeds = steps / np.diff(self.times)
+            moving = speeds[np.isfinite(speeds) & (speeds > 0.05)]  # else it counts as standing
+            if moving.size:
+                own["speed"] = round(float(np.median(moving)), 2)
+        if self.odometry is not None:
+            ahead, aside, turn = way_between(self.odometry[:-1], self.odometry[1:]).T
+            straight = np.abs(wrapped(turn)) < 0.02  # an arc leads aside, too
+            way = np.hypot(ahead, aside)[straight].sum()
+            if np.abs(aside)[straight].sum() > 0.2 * way:
+                own["drive"] = "omnidirectional"
+        return replace(robot, kinematics=replace(robot.kinematics, **own))
+
+    def summary(self) -> dict[str, Any]:
+        """Length, duration, spacing and shares of returns, fit for JSON."""
+        known = self.ranges[np.isfinite(self.ranges)]
+        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        source, has_odometry = self.source, self.odometry is not None
+        return finite(
+            {
+                "file": source.file,
+                "scans": len(self.poses),
+                "beams": self.lidar.beams,
+                "lidar": self.lidar.title,
+                "length": float(steps.sum()),
+                "turned": float(np.abs(wrapped(np.diff(self.poses[:, 2]))).sum()),
+                "seconds": None if self.times is None else float(self.times[-1] - self.times[0]),
+                "spacing": float(np.median(steps)) if len(steps) else 0.0,
+                "returns": known.size / self.ranges.size,
+                "median_range": float(np.median(known)),
+                "poses": source.poses or "given",
+                "odometry": (source.odometry or "given") if has_odometry else "",
+                "notes": list(source.notes),
+            }
+        )
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the summary as labels and texts for people."""
+        about = self.summary()
+        took = "no times" if about["seconds"] is None else f"{about['seconds']:.4g} s"
+        returns = f"{about['returns']:.0%} of the beams, median {about['median_range']:.2g} m"
+        scans = f"{about['scans']:,} of {about['beams']} beams, {about['spacing']:.2g} m apart"
+        return [
+            ("drive", f"{about['file'] or 'a recording'}: {about['length']:.4g} m, {took}"),
+            ("scans", scans),
+            ("lidar", about["lidar"]),
+            ("returns", returns),
+            ("poses", about["poses"]),
+            ("odometry", about["odometry"] or "none"),
+            *(("note", note) for note in about["notes"]),
+        ]
+
+    def report(self) -> str:
+        """Return the summary as a table for people."""
+        return table([], self.rows())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Save the recording without loss; `read_recording` describes the file.
+
+        Parameters
+        ----------
+        path : path
+            File that ends in .npz.
+
+        Raises
+        ------
+        RecordingError
+            If the file has another suffix.
+        LocplanError
+            If it cannot be written.
+        """
+        from locplan.recordings.files import save
+
+        save(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Recording:
+        """Load what `save` wrote.
+
+        Parameters
+        ----------
+        path : path
+            File that ends in .npz.
+
+        Raises
+        ------
+        RecordingError
+            If the file cannot be read, or holds no recording.
+        """
+        from locplan.recordings.files import read_recording
+
+        recording: Recording = read_recording(path)
+        return recording

@@ -1,0 +1,669 @@
+"""The ground truth of a recorded drive: its trajectory by scans, odometry and map together."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import math
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.checks import instance, one_of, shown, whole
+from locplan._support.kernels.arrays import Bools, Floats, Ints
+from locplan._support.poses import after_way, turning, way_between, wrapped
+from locplan._support.progress import ProgressCallback, parts, scaled
+from locplan.errors import ConfigError, RecordingError
+from locplan.field.cache import load_or_compute_result
+from locplan.field.covariance import position_axes
+from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, own_axes
+from locplan.maps.occupancy import OCCUPIED
+from locplan.recordings.filter_pass import BEAMS, SIGMA, UNEXPLAINED, FilterPass, Walls, beam_model
+from locplan.recordings.matching import CLEARANCE, ScanDatabase, checked_database
+from locplan.recordings.recording import Recording
+from locplan.recordings.trajectory import (
+    AMBIGUOUS,
+    BAD_FIT,
+    CARRIED,
+    JUMPED,
+    MAP_MOVED,
+    SMOOTHED,
+    UNCERTAIN,
+    Moves,
+    OdometryModel,
+    Trajectory,
+    jump_at,
+    ways_of,
+)
+from locplan.robots.robot import Robot
+
+KEY_WAY, KEY_TURN = 0.3, 0.2
+"""Way [m] and turn [rad] from one key scan to the next."""
+SCAN_BEAMS = 180
+"""Maximum number of beams of a scan that least squares use."""
+FINE, FINE_BEAMS = 0.1, 150.0
+"""Deviation of beams' ends [m], and number of independent beams in a scan, of least squares."""
+SURE_BEAMS = 30.0
+"""Number of independent beams in a scan of the covariance: fewer, because maps have faults."""
+UNCERTAIN_STD, UNCERTAIN_TURN = 0.15, math.radians(4)
+"""Deviations of position [m] and heading [rad] from which a pose is uncertain."""
+SCATTER = 0.1
+"""Distance of the proposed trajectories from the likeliest one from which it is ambiguous [m]."""
+BAD_FIT_BELOW, BRIDGED_WAY = -0.8, 2.0
+"""Log-likelihood a beam below which a scan does not fit the map, and way from the scan before it to
+the one after it on which odometry is trusted if these fit [m]."""
+JUMP_WAY = 1.0
+"""Way after a jump on which poses are not trusted [m]."""
+DISPLACED, TURNED, DISPLACED_LENGTH = 0.2, 0.1, 40.0
+"""Least shift [m], least turn [rad] and greatest length [m] of a displaced stretch of the map."""
+
+
+def smooth(
+    grid: OccupancyGrid,
+    recording: Recording,
+    robot: Robot | None = None,
+    start: ArrayLike | str | None = None,
+    *,
+    folder: Path | None = None,
+    seed: int = 1,
+    progress: ProgressCallback | None = None,
+) -> Trajectory:
+    """Find the ground truth of a recorded drive from its scans, its odometry and the map.
+
+    The recorded poses serve as odometry if the drive has none, and as the start if that is "log".
+    Otherwise they are not read.
+
+    1. Key scans are chosen: one every 0.3 m or 0.2 rad.
+    2. A particle filter runs along the key scans in both directions. It searches the whole map
+       when it is lost. Trajectories are sampled from its particles and refined by least squares.
+    3. The likeliest trajectory is joined from them.
+    4. All other scans follow odometry from the key scans.
+    5. All poses are refined together by least squares, in turns with the errors of odometry.
+    6. The covariances follow from the least squares and from how well the map fits.
+    7. Poses that are not to be trusted are marked.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    recording : Recording
+        The drive.
+    robot : Robot, optional
+        The robot. If its odometry errs by more than is usual, the smoother allows for that.
+    start : (x, y, heading) or "log", optional
+        Pose of the first scan in the world [m, m, rad], to 0.5 m and 10 deg, or that of the
+        recording; by default it is not known.
+    folder : path, optional
+        Folder for intermediate results, from which the same call resumes after an interruption.
+    seed : int, default 1
+        Seed of all random numbers, >= 0.
+    progress : callable, optional
+        Called with (done, total) in thousandths of the work.
+
+    Returns
+    -------
+    Trajectory
+        The poses at all scans, how sure they are, and which are not to be trusted.
+
+    Raises
+    ------
+    RecordingError
+        If the map has no walls, or the drive has fewer than ten scans.
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> from locplan.recordings import record_drive
+    >>> grid = locplan.maps.environments.make("places", resolution=0.1)
+    >>> robot = locplan.Robot(locplan.Lidar(range=8.0, beams=180))
+    >>> drive = record_drive(grid, locplan.Path([[13.0, 5.5], [20.0, 5.5]]), robot)
+    >>> trajectory = smooth(grid, drive)
+    >>> bool(trajectory.deviation.max() < 0.1)
+    True
+    """
+    _check_drive(grid, recording, seed)
+    first_pose = _first_pose(grid, recording, start)
+    drive = _Drive.prepare(grid, recording)
+    model = OdometryModel.first(recording.robot(robot).odometry)
+    keys = drive.chain_of(drive.choose_key_scans(), model)
+    keys, candidates = _propose_trajectories(drive, keys, first_pose, seed, folder, progress)
+    key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest(candidates))
+    scatter = _compute_scatter(keys, key_poses, candidates)
+    chain, poses, key_of_scan = _follow_odometry(drive, keys, key_poses)
+    chain, poses = _refine_all(chain, poses)
+    fits = chain.compute_fits(poses[None])[0]
+    covariances = _compute_covariances(grid, chain, poses, fits)
+    doubts = _find_doubts(
+        chain, poses, covariances, fits, scatter[key_of_scan], is_bridged[key_of_scan]
+    )
+    return _make_trajectory(drive, chain, poses, covariances, doubts, fits)
+
+
+def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
+    """Raise an error if a drive cannot be smoothed."""
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_grid(grid)
+    whole("seed", seed, 0)
+    if len(recording) < 10:
+        raise RecordingError(f"the drive has {len(recording)} scans, too few: 10 are needed")
+    if not (grid.cells == OCCUPIED).any():
+        raise RecordingError(f"{grid.name or 'the map'} has no walls; take another map")
+
+
+def _first_pose(
+    grid: OccupancyGrid, recording: Recording, start: ArrayLike | str | None
+) -> Floats | None:
+    """Return the pose of the first scan in the map's own axes; None if it is not known."""
+    if start is None:
+        return None
+    try:
+        is_log = isinstance(start, str) and start == "log"
+        pose = recording.poses[0] if is_log else np.array(start, np.float64)
+    except (TypeError, ValueError):
+        pose = np.empty(0)
+    if pose.shape != (3,) or not np.isfinite(pose).all():
+        raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {shown(start)}')
+    on_map = np.asarray(own_axes(grid, pose[None])[0])
+    if not grid.contains(*(int(on_map[axis] // grid.resolution) for axis in (1, 0))):
+        raise ConfigError(
+            f"start {pose[0]:g},{pose[1]:g} lies outside {grid.name or 'the map'}, which reaches"
+            f" from {extent_text(grid)}"
+        )
+    return on_map
+
+
+@dataclass(frozen=True, eq=False)
+class _Drive:
+    """A recorded drive and its map, as the steps need them; poses are in the map's own axes."""
+
+    grid: OccupancyGrid
+    recording: Recording
+    walls: Walls
+    database: ScanDatabase
+    """The scans of the whole map, with which a lost filter finds itself."""
+    odometry: Floats
+    """Poses by odometry, or the log's own if it has none, (n, 3) [m, m, rad]."""
+    ends: Floats
+    """Ends of up to 180 beams of each scan on the robot, (n, b, 2) [m]; NaN without a return."""
+
+    @classmethod
+    def prepare(cls, grid: OccupancyGrid, recording: Recording) -> _Drive:
+        """Prepare a drive."""
+        database = checked_database(grid, recording.lidar, CLEARANCE, None)
+        _ = database.everywhere  # before the work that shows its progress
+        odometry = recording.poses if recording.odometry is None else recording.odometry
+        lidar, ranges = recording.lidar, recording.ranges
+        beams = np.unique(np.linspace(0, lidar.beams - 1, SCAN_BEAMS).astype(np.int64))
+        # In blocks of scans, which saves memory.
+        blocks = (ranges[n : n + 256] for n in range(0, len(ranges), 256))
+        ends = np.concatenate([lidar.ends_on_robot(block)[:, beams] for block in blocks])
+        return cls(grid, recording, Walls(grid), database, odometry, ends)
+
+    def choose_key_scans(self) -> Ints:
+        """Choose the scans that the filter takes: the first and last one, and some between."""
+        moves = Moves.of(self.odometry, np.arange(len(self.odometry)))
+        way, turned, keys = np.cumsum(moves.lengths), np.cumsum(moves.turned), [0]
+        for n in range(1, len(way)):
+            is_far = way[n] - way[keys[-1]] >= KEY_WAY or turned[n] - turned[keys[-1]] >= KEY_TURN
+            if is_far or n == len(way) - 1:
+                keys.append(n)
+        return np.array(keys)
+
+    def chain_of(self, scans: Ints, model: OdometryModel) -> Chain:
+        """Return the chain of some scans."""
+        return Chain(self.walls, scans, self.ends[scans], Moves.of(self.odometry, scans), model)
+
+    def run_filter(
+        self,
+        keys: Chain,
+        first_pose: Floats | None,
+        seed: int,
+        folder: Path | None,
+        progress: ProgressCallback,
+        *,
+        number: int,
+        is_backwards: bool = False,
+    ) -> Floats:
+        """Sample trajectories (16, k, 3) from a filter that runs along the key scans."""
+        ends, ranges = keys.ends[:, ::3], self.recording.ranges[keys.scans]
+        ways, deviations = keys.model.expected(keys.moves), keys.model.deviations(keys.moves)
+        if is_backwards:
+            ends, ranges = ends[::-1], ranges[::-1]
+            ways[1:] = way_between(ways[1:], np.zeros_like(ways[1:]))[::-1]
+            deviations[1:] = deviations[:0:-1].copy()
+        filter_pass = FilterPass(
+            self.walls, self.database, ranges, ends, ways, deviations, first_pose, seed, number
+        )
+        samples = filter_pass.sample_trajectories(folder, progress)
+        return np.ascontiguousarray(samples[:, ::-1]) if is_backwards else samples
+
+
+def _propose_trajectories(
+    drive: _Drive,
+    keys: Chain,
+    first_pose: Floats | None,
+    seed: int,
+    folder: Path | None,
+    progress: ProgressCallback | None,
+) -> tuple[Chain, Floats]:
+    """Sample trajectories from a filter in both directions, and refine them by least squares.
+
+    Returns the key scans with what they tell of odometry, and the trajectories (32, k, 3).
+    """
+    report_forth, report_back = (scaled(part, 500) for part in parts(progress, [500, 500]))
+    samples = drive.run_filter(keys, first_pose, seed, folder, report_forth, number=0)
+    forth = keys.refine_samples(samples)
+    learned = keys.learn_odometry(keys.find_likeliest(forth))
+    samples = drive.run_filter(
+        learned, None, seed, folder, report_back, number=1, is_backwards=True
+    )
+    back = learned.refine_samples(samples)
+    # If odometry is much worse than assumed, the first pass was too confident: it runs again.
+    wider = learned.model.deviations(keys.moves) / keys.model.deviations(keys.moves)
+    if np.median(wider[1:], axis=0).max() > 1.3:
+        samples = drive.run_filter(learned, first_pose, seed, folder, report_back, number=2)
+        forth = learned.refine_samples(samples)
+    return learned, np.concatenate([forth, back])
+
+
+def _compute_scatter(keys: Chain, key_poses: Floats, candidates: Floats) -> Floats:
+    """Compute the root mean square distance of candidates from the likeliest poses, (k,) [m].
+
+    They are refined until they hardly move any more: what then remains are other places.
+    """
+    refined = np.array([keys.refine(candidate, 10) for candidate in candidates])
+    return np.asarray(np.sqrt(((refined - key_poses)[..., :2] ** 2).sum(axis=2).mean(axis=0)))
+
+
+def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Chain, Floats, Ints]:
+    """Spread the poses of the key scans to all scans.
+
+    Scans follow odometry from the key scan before. If odometry jumps to the next key scan, they
+    follow it until the jump, and after that they lead to the next key scan: the jump is where the
+    scans fit best so. Returns the chain of all scans, their poses, and the key scan of each.
+    """
+    scans = np.arange(len(drive.odometry))
+    chain = drive.chain_of(scans, keys.model)
+    before = np.searchsorted(keys.scans, scans, side="right") - 1
+    after = np.searchsorted(keys.scans, scans)
+    forth, back = (
+        after_way(key_poses[key], way_between(drive.odometry[keys.scans[key]], drive.odometry))
+        for key in (before, after)
+    )
+    gains, jumps = np.nan_to_num(chain.compute_fits(np.array([forth, back]))), []
+    for key in keys.find_jumps(key_poses):
+        begin, end = keys.scans[key - 1] + 1, keys.scans[key]
+        sums = [gains[0, begin:n].sum() + gains[1, n:end].sum() for n in range(begin, end + 1)]
+        jump = int(begin + np.argmax(sums))
+        forth[jump:end], before[jump:end] = back[jump:end], key
+        jumps.append(jump)
+    return replace(chain, jumps=tuple(jumps)), forth, before
+
+
+def _refine_all(chain: Chain, poses: Floats) -> tuple[Chain, Floats]:
+    """Refine all poses together, and learn how odometry errs from them."""
+    poses = chain.refine(poses, 15)
+    for _ in range(2):
+        chain = chain.learn_odometry(poses)
+        poses = chain.refine(poses, 20)
+    return chain, poses
+
+
+def _compute_covariances(grid: OccupancyGrid, chain: Chain, poses: Floats, fits: Floats) -> Floats:
+    """Compute the covariances of poses, wider where the map fits badly, (n, 3, 3) [m, m, rad]."""
+    misfit = np.nan_to_num(np.maximum(np.nanmedian(fits) - fits, 0.0))
+    position = (0.2 * grid.resolution) ** 2 + 0.01**2 + (0.1 * misfit) ** 2
+    turn = np.full(len(fits), math.radians(0.2) ** 2)
+    added = np.stack([position, position, turn], axis=1)[:, :, None] * np.eye(3)
+    return chain.compute_covariances(poses, SURE_BEAMS)[0] + added
+
+
+def _find_doubts(
+    chain: Chain,
+    poses: Floats,
+    covariances: Floats,
+    fits: Floats,
+    scatter: Floats,
+    is_bridged: Bools,
+) -> Ints:
+    """Return why each pose is not to be trusted, (n,); the last reason that applies counts.
+
+    `scatter` is the distance of the proposed trajectories from the likeliest one [m].
+    """
+    doubts, way = np.zeros(len(poses), np.int64), np.cumsum(chain.moves.lengths)
+    doubts[chain.find_displaced(poses)] = MAP_MOVED
+    doubts[scatter > SCATTER] = AMBIGUOUS
+    doubts[_find_misfits(fits, way) | is_bridged] = BAD_FIT
+    is_certain = position_axes(covariances)[0] <= UNCERTAIN_STD
+    is_certain &= np.sqrt(covariances[:, 2, 2]) <= UNCERTAIN_TURN
+    doubts[~is_certain] = UNCERTAIN
+    for jump in chain.jumps:
+        end = int(np.searchsorted(way, way[jump] + JUMP_WAY))
+        doubts[max(0, jump - 1) : max(jump + 1, end)] = JUMPED
+    return doubts
+
+
+def _find_misfits(fits: Floats, way: Floats) -> Bools:
+    """Return the mask of scans that do not fit the map, but for single ones.
+
+    Odometry leads over a single scan, if those before and after it fit.
+    """
+    is_fitting = np.concatenate([[False], fits >= BAD_FIT_BELOW, [False]])
+    around = np.concatenate([[-np.inf], way, [np.inf]])
+    is_bridged = is_fitting[:-2] & is_fitting[2:] & (around[2:] - around[:-2] <= BRIDGED_WAY)
+    return np.asarray((fits < BAD_FIT_BELOW) & ~is_bridged)
+
+
+def _make_trajectory(
+    drive: _Drive,
+    chain: Chain,
+    poses: Floats,
+    covariances: Floats,
+    doubts: Ints,
+    fits: Floats,
+) -> Trajectory:
+    """Return the trajectory in the world."""
+    grid, recording = drive.grid, drive.recording
+    x, y = grid.grid_to_world(poses[:, 1] / grid.resolution, poses[:, 0] / grid.resolution)
+    world = np.column_stack([x, y, wrapped(poses[:, 2] + grid.origin[2])])
+    turn, errors = turning(grid.origin[2]), chain.compute_errors(poses)
+    return Trajectory(
+        poses=world,
+        covariances=turn @ covariances @ turn.T,
+        doubts=doubts,
+        fits=fits,
+        jumps=tuple(jump_at(n, world[n], errors[n], recording.times) for n in chain.jumps),
+        odometry=None if recording.odometry is None else chain.model,
+        recorded=recording.poses,
+        times=recording.times,
+        drive=recording.source.file,
+        map=grid.name,
+        grid=grid,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Successive scans of a drive, and the least squares of their poses."""
+
+    walls: Walls
+    scans: Ints
+    """Numbers of the scans in the drive, (n,)."""
+    ends: Floats
+    """Ends of their beams on the robot, (n, b, 2) [m]; NaN without a return."""
+    moves: Moves
+    """The moves between them by odometry."""
+    model: OdometryModel
+    """How odometry errs."""
+    jumps: tuple[int, ...] = ()
+    """Scans to which odometry does not lead."""
+
+    @cached_property
+    def _drive(self) -> Any:
+        """The scans and the odometry as the kernels take them."""
+        from locplan.recordings.kernels.least_squares import Drive
+
+        # Scans from almost the same place tell the same.
+        shares = np.minimum(1.0, self.moves.lengths / 0.5)
+        shares[0] = 1.0
+        deviations = self.model.deviations(self.moves)
+        deviations[list(self.jumps)] = np.inf
+        return Drive(self.ends, shares, self.model.expected(self.moves), deviations)
+
+    def refine(self, poses: Floats, rounds: int) -> Floats:
+        """Return poses of less loss."""
+        from locplan.recordings.kernels.least_squares import refine_poses
+
+        poses = np.array(poses)
+        beams = beam_model(FINE, FINE_BEAMS)
+        refine_poses(self.walls.distances, beams, self._drive, poses, rounds)
+        return poses
+
+    def refine_samples(self, samples: Floats) -> Floats:
+        """Refine samples of a filter, (s, n, 3)."""
+        return np.array([self.refine(sample, 3) for sample in samples])
+
+    def compute_fits(self, candidates: Floats) -> Floats:
+        """Compute log-likelihoods a beam at poses (c, n, 3), (c, n); NaN without returns."""
+        from locplan.recordings.kernels.least_squares import fits_along
+
+        fits = np.empty(candidates.shape[:2])
+        fits_along(self.walls.distances, beam_model(SIGMA, BEAMS), self.ends, candidates, fits)
+        return fits
+
+    def find_likeliest(self, candidates: Floats) -> Floats:
+        """Join the likeliest trajectory (n, 3) from the poses of candidates (c, n, 3)."""
+        from locplan.recordings.kernels.trajectory import best_way
+
+        gains = BEAMS * np.maximum(np.nan_to_num(self.compute_fits(candidates)), UNEXPLAINED)
+        _, _, moves, deviations = self._drive
+        choice = best_way(candidates, gains, moves, deviations, self.walls.kidnapped)
+        return np.asarray(candidates[choice, np.arange(len(choice))])
+
+    def compute_covariances(self, poses: Floats, beams: float) -> tuple[Floats, Floats]:
+        """Compute the covariance of each pose, and with the one before, of independent beams."""
+        from locplan.recordings.kernels.least_squares import (
+            Equations,
+            covariances_of,
+            normal_equations,
+        )
+
+        blocks = np.empty((4, len(poses), 3, 3))
+        equations = Equations(blocks[0], blocks[1], np.empty((len(poses), 3)))
+        model = beam_model(FINE, beams)
+        normal_equations(self.walls.distances, model, self._drive, poses, equations)
+        covariances_of(equations, blocks[2], blocks[3])
+        return blocks[2], blocks[3]
+
+    def learn_odometry(self, poses: Floats) -> Chain:
+        """Return the same scans with what poses tell of odometry."""
+        covariances, across = self.compute_covariances(poses, FINE_BEAMS)
+        is_used = np.ones(len(poses))
+        is_used[[0, *self.jumps]] = 0.0
+        model = self.model.learned(self.moves, *ways_of(poses, covariances, across), is_used)
+        return replace(self, model=model)
+
+    def compute_errors(self, poses: Floats) -> Floats:
+        """Compute the error of odometry from each pose to the next, (n, 3) [m, m, rad]."""
+        errors = np.zeros((len(poses), 3))
+        errors[1:] = way_between(poses[:-1], poses[1:]) - self.model.expected(self.moves)[1:]
+        errors[:, 2] = wrapped(errors[:, 2])
+        return errors
+
+    def find_jumps(self, poses: Floats) -> tuple[int, ...]:
+        """Find the scans to which odometry does not lead: far off, and far beyond its errors."""
+        errors = self.compute_errors(poses)
+        square = ((errors / self.model.deviations(self.moves)) ** 2).sum(axis=1)
+        is_far = (np.hypot(errors[:, 0], errors[:, 1]) > 0.5) | (np.abs(errors[:, 2]) > 0.5)
+        return tuple(map(int, np.flatnonzero(is_far & (square > 40.0))))
+
+    def bridge_excursions(self, poses: Floats) -> tuple[Floats, Bools]:
+        """Replace poses between two jumps that undo each other by odometry; mask them.
+
+        If a robot seems to be carried away and back to where its odometry leads, it never left:
+        a stretch looks like another one, or like none.
+        """
+        bridged, is_bridged = poses.copy(), np.zeros(len(poses), np.bool_)
+        errors, ways = self.compute_errors(poses), self.model.expected(self.moves)
+        far = [n for n in self.find_jumps(poses) if np.hypot(*errors[n, :2]) > CARRIED]
+        for begin, end in itertools.combinations(far, 2):
+            across = poses[begin - 1 : end + 1].copy()
+            for n in range(begin, end + 1):
+                across[n - begin + 1] = after_way(across[n - begin], ways[n])
+            closing = poses[end] - across[-1]
+            closing[2] = wrapped(closing[2])
+            is_closed = np.hypot(*closing[:2]) < CARRIED / 2
+            if is_closed and not is_bridged[begin - 1 : end + 1].any():
+                share = np.arange(1, end - begin + 1) / (end - begin + 1)
+                bridged[begin:end] = across[1:-1] + share[:, None] * closing
+                is_bridged[begin:end] = True
+        return bridged, is_bridged
+
+    def find_displaced(self, poses: Floats) -> Bools:
+        """Find where the map seems displaced: between opposite errors of odometry.
+
+        A filter that follows a displaced stretch is shifted when it enters it, and shifted back
+        when it leaves it. If the stretch is turned, odometry jumps at one end at least.
+        """
+        way, is_displaced = np.cumsum(self.moves.lengths), np.zeros(len(poses), np.bool_)
+        shifts = itertools.combinations(self._find_shifts(poses, way), 2)
+        # Turns accumulate within the stretch as well, so that a greater rest may remain.
+        for (entry, leaving), rest in itertools.chain(
+            ((pair, 0.5) for pair in shifts), ((pair, 1.0) for pair in self._find_turns(poses))
+        ):
+            begin, end = entry.end, leaving.begin
+            is_near = begin <= end and way[end] - way[begin] < DISPLACED_LENGTH
+            if is_near and math.hypot(*(entry.error + leaving.error)) < rest * min(
+                math.hypot(*entry.error), math.hypot(*leaving.error)
+            ):
+                is_displaced[begin : end + 1] = True
+        return is_displaced
+
+    def _find_shifts(self, poses: Floats, way: Floats) -> list[_Shift]:
+        """Find stretches of up to 4 m without jumps at which odometry is clearly shifted."""
+        before = np.zeros((len(poses), 3))
+        before[1:, 2] = poses[:-1, 2]
+        errors = after_way(before, self.compute_errors(poses))[:, :2]
+        errors[list(self.jumps)] = 0.0
+        squares = self.model.deviations(self.moves)[:, :2] ** 2
+        sums, variances = np.cumsum(errors, axis=0), np.cumsum(squares.mean(axis=1))
+        marks = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], 1.0))).tolist()
+        spans = sorted(span for n in range(1, 5) for span in zip(marks, marks[n:], strict=False))
+        shifts = (_Shift(begin, end, sums[end] - sums[begin]) for begin, end in spans)
+        return [
+            shift
+            for shift in shifts
+            if math.hypot(*shift.error) > DISPLACED
+            and (shift.error**2).sum() > 25 * (variances[shift.end] - variances[shift.begin])
+        ]
+
+    def _find_turns(self, poses: Floats) -> list[tuple[_Shift, _Shift]]:
+        """Find pairs of scans, one of them a jump, at which odometry errs clearly in its turn."""
+        errors = self.compute_errors(poses)[:, 2:]
+        size, deviations = np.abs(errors[:, 0]), self.model.deviations(self.moves)[:, 2]
+        turns = np.flatnonzero((size > TURNED) & (size > 5 * deviations)).tolist()
+        return [
+            (_Shift(first - 1, first, errors[first]), _Shift(second - 1, second, errors[second]))
+            for first, second in itertools.combinations(turns, 2)
+            if first in self.jumps or second in self.jumps
+        ]
+
+
+class _Shift(NamedTuple):
+    """Successive scans between which odometry errs."""
+
+    begin: int
+    end: int
+    error: Floats
+    """Its error: a distance along x and y [m], or a turn [rad]."""
+
+
+VERSION = 4
+"""Version of what `smooth` finds, which rises when it finds something else."""
+
+
+def trajectory_of(
+    recording: Recording,
+    grid: OccupancyGrid,
+    robot: Robot | None = None,
+    *,
+    start: ArrayLike | str | None = None,
+    seed: int = 1,
+    cache_dir: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Trajectory:
+    """Return the trajectory that `smooth` finds, from the cache if it was found before.
+
+    An interrupted call resumes.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    robot, start, seed, progress
+        See `smooth`.
+    cache_dir : path, optional
+        Cache folder; by default LOCPLAN_CACHE of the environment, or else the user's.
+
+    Raises
+    ------
+    LocplanError
+        As for `smooth`.
+    """
+    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_grid(grid)
+
+    def compute(parts: Path | None) -> Trajectory:
+        return smooth(grid, recording, robot, start, folder=parts, seed=seed, progress=progress)
+
+    def save(file: Path, trajectory: Trajectory) -> None:
+        trajectory.write(file)
+
+    key = _digest(recording, grid, robot, start, seed)
+    trajectory = load_or_compute_result(key, Trajectory.load, compute, save, cache_dir=cache_dir)
+    # The names are not in the digest.
+    return replace(trajectory, grid=grid, map=grid.name, drive=recording.source.file)
+
+
+def referenced(
+    recording: Recording,
+    grid: OccupancyGrid,
+    reference: str | None = None,
+    robot: Robot | None = None,
+    *,
+    cache_dir: str | os.PathLike[str] | None = None,
+    progress: ProgressCallback | None = None,
+) -> Recording:
+    """The recording with the poses that count as true.
+
+    Smoothed poses that are not to be trusted are left out, with their scans.
+
+    Parameters
+    ----------
+    recording : Recording
+        The drive.
+    grid : OccupancyGrid
+        The map.
+    reference : {"log", "smoothed"}, optional
+        The log's own poses, or those of `smooth`; by default these of a bag, which does not tell
+        whether its poses are a filter's, and the log's own of other files.
+    robot, cache_dir, progress
+        See `trajectory_of`.
+
+    Raises
+    ------
+    LocplanError
+        As for `trajectory_of`.
+    """
+    if reference is not None:
+        one_of("reference", reference, ("log", SMOOTHED))
+    of_bag = bool(recording.source.lidar_frame)  # other files name none
+    if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
+        return recording
+    found = trajectory_of(recording, grid, robot, cache_dir=cache_dir, progress=progress)
+    return found.of(recording)
+
+
+def _digest(
+    recording: Recording,
+    grid: OccupancyGrid,
+    robot: Robot | None,
+    start: ArrayLike | str | None,
+    seed: int,
+) -> str:
+    """What a trajectory is found by: all that it depends on."""
+    odometry = recording.robot(robot).odometry
+    about = VERSION, grid.digest, repr(recording.lidar), repr(odometry), repr(start), seed
+    digest = hashlib.sha256(repr(about).encode())
+    for array in (recording.ranges, recording.poses, recording.times, recording.odometry):
+        digest.update(b"-" if array is None else array.tobytes())
+    return digest.hexdigest()[:32]

@@ -1,0 +1,267 @@
+"""The robot's filter, configured as Nav2's AMCL is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, Protocol
+
+from locplan._support.checks import Settings, differing, positive, setting
+from locplan._support.public import called
+from locplan.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.random import Generator as Random
+    from numpy.typing import NDArray
+
+    from locplan._support.kernels.arrays import Floats
+    from locplan.maps.grid import OccupancyGrid
+    from locplan.robots.lidar import Lidar
+
+Deviation = tuple[float, float]
+"""Standard deviations of a position along x and y each [m], and of a heading [rad]."""
+
+
+class Filter(Protocol):
+    """A filter's settings, which can `start` it any number of times.
+
+    They are a frozen dataclass, as `Amcl` is: drives run in threads, each with a filter of its own
+    that shares nothing with the others but the settings. `locplan.testing.check_filter` checks a
+    filter of your own.
+    """
+
+    @property
+    def title(self) -> str:
+        """The filter in one short line for people."""
+
+    def start(
+        self, grid: OccupancyGrid, lidar: Lidar, pose: Floats, deviation: Deviation, random: Random
+    ) -> Tracker:
+        """Begin to track a robot.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The filter's map, which may differ from the one that is planned on and driven in.
+        lidar : Lidar
+            The lidar that takes the scans.
+        pose : (3,) array
+            First pose x, y, heading in the world [m, m, rad].
+        deviation : (position, heading)
+            Standard deviations of the first pose, along x and y each [m], and of the heading [rad].
+        random : numpy.random.Generator
+            The only source of random numbers, so that equal seeds give equal drives.
+        """
+
+
+class Tracker(Protocol):
+    """A filter that runs: at every pose `motion`, `scan` and `estimate` are called in turn."""
+
+    def motion(self, odometry: Floats) -> None:
+        """Take what odometry reports.
+
+        Parameters
+        ----------
+        odometry : (3,) array
+            The pose x, y, heading that odometry has added up, in a frame of its own
+            [m, m, rad].
+        """
+
+    def scan(self, ranges: NDArray[np.float32]) -> None:
+        """Take a scan from where the last `motion` led.
+
+        Parameters
+        ----------
+        ranges : (beams,) array
+            Distances along all of the lidar's beams [m]; what is not within its range is no
+            return.
+        """
+
+    def estimate(self) -> Floats:
+        """The robot's pose x, y, heading in the world, (3,) [m, m, rad]."""
+
+    def covariance(self) -> Floats:
+        """Covariance of the estimate in the world, (3, 3) [m, m, rad]; NaN while not known."""
+
+
+@dataclass(frozen=True, repr=False)
+class NamedFilter:
+    """A filter of one's own as files name it, which do not hold its code."""
+
+    title: str
+    settings: str
+
+    def __repr__(self) -> str:
+        return self.settings
+
+    def start(self, *_: object) -> Tracker:
+        """Refuse to start."""
+        raise ConfigError(f"a file does not hold the code of {self.title}; give the robot's filter")
+
+
+MODELS: Final[tuple[str, ...]] = ("likelihood_field", "likelihood_field_prob")
+DIFFERENTIAL: Final = "nav2_amcl::DifferentialMotionModel"
+OMNIDIRECTIONAL: Final = "nav2_amcl::OmniMotionModel"
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Amcl(Settings):
+    """Parameters of Nav2's AMCL, by its names and with its defaults.
+
+    They are those of its motion models and its likelihood fields. Give your robot's own, which
+    `read_amcl` reads from its file; `tune` looks for better ones. Unlike here, Nav2 ignores a map's
+    yaw.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Amcl(min_particles=500, max_particles=500).max_beams
+    60
+    """
+
+    alpha1: float = setting(0.2, 0.0)
+    """Variance of a turn per square of the turn, >= 0 [1]."""
+    alpha2: float = setting(0.2, 0.0)
+    """Variance of a turn per square of the distance driven in an update, >= 0 [rad^2 / m^2]."""
+    alpha3: float = setting(0.2, 0.0)
+    """Variance of the distance per square of the distance, >= 0 [1]."""
+    alpha4: float = setting(0.2, 0.0)
+    """Variance of the distance per square of the turn, >= 0 [m^2 / rad^2]."""
+    alpha5: float = setting(0.2, 0.0)
+    """Variance of a shift to the side per square of the distance, >= 0 [1]; only an omnidirectional
+    robot has it."""
+    robot_model_type: Literal[
+        "nav2_amcl::DifferentialMotionModel", "nav2_amcl::OmniMotionModel"
+    ] = setting(DIFFERENTIAL, DIFFERENTIAL, OMNIDIRECTIONAL)
+    """Motion model: of a robot that drives where it heads, or of one that can drive sideways."""
+    laser_model_type: Literal["likelihood_field", "likelihood_field_prob"] = setting(
+        "likelihood_field", *MODELS
+    )
+    """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
+    laser_likelihood_max_dist: float = setting(2.0, positive)
+    """Maximum distance of a beam's end from a wall, above 0; larger ones count as this [m]."""
+    laser_min_range: float = setting(-1.0)
+    """Range below which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
+    laser_max_range: float = setting(100.0)
+    """Range above which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
+    max_beams: int = setting(60, 2)
+    """Approximate number of a scan's beams, evenly spaced, that are compared; at least 2."""
+    max_particles: int = setting(2000, 1, 1_000_000)
+    """Maximum number of particles, up to a million; if equal to `min_particles`, the number is
+    constant."""
+    min_particles: int = setting(500, 1, 1_000_000)
+    """Minimum number of particles, at least 1."""
+    pf_err: float = setting(0.05, positive)
+    """Maximum error that KLD sampling allows, above 0; a smaller one takes more particles."""
+    pf_z: float = setting(0.99, positive)
+    """Quantile of the normal distribution for KLD sampling, above 0, as in AMCL: not the
+    probability."""
+    recovery_alpha_fast: float = setting(0.0, 0.0, 1.0)
+    """Share by which the fast average of the particles' weights follows them, 0..1. Where it falls
+    below the slow one, random particles are added; with both 0 none are."""
+    recovery_alpha_slow: float = setting(0.0, 0.0, 1.0)
+    """Share by which the slow average of the particles' weights follows them, 0..1."""
+    resample_interval: int = setting(1)
+    """Number of updates per resampling, at least 1."""
+    sigma_hit: float = setting(0.2, positive)
+    """Standard deviation of the distance of a beam's end from a wall, above 0 [m]."""
+    update_min_a: float = setting(0.2, 0.0)
+    """Turn after which the filter updates, >= 0 [rad]."""
+    update_min_d: float = setting(0.25, 0.0)
+    """Distance along x or y after which the filter updates, >= 0 [m]."""
+    z_hit: float = setting(0.5, 0.0, 1.0)
+    """Weight of beams that end at a wall, 0..1."""
+    z_rand: float = setting(0.5, 0.0, 1.0)
+    """Weight of beams that end anywhere, 0..1; this and `z_hit` are not both 0."""
+    half_cell: bool = setting(True)
+    """True reads the likelihood field half a cell aside along x and y, as Nav2's AMCL does; False
+    simulates a filter that reads it where the beams end."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_particles > self.max_particles:
+            raise ConfigError(
+                f"min_particles ({self.min_particles}) must not exceed max_particles"
+                f" ({self.max_particles})"
+            )
+        if self.z_hit + self.z_rand == 0:
+            raise ConfigError("one of z_hit and z_rand must be above 0")
+
+    @property
+    def title(self) -> str:
+        """Parameters that differ from Nav2's defaults, in one short line for people.
+
+        Examples
+        --------
+        >>> Amcl().title
+        "Nav2's defaults"
+        >>> Amcl(alpha1=0.05, laser_model_type="likelihood_field_prob").title
+        "AMCL's alpha1 0.05, laser_model_type likelihood_field_prob"
+        """
+        own = differing(self)
+        if not own:
+            return "Nav2's defaults"
+        more = f" and {len(own) - 5} more" if len(own) > 5 else ""
+        return f"AMCL's {', '.join(own[:5])}{more}"
+
+    @property
+    def multiplies(self) -> bool:
+        """True if a weight is the product of the beams' likelihoods."""
+        return self.laser_model_type == "likelihood_field_prob"
+
+    @property
+    def is_omnidirectional(self) -> bool:
+        """True if the motion model is that of a robot that can drive sideways."""
+        return self.robot_model_type == OMNIDIRECTIONAL
+
+    def start(
+        self, grid: OccupancyGrid, lidar: Lidar, pose: Floats, deviation: Deviation, random: Random
+    ) -> Tracker:
+        """Begin to track a robot with particles about a pose; see `Filter.start`.
+
+        Parameters
+        ----------
+        grid : OccupancyGrid
+            The filter's map.
+        lidar : Lidar
+            The lidar that takes the scans.
+        pose : (3,) array
+            First pose x, y, heading in the world [m, m, rad].
+        deviation : (position, heading)
+            Standard deviations of the first pose [m], and of its heading [rad].
+        random : numpy.random.Generator
+            The only source of random numbers.
+        """
+        particles = "locplan.robots.particles:Particles"
+        tracker: Tracker = called(particles, self, grid, lidar, pose, deviation, random)
+        return tracker
+
+    def reach(self, lidar: Lidar) -> float:
+        """Range beyond which a beam counts as without a return [m].
+
+        Parameters
+        ----------
+        lidar : Lidar
+            The robot's lidar, whose range counts where it is shorter than `laser_max_range`.
+        """
+        most = self.laser_max_range
+        return min(lidar.range, most) if most > 0 else lidar.range
+
+    def beam_step(self, beams: int) -> int:
+        """Number n such that every n-th of a scan's beams is compared.
+
+        The two sensor models thin beams out in different ways.
+
+        Parameters
+        ----------
+        beams : int
+            Number of beams of a scan.
+        """
+        if self.multiplies:
+            return math.ceil(beams / self.max_beams)
+        return max(1, (beams - 1) // (self.max_beams - 1))

@@ -1,0 +1,190 @@
+"""Files of a robot: locplan's own, Nav2's parameters, and the lidar of a URDF or SDF."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import file_path, shown, suggestion
+from locplan._support.reading import check_stamp, read_content
+from locplan.errors import ConfigError
+from locplan.robots.amcl import Amcl, NamedFilter
+from locplan.robots.descriptions import SUFFIXES as DESCRIPTIONS, lidar_in
+from locplan.robots.lidar import Lidar
+from locplan.robots.nav2 import ParameterWarning, errors_at, parameter_notes, read_settings
+from locplan.robots.parameters import (
+    MAX_BYTES,
+    PARAMETERS,
+    ParameterFile,
+    file_and_robot,
+    parameters_of,
+    values_in,
+)
+from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
+
+REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
+VERSION = 1
+"""Version of a robot's file."""
+OWN = ("footprint", "margin", "goal_tolerance")
+"""Settings of the robot itself."""
+PARTS: dict[str, type] = {
+    "lidar": Lidar,
+    "kinematics": Kinematics,
+    "inflation": Inflation,
+    "filter": Amcl,
+    "odometry": Odometry,
+    "disturbances": Disturbances,
+}
+"""The parts with settings of their own, in the order in which settings are looked up."""
+
+
+def names_of(kind: type) -> list[str]:
+    """Names of the settings of a part."""
+    return [each.name for each in dataclasses.fields(kind)]
+
+
+def outline_of(value: Any) -> Any:
+    """A footprint of a list of corners; anything else as it is."""
+    return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
+
+
+def read_parts(
+    *paths: str | os.PathLike[str], lidar: Lidar | None = None, planner: str | None = None
+) -> Iterator[tuple[str | os.PathLike[str], dict[str, Any]]]:
+    """Yield the last of the files read so far, and all that they say of a robot.
+
+    Later files replace single settings. The parameter files of Nav2 are merged by ROS's rules. The
+    parts have the names of `Robot`'s fields. A lidar that is known gets its mount from a URDF or
+    SDF, and replaces that of any file. The drive is that of the planner that is named, if one is.
+    """
+    contents = [_content_of(path, lidar) for path in paths]
+    parts: dict[str, Any] = {"lidar": lidar}
+    nav2: list[tuple[ParameterFile, str | None]] = []
+    before: dict[str, Any] = {}
+    for at, (path, content) in enumerate(zip(paths, contents, strict=True)):
+        if isinstance(content, tuple):
+            nav2.append(content)
+            if at + 1 < len(paths) and isinstance(contents[at + 1], tuple):
+                continue
+            now = read_settings(parameters_of(*zip(*nav2, strict=True)), planner)
+            content, before = _changes(before, now), now
+        with errors_at(path):
+            parts = _with_settings(parts, content)
+        yield path, parts
+    if planner is not None and not nav2:
+        raise ConfigError(f"no file has the planner {shown(planner)}; give Nav2's parameters")
+    if nav2:
+        for note in parameter_notes(parameters_of(*zip(*nav2, strict=True)), planner):
+            warnings.warn(ParameterWarning(note), stacklevel=3)
+
+
+def _content_of(
+    path: str | os.PathLike[str], lidar: Lidar | None
+) -> dict[str, Any] | tuple[ParameterFile, str | None]:
+    """Settings by the names of `Robot`'s fields, or a file of Nav2 and the robot named in it."""
+    file = file_path("a robot's file", path)
+    suffix = file.suffix.lower()
+    if suffix in DESCRIPTIONS:
+        return {"lidar": lidar_in(file, lidar)}
+    file, robot = file_and_robot(path)
+    content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+    if isinstance(content.get("robot"), dict) and not _has_nodes(content["robot"]):
+        if "version" in content:  # older files have settings of a field besides
+            check_stamp(path, content, "robot", VERSION)
+        with errors_at(path):
+            settings = _known_settings(content["robot"])
+        return {name: each for name, each in settings.items() if not (lidar and name == "lidar")}
+    if suffix == ".json":  # a calibration that is older, or one of a field alone
+        raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or write it anew')
+    return ParameterFile(file, content), robot
+
+
+def _has_nodes(content: Mapping[str, Any]) -> bool:
+    """True if parameters of nodes stand in a namespace."""
+    return any(
+        name == PARAMETERS or (isinstance(value, Mapping) and _has_nodes(value))
+        for name, value in content.items()
+    )
+
+
+def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings that are new or others, of parts in which they have names one by one."""
+    changes: dict[str, Any] = {}
+    for name, value in after.items():
+        earlier = before.get(name)
+        if isinstance(value, Mapping) and isinstance(earlier, Mapping):
+            value = _changes(earlier, value)
+            if not value:
+                continue
+        elif name in before and value == earlier:
+            continue
+        changes[name] = value
+    return changes
+
+
+def _with_settings(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Parts of a robot with other settings; those that have no value stay as they are."""
+    changed = dict(parts)
+    for name, value in settings.items():
+        kind, earlier = PARTS.get(name), parts.get(name)
+        if kind and isinstance(value, Mapping) and isinstance(earlier, kind):
+            if name == "kinematics" and value.get("drive") not in (None, "car-like"):
+                value = {"turning_radius": 0.0, **value}
+            try:
+                value = dataclasses.replace(earlier, **value)  # type: ignore[type-var]
+            except ConfigError as error:
+                raise ConfigError(f"{name}: {error}") from None
+        if name == "lidar" and isinstance(value, str):
+            value = Lidar.preset(value)
+        changed |= made({name: value})
+    return changed
+
+
+def made(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Parts of a robot that plain data describe."""
+    _known_settings(about)
+    found = {name: _part(name, value) if name in PARTS else value for name, value in about.items()}
+    if "footprint" in found:
+        found["footprint"] = outline_of(found["footprint"])
+    return found
+
+
+def _known_settings(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain data of a robot, of which all names are known."""
+    _check_known("a robot", about, [*PARTS, *OWN])
+    for name, value in about.items():
+        if name in PARTS and isinstance(value, Mapping) and not _is_named_filter(name, value):
+            _check_known(name, value, names_of(PARTS[name]))
+    return dict(about)
+
+
+def _is_named_filter(name: str, value: Mapping[str, Any]) -> bool:
+    return name == "filter" and value.keys() == {"title", "settings"}
+
+
+def _part(name: str, value: Any) -> Any:
+    kind = PARTS[name]
+    if value is None or isinstance(value, str):
+        return value  # no such part, or the name of a lidar
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
+    if _is_named_filter(name, value):
+        return NamedFilter(**value)
+    try:
+        return kind(**value)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from None
+
+
+def _check_known(what: str, given: Mapping[str, Any], known: list[str]) -> None:
+    for each in given:
+        if each not in known:
+            names = f"{', '.join(known)}{suggestion(each, known)}"
+            raise ConfigError(f"{what} has no {shown(each)}; it has {names}")

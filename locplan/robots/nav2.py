@@ -1,0 +1,615 @@
+"""A robot in Nav2's parameters: filter, outline, drive, planner and costmap layers."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from locplan._support.checks import number, positive, shown
+from locplan._support.reading import read_text
+from locplan.errors import ConfigError, LocplanError, one_line
+from locplan.robots.amcl import DIFFERENTIAL, MODELS, OMNIDIRECTIONAL, Amcl
+from locplan.robots.parameters import (
+    AMCL,
+    GLOBAL_COSTMAP,
+    LOCAL_COSTMAP,
+    PLANNER_SERVER,
+    Nav2Parameters,
+    read_parameters,
+)
+from locplan.robots.parts import Footprint, Inflation, Kinematics
+
+DEFAULT_TYPES = {
+    "static_layer": "nav2_costmap_2d::StaticLayer",
+    "obstacle_layer": "nav2_costmap_2d::ObstacleLayer",
+    "inflation_layer": "nav2_costmap_2d::InflationLayer",
+}
+"""Nav2's default layers in their order, with the types that it gives to just this list
+(costmap_2d_ros.cpp, from humble on)."""
+
+
+class Layer(NamedTuple):
+    """A layer of a costmap."""
+
+    name: str
+    """Name in the costmap's parameters, such as inflation_layer or container.inflation_layer."""
+    plugin: str
+    """Type of the plugin; empty if the parameters do not have it."""
+    enabled: Any
+    """Whether it is enabled; the text that stands there if a launch file replaces it."""
+    container: str = ""
+    """Name of the PluginContainerLayer that holds it, if one does."""
+
+    def is_a(self, kind: str) -> bool:
+        """True if the layer is not disabled and its type has this name."""
+        return self.enabled is not False and self.plugin.rpartition("::")[2] == kind
+
+
+def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Layer]:
+    """Return the layers of a costmap, those in containers included; none without the costmap.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    costmap : str
+        Name of the costmap's node.
+    """
+    own = parameters.of(costmap)
+    is_named = any(not entry.is_shared for _, entry in parameters.entries(costmap))
+    if "plugins" not in own and not is_named:
+        return []
+    names = parameters.names(costmap, "plugins", () if "plugins" in own else (*DEFAULT_TYPES,))
+    types = DEFAULT_TYPES if names == [*DEFAULT_TYPES] else {}
+
+    def layer(name: str, container: str = "") -> Layer:
+        plugin = str(own.get(f"{name}.plugin", types.get(name, ""))).replace("/", "::")
+        return Layer(name, plugin, own.get(f"{name}.enabled", True), container)
+
+    layers = []
+    for outer in map(layer, names):
+        layers.append(outer)
+        if outer.is_a("PluginContainerLayer"):
+            inner = parameters.names(costmap, f"{outer.name}.plugins")
+            layers += [layer(f"{outer.name}.{name}", outer.name) for name in inner]
+    return layers
+
+
+def inflating_layer(parameters: Nav2Parameters) -> str | None:
+    """Return the name of the layer that inflates the global costmap's walls, or None.
+
+    Layers update the costs in their order, so that a layer inflates only the layers before it. A
+    layer in a container inflates only the layers in it, so that the map's must be there, too.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    """
+    layers = costmap_layers(parameters, GLOBAL_COSTMAP)
+    for at, layer in enumerate(layers):
+        if layer.is_a("InflationLayer") and not _misses_walls(layers, at):
+            return layer.name
+    return None
+
+
+def _misses_walls(layers: list[Layer], at: int) -> bool:
+    """True if the map's layer is not before a layer, or not in its container.
+
+    Outside of containers, a costmap without a StaticLayer may have walls of a layer of another
+    type.
+    """
+    container = layers[at].container
+    walls = [n for n, each in enumerate(layers) if each.is_a("StaticLayer")]
+    if container:
+        return not any(n < at and layers[n].container == container for n in walls)
+    return bool(walls) and min(walls) > at
+
+
+def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
+    """Yield sentences on layers that Nav2 refuses, and on layers that inflate no walls.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    """
+    layers = costmap_layers(parameters, GLOBAL_COSTMAP)
+    if missing := [each.name for each in layers if not each.plugin]:
+        listed = ", ".join(each.name for each in layers if not each.container)
+        yield (
+            f"Nav2 refuses the plugins of global_costmap ({listed}), since {', '.join(missing)}"
+            f" {'has' if len(missing) == 1 else 'have'} no plugin type; add it, or list just Nav2's"
+            " default layers"
+        )
+    inflating = inflating_layer(parameters)
+    for layer in layers:
+        if inflating is not None or not layer.is_a("InflationLayer"):
+            continue
+        if layer.container:
+            yield (
+                f"{layer.name} inflates only the layers before it in {layer.container}, and no"
+                " StaticLayer is among them: the map's walls are not inflated"
+            )
+        else:
+            yield (
+                f"{layer.name} stands before the StaticLayer in plugins: the map's walls are not"
+                " inflated; list it last"
+            )
+
+
+def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
+    """Yield sentences on keepout and speed filters, whose zones are not known.
+
+    The masks that locplan exports are none.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    """
+    kinds = {
+        "KeepoutFilter": "keeps the robot out of zones",
+        "SpeedFilter": "limits the robot's speed in zones",
+    }
+    reported = set()
+    for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
+        own = parameters.of(costmap)
+        for name in (name for key in ("filters", "plugins") for name in _listed(own.get(key))):
+            kind = str(own.get(f"{name}.plugin")).replace("/", "::").rpartition("::")[2]
+            enabled = own.get(f"{name}.enabled", True)
+            ours = name.startswith("localizability_")
+            if kind in kinds and kind not in reported and enabled is not False and not ours:
+                reported.add(kind)
+                what = f"{name} {kinds[kind]} that `plan` and `check` do not know"
+                if isinstance(enabled, str):
+                    yield f"If your launch enables it (enabled: {shown(enabled)}), {what}"
+                else:
+                    yield f"{costmap.partition('/')[0]}: {what}"
+
+
+def _listed(value: Any) -> list[str]:
+    return [each for each in value if isinstance(each, str)] if isinstance(value, list) else []
+
+
+DEFAULT_PLANNER = "GridBased"
+"""The planner of Nav2's default behaviour trees."""
+DEFAULT_TYPE = "nav2_navfn_planner::NavfnPlanner"
+"""The type that Nav2 gives to GridBased if it is the only planner and has none."""
+DEFAULT_LATTICE = "0.5m_turning_radius/ackermann/output.json"
+"""The end of SmacPlannerLattice's default file."""
+MAX_LATTICE_BYTES = 2**24
+
+
+def planner_types(parameters: Nav2Parameters) -> dict[str, str]:
+    """Return the plugin types of the planners by name, as the files have them.
+
+    As in Nav2, GridBased is the only planner if `planner_plugins` is missing, and then needs no
+    type. Empty if the files have nothing of a planner.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    """
+    server = parameters.of(PLANNER_SERVER)
+    has_default = any(name.startswith(f"{DEFAULT_PLANNER}.") for name in server)
+    default = (DEFAULT_PLANNER,) if has_default and "planner_plugins" not in server else ()
+    names = parameters.names(PLANNER_SERVER, "planner_plugins", default)
+    missing = DEFAULT_TYPE if names == [DEFAULT_PLANNER] else ""
+    return {name: str(server.get(f"{name}.plugin", missing)) for name in names}
+
+
+def planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
+    """Return the drives of the planners by name; None is that of a planner without motion model.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+
+    Raises
+    ------
+    ConfigError
+        If a turning radius is out of its range.
+    """
+    return {name: _drive(parameters, name) for name in planner_types(parameters)}
+
+
+def planner_in_use(parameters: Nav2Parameters, named: str | None = None) -> str | None:
+    """Return the planner that the user names, else GridBased, else the first one; None without any.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    named : str, optional
+        The planner's name in them.
+
+    Raises
+    ------
+    ConfigError
+        If there is no planner of this name.
+    """
+    names = [*planner_types(parameters)]
+    if named is not None and named not in names:
+        known = f"its planners are {', '.join(names)}" if names else "they list no planner"
+        raise ConfigError(f"Nav2's parameters have no planner {shown(named)}; {known}")
+    usual = DEFAULT_PLANNER if DEFAULT_PLANNER in names else next(iter(names), None)
+    return usual if named is None else named
+
+
+def describe_drive(drive: Kinematics) -> str:
+    """Return a drive in a few words.
+
+    Parameters
+    ----------
+    drive : Kinematics
+        The drive.
+    """
+    if drive.drive != "car-like":
+        return drive.drive
+    reverse = "" if drive.reverse else ", forwards only"
+    return f"car-like with a turning radius of {drive.turning_radius:g} m{reverse}"
+
+
+def unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
+    """Return the lattice file of a planner if its motion model is not known, else None.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    planner : str
+        The planner's name.
+    """
+    is_lattice = _kind(parameters.of(PLANNER_SERVER), planner) == "SmacPlannerLattice"
+    return (
+        _lattice_path(parameters, planner)
+        if is_lattice and not _lattice(parameters, planner)
+        else None
+    )
+
+
+def _kind(own: dict[str, Any], planner: str) -> str:
+    """Type of a planner, of both spellings, without its package."""
+    return str(own.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
+
+
+def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
+    own = parameters.of(PLANNER_SERVER)
+    kind = _kind(own, planner)
+    if kind in ("SmacPlannerHybrid", "SmacPlanner"):  # the latter up to foxy
+        model = own.get(f"{planner}.motion_model_for_search", "DUBIN")
+        if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
+            radius = own.get(f"{planner}.minimum_turning_radius", 0.4)
+            reverse = model == "REEDS_SHEPP"
+            return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
+    if kind == "SmacPlannerLattice" and (lattice := _lattice(parameters, planner)):
+        model, radius = lattice
+        if model == "ackermann":
+            reverse = own.get(f"{planner}.allow_reverse_expansion") is True
+            return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
+        return Kinematics(drive="omnidirectional" if model == "omni" else "differential")
+    return None
+
+
+def _lattice_path(parameters: Nav2Parameters, planner: str) -> str:
+    return str(parameters.of(PLANNER_SERVER).get(f"{planner}.lattice_filepath", DEFAULT_LATTICE))
+
+
+def _lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
+    """Motion model and turning radius of a lattice planner's file, or those in the file's name."""
+    text = _lattice_path(parameters, planner)
+    value = parameters.values(PLANNER_SERVER).get(f"{planner}.lattice_filepath")
+    file = parameters.files[value.file].path if value else None
+    folder = file.parent if file else Path()
+    for path in (folder / text, folder / Path(text).name) if value else ():
+        try:
+            metadata = json.loads(read_text(path, MAX_LATTICE_BYTES))["lattice_metadata"]
+            model, radius = metadata["motion_model"], metadata["turning_radius"]
+            if model in ("ackermann", "diff", "omni"):
+                return str(model), number("turning_radius", radius, 0.0)
+        except (LocplanError, OSError, ValueError, KeyError, TypeError, RecursionError):
+            continue
+    named = re.search(r"(\d+(?:\.\d+)?)m_turning_radius/(ackermann|diff|omni)\b", text)
+    return (named[2], float(named[1])) if named else None
+
+
+NOT_SIMULATED: dict[str, float | str | bool] = {
+    "base_frame_id": "base_footprint",
+    "beam_skip_distance": 0.5,
+    "beam_skip_error_threshold": 0.9,
+    "beam_skip_threshold": 0.3,
+    "do_beamskip": False,
+    "global_frame_id": "map",
+    "lambda_short": 0.1,
+    "odom_frame_id": "odom",
+    "save_pose_rate": 0.5,
+    "scan_topic": "scan",
+    "tf_broadcast": True,
+    "transform_tolerance": 1.0,
+    "z_max": 0.05,
+    "z_short": 0.05,
+}
+"""Parameters of AMCL that are not simulated, with the values that Nav2 has for them."""
+NO_MATTER = {
+    *NOT_SIMULATED,
+    *("allow_parameter_qos_overrides", "always_reset_initial_pose", "first_map_only"),
+    *("freespace_downsampling", "initial_pose", "initialize_at_saved_pose", "map_topic"),
+    *("random_seed", "saved_pose_filepath", "set_initial_pose", "use_sim_time"),
+}
+"""All parameters of AMCL beside those simulated, most of which do not matter for that."""
+
+
+AMCL_SETTINGS = {each.name for each in dataclasses.fields(Amcl)} - {"half_cell"}
+"""Parameters of AMCL that are simulated."""
+
+
+class ParameterWarning(UserWarning):
+    """Warning that a robot's parameters are simulated in part only."""
+
+
+def read_amcl(path: str | os.PathLike[str]) -> Amcl:
+    """Read AMCL's parameters from a parameter file of Nav2.
+
+    Warns of parameters in the file that are not simulated.
+
+    Parameters
+    ----------
+    path : path
+        YAML file with a node `amcl`; parameters that are missing there have Nav2's defaults. Where
+        it has several robots, the namespace of one follows, as in "nav2.yaml:robot1".
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, has no parameters of amcl, or a value is out of its range.
+    """
+    parameters = read_parameters(path)
+    settings = _filter(parameters)
+    if settings is None:
+        raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
+    for note in _filter_notes(parameters):
+        warnings.warn(ParameterWarning(note), stacklevel=2)
+    return Amcl(**settings)
+
+
+def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dict[str, Any]:
+    """Return a robot's settings in parameters of Nav2, by the names of `Robot`'s fields.
+
+    Those of its filter and its inflation are mappings by the names of the settings.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    planner : str, optional
+        Name of the planner in use; by default GridBased, or else the first one.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range, or there is no such planner.
+    """
+    inflation = _inflation(parameters)
+    settings = {
+        "filter": _filter(parameters),
+        **_outline(parameters),
+        "inflation": inflation[1] if inflation else None,
+        "kinematics": _kinematics(parameters, planner),
+    }
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+def parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> list[str]:
+    """Return sentences on parameters of Nav2 that are not simulated, or that contradict others.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+    planner : str, optional
+        Name of the planner in use.
+    """
+    notes = [
+        *_filter_notes(parameters),
+        *_conflict_notes(parameters),
+        *layer_notes(parameters),
+        *_drive_notes(parameters, planner),
+        *zone_notes(parameters),
+    ]
+    return [one_line(note) for note in notes]
+
+
+def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] | None:
+    """Inflation layer of a global costmap by name, and the inscribed radius that it reads [m].
+
+    None where no layer inflates. The radius is that of the padded corners, 16 of a circle.
+
+    Parameters
+    ----------
+    parameters : Nav2Parameters
+        The parameters.
+
+    Raises
+    ------
+    LocplanError
+        If a value is out of its range.
+    """
+    found = _inflation(parameters)
+    if found is None:
+        return None
+    layer, settings = found
+    parts = {"footprint": 0.1, "margin": 0.01} | _outline(parameters)  # as Nav2 has them
+    outline, padding = parts["footprint"], parts["margin"]
+    if not isinstance(outline, Footprint):
+        angles = np.arange(16) * 2 * np.pi / 16
+        outline = Footprint(outline * np.column_stack([np.cos(angles), np.sin(angles)]))
+    padded = outline.vertices + np.sign(outline.vertices) * padding
+    return layer, Inflation(**settings), Footprint(padded).inscribed_radius
+
+
+def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
+    """Settings of AMCL, or None without any."""
+    given = parameters.of(AMCL)
+    taken = {name: value for name, value in given.items() if name in AMCL_SETTINGS}
+    if not taken and all(each.is_shared for _, each in parameters.entries(AMCL)):
+        return None
+    model = _motion_model(str(taken.pop("robot_model_type", DIFFERENTIAL)))
+    if model in (DIFFERENTIAL, OMNIDIRECTIONAL):
+        taken["robot_model_type"] = model
+    laser = taken.get("laser_model_type")
+    if isinstance(laser, str) and laser not in MODELS:  # as amcl_node.cpp has it, except "beam"
+        taken["laser_model_type"] = MODELS[0]
+    with errors_in(parameters, AMCL):
+        Amcl(**taken)
+    return taken
+
+
+def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
+    """A note on AMCL's parameters that are not simulated."""
+    given, own = parameters.of(AMCL), parameters.of(AMCL, shared=False)
+    laser = given.get("laser_model_type")
+    if isinstance(laser, str) and laser not in MODELS:
+        file = parameters.files[parameters.values(AMCL)["laser_model_type"].file].path
+        yield (
+            f"{file}: AMCL's beam model is not simulated; {MODELS[0]} is used instead"
+            if laser == "beam"
+            else f"{file}: AMCL has no laser_model_type {shown(laser)}; Nav2 takes {MODELS[0]}"
+        )
+    model = _motion_model(str(given.get("robot_model_type", DIFFERENTIAL)))
+    foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
+    unknown = sorted({name.partition(".")[0] for name in own} - AMCL_SETTINGS - NO_MATTER)
+    if left_out := (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown):
+        values = parameters.values(AMCL)
+        files = {each.file for name, each in values.items() if name.partition(".")[0] in left_out}
+        where = ", ".join(str(parameters.files[at].path) for at in sorted(files))
+        yield one_line(f"{where}: not simulated: {', '.join(left_out)}")
+
+
+def _conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
+    """Notes on parameters of which a wildcard and a name have different values."""
+    for node in (AMCL, PLANNER_SERVER, GLOBAL_COSTMAP, LOCAL_COSTMAP):
+        for conflict in parameters.conflicts(node):
+            if node != AMCL or conflict.name in AMCL_SETTINGS:
+                yield one_line(conflict.text)
+
+
+def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
+    """Footprint or radius, and its padding, of the first costmap that has one.
+
+    As in Nav2, `footprint` counts where it is not "[]", and else `robot_radius`.
+    """
+    for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
+        own = parameters.of(costmap)
+        footprint, radius = str(own.get("footprint") or "[]"), own.get("robot_radius")
+        if footprint == "[]" and radius is None:
+            continue
+        with errors_in(parameters, costmap):
+            outline: Footprint | float = (
+                positive("robot_radius", radius, "m")
+                if footprint == "[]"
+                else Footprint.from_text(footprint)
+            )
+            padding = own.get("footprint_padding", 0.01)  # as Nav2 has it
+            return {"footprint": outline, "margin": number("footprint_padding", padding, 0.0)}
+    return {}
+
+
+def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
+    """Layer that inflates the global costmap's walls, and its settings; None without one."""
+    layer = inflating_layer(parameters)
+    if layer is None:
+        return None
+    own = parameters.of(GLOBAL_COSTMAP)
+    names = [each.name for each in dataclasses.fields(Inflation)]
+    given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
+    with errors_in(parameters, GLOBAL_COSTMAP, layer):
+        Inflation(**given)
+    return layer, given
+
+
+def _kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
+    """Kinematics of the planner in use, or of AMCL's motion model if the planner has none."""
+    used = planner_in_use(parameters, planner)
+    with errors_in(parameters, PLANNER_SERVER, used or ""):
+        drive = planner_drives(parameters)[used] if used else None
+    if drive is None and _amcl_drive(parameters) == Kinematics(drive="omnidirectional"):
+        return _amcl_drive(parameters)
+    return drive
+
+
+def _amcl_drive(parameters: Nav2Parameters) -> Kinematics:
+    model = _motion_model(str(parameters.of(AMCL).get("robot_model_type")))
+    return Kinematics(drive="omnidirectional" if model == OMNIDIRECTIONAL else "differential")
+
+
+def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[str]:
+    """Notes on planners without a type, a choice between planners, and an unknown lattice."""
+    if missing := [name for name, plugin in planner_types(parameters).items() if not plugin]:
+        has = "has" if len(missing) == 1 else "have"
+        yield f"Nav2 refuses its planners, since {', '.join(missing)} {has} no plugin type; add it"
+    used = planner_in_use(parameters, planner)
+    if used is None:
+        return
+    drives = planner_drives(parameters)
+    texts = {name: describe_drive(each or _amcl_drive(parameters)) for name, each in drives.items()}
+    if file := unread_lattice(parameters, used):
+        yield (
+            f"the motion model of {used} is in {shown(file)}, which cannot be read; locplan takes"
+            f" {texts[used]} from AMCL; otherwise set drive and turning_radius by --set"
+        )
+    others = [f"{name} is {text}" for name, text in texts.items() if text != texts[used]]
+    if planner is None and others:
+        yield (
+            f"if {used} plans, the robot is {texts[used]}, which locplan assumes;"
+            f" {', '.join(others)}; to choose another planner, add --set planner=NAME"
+        )
+
+
+def _motion_model(name: str) -> str:
+    """The name of AMCL's motion model, or that of one which was named otherwise before Humble."""
+    older = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
+    return older.get(name, name)
+
+
+@contextmanager
+def errors_at(path: str | os.PathLike[str], where: str = "") -> Iterator[None]:
+    """Name the file, and the place in it, in an error of the block."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {where}{': ' if where else ''}{error}") from None
+
+
+@contextmanager
+def errors_in(parameters: Nav2Parameters, node: str, plugin: str = "") -> Iterator[None]:
+    """Name the file of a parameter, the node and the plugin in an error of the block.
+
+    It is the file that has the parameter with which the error begins.
+    """
+    try:
+        yield
+    except ConfigError as error:
+        values = parameters.values(node)
+        name = str(error).partition(" ")[0]
+        value = values.get(f"{plugin}.{name}" if plugin else name)
+        at = value.file if value else parameters.file_of(node) or 0
+        where = ": ".join(filter(None, (node.partition("/")[0], plugin)))
+        raise ConfigError(f"{parameters.files[at].path}: {where}: {error}") from None
+
+
+def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
+    """Names of parameters in `NO_MATTER` that do matter with the values given."""
+    if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
+        yield "do_beamskip"

@@ -1,0 +1,162 @@
+"""Changes of parameter files that leave all else in them as it is."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from locplan._support.reading import compose, flow_text, read_content
+from locplan.errors import LocplanError
+from locplan.robots.parameters import (
+    MAX_BYTES,
+    REMEDY,
+    Nav2Parameters,
+    ParameterFile,
+    read_parameters,
+    values_in,
+)
+
+
+def edited_parameters(
+    path: str | os.PathLike[str], node: str, values: Mapping[str, float | str | bool]
+) -> bytes:
+    """Content of a parameter file with other values of one node's parameters.
+
+    They stand where the values in force stood; comments and layout stay. Parameters that are
+    missing are inserted above the first one of an entry for this node, or in a new entry.
+
+    Parameters
+    ----------
+    path : path
+        The file, which `read_parameters` reads, and the robot in it.
+    node : str
+        Name of the node, such as amcl.
+    values : mapping
+        Values by the names of the parameters.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be read, or if anchors, aliases or tags make one value stand for
+        several, so that it cannot be changed alone.
+    """
+    before = read_parameters(path)
+    after = before.changed(node, values)
+    return _edited(before.files[0], after.files[0])
+
+
+def edited_files(before: Nav2Parameters, after: Nav2Parameters) -> dict[Path, bytes]:
+    """Content of the files that `Nav2Parameters.changed` has edited, as `edited_parameters` has it.
+
+    Parameters
+    ----------
+    before, after : Nav2Parameters
+        The parameters of files, and those with other values, or with more.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be read, or one value stands for several.
+    """
+    pairs = zip(before.files, after.files, strict=True)
+    return {
+        was.path: _edited(was, now)
+        for was, now in pairs
+        if was.path is not None and was.content != now.content
+    }
+
+
+def _edited(before: ParameterFile, after: ParameterFile) -> bytes:
+    """Content of a file whose values have become others."""
+    file = before.path
+    assert file is not None
+    content = read_content(file, MAX_BYTES, REMEDY)
+    text = content.decode("utf-8-sig")
+    root = compose(file, content, REMEDY)
+    fault = LocplanError(
+        f"{file}: its values cannot be changed alone; write out its anchors and aliases"
+    )
+    edits = []
+    missing: dict[tuple[str, ...], Any] = {}
+    for keys, value in _changes(before.content, after.content):
+        found = _found(root, keys)
+        if found is None:
+            missing.setdefault(keys[:-1], {})[keys[-1]] = value
+        else:
+            edits.append(_replacement(text, *found, value))
+    for keys, new in missing.items():
+        edits.append(_insertion(text, root, keys, new))
+    for start, end, new_text in sorted(edits, reverse=True):
+        text = text[:start] + new_text + text[end:]
+    edited = text.encode("utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8")
+    try:
+        read = values_in(file, edited, REMEDY)
+    except LocplanError:
+        raise fault from None
+    if read != after.content:
+        raise fault
+    return edited
+
+
+def _changes(
+    before: Mapping[str, Any], after: Mapping[str, Any], above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Keys and value of what is another, or new, in a mapping of mappings."""
+    for key, value in after.items():
+        own, keys = before.get(key), (*above, key)
+        if isinstance(own, dict) and isinstance(value, dict):
+            yield from _changes(own, value, keys)
+        elif key not in before or own != value:
+            yield keys, value
+
+
+def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
+    """Key and value at the end of keys, the last ones where a key stands several times."""
+    if not (keys and mapping is not None and mapping.id == "mapping"):
+        return None
+    first, *inner = keys
+    for key, value in reversed(mapping.value):
+        if key.value == first:
+            found = _found(value, inner) if inner else (key, value)
+            if found is not None:
+                return found
+    return None
+
+
+def _replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, str]:
+    """Beginning, end and new text of a value."""
+    start, end = value.start_mark.index, value.end_mark.index
+    if value.id == "sequence" and not value.flow_style:  # which ends where the next thing begins
+        return (
+            text.index(":", key.end_mark.index) + 1,
+            value.value[-1].end_mark.index,
+            (f" {flow_text(new)}"),
+        )
+    if start < key.end_mark.index:  # an alias, whose node stands where its anchor is
+        alias = re.compile(r"\s*:\s*(\*[^\s,\[\]{}]+)").match(text, key.end_mark.index)
+        assert alias is not None
+        return alias.start(1), alias.end(1), flow_text(new)
+    anchor = re.compile(r"&[^\s,\[\]{}]+\s*").match(text, start)
+    quote = text[start] if text[start : start + 1] in ("'", '"') else ""
+    quote = quote if isinstance(new, str) else ""
+    written = f"{quote}{new}{quote}" if quote else flow_text(new)
+    return (anchor.end() if anchor else start), end, written
+
+
+def _insertion(
+    text: str, root: Any, keys: Sequence[str], values: Mapping[str, Any]
+) -> tuple[int, int, str]:
+    """Where missing parameters are inserted, twice, and their text."""
+    entries = [f"{name}: {flow_text(value)}" for name, value in values.items()]
+    found = _found(root, keys)
+    mapping: Any = found[1] if found else root
+    if mapping.flow_style:
+        at = text.index("{", mapping.start_mark.index) + 1
+        return at, at, ", ".join(entries) + (", " if mapping.value else "")
+    first = mapping.value[0][0].start_mark
+    indent = text[first.index - first.column : first.index]
+    newline = "\r\n" if "\r\n" in text else "\n"
+    return first.index, first.index, "".join(f"{entry}{newline}{indent}" for entry in entries)

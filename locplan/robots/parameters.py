@@ -1,0 +1,631 @@
+"""Nav2's parameter files: entries, and the values that ROS merges from several files."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from locplan._support.checks import file_path, shown
+from locplan._support.reading import (
+    ROS_BOOLEANS,
+    ROS_NUMBER,
+    compose,
+    fault_of,
+    read_content,
+    scalar,
+)
+from locplan.errors import LocplanError
+
+Parameters = dict[str, Any]
+PARAMETERS = "ros__parameters"
+
+
+@dataclass(frozen=True)
+class ParameterFile:
+    """A parameter file, and the robot in it."""
+
+    path: Path | None = None
+    """The file; None for parameters that no file holds."""
+    content: Parameters = None  # type: ignore[assignment]
+    """The whole content."""
+    namespace: str = ""
+    """Namespace of the robot in this file, such as "/robot1"."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "content", {} if self.content is None else self.content)
+
+    @property
+    def title(self) -> str:
+        """The file's name for people."""
+        return self.path.name if self.path else "the parameters"
+
+    @property
+    def entries(self) -> Iterator[Entry]:
+        """All entries in the order in which they stand."""
+        return walked_entries(self.content, ())
+
+    def is_for_robot(self, entry: Entry) -> bool:
+        """Return whether an entry can be for nodes in the robot's namespace."""
+        namespace = self.namespace.strip("/")
+        inside = f"{entry.name.strip('/')}/".startswith(f"{namespace}/")
+        return not namespace or inside or "*" in entry.name
+
+    def relative_name(self, entry: Entry) -> str:
+        """Name of an entry as seen from the robot's namespace."""
+        slash = "/" if entry.name.startswith("/") else ""
+        inner = f"{entry.name.strip('/')}/".removeprefix(f"{self.namespace.strip('/')}/")
+        return slash + inner.strip("/")
+
+
+class Entry(NamedTuple):
+    """The parameters that a file has for the nodes of a name."""
+
+    keys: tuple[str, ...]
+    """The keys that lead to them."""
+    name: str
+    """Name of the nodes, which may have wildcards, such as /**/amcl."""
+    parameters: Parameters
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether they are for nodes of any name."""
+        return self.name.endswith("*")
+
+    def is_for(self, node: str) -> bool:
+        """Whether a node has them: * stands for one name, ** for any number of them."""
+        names = node.strip("/").split("/")
+        reached = {0}
+        for part in filter(None, self.name.split("/")):
+            if part == "**":
+                reached = set(range(min(reached), len(names) + 1))
+            else:
+                fits = {at for at in reached if part == "*" or names[at : at + 1] == [part]}
+                reached = {at + 1 for at in fits if at < len(names)}
+            if not reached:
+                return False
+        return len(names) in reached
+
+
+class Value(NamedTuple):
+    """A value of a parameter, and its place in the files."""
+
+    value: Any
+    file: int
+    """Index of the file in `Nav2Parameters.files`."""
+    entry: Entry
+    path: tuple[str, ...]
+    """The keys that lead from the entry to the value."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """All keys that lead to the value in its file."""
+        return (*self.entry.keys, PARAMETERS, *self.path)
+
+
+def walked_entries(content: Parameters, keys: tuple[str, ...]) -> Iterator[Entry]:
+    for key, value in content.items():
+        if key == PARAMETERS and keys:
+            yield Entry(keys, "/".join(each.removesuffix("/") for each in keys), value)
+        elif isinstance(value, dict):
+            yield from walked_entries(value, (*keys, key))
+
+
+def values_in_entry(at: int, entry: Entry) -> Iterator[Value]:
+    """All values in an entry."""
+    for path, value in leaves(entry.parameters):
+        yield Value(value, at, entry, path)
+
+
+def merged_values(entries: Sequence[tuple[int, Entry]]) -> list[Value]:
+    """The values of entries of one name, in the order in which later ones replace earlier ones.
+
+    rcl_yaml_param_parser replaces the first value of a plain name, but appends that of a name in
+    a mapping (find_parameter in parse.c looks for the mapping's name).
+    """
+    values: list[Value] = []
+    first: dict[str, int] = {}
+    for at, entry in entries:
+        for each in values_in_entry(at, entry):
+            name = ".".join(each.path)
+            if len(each.path) == 1 and name in first:
+                values[first[name]] = each
+            else:
+                first.setdefault(name, len(values))
+                values.append(each)
+    return values
+
+
+def component_values(at: int, file: ParameterFile, node: str) -> dict[str, Value]:
+    """The values that launch_ros takes from a file for a node in a component container.
+
+    Those of its name replace whole parts of those of "/**", such as all settings of a plugin.
+    """
+    entries = {"/".join(key.lstrip("/") for key in each.keys): each for each in file.entries}
+    parts: dict[str, list[Value]] = {}
+    for name in ("**", f"{file.namespace}/{node}".strip("/")):
+        if name in entries:
+            own: dict[str, list[Value]] = {}
+            for each in values_in_entry(at, entries[name]):
+                own.setdefault(each.path[0], []).append(each)
+            parts |= own
+    return {".".join(each.path): each for values in parts.values() for each in values}
+
+
+def leaves(
+    parameters: Parameters, above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The keys that lead to each value, and the value."""
+    for key, value in parameters.items():
+        if isinstance(value, dict):
+            yield from leaves(value, (*above, key))
+        else:
+            yield (*above, key), value
+
+
+AMCL, PLANNER_SERVER = "amcl", "planner_server"
+GLOBAL_COSTMAP, LOCAL_COSTMAP = (f"{each}_costmap/{each}_costmap" for each in ("global", "local"))
+NODES = (AMCL, PLANNER_SERVER, "controller_server", GLOBAL_COSTMAP, LOCAL_COSTMAP)
+"""Nodes of Nav2; the parameter files have parameters of at least one of them."""
+
+
+class Conflict(NamedTuple):
+    """A parameter whose value depends on the place of a wildcard."""
+
+    name: str
+    """Name of the parameter."""
+    text: str
+    """The values and the files that have them, in one sentence for people."""
+
+
+@dataclass(frozen=True)
+class Nav2Parameters:
+    """The parameters of one robot's nodes in files of Nav2, as ROS resolves them.
+
+    A node has those of all entries whose name fits its own, "/**" and "/*" included. A launch file
+    that rewrites the parameters, as nav2_bringup's does, first sorts the entries by name: where
+    those with wildcards stand first in the file, the result is the same.
+    """
+
+    files: tuple[ParameterFile, ...] = ()
+    """The files, of which later ones replace single parameters of earlier ones."""
+
+    @property
+    def content(self) -> Parameters:
+        """The whole content of the file, or of `merged` if there are several."""
+        return self.files[0].content if len(self.files) == 1 else self._merged_content()
+
+    @property
+    def namespace(self) -> str:
+        """Namespace of the robot, such as "/robot1"."""
+        return next((file.namespace for file in self.files if file.namespace), "")
+
+    def entries(self, node: str) -> list[tuple[int, Entry]]:
+        """The entries for a node and the indices of their files, in the order in which they count.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node, such as amcl or global_costmap/global_costmap.
+        """
+        fits = [
+            [(at, each) for at, each in entries if each.is_for(f"{self._space(at)}/{node}")]
+            for entries in self._by_name()
+        ]
+        return [each for entries in fits for each in entries]
+
+    def values(
+        self, node: str, *, shared: bool = True, component: bool = False
+    ) -> dict[str, Value]:
+        """Values in force of a node's parameters, with their places.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        shared : bool, default True
+            Whether those for nodes of any name are among them.
+        component : bool, default False
+            Whether a component container loads the node. The costmaps, which their servers start,
+            are merged in the same way in either case.
+        """
+        values: dict[str, Value] = {}
+        for entries in self._by_name():
+            for each in merged_values(entries):
+                fits = each.entry.is_for(f"{self._space(each.file)}/{node}")
+                if fits and (shared or not each.entry.is_shared):
+                    values[".".join(each.path)] = each
+        if component and node not in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
+            for at, file in enumerate(self.files):
+                values |= component_values(at, file, node)
+        return values
+
+    def of(self, node: str, *, shared: bool = True, component: bool = False) -> Parameters:
+        """Parameters of a node by their names in ROS, such as GridBased.plugin.
+
+        Parameters
+        ----------
+        node, shared, component
+            Those of `values`.
+        """
+        values = self.values(node, shared=shared, component=component)
+        return {name: each.value for name, each in values.items()}
+
+    def conflicts(self, node: str) -> list[Conflict]:
+        """Parameters of a node of which a wildcard and a name have different values.
+
+        They are those that a component container gives another value, and those of which a later
+        file's wildcard replaces the value for the node's name.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        """
+        alone, loaded = self.values(node), self.values(node, component=True)
+        conflicts = []
+        for name, winner in alone.items():
+            rivals = [each for each in self._stands(node, name) if each.value != winner.value]
+            named = [each for each in rivals if not each.entry.is_shared]
+            hidden = winner.entry.is_shared and any(each.file < winner.file for each in named)
+            if loaded[name].value != winner.value or hidden:
+                conflicts.append(Conflict(name, self._conflict_text(node, name, loaded[name])))
+        return conflicts
+
+    def place(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
+        """The file's index and the keys of the value in force, or of where it belongs.
+
+        Parameters
+        ----------
+        node, name : str
+            Names of the node and the parameter.
+        """
+        if value := self.values(node).get(name):
+            return value.file, value.keys
+        at = self.file_of(node) or 0
+        entries = [each for index, each in self.entries(node) if index == at]
+        own = [each.keys for each in entries if not each.is_shared]
+        alone = [each.keys for each in entries if "*" not in each.name]
+        new = tuple(filter(None, f"{self._space(at)}/{node}".split("/")))
+        return at, (*(alone or own or [new])[-1], PARAMETERS, *name.split("."))
+
+    def file_of(self, node: str) -> int | None:
+        """Index of the file that has most parameters of a node, or None if no file names the node.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        """
+        counts: Counter[int] = Counter()
+        for at, entry in self.entries(node):
+            if not entry.is_shared:
+                counts[at] += 1 + sum(1 for _ in leaves(entry.parameters))
+        return max(sorted(counts), key=lambda at: counts[at]) if counts else None
+
+    def names(self, node: str, name: str, default: Sequence[str] = ()) -> list[str]:
+        """The names that a parameter of a node lists, or others without any.
+
+        Parameters
+        ----------
+        node, name : str
+            Names of the node and the parameter.
+        default : sequence of str, default ()
+            The names where the parameter is missing.
+
+        Raises
+        ------
+        LocplanError
+            If the parameter is no list of names.
+        """
+        listed = self.of(node).get(name) or list(default)
+        if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
+            raise LocplanError(f"{name} must be a list of names, not {shown(listed)}")
+        return list(listed)
+
+    def changed(self, node: str, values: Mapping[str, Any]) -> Nav2Parameters:
+        """Parameters with other values for a node, which stand where those in force stood.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+        values : mapping
+            Values by the names of the parameters.
+        """
+        if not self.files:
+            return Nav2Parameters((ParameterFile(),)).changed(node, values)
+        files = [replace(each, content=copy.deepcopy(each.content)) for each in self.files]
+        for name, value in values.items():
+            at, (*path, last) = self.place(node, name)
+            inner = files[at].content
+            for key in path:
+                if not isinstance(inner.get(key), dict):
+                    inner[key] = {}
+                inner = inner[key]
+            inner[last] = value
+        return Nav2Parameters(tuple(files))
+
+    def merged(self) -> Nav2Parameters:
+        """The same parameters in one file, which no path names."""
+        if len(self.files) == 1:
+            return self
+        return Nav2Parameters((ParameterFile(None, self._merged_content(), self.namespace),))
+
+    def _merged_content(self) -> Parameters:
+        content: Parameters = {}
+        for entries in self._by_name():
+            keys = entries[0][1].keys
+            for each in {".".join(value.path): value for value in merged_values(entries)}.values():
+                path: tuple[str, ...] = (*keys, PARAMETERS, *each.path)
+                inner = content
+                for key in path[:-1]:
+                    inner = inner.setdefault(key, {})
+                inner[path[-1]] = copy.deepcopy(each.value)
+        return content
+
+    def _space(self, at: int) -> str:
+        return self.files[at].namespace if self.files else ""
+
+    def _by_name(self) -> list[list[tuple[int, Entry]]]:
+        """All entries with the indices of their files, those of the same name together.
+
+        A name counts where it first stands in any file, as in rcl_yaml_param_parser.
+        """
+        entries: dict[str, list[tuple[int, Entry]]] = {}
+        for at, file in enumerate(self.files):
+            for entry in filter(file.is_for_robot, file.entries):
+                entries.setdefault(file.relative_name(entry), []).append((at, entry))
+        return list(entries.values())
+
+    def _stands(self, node: str, name: str) -> list[Value]:
+        """All values of a node's parameter that stand in the files."""
+        return [
+            each
+            for at, entry in self.entries(node)
+            for each in values_in_entry(at, entry)
+            if ".".join(each.path) == name
+        ]
+
+    def _conflict_text(self, node: str, name: str, loaded: Value) -> str:
+        stands = [
+            f"{shown(each.value)} for {each.entry.name} ({self.files[each.file].title})"
+            for each in sorted(self._stands(node, name), key=lambda each: each.file)
+        ]
+        own = self.values(node)[name]
+        taken = f"ROS takes {shown(own.value)}"
+        if loaded.value != own.value:
+            taken += f", or {shown(loaded.value)} in a component container"
+        return f"{node}: {name} is {', '.join(stands)}; {taken}"
+
+
+MAX_BYTES = 2**17
+"""Maximum size of a file, of which PyYAML reads some 50 KB a second."""
+MAX_VALUES = 100_000
+"""Maximum number of values in a file, those that aliases stand for included."""
+REMEDY = "give Nav2's parameters"
+
+
+def read_parameters(*paths: str | os.PathLike[str] | None) -> Nav2Parameters:
+    """Read the parameters in files of Nav2; without a file there are none.
+
+    As in ROS, names are texts, and values are numbers, true, false, texts, or lists of them; what
+    YAML makes something else of, such as a date, is a text. Aliases are written out.
+
+    Parameters
+    ----------
+    *paths : path or None
+        The YAML files, of at most 128 KiB, with parameters of nodes of Nav2 such as amcl; later
+        ones replace single parameters. Where a file has several robots, the namespace of one
+        follows: "nav2.yaml:robot1", or "nav2.yaml:/" for the robot without one.
+
+    Returns
+    -------
+    Nav2Parameters
+        The content, and the parameters of each node of the robot.
+
+    Raises
+    ------
+    LocplanError
+        If a file cannot be read, is no parameter file, or has several robots of which none is
+        named; or if the files have no parameters of Nav2's nodes, or are of different robots.
+    """
+    files, robots = [], []
+    for path in paths:
+        if path is not None:
+            file, robot = file_and_robot(path)
+            content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+            files.append(ParameterFile(file, content))
+            robots.append(robot)
+    return parameters_of(files, robots) if files else Nav2Parameters()
+
+
+def file_and_robot(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
+    """The file that a path names, and the robot's name after a colon, if there is one.
+
+    Parameters
+    ----------
+    path : path
+        The file, or "FILE:NAMESPACE".
+
+    Raises
+    ------
+    LocplanError
+        If the path can name no file.
+    """
+    file = file_path("a file of Nav2's parameters", path)
+    name, colon, robot = str(file).rpartition(":")
+    if colon and not file.exists() and Path(name).is_file():
+        return Path(name), robot
+    return file, None
+
+
+def parameters_of(
+    files: Sequence[ParameterFile], robots: Sequence[str | None] = (None,)
+) -> Nav2Parameters:
+    """Parameters in files, with the robots that their paths name; see `read_parameters`."""
+    for file in files:
+        remedy = f"{REMEDY} of ROS 2, or single values by --set, as --set alpha1=0.1"
+        if (key := _ros1_key(file)) is not None:
+            fault = f"holds parameters of ROS 1 ({shown(key)}), which has no {PARAMETERS}"
+            raise LocplanError(f"{file.path}: {fault}; {remedy}")
+        if (node := _bare_node(file)) is not None:
+            fault = f"{shown(node)} holds no {PARAMETERS}, as in ROS 1"
+            raise LocplanError(f"{file.path}: {fault}; {remedy}")
+        for entry in file.entries:
+            if not isinstance(entry.parameters, dict):
+                raise LocplanError(
+                    f"{file.path}: {shown(entry.name)} holds no {PARAMETERS}; {REMEDY}"
+                )
+    spaces = _namespaces(files, robots)
+    named = (replace(file, namespace=space) for file, space in zip(files, spaces, strict=True))
+    parameters = Nav2Parameters(tuple(named))
+    first = files[0].path if len(files) == 1 else ", ".join(str(each.path) for each in files)
+    if not any(parameters.entries(node) for node in NODES):
+        where = f" in {parameters.namespace}" if parameters.namespace else ""
+        raise LocplanError(
+            f"{first}: has no parameters of Nav2's nodes{where}; {REMEDY} (as FILE:NAMESPACE where"
+            " the robot has one), or a robot's file, which has an entry 'robot'"
+        )
+    for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
+        for name in ("plugins", "filters", "planner_plugins"):
+            try:
+                parameters.names(node, name)
+            except LocplanError as error:
+                at, _ = parameters.place(node, name)
+                raise LocplanError(f"{files[at].path}: {error}") from None
+    return parameters
+
+
+ROS1_NAMES = {
+    *("base_global_planner", "base_local_planner", "costmap_common_params", "kld_err", "kld_z"),
+    *("laser_max_beams", "laser_sigma_hit", "laser_z_hit", "laser_z_rand", "move_base"),
+    *("obstacle_range", "odom_alpha1", "odom_model_type", "raytrace_range", "static_map"),
+    *("DWAPlannerROS", "NavfnROS", "TebLocalPlannerROS", "TrajectoryPlannerROS"),
+}
+"""Names of parameters and nodes that amcl and move_base have in ROS 1 only."""
+
+
+def _ros1_key(file: ParameterFile) -> str | None:
+    """A name by which a file is one of ROS 1, or None."""
+    if next(file.entries, None) is not None:
+        return None
+    contents = [file.content]
+    while contents:
+        for key, value in contents.pop().items():
+            if key in ROS1_NAMES:
+                return key
+            if isinstance(value, dict):
+                contents.append(value)
+    return None
+
+
+def _bare_node(file: ParameterFile) -> str | None:
+    """A node of Nav2 in a file without any `ros__parameters`, or None."""
+    if next(file.entries, None) is not None:
+        return None
+    names = {node.partition("/")[0] for node in NODES}
+    return next((name for name in file.content if name.strip("/") in names), None)
+
+
+def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) -> list[str]:
+    """Namespace of the robot in each file: the one that is named, or the only one."""
+    known = [_robots_in(file) for file in files]
+    asked = [None if robot is None else f"/{robot.strip('/')}".rstrip("/") for robot in robots]
+    told = {each for each in asked if each is not None}
+    told = told or {each[0] for each in known if len(each) == 1}
+    spaces: list[str | None] = []
+    for file, robot, names in zip(files, asked, known, strict=True):
+        fits = [each for each in names if each in told]
+        if robot is None and len(names) > 1 and len(fits) != 1:
+            listed = ", ".join(shown(each or "/") for each in names[:5])
+            raise LocplanError(
+                f"{file.path}: has several robots, {listed}; name one, as FILE:NAMESPACE"
+            )
+        if robot is not None and names and robot not in names:
+            listed = ", ".join(shown(each or "/") for each in names[:5])
+            raise LocplanError(f"{file.path}: has no robot {shown(robot or '/')}; it has {listed}")
+        found = fits[0] if len(names) > 1 else names[0] if names else None
+        spaces.append(found if robot is None else robot)
+    different = {each for each in spaces if each is not None}
+    if len(different) > 1 and None in asked:
+        texts = (
+            f"{file.path} has {shown(space or '/')}"
+            for file, space in zip(files, spaces, strict=True)
+            if space is not None
+        )
+        raise LocplanError(
+            f"the files are of different robots: {', '.join(texts)}; name the robot of every file,"
+            " as FILE:NAMESPACE"
+        )
+    usual = next(iter(different)) if len(different) == 1 else ""
+    return [usual if space is None else space for space in spaces]
+
+
+def _robots_in(file: ParameterFile) -> list[str]:
+    """Namespaces of the robots that a file names."""
+    names = {each.name for each in file.entries}
+    nodes = {(f"/{name.strip('/')}", f"/{node}") for name in names for node in NODES}
+    robots = sorted({name.removesuffix(node) for name, node in nodes if name.endswith(node)})
+    return [each for each in robots if "*" not in each]
+
+
+def values_in(file: Path, content: bytes, remedy: str) -> Parameters:
+    """Values of a file's YAML by name, as ROS reads them; none if it holds others."""
+    root = compose(file, content, remedy)
+    try:
+        values = None if root is None else _PlainValues().of(root)
+    except (OverflowError, RecursionError):
+        fault = f"its aliases stand for over {MAX_VALUES} values"
+        raise fault_of(file, fault, "write out what they stand for") from None
+    return values if isinstance(values, dict) else {}
+
+
+class _PlainValues:
+    """The values of YAML's nodes; an OverflowError if there are more than `MAX_VALUES`."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def of(self, node: Any) -> Any:
+        """Value of a node, and of all in it."""
+        self.count += 1
+        if self.count > MAX_VALUES:
+            raise OverflowError
+        if node.id == "sequence":
+            return [self.of(item) for item in node.value]
+        if node.id == "mapping":
+            return self._mapping(node)
+        if node.tag == "tag:yaml.org,2002:null":
+            return None
+        if node.style is None and node.value in ROS_BOOLEANS:
+            return ROS_BOOLEANS[node.value]
+        if node.style is None and ROS_NUMBER.fullmatch(node.value):
+            return float(node.value)
+        value = scalar(node)
+        too_long = isinstance(value, int) and not -(2**63) <= value < 2**63
+        return str(node.value) if too_long else value
+
+    def _mapping(self, node: Any) -> Parameters:
+        own: Parameters = {}
+        merged: Parameters = {}
+        for key, value in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                for source in reversed(value.value if value.id == "sequence" else [value]):
+                    content = self.of(source)  # of several the first one counts
+                    merged |= content if isinstance(content, dict) else {}
+            else:
+                name = str(key.value) if key.id == "scalar" else "?"
+                own[name] = _joined(own.get(name), self.of(value))
+        return merged | own
+
+
+def _joined(first: Any, then: Any) -> Any:
+    """The later of two values of a name, or what both hold: ROS reads all of them."""
+    if not (isinstance(first, dict) and isinstance(then, dict)):
+        return then
+    return first | {name: _joined(first.get(name), value) for name, value in then.items()}

@@ -1,0 +1,206 @@
+"""AMCL's particle filter, with what its kernels take of the settings, the map and the lidar."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.kernels.arrays import Floats
+from locplan._support.poses import turning
+from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan.maps.occupancy import FREE, OCCUPIED
+
+if TYPE_CHECKING:
+    from locplan._support.kernels.particles import BeamScores, Filter
+    from locplan.robots.amcl import Amcl, Deviation
+    from locplan.robots.lidar import Lidar
+
+UPDATED, RESAMPLED, NOW = range(3)
+"""Rows of odometry that a running filter keeps: at the last update, the last resampling, now."""
+
+
+class Particles:
+    """AMCL as it runs, see `Tracker`; its numbers are those of simulated drives and replays.
+
+    Parameters
+    ----------
+    amcl : Amcl
+        The settings.
+    grid, lidar, pose, deviation, random
+        See `Filter.start`.
+    """
+
+    def __init__(
+        self,
+        amcl: Amcl,
+        grid: OccupancyGrid,
+        lidar: Lidar,
+        pose: Floats,
+        deviation: Deviation,
+        random: np.random.Generator,
+    ) -> None:
+        from locplan._support.kernels.drives import AT, Start, begin
+
+        self._amcl, self._grid, self._lidar, self._random = amcl, grid, lidar, random
+        self._scores, self._settings = beam_scores(grid, amcl, lidar), filter_settings(amcl)
+        first = own_axes(grid, np.asarray(pose, np.float64)[None])[0]
+        self._tracker = begin(random, first, Start(*deviation), self._settings)
+        self._tracker.state[AT] = RESAMPLED
+        self._odometry = np.zeros((3, 3))
+        self._begun = False
+        self._covariance = np.full((3, 3), np.nan)
+
+    def motion(self, odometry: Floats) -> None:
+        """Take the pose that odometry has added up; see `Tracker.motion`."""
+        self._odometry[NOW] = odometry
+        if not self._begun:
+            self._odometry[:] = odometry
+
+    def scan(self, ranges: NDArray[np.float32]) -> None:
+        """Move, weigh and resample the particles if the robot came far enough; `Tracker.scan`."""
+        from locplan._support.kernels import drives
+
+        state, random = self._tracker.state, self._random
+        due = drives.is_due(self._tracker, self._odometry, NOW, self._settings)
+        if due:
+            drives.advance(random, self._tracker, self._odometry, NOW, self._settings)
+        self._covariance[:] = np.nan
+        if not due and self._begun:
+            return
+        self._begun = True
+        ends = compared_ends(self._amcl, self._lidar, np.asarray(ranges)[None])[0]
+        cells = np.ascontiguousarray(ends / self._grid.resolution)
+        if drives.correct(random, self._tracker, self._scores, cells, NOW, self._settings):
+            drives.covariance_of(self._tracker, self._covariance)
+            self._odometry[RESAMPLED], state[drives.AT] = self._odometry[NOW], RESAMPLED
+        self._odometry[UPDATED], state[drives.UPDATED] = self._odometry[NOW], UPDATED
+
+    def estimate(self) -> Floats:
+        """Mean of the heaviest cluster, moved on with odometry; see `Tracker.estimate`."""
+        from locplan._support.kernels.drives import estimate
+
+        x, y, heading = estimate(self._tracker, self._odometry, NOW)
+        resolution = self._grid.resolution
+        at = self._grid.grid_to_world(np.float64(y / resolution), np.float64(x / resolution))
+        return np.array([*map(float, at), heading + self._grid.origin[2]])
+
+    def covariance(self) -> Floats:
+        """Covariance of all particles, as AMCL publishes it where it has just resampled them."""
+        turn = turning(self._grid.origin[2])
+        return np.asarray(turn @ self._covariance @ turn.T)
+
+
+def filter_settings(amcl: Amcl) -> Filter:
+    """AMCL's parameters as the kernels take them.
+
+    Parameters
+    ----------
+    amcl : Amcl
+        The parameters.
+    """
+    from locplan._support.kernels.particles import Filter
+
+    names = [name for name in Filter._fields if name != "omnidirectional"]
+    own = {name: getattr(amcl, name) for name in names}
+    return Filter(**own, omnidirectional=amcl.is_omnidirectional)
+
+
+def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
+    """Ends of the beams of scans that AMCL compares, (n, some beams, 2) on the robot [m].
+
+    Parameters
+    ----------
+    amcl : Amcl
+        The filter.
+    lidar : Lidar
+        The lidar.
+    ranges : (n, beams) array
+        Distances along all beams [m].
+
+    Returns
+    -------
+    array
+        Ends ahead and to the left of the robot; NaN without a return.
+    """
+    beams = slice(None, None, amcl.beam_step(lidar.beams))
+    least, most = max(lidar.min_range, amcl.laser_min_range), amcl.laser_max_range
+    some = ranges[:, beams]
+    used = (some >= least) & (some < (most if most > 0 else math.inf))
+    return lidar.ends_on_robot(np.where(used, some, np.nan), beams)
+
+
+def beam_scores(
+    grid: OccupancyGrid, amcl: Amcl, lidar: Lidar, values: NDArray[np.float32] | None = None
+) -> BeamScores:
+    """Scores that beams add to particles on a map, as the kernels take them.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The filter's map.
+    amcl : Amcl
+        Parameters of the filter.
+    lidar : Lidar
+        The lidar, for its range.
+    values : (H + 2, W + 2) array of float32, optional
+        What `score_values` gave for these; by default it is computed.
+    """
+    from locplan._support.kernels.particles import BeamScores
+
+    values = score_values(grid, amcl, lidar) if values is None else values
+    recovers = amcl.recovery_alpha_slow > 0 or amcl.recovery_alpha_fast > 0
+    return BeamScores(
+        values=values.ravel(),
+        rows=values.shape[0],
+        cols=values.shape[1],
+        resolution=grid.resolution,
+        product=amcl.multiplies,
+        shift=1.5 if amcl.half_cell else 1.0,
+        free=np.flatnonzero(grid.cells == FREE) if recovers else np.empty(0, np.int64),
+    )
+
+
+def score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArray[np.float32]:
+    """Score that a beam adds to a particle, for each cell where it may end, by AMCL's models.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The filter's map.
+    amcl : Amcl
+        Parameters of the filter.
+    lidar : Lidar
+        The lidar, for its range.
+
+    Returns
+    -------
+    (H + 2, W + 2) array of float32
+        Cube of the beam's likelihood, or its logarithm for "likelihood_field_prob". The ring
+        around the map is for beams that end outside of it.
+    """
+    import cv2
+
+    occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
+    furthest, reach = amcl.laser_likelihood_max_dist, amcl.reach(lidar)
+    beyond = _score(np.float64(furthest), amcl, reach)
+    scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), beyond, np.float32)
+    if occupied.any():
+        cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        for top in range(0, len(cells), 256):  # in parts, which saves memory on a large map
+            distance = np.minimum(cells[top : top + 256] * grid.resolution, furthest)
+            scored = _score(distance.astype(np.float64), amcl, reach)
+            scores[1 + top : 1 + top + len(scored), 1:-1] = scored
+    return scores
+
+
+def _score(distance: Any, amcl: Amcl, reach: float) -> Any:
+    """Score of a beam that ends at a distance from the nearest wall [m], float32."""
+    hit = amcl.z_hit * np.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
+    likelihood = hit + amcl.z_rand / reach
+    if amcl.multiplies:
+        tiny = np.finfo(np.float32).tiny
+        return np.log(np.maximum(likelihood, tiny)).astype(np.float32)
+    return (likelihood**3).astype(np.float32)

@@ -1,0 +1,363 @@
+"""A robot: all that decides how it plans and localizes, in one object."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from locplan._support.checks import (
+    Settings,
+    differing,
+    file_path,
+    instance,
+    keep,
+    number,
+    setting,
+    shown,
+    suggestion,
+)
+from locplan._support.files import check_target
+from locplan._support.output import replacing
+from locplan._support.public import field_docs
+from locplan._support.reading import dumped, stamp
+from locplan._support.records import Column, Table
+from locplan.errors import ConfigError
+from locplan.robots.amcl import Amcl, Filter
+from locplan.robots.files import OWN, PARTS, VERSION, made, names_of, outline_of, read_parts
+from locplan.robots.lidar import Lidar
+from locplan.robots.nav2 import errors_at
+from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
+
+
+@dataclass(frozen=True, repr=False)
+class Robot(Settings):
+    """A robot with a 2D lidar: what it is, how it moves, and how it localizes.
+
+    Every part may be left out; a robot is known when its lidar is.
+
+    Raises
+    ------
+    ConfigError
+        If a part is of the wrong kind, or a value out of its range.
+
+    Examples
+    --------
+    >>> robot = Robot("turtlebot4", footprint=0.18)
+    >>> robot.lidar.range, round(robot.radius, 2)
+    (12.0, 0.23)
+    >>> robot.changed({"alpha1": 0.05}).filter
+    Amcl(alpha1=0.05)
+    """
+
+    lidar: Lidar | None = None
+    """The lidar, or its name, one of `PRESETS`; None where it is not known."""
+    _: KW_ONLY
+    footprint: Footprint | float = 0.2
+    """The true outline, or its radius, >= 0 [m]."""
+    margin: float = setting(0.05, 0.0)
+    """What planning adds to the outline, >= 0 [m]; Nav2's footprint_padding."""
+    kinematics: Kinematics = field(default=Kinematics())
+    """How the robot moves."""
+    goal_tolerance: float = setting(0.25, 0.0)
+    """Distance from the goal at which the robot stops, >= 0 [m]."""
+    inflation: Inflation | None = None
+    """Inflation of the costmap that the robot's navigation plans on; None without one."""
+    filter: Amcl | Filter = field(default=Amcl())
+    """The filter that localizes the robot, with its parameters: Nav2's, or one of your own."""
+    odometry: Odometry = field(default=Odometry())
+    """Errors of the odometry."""
+    disturbances: Disturbances = field(default=Disturbances())
+    """Noise, and how the worlds differ from the map."""
+
+    if TYPE_CHECKING:  # a lidar may be given by its name, but is kept as one
+
+        def __init__(
+            self,
+            lidar: Lidar | str | None = None,
+            *,
+            footprint: Footprint | float = ...,
+            margin: float = ...,
+            kinematics: Kinematics = ...,
+            goal_tolerance: float = ...,
+            inflation: Inflation | None = None,
+            filter: Amcl | Filter = ...,
+            odometry: Odometry = ...,
+            disturbances: Disturbances = ...,
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
+        if isinstance(self.lidar, str):
+            keep(self, lidar=Lidar.preset(self.lidar))
+        for name, kind in PARTS.items():
+            part = getattr(self, name)
+            follows = hasattr(part, "start") and name == "filter"  # the protocol of filters
+            if not follows and (part is not None or name not in ("lidar", "inflation")):
+                instance(name, part, kind)
+        if not isinstance(self.footprint, Footprint):
+            keep(self, footprint=number("footprint", self.footprint, 0.0))
+        super().__post_init__()
+
+    @classmethod
+    def from_nav2(cls, path: str | os.PathLike[str], lidar: Lidar | str | None = None) -> Robot:
+        """Robot of a parameter file of Nav2.
+
+        Its filter is amcl's; footprint or robot_radius, footprint_padding and inflation are those
+        of the global costmap (or the local one, where the global one has no size); the drive is
+        that of the planner in use, see `load`; if it has none, the robot moves sideways if amcl's
+        motion model does.
+
+        Parameters
+        ----------
+        path : path
+            The YAML file; where it has several robots, the namespace of one follows, as in
+            "nav2.yaml:robot1".
+        lidar : Lidar or str, optional
+            The lidar, or its name; Nav2's parameters do not say it.
+
+        Raises
+        ------
+        LocplanError
+            If the file cannot be read, or a value is out of its range.
+
+        Warns
+        -----
+        ParameterWarning
+            If parameters in the file are not simulated.
+        """
+        lidar = Lidar.preset(lidar) if isinstance(lidar, str) else lidar
+        return replace(cls.load(path), lidar=lidar)
+
+    @classmethod
+    def load(
+        cls,
+        *paths: str | os.PathLike[str],
+        lidar: Lidar | str | None = None,
+        planner: str | None = None,
+    ) -> Robot:
+        """Robot of one or more files, of which later ones replace single settings of earlier ones.
+
+        Parameters
+        ----------
+        *paths : path
+            Files that `save` or ``locplan recording`` wrote, parameters of Nav2 (see `from_nav2`),
+            or a URDF or SDF with the lidar.
+        lidar : Lidar or str, optional
+            The lidar, or its name, in place of the files'. A URDF or SDF then needs no sensor.
+            Unless the lidar has a mount, its mount is that of the file's sensor, or of the only
+            link that is named as a scanner's frame, such as laser_frame or base_scan.
+        planner : str, optional
+            Name of the planner in Nav2's parameters that has the robot's drive; by default
+            GridBased, with which Nav2's default tree plans, or else the first one.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be read, says nothing of a robot, or a value is out of its range.
+
+        Warns
+        -----
+        ParameterWarning
+            If parameters are not simulated, or a URDF or SDF does not have the lidar's mount.
+        """
+        robot = cls(lidar)
+        for path, parts in read_parts(*paths, lidar=robot.lidar, planner=planner):
+            with errors_at(path):
+                robot = cls(**parts)
+        return robot
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the robot as YAML, for `load` and every command's ``--robot``.
+
+        Parameters
+        ----------
+        path : path
+            The file, named *.yaml; one that is there is replaced.
+
+        Raises
+        ------
+        LocplanError
+            If the file cannot be written, or its name does not end in .yaml.
+        """
+        target = file_path("a robot's file", path)
+        check_target(target, ".yaml")
+        _ = self.amcl  # a file cannot hold the code of another filter
+        content = {**stamp("robot", VERSION), "robot": self.summary()}
+        with replacing(target) as temporary:
+            temporary.write_text(dumped(content, default_flow_style=None), encoding="utf-8")
+
+    def summary(self) -> dict[str, Any]:
+        """All settings by the names of the fields, fit for JSON and YAML."""
+        own = not isinstance(self.filter, Amcl)  # a filter of one's own, which may hold anything
+        about = asdict(replace(self, filter=Amcl()) if own else self)
+        if own:
+            about["filter"] = {"title": self.filter.title, "settings": repr(self.filter)}
+        if self.outline:
+            about["footprint"] = self.outline.vertices.tolist()
+        return about
+
+    @classmethod
+    def from_summary(cls, about: Mapping[str, Any]) -> Robot:
+        """Robot of what `summary` gave; what is missing has its default.
+
+        Parameters
+        ----------
+        about : mapping
+            Settings by the names of the fields.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such setting, or a value is out of its range.
+        """
+        return cls(**made(about))
+
+    @property
+    def digest(self) -> str:
+        """Digest of all settings, 16 hexadecimal digits; equal robots have the same."""
+        lidar = self.lidar and replace(self.lidar, model="")  # a name, and no setting
+        text = json.dumps(replace(self, lidar=lidar).summary(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @property
+    def title(self) -> str:
+        """The lidar, the size, and what differs from the defaults, in one line for people."""
+        lidar = self.lidar.title if self.lidar else "no lidar named"
+        outline = self.outline
+        size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
+        others = [*differing(self.odometry), *differing(self.disturbances)]
+        changed = f", {', '.join(others)}" if others else ""
+        margin = f", margin {self.margin:g} m" if self.margin else ""
+        return f"{lidar}; {size}{margin}; {self.filter.title}{changed}"
+
+    @property
+    def known_lidar(self) -> Lidar:
+        """The lidar; a ConfigError where it is not known."""
+        if self.lidar is None:
+            raise ConfigError('the lidar is not known; name it, as in Robot("turtlebot4")')
+        return self.lidar
+
+    @property
+    def amcl(self) -> Amcl:
+        """The filter, where it is AMCL; a ConfigError where it is another."""
+        if not isinstance(self.filter, Amcl):
+            raise ConfigError(f"{self.filter.title} is not AMCL, whose parameters are read here")
+        return self.filter
+
+    @property
+    def outline(self) -> Footprint | None:
+        """The footprint, where it is no circle."""
+        return self.footprint if isinstance(self.footprint, Footprint) else None
+
+    @property
+    def radius(self) -> float:
+        """Radius of the largest circle in the outline, with the margin [m]."""
+        inner = self.footprint
+        return (inner.inscribed_radius if isinstance(inner, Footprint) else inner) + self.margin
+
+    def changed(self, changes: Mapping[str, Any]) -> Robot:
+        """Robot with other settings, whichever part they belong to.
+
+        A setting of a lidar that is not known makes one, of 12 m that sees all round by default.
+
+        Parameters
+        ----------
+        changes : mapping of str to value
+            Values by the names of the settings, such as ``{"alpha1": 0.05, "margin": 0.1}``.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such setting, or a value is out of its range.
+        """
+        of_part = {name: part for part, kind in PARTS.items() for name in names_of(kind)}
+        parts: dict[str, dict[str, Any]] = {}
+        own: dict[str, Any] = {}
+        for name, value in changes.items():
+            if name in of_part:
+                parts.setdefault(of_part[name], {})[name] = value
+            elif name in OWN:
+                own[name] = outline_of(value) if name == "footprint" else value
+            else:
+                known = (*OWN, *of_part)
+                names = f"{', '.join(known)}{suggestion(name, known)}"
+                raise ConfigError(f"a robot has no setting {shown(name)}; it has {names}")
+        for part, given in parts.items():
+            before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
+            own[part] = replace(before, **given)
+        return replace(self, **own)
+
+
+def radius_of(robot: Robot | float) -> float:
+    """Radius that is planned with [m].
+
+    Parameters
+    ----------
+    robot : Robot, or float
+        The robot, or the radius itself, 0 to 1e9 [m].
+
+    Raises
+    ------
+    ConfigError
+        If it is neither.
+    """
+    return robot.radius if isinstance(robot, Robot) else number("robot", robot, 0.0, 1e9)
+
+
+def format_radius(robot: Robot | None, radius: float) -> str:
+    """Return the radius of a robot for people, with its margin apart.
+
+    Parameters
+    ----------
+    robot : Robot or None
+        The robot, if it is known.
+    radius : float
+        The radius that is planned with [m].
+
+    Examples
+    --------
+    >>> robot = Robot(footprint=0.3)
+    >>> format_radius(robot, robot.radius)
+    '0.3 m + 0.05 m margin'
+    """
+    if robot is None or not robot.margin or abs(robot.radius - radius) > 1e-9:
+        return f"{radius:g} m"
+    return f"{radius - robot.margin:.3g} m + {robot.margin:g} m margin"
+
+
+def list_settings(robot: Robot) -> Table:
+    """Return the settings that `Robot.changed` changes, with their values and meanings.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Examples
+    --------
+    >>> rows = list_settings(Robot("turtlebot4")).rows
+    >>> [row[:4] for row in rows if row[1] == "update_min_d"]
+    [('filter', 'update_min_d', 'm', '0.25')]
+    """
+    docs = field_docs(Robot)
+    rows = [_setting_row("robot", name, robot, docs[name]) for name in OWN]
+    for part, kind in PARTS.items():
+        settings = robot.amcl if part == "filter" else getattr(robot, part)
+        for name, text in field_docs(kind).items():
+            rows.append(_setting_row(part, name, settings, text))
+    names = "part", "setting", "unit", "value", "meaning"
+    return Table(tuple(Column(name, title=name) for name in names), tuple(rows))
+
+
+def _setting_row(part: str, name: str, settings: object, text: str) -> tuple[str, ...]:
+    """Return part, name, unit, value and meaning of a setting; its docstring has the unit."""
+    value = getattr(settings, name, "-")
+    if isinstance(value, Footprint):
+        value = json.dumps(value.vertices.tolist())
+    unit = re.search(r"\[(?!1\])([^\]]+)\]", text)
+    meaning = text.partition(". ")[0].rstrip(".")
+    return part, name, unit[1] if unit else "", str(value), meaning

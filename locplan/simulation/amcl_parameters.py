@@ -1,0 +1,243 @@
+"""AMCL's parameters: warnings of bad values, and Nav2's file with tuned ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from locplan._support.checks import is_number
+from locplan._support.intervals import random_of
+from locplan._support.reading import scalar_text
+from locplan.errors import LocplanError
+from locplan.robots.amcl import MODELS, Amcl
+from locplan.robots.lidar import Lidar
+from locplan.robots.nav2 import NOT_SIMULATED, ParameterWarning, read_amcl
+from locplan.robots.parameter_edits import edited_parameters
+from locplan.robots.parameters import file_and_robot, read_parameters
+from locplan.robots.presets import PRESET_NAMES
+from locplan.robots.robot import Robot
+from locplan.simulation.simulator import BEAMS, Simulator
+
+OURS = ("half_cell", "robot_model_type")
+NAMES = tuple(each.name for each in dataclasses.fields(Amcl) if each.name not in OURS)
+"""Parameters that are both Nav2's and simulated."""
+
+
+def is_untuned(amcl: Amcl) -> bool:
+    """True if all that presets change has the values of Nav2's defaults.
+
+    Parameters
+    ----------
+    amcl : Amcl
+        The settings.
+    """
+    defaults = Amcl()
+    return all(getattr(amcl, name) == getattr(defaults, name) for name in PRESET_NAMES)
+
+
+@dataclass(frozen=True)
+class BeamsLeft:
+    """Beams of a scan that AMCL compares, and how many of them return, on the average."""
+
+    compared: int
+    """Number of beams that are compared."""
+    returned: float
+    """Mean number of these that return, over random places of the map."""
+
+    @classmethod
+    def on_map(cls, simulator: Simulator) -> BeamsLeft:
+        """Count the beams that return at 200 random places of the map where the robot fits.
+
+        Where it fits nowhere, all free cells count.
+
+        Parameters
+        ----------
+        simulator : Simulator
+            The map, the lidar, the filter and the disturbances.
+        """
+        from locplan._support.kernels.lidar import measured_ends
+
+        random = random_of(simulator.seed, BEAMS)
+        grid, arguments = simulator.grid, simulator.arguments
+        cells = np.argwhere(grid.free & (grid.clearance >= simulator.robot.radius))
+        cells = cells if len(cells) else np.argwhere(grid.free)
+        some = cells[random.integers(0, len(cells), 200)] if len(cells) else cells
+        ends = np.empty((arguments.lidar.angles.size, 2))
+        returned = 0
+        for n, cell in enumerate(some):
+            world = simulator.worlds[n % len(simulator.worlds)]
+            pose = np.array([*(cell + 0.5), random.uniform(-np.pi, np.pi)])
+            sensed = arguments.lidar, arguments.disturbances
+            measured_ends(random, world, grid.resolution, pose, *sensed, ends)
+            returned += int(np.isfinite(ends[:, 0]).sum())
+        return cls(len(ends), returned / 200)
+
+    def __str__(self) -> str:
+        return f"of {self.compared} beams compared, {self.returned:.0f} return on this map"
+
+    def warnings(self) -> list[str]:
+        """A warning if fewer than half of the beams return."""
+        if self.returned >= self.compared / 2:
+            return []
+        return [
+            f"{self}: Nav2 skips the others, whose walls are out of the lidar's range or too near;"
+            " raise max_beams, or laser_max_range where it is below the lidar's range"
+        ]
+
+
+def filter_warnings(
+    amcl: Amcl, lidar: Lidar, others: Mapping[str, object] | None = None
+) -> list[str]:
+    """Return warnings about a filter's parameters, one line each.
+
+    Parameters
+    ----------
+    amcl : Amcl
+        The parameters.
+    lidar : Lidar
+        The robot's lidar.
+    others : mapping, optional
+        Further parameters in the robot's file, such as `z_short`.
+    """
+    both = amcl.z_hit + amcl.z_rand
+    # Files of the beam model split 1 among four weights; a likelihood field reads but two.
+    rest = [(others or {}).get(name) for name in ("z_short", "z_max")]
+    total = both + sum(float(value) for value in rest if is_number(value))
+    sigma, far = amcl.sigma_hit, amcl.laser_likelihood_max_dist
+    least, most, reach = amcl.laser_min_range, amcl.laser_max_range, amcl.reach(lidar)
+    faults = {
+        f"z_hit and z_rand add up to {both:g}: likelihood fields use these two weights, which"
+        " should add up to 1": min(abs(both - 1), abs(total - 1)) > 0.01,
+        "alpha1 to alpha4 are all 0: the particles move as odometry says, and cannot correct it": (
+            amcl.alpha1 == amcl.alpha2 == amcl.alpha3 == amcl.alpha4 == 0
+        ),
+        f"laser_max_range ({most:g} m) is beyond the lidar's range of {lidar.range:g} m,"
+        " which counts instead": lidar.range < most < 100,  # Nav2's default, for no limit
+        f"laser_min_range ({least:g} m) is not below the range of {reach:g} m: no beam counts": (
+            least >= reach
+        ),
+        f"sigma_hit ({sigma:g} m) is wide: walls {2 * sigma:g} m apart look as one": sigma > 0.5,
+        f"sigma_hit ({sigma:g} m) is below the lidar's own noise of {lidar.range_sigma:g} m:"
+        " it rejects beams that are right": sigma < lidar.range_sigma,
+        f"laser_likelihood_max_dist ({far:g} m) is below twice sigma_hit ({sigma:g} m): beams"
+        " that miss the walls cost hardly more than those that hit them": far < 2 * sigma,
+    }
+    return [text for text, present in faults.items() if present]
+
+
+def warn_of_settings(
+    robot: Robot,
+    settings: Amcl,
+    beams_left: BeamsLeft,
+    others: Mapping[str, object] | None = None,
+) -> tuple[str, ...]:
+    """Return warnings about a robot's settings, and about changing them to others.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot with the user's settings.
+    settings : Amcl
+        The settings to use.
+    beams_left : BeamsLeft
+        Number of the compared beams that return.
+    others : mapping, optional
+        Further parameters in the robot's file, such as `do_beamskip`.
+    """
+    own, warnings = robot.amcl, []
+    if settings.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
+        skips = "do_beamskip becomes false with the laser model, since only this one reads it"
+        warnings.append(f"{skips}, and it was not simulated")
+    warnings += filter_warnings(own, robot.known_lidar, others)
+    return (*warnings, *beams_left.warnings())
+
+
+def check_tunable(params: Path | None) -> None:
+    """Check that tuned settings can be written into a file's copy; to be called before long work.
+
+    Parameters
+    ----------
+    params : Path or None
+        The user's parameter file.
+
+    Raises
+    ------
+    LocplanError
+        If they cannot.
+    """
+    if params is not None:
+        _edited(params, {**dict.fromkeys(PRESET_NAMES, 0.123), "laser_model_type": MODELS[1]})
+
+
+def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
+    """Write settings as parameters of Nav2.
+
+    It is the user's own file with other values, or without one a section of amcl.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    winner : Amcl
+        The settings.
+    params : path, optional
+        The user's parameter file, whose copy has other values; it stays as it is.
+
+    Raises
+    ------
+    LocplanError
+        If the file cannot be written, or the values in `params` cannot be changed alone.
+    """
+    robot = None
+    if params is None:
+        file.write_bytes(_new_file(winner))
+    else:
+        before, robot = _read(params), file_and_robot(params)[1]
+        changed = {name: getattr(winner, name) for name in differing_names(before, winner)}
+        file.write_bytes(_edited(params, changed))
+    if differing_names(_read(Path(f"{file}:{robot}") if robot else file), winner):
+        raise LocplanError(f"{file}: could not be written as it was meant to be")
+
+
+def differing_names(one: Amcl, other: Amcl) -> list[str]:
+    """The parameters in Nav2's files of which two settings have different values."""
+    return [name for name in NAMES if getattr(one, name) != getattr(other, name)]
+
+
+def _edited(params: Path, values: Mapping[str, float | str]) -> bytes:
+    """A file with these values, and beams not skipped where they are from now on."""
+    given = read_parameters(params).of("amcl")
+    if given.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
+        values = {"laser_model_type": MODELS[0], **values}
+    skips = given.get("do_beamskip")
+    if skips and values.get("laser_model_type") == "likelihood_field_prob":
+        # It had no effect with the other laser model, and was not simulated with this one.
+        values = {**values, "do_beamskip": False}
+    return edited_parameters(params, "amcl", values)
+
+
+def _read(file: Path) -> Amcl:
+    """The settings in a file, about which was warned before."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ParameterWarning)
+        return read_amcl(file)
+
+
+def _new_file(winner: Amcl) -> bytes:
+    values = {name: getattr(winner, name) for name in (*NAMES, "robot_model_type")} | NOT_SIMULATED
+    lines = ["# Parameters of Nav2's AMCL; frames and topics are Nav2's defaults."]
+    lines += ["amcl:", "  ros__parameters:"]
+    for name, value in sorted(values.items()):
+        default = getattr(Amcl(), name, value)
+        note = "" if value == default else f"  # Nav2's default is {_quoted(default)}"
+        lines.append(f"    {name}: {_quoted(value)}{note}")
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _quoted(value: float | str | bool) -> str:
+    return f'"{value}"' if isinstance(value, str) else scalar_text(value)

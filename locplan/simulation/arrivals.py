@@ -1,0 +1,267 @@
+"""Closed-loop drives and how they end: steered by its estimate, does the robot arrive?"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import Settings, positive
+from locplan._support.intervals import Interval, wilson
+from locplan._support.kernels.arrays import Bools, Floats
+from locplan._support.poses import Poses, wrapped
+from locplan._support.records import POSE, Column, Table
+from locplan._support.saved import Valued
+from locplan.planning.path import Path
+from locplan.simulation.drives import check_drives, rate_column
+
+ARRIVED, ELSEWHERE, ABORTED, TIMED_OUT = "arrived", "elsewhere", "aborted", "timed out"
+"""How a drive ends; elsewhere, the robot believes to be at the goal, and is not. Aborted, it
+stood still too often, or its estimate jumped too far from the path."""
+NEAR_GOAL = 0.5
+"""Distance from the goal within which a robot reaches it [m]."""
+FOLLOWER: str = "follower"
+WORLD: str = "world"
+"""What is at fault where a drive fails with perfect localization, too: the follower, or a world
+in which no way leads to the goal."""
+
+CLOSED_DRIVES = 16
+"""Number of closed-loop drives along a path that commands add unless they are told a number."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Closed(Settings):
+    """Closed-loop drives that `simulate` adds.
+
+    Raises
+    ------
+    ConfigError
+        If a value is out of its range.
+    """
+
+    drives: int = CLOSED_DRIVES
+    """Number of drives along each path, 2 to 100,000."""
+    replan: float | None = None
+    """Time after which a new plan is made in any case, above 0 [s]; None plans only where something
+    is in the way."""
+
+    def __post_init__(self) -> None:
+        check_drives(self.drives)
+        if self.replan is not None:
+            positive("replan", self.replan, "s")
+
+
+LEAVES: str = "leaves the path by 0.5 m"
+STOPS: str = "stops"
+ENDS: str = "ends"
+"""What is at a place."""
+APART = 0.5
+"""Distance from the path, and between two stops, from which a place is one of its own [m]."""
+NOWHERE = np.empty((0, 3))
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Arrival(Valued):
+    """One closed-loop drive."""
+
+    outcome: str
+    """How it ended: arrived, elsewhere, aborted or timed out."""
+    seconds: float
+    """Duration [s]."""
+    end: Place
+    """True pose at the end, in the world [m, m, rad]."""
+    believed_end: Place
+    """The filter's pose at the end, in the world [m, m, rad]."""
+    standstills: int = 0
+    """Number of times that the robot stood still because its way led into a wall."""
+    stops: tuple[Place, ...] = ()
+    """True poses at which the robot stood for 2 s or more, at most one in half a metre."""
+    leaves: tuple[Place, ...] = ()
+    """True poses at which it was 0.5 m off the path, each time anew."""
+    fault: str = ""
+    """What fails with perfect localization, too: the follower, or the world, in which no way leads
+    to the goal; empty if nothing does."""
+    truth: Poses = field(default_factory=NOWHERE.copy, compare=False)
+    """The true poses every 0.1 s, (n, 3), in the world [m, m, rad]; none in what was loaded."""
+    believed: Poses = field(default_factory=NOWHERE.copy, compare=False)
+    """The filter's poses, (n, 3), in the world [m, m, rad]."""
+
+    @classmethod
+    def of(
+        cls, outcome: str, truth: Poses, believed: Poses, path: Path, standstills: int = 0
+    ) -> Arrival:
+        """A drive that ended.
+
+        Parameters
+        ----------
+        outcome : str
+            How it ended.
+        truth, believed : (n, 3) array
+            The true and the filter's poses every 0.1 s, in the world [m, m, rad].
+        path : Path
+            The path that was followed.
+        standstills : int, default 0
+            Number of its standstills.
+        """
+        from scipy.spatial import cKDTree
+
+        from locplan.simulation.kernels.pursuit import TICK
+
+        off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > APART
+        wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.
+        stands = (truth[wait:] == truth[:-wait]).all(axis=1)
+        stops: list[Floats] = []
+        for pose in truth[np.flatnonzero(stands)]:
+            if all(np.hypot(*(pose - each)[:2]) > APART for each in stops):
+                stops.append(pose)
+        begins = np.flatnonzero(off & ~np.append(False, off[:-1]))
+        end, believed_end = _placed((truth[-1], believed[-1]))
+        places = _placed(stops), _placed(truth[begins])
+        seconds = (len(truth) - 1) * TICK
+        ends = end, believed_end, standstills
+        return cls(outcome, seconds, *ends, *places, truth=truth, believed=believed)
+
+    @property
+    def places(self) -> tuple[tuple[str, tuple[Place, ...]], ...]:
+        """True poses at which something goes wrong, by what does."""
+        ends = () if self.outcome == ARRIVED else (self.end,)
+        return (LEAVES, self.leaves), (STOPS, self.stops), (ENDS, ends)
+
+    def __repr__(self) -> str:
+        return f"Arrival({self.outcome} after {self.seconds:.1f} s)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Arrivals(Valued):
+    """Closed-loop drives along one path; the n-th of two paths with the same ends are pairs."""
+
+    drives: tuple[Arrival, ...]
+    """The drives by number."""
+
+    def __repr__(self) -> str:
+        return f"Arrivals({self.arrived.value:.0%} of {len(self.drives)} arrived)"
+
+    @property
+    def reached(self) -> Bools:
+        """True for each drive that reaches the goal, (drives,)."""
+        return np.array([each.outcome == ARRIVED for each in self.drives], bool)
+
+    @property
+    def count(self) -> int:
+        """Number of the drives that arrive."""
+        return int(self.reached.sum())
+
+    @property
+    def failed(self) -> Counter[str]:
+        """Number of the drives that do not arrive, by how they end in words."""
+        whats = (each.fault or each.outcome for each in self.drives)
+        return Counter(ENDINGS[what][1] for what in whats if what != ARRIVED)
+
+    @property
+    def words(self) -> str:
+        """How many of the drives arrive, with the share's 95 % interval."""
+        _, low, high = self.arrived
+        return f"{self.count} of {len(self.drives)} [{100 * low:.0f}, {100 * high:.0f} %]"
+
+    @property
+    def arrived(self) -> Interval:
+        """Share of the drives that arrive, 0..1, with its 95 % interval."""
+        return self.rate(ARRIVED)
+
+    @property
+    def aborted(self) -> Interval:
+        """Share of the drives that are aborted, 0..1, with its 95 % interval."""
+        return self.rate(ABORTED)
+
+    @property
+    def standstills(self) -> float:
+        """Mean number of standstills before a wall per drive."""
+        return float(np.mean([drive.standstills for drive in self.drives]))
+
+    def rate(self, what: str) -> Interval:
+        """Share of the drives with this outcome or this fault, 0..1, with its 95 % interval.
+
+        Parameters
+        ----------
+        what : str
+            "elsewhere" (the robot believes to be at the goal, and is not), "aborted", "timed out";
+            or "follower" (it fails with perfect localization, too), "world" (no way to the goal).
+        """
+        found = sum(what in (each.outcome, each.fault) for each in self.drives)
+        return wilson(found / len(self.drives), len(self.drives))
+
+    def places(self) -> Table:
+        """Where robots stop, end without having arrived, and leave the path by over 0.5 m."""
+        every = [(n, *place) for n, each in enumerate(self.drives) for place in each.places]
+        columns = Column("drive"), Column("what"), *POSE
+        return Table(columns, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
+
+
+ENDINGS = {
+    ARRIVED: ("arrived", "arrives, steered by its filter"),
+    ELSEWHERE: ("elsewhere", "stops at a wrong place"),
+    ABORTED: ("aborted", "is aborted"),
+    TIMED_OUT: ("timed_out", "runs out of time"),
+    FOLLOWER: ("follower_fails", "fails with perfect localization, too"),
+    WORLD: ("no_way", "has no way in its world"),
+}
+"""Name in files and words of each outcome and fault."""
+
+
+def _rate(what: str) -> Column:
+    return rate_column(*ENDINGS[what], lambda found: found.rate(what))
+
+
+SHARES: tuple[Column, ...] = tuple(map(_rate, ENDINGS))
+"""Columns of the shares of drives by their ends."""
+ARRIVING: tuple[Column, ...] = (
+    SHARES[0],
+    Column("standstills", title="standstills before a wall, per drive", digits=1),
+    *SHARES[1:],
+)
+"""Columns of `Arrivals`."""
+
+
+def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
+    """Where the closed-loop drives along some paths ended, and where the filter believed to be."""
+    columns = (
+        *map(Column, ("path", "drive", "outcome")),
+        Column("seconds", "s"),
+        Column("standstills"),
+        Column("fault"),
+        *POSE,
+        *(Column(f"believed_{each.name}", each.unit) for each in POSE),
+    )
+    rows = (
+        (name, n, *_ending(each), *each.end, *each.believed_end)
+        for name, found in arrivals.items()
+        for n, each in enumerate(found.drives)
+    )
+    return Table(columns, tuple(rows))
+
+
+def _ending(drive: Arrival) -> tuple[Any, ...]:
+    return drive.outcome, drive.seconds, drive.standstills, drive.fault
+
+
+def faults_of(*arrivals: Arrivals) -> str:
+    """Which of the failed drives are not the filter's, in words; empty if all are.
+
+    Parameters
+    ----------
+    *arrivals : Arrivals
+        Closed-loop drives along some paths.
+    """
+    faults = [each.fault for some in arrivals for each in some.drives]
+    words = {FOLLOWER: "fail with perfect localization, too", WORLD: "have no way"}
+    said = [f"{faults.count(each)} {text}" for each, text in words.items() if each in faults]
+    return f" ({', '.join(said)})" if said else ""
+
+
+def _placed(poses: Any) -> tuple[Place, ...]:
+    x, y, heading = np.reshape(poses, (-1, 3)).T
+    return tuple(zip(x.tolist(), y.tolist(), wrapped(heading).tolist(), strict=True))

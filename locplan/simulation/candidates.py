@@ -1,0 +1,435 @@
+"""Candidate paths of a recommendation: paths of least cost on a few densities, and the user's."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from locplan._support.checks import shown
+from locplan.errors import ConfigError
+from locplan.field.config import FieldConfig
+from locplan.field.field import CovarianceField
+from locplan.field.fisher import Fused
+from locplan.field.sad import Sad
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.planning.pareto import pareto_front
+from locplan.planning.path import Path
+from locplan.planning.plans import SHORTEST
+from locplan.planning.protocol import Planner
+from locplan.planning.requests import planner_for
+from locplan.planning.results import ParetoFront, Plan
+from locplan.robots.lidar import Lidar
+from locplan.robots.robot import Robot
+from locplan.simulation.problem import NEAR, Ask, distances_to
+from locplan.simulation.worlds import Window, inflated, poses_along, window_about
+
+WEIGHTS = (4.0, 8.0, 12.0)
+"""Weights of the degeneracy u of the aware paths."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A map, or a part of one, and what densities of candidates are made of there."""
+
+    grid: OccupancyGrid
+    """The map."""
+    u: NDArray[np.float64]
+    """Degeneracy of each cell."""
+    robot: Robot
+    """The robot."""
+    accepted: dict[str, Path]
+    """Candidates until now, the shortest first."""
+
+    @cached_property
+    def clear(self) -> NDArray[np.float64]:
+        """Density that keeps off the walls."""
+        return 1 + 3 * np.exp(-(self.grid.clearance - self.robot.radius) / 0.4)
+
+    @property
+    def inflated(self) -> NDArray[np.float64]:
+        """Density that Nav2's planners see in an inflated costmap."""
+        return inflated(self.grid.clearance, self.robot)
+
+    @property
+    def beside(self) -> NDArray[np.float64]:
+        """1 on the candidates until now, falling to 1/e at 1 m from them."""
+        return np.exp(-(self._distance_to(*self.accepted.values()) ** 2))
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """Cells within 1.5 m of the middle of the shortest path."""
+        shortest = self.accepted[SHORTEST]
+        middle = [np.interp(shortest.length / 2, shortest.distance, v) for v in shortest.xy.T]
+        return self._distance_to(Path(np.array([middle]))) < 1.5
+
+    def _distance_to(self, *paths: Path) -> NDArray[np.float64]:
+        import cv2
+
+        away = np.ones(self.grid.shape, np.uint8)
+        for path in paths:
+            fine = path.resampled(self.grid.resolution / 2) if path.length else path
+            cells = np.floor(self.grid.world_to_grid(*fine.xy.T)).astype(np.int64)
+            away[tuple(np.clip(cells, 0, np.array(away.shape)[:, None] - 1))] = 0
+        cells = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return np.asarray(cells * self.grid.resolution, np.float64)
+
+
+def config_of(about: Mapping[str, Any], lidar: Lidar | None) -> FieldConfig:
+    """Settings of the field in what is known of a costmap; without any, the usual ones."""
+    if "config" in about:
+        return FieldConfig.from_json(about["config"])
+    return FieldConfig(Fused(lidar) if lidar else Sad())
+
+
+def costs_again(about: Mapping[str, Any], field: CovarianceField) -> Costmap:
+    """The costmap of a field by what `about_costs` says of it; a ConfigError on another map."""
+    if field.grid.digest != about["map"]["digest"]:
+        raise ConfigError(f"the choice is of another map, {about['map']['name'] or 'unnamed'}")
+    names = "weight", "law", "criterion", "headings"
+    own = {name: about[name] for name in names if about.get(name) is not None}
+    return Costmap.from_field(field.grid, field, robot=about["robot_radius"], **own)
+
+
+def costmap_of(
+    costs: Costmap, candidates: Mapping[str, Path], name: str, robot: Robot, max_e: float | None
+) -> Costmap:
+    """A costmap of the density of a candidate, in place of that of the field.
+
+    Its u is the excess over 1, to scale, and its weight the greatest one.
+    """
+    density, blocked = density_of(costs, candidates, name, robot), blocked_of(costs, max_e)
+    most = float(density[~blocked].max(initial=1.0)) - 1
+    u = np.where(costs.grid.free, np.clip((density - 1) / (most or 1.0), 0.0, 1.0), np.nan)
+    values = np.where(blocked, np.inf, 1 + most * u)
+    return dataclasses.replace(
+        costs, density=values, weight=most, u=u, of_heading=None, settings=None
+    )
+
+
+def blocked_of(
+    costs: Costmap, max_e: float | None, window: Window = np.s_[:, :]
+) -> NDArray[np.bool_]:
+    """Cells of a map, or of a part of it, that no candidate may enter."""
+    blocked = ~np.isfinite(costs.density[window])
+    return blocked if max_e is None else blocked | (costs.e[window] > max_e)
+
+
+Density: TypeAlias = Callable[[Ground], NDArray[np.float64]]
+"""Cost per metre of each cell of a part of a map."""
+
+
+AWARE_NAME = "aware, weight "
+"""Beginning of the names of aware paths; their weight follows."""
+
+
+def aware(weight: float) -> dict[str, Density]:
+    return {f"{AWARE_NAME}{weight:g}": lambda part: 1 + weight * part.u}
+
+
+INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated}
+"""That of the robot's own inflated costmap, on which its navigation would plan."""
+DENSITIES: dict[str, Density] = {
+    "clear of walls": lambda part: part.clear,
+    "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
+    "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
+    "detour": lambda part: part.clear + 50 * part.cut,
+    "way around 1": lambda part: 1 + 1.2 * part.beside,
+    "way around 2": lambda part: 1 + 2.5 * part.beside,
+    "clear way around 1": lambda part: part.clear + 1.2 * part.beside,
+    "clear way around 2": lambda part: part.clear + 2.5 * part.beside,
+}
+"""Those that need no field, whose paths must be others than those before. They were found to lower
+the error of filters; the first is the best of them."""
+AWARE: dict[str, Density] = {
+    **{name: density for weight in WEIGHTS for name, density in aware(weight).items()},
+    "aware and clear": lambda part: part.clear + 8 * part.u,
+}
+"""Those that need a field, whose paths are candidates however near another one they are."""
+
+
+def density_of(
+    costs: Costmap, candidates: Mapping[str, Path], name: str, robot: Robot
+) -> NDArray[np.float64]:
+    """The density on a whole map whose cheapest path a candidate is, 1 or more, (H, W).
+
+    Of a path that was given, or that another planner found, it is 1 there and rises to 9 within
+    two metres of it.
+
+    Parameters
+    ----------
+    costs : Costmap
+        The costmap of the map, with a field or without one.
+    candidates : mapping of str to Path
+        The candidates in their order.
+    name : str
+        Name of the candidate.
+    robot : Robot
+        The robot.
+    """
+    before = dict(itertools.takewhile(lambda each: each[0] != name, candidates.items()))
+    ground = Ground(costs.grid, costs.u, robot, before)
+    if name == SHORTEST:
+        return np.ones(costs.grid.shape)
+    if density := {**INFLATED, **DENSITIES, **AWARE}.get(name):
+        return density(ground)
+    if name.startswith(AWARE_NAME):
+        return 1 + float(name.removeprefix(AWARE_NAME)) * costs.u
+    alone = dataclasses.replace(ground, accepted={name: candidates[name]})
+    return 1 + 8 * (1 - alone.beside)
+
+
+def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
+    """Mean and greatest of the largest position deviation in a field along a path [m]."""
+    deviation = field.at(path.resampled(field.grid.resolution, even=True).xy, "position_std")
+    deviation = deviation[np.isfinite(deviation)]
+    if not deviation.size:
+        return math.nan, math.nan
+    return float(deviation.mean()), float(deviation.max())
+
+
+MARGIN = 3.0
+"""Margin of the part of the map that paths are planned on; clearance counts up to there [m]."""
+
+
+@dataclass(frozen=True)
+class Part(Ground):
+    """The part of a map that paths between two places may take, and what is known there."""
+
+    costs: Costmap
+    """Costmap of the whole map, with a field or without one."""
+    window: Window
+    """Rows and columns of the part."""
+    ask: Ask
+    """What is asked."""
+    longest: float
+    """Maximum length of a candidate [m]."""
+
+    @classmethod
+    def about(cls, costs: Costmap, shortest: Path, ask: Ask) -> Part:
+        """The part of a costmap in which all paths up to the maximum length lie."""
+        start, goal = shortest.xy[0], shortest.xy[-1]
+        longest = ask.settings.longest * shortest.length
+        # They lie in an ellipse about both ends, of which a and b are half the axes.
+        a = longest / 2
+        b = math.sqrt(max(0.0, a**2 - float(np.sum((goal - start) ** 2)) / 4))
+        turn, round_it = math.atan2(*(goal - start)[::-1]), np.linspace(0, 2 * np.pi, 64)
+        along, across = a * np.cos(round_it), b * np.sin(round_it)
+        x = along * math.cos(turn) - across * math.sin(turn)
+        y = along * math.sin(turn) + across * math.cos(turn)
+        xy = (start + goal) / 2 + np.column_stack([x, y])
+        cells = np.column_stack(costs.grid.world_to_grid(*xy.T))
+        window = window_about(costs.grid, cells, MARGIN / costs.grid.resolution)
+        grid, u = costs.grid.part(*window), costs.u[window]
+        return cls(grid, u, ask.robot, {SHORTEST: shortest}, costs, window, ask, longest)
+
+    @cached_property
+    def whole_map(self) -> Part:
+        """The whole map, on which a path may be of any length."""
+        costs = self.costs
+        same: Any = {"window": np.s_[:, :], "ask": self.ask, "longest": math.inf}
+        return Part(costs.grid, costs.u, self.robot, self.accepted, costs, **same)
+
+    @property
+    def requested_weights(self) -> list[float]:
+        """Weights whose aware paths race at any length: the costmap's, and the one asked for."""
+        weights = self.costs.weight, self.ask.settings.weight
+        return [weight for weight in weights if weight is not None and not math.isnan(weight)]
+
+    def plan_on(self, density: NDArray[np.float64]) -> Path | str:
+        """Return the path of least cost on a density of the part, or why it is no candidate."""
+        costs = self.costs
+        blocked = blocked_of(costs, self.ask.settings.max_e, self.window)
+        layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density))
+        result = self.ask.planned(layer, limited=False)
+        path = result.path
+        if path is None:
+            return why_without(result)
+        if path.length > self.longest:
+            ratio = self.ask.settings.longest
+            return f"{path.length:.1f} m, more than {ratio:g} times the shortest"
+        return self.ask.fault_of(path, costs) or path
+
+    def plan_aware(self, weight: float) -> Path | str:
+        """Return the aware path of a weight, or why it is no candidate."""
+        ground = self.whole_map if weight in self.requested_weights else self
+        return ground.plan_on(1 + weight * ground.u)
+
+    def aware_paths(self, weights: Iterable[float]) -> list[Path]:
+        """The shortest path, and the aware paths of some weights and of the requested ones."""
+        paths = map(self.plan_aware, sorted({*weights, *self.requested_weights}))
+        return [self.accepted[SHORTEST], *(path for path in paths if isinstance(path, Path))]
+
+
+def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]]:
+    """All candidates by name, the shortest first, and why others are none."""
+    found, left_out = part.accepted, dict[str, str]()
+    user_paths = {
+        name: path
+        for name, path in own.items()
+        if isinstance(path, Path) and not part.ask.fault_of(path, part.costs)
+    }
+    densities: dict[str, Density] = {**INFLATED, **DENSITIES}
+    requested: dict[str, Density] = {}
+    if not math.isnan(part.costs.weight):
+        for weight in part.requested_weights:
+            requested |= aware(weight)
+        densities |= AWARE | requested
+    for name, density in densities.items():
+        ground = part.whole_map if name in requested else part
+        path = ground.plan_on(density(ground))
+        # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m off all.
+        # What Nav2 would drive is shown beside, and takes no other path's place.
+        limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
+        if isinstance(path, str):
+            left_out[name] = path
+        elif twin := twin_of(path, {**found, **user_paths}, 0.1, 0.0):
+            left_out[name] = f"the same path as {shown(twin)}"
+        elif twin := twin_of(path, _without(found, INFLATED), *limits):
+            left_out[name] = f"nearly the same path as {shown(twin)}"
+        else:
+            found[name] = path
+    reserved = {*INFLATED, *DENSITIES, *AWARE, *densities}
+    add_own(own, found, left_out, part.costs, part.ask, reserved=reserved)
+    return found, left_out
+
+
+def _without(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, Path]:
+    return {name: path for name, path in paths.items() if name not in names}
+
+
+def twin_of(path: Path, others: Mapping[str, Path], distance: float, share: float) -> str:
+    """Name of the first path that all but a share of a path's points are near [m], or none."""
+    points = path.resampled(0.25, even=True).xy
+    for name, other in others.items():
+        if float((distances_to(points, other) > distance).mean()) <= share:
+            return name
+    return ""
+
+
+AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
+"""A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
+Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
+Own: TypeAlias = dict[str, Path | Planner | str]
+"""Candidates of a user's by name: a path, a planner, or why there is no path."""
+
+
+def own_of(candidates: Candidates) -> Own:
+    """What a user gives as candidates.
+
+    Raises
+    ------
+    ConfigError
+        If a candidate is none, or two have one name.
+    """
+    if isinstance(candidates, (str, Planner, Path, Plan, ParetoFront)):
+        candidates = [candidates]
+    named: Iterable[tuple[str, AnyCandidate]]
+    if isinstance(candidates, Mapping):
+        named = candidates.items()
+    elif isinstance(candidates, Iterable):
+        named = [(_name_of(each, n), each) for n, each in enumerate(candidates, 1)]
+    else:
+        raise ConfigError(
+            "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
+            f" not {shown(candidates)}"
+        )
+    own: Own = {}
+    for name, given in named:
+        for label, each in _paths_of(name, given):
+            if label in own:
+                raise ConfigError(f"two candidates are called {shown(label)}; name them")
+            own[label] = each
+    return own
+
+
+def _name_of(candidate: AnyCandidate, number: int) -> str:
+    if isinstance(candidate, str):
+        return candidate
+    if isinstance(candidate, ParetoFront):
+        return "front"
+    if isinstance(candidate, Plan):
+        return f"plan {number}, {candidate.planner}"
+    return candidate.name if isinstance(candidate, Planner) else f"path {number}"
+
+
+def _paths_of(name: str, given: AnyCandidate) -> Iterator[tuple[str, Path | Planner | str]]:
+    """The paths of what is given, its planner, or why it has no path."""
+    if isinstance(given, (str, Planner)):
+        yield name, planner_for(given)
+    elif isinstance(given, Plan):
+        yield name, given.path or given.note or given.status
+    elif not isinstance(given, ParetoFront):
+        yield name, given if isinstance(given, Path) else Path(np.asarray(given))
+    elif len(given):  # five, from its shortest to its longest
+        indices = np.unique(np.linspace(0, len(given) - 1, 5).round()).astype(int).tolist()
+        for n, index in enumerate(indices, 1):
+            made = given.plan(index)
+            yield f"{name} {n}", made.path or made.status
+    else:
+        yield name, "has no path"
+
+
+def check_own(own: Own, ask: Ask) -> None:
+    """Check a user's paths, before long work.
+
+    Raises
+    ------
+    LocplanError
+        If one does not join start and goal, or leaves the free cells.
+    """
+    paths = {name: path for name, path in own.items() if isinstance(path, Path)}
+    for name, path in paths.items():
+        for end, at, (x, y) in (("start", ask.start, path.xy[0]), ("goal", ask.goal, path.xy[-1])):
+            if math.hypot(x - at[0], y - at[1]) > NEAR:
+                raise ConfigError(
+                    f"candidate {shown(name)} has its {end} at {x:.2f},{y:.2f}, more than"
+                    f" {NEAR:g} m from the {end} that was asked for"
+                )
+    for name, path in paths.items():
+        poses_along(path, ask.grid, f"candidate {name}")
+
+
+def add_own(
+    own: Own,
+    found: dict[str, Path],
+    left_out: dict[str, str],
+    costs: Costmap,
+    ask: Ask,
+    *,
+    reserved: Collection[str] = (),
+    but: Planner | None = None,
+) -> None:
+    """Add a user's paths that keep the limits to others, and why the rest do not.
+
+    Reserved names belong to others. The path of one planner may be there already, `but`.
+    """
+    asked, given = ask.settings, dict(own)
+    if asked.front:
+        given.update(_paths_of("front", pareto_front(costs, ask.start[:2], ask.goal[:2])))
+    for name, path in given.items():
+        if path is but:
+            continue
+        if isinstance(path, Planner):
+            made = ask.planned(costs, path, limited=asked.budget is None)
+            path = made.path or why_without(made)
+        fault = path if isinstance(path, str) else ask.fault_of(path, costs)
+        while name in (*found, *left_out, *reserved):
+            name = f"own {name}"
+        if isinstance(path, str) or fault:
+            left_out[name] = fault
+        else:
+            found[name] = path
+
+
+def why_without(made: Plan) -> str:
+    """Why a plan has no path."""
+    return f"{made.status}: {made.note}" if made.note else made.status

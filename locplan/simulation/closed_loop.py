@@ -1,0 +1,427 @@
+"""Closed-loop drives: a follower steers the robot by the estimated pose, and replans if
+hindered.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.intervals import random_of
+from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets
+from locplan._support.poses import Poses, after_way, way_along, way_between
+from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan.maps.occupancy import FREE, OCCUPIED
+from locplan.planning.path import Path
+from locplan.robots.robot import Robot
+from locplan.simulation.arrivals import (
+    ABORTED,
+    ARRIVED,
+    ELSEWHERE,
+    FOLLOWER,
+    NEAR_GOAL,
+    TIMED_OUT,
+    WORLD,
+    Arrival,
+)
+from locplan.simulation.custom_filters import OwnLoop
+from locplan.simulation.simulator import CLOSED, Simulator
+from locplan.simulation.worlds import Stage, inflated, inflation_of
+
+POINTS = 0.05
+"""Distance between the points of a path that is followed [m]."""
+SIGHT, JOIN, AROUND = 3.0, (1.0, 5.0), 8.0
+"""A new plan knows the true walls so far away, joins the path so far ahead, and is made on the map
+so far around the robot [m]."""
+LEAVE, LEAVING = 0.3, 50.0
+"""Distance from the robot in which a new plan may come too near to walls [m], and its cost there
+per metre."""
+
+
+@dataclass(frozen=True)
+class Replanner:
+    """Plans on the inflated map and the walls that are seen, as Nav2's planners make them."""
+
+    grid: OccupancyGrid
+    """The map that is driven in; all poses are in its own axes."""
+    robot: Robot
+    """The robot."""
+
+    @cached_property
+    def density(self) -> Floats:
+        """Cost per metre of each cell on the inflated map, (H, W)."""
+        return self._inflated(self.grid.clearance)
+
+    def driven(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
+        """A way (n, 4) of a car-like robot round what it sees in its way, by the lattice planner.
+
+        Ways have positions [m], gears and headings [rad]. The new one joins the old one a metre
+        after its first collision. The old one stays where it has none, or where no way is found.
+        """
+        from locplan.planning.costmap import Costmap
+        from locplan.planning.lattice import Lattice
+        from locplan.planning.path_check import path_faults
+
+        scene = self._scene(truth, believed, world)
+        if scene is None:
+            return way
+        low, density, walls, window = scene
+        cells = self.grid.cells[window].copy()
+        cells[tuple(walls.T)] = OCCUPIED
+        seen, shift = OccupancyGrid(cells, self.grid.resolution), low[::-1] * self.grid.resolution
+        within = _within(np.floor((way[:, 1::-1] - shift[::-1]) / seen.resolution), cells.shape)
+        near = way[: len(way) if within.all() else int(np.argmin(within))]
+        if len(near) < 2:
+            return way
+        ahead = Path(near[:, :2] - shift, near[:, 3])
+        faults = path_faults(seen, ahead, self.robot)
+        ends = [each.along + each.length for each in faults if each.kind == "collision"]
+        if not ends:
+            return way
+        join = min(int(np.searchsorted(ahead.distance, ends[0] + JOIN[0])), len(near) - 1)
+        robot = replace(self.robot, margin=0.0, goal_tolerance=0.0)
+        costs = Costmap.from_density(seen, density, robot=robot)
+        first = (*(believed[:2] - shift).tolist(), float(believed[2]))
+        last = (*ahead.xy[join].tolist(), float(near[join, 3]))
+        cells_of_ends = (seen.cell(each[:2]) for each in (first, last))
+        if not all(np.isfinite(costs.density[cell]) for cell in cells_of_ends):
+            return way
+        found = Lattice().solve(costs, first, last).path
+        if found is None:
+            return way
+        even = found.resampled(POINTS, even=True)
+        new = geared(np.column_stack([even.xy + shift, even.facing]))
+        return np.concatenate([new, way[join + 1 :]])
+
+    def way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
+        """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
+
+        It joins the path within some metres where that is cheapest, or else later. The path stays
+        where no way is found.
+        """
+        from locplan._support.kernels.search import bordered_half, shortest_costs
+        from locplan._support.kernels.ways import trace
+
+        scene = self._scene(truth, believed, world)
+        if scene is None:
+            return np.asarray(way)
+        (low, density, walls, window), resolution = scene, self.grid.resolution
+        start = np.floor(believed[1::-1] / resolution).astype(int) - low
+        density[self.grid.cells[window] != FREE] = np.inf
+        density[tuple(walls.T)] = np.inf
+        density[tuple(start)] = LEAVING
+
+        half, columns = bordered_half(density, 1), density.shape[1] + 2
+        costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
+        along = way_along(way)
+        points = np.floor(way[:, ::-1] / resolution).astype(int) - low
+        able = _within(points, density.shape) & (along >= min(JOIN[0], along[-1]))
+        flat = (points[able] + 1) @ (columns, 1)
+        cost = np.full(len(way), np.inf)
+        cost[able] = resolution * costs[flat]
+        cost += _cost_to_end(way, along, points, density)
+        soon = np.where(along <= JOIN[1], cost, np.inf)
+        best = int(np.argmin(soon if np.isfinite(soon).any() else cost))
+        if not np.isfinite(cost[best]):
+            return np.asarray(way)
+        cells = trace(half, columns, costs, (points[best] + 1) @ (columns, 1), False)
+        centres = (np.column_stack(np.divmod(cells, columns)[::-1]) - 0.5 + low[::-1]) * resolution
+        if len(centres) > 1:
+            centres = Path(centres).resampled(POINTS).xy
+        # The goal stays where it is, and not at the centre of its cell.
+        return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
+
+    def _scene(self, truth: Any, believed: Any, world: Any) -> tuple[Any, Floats, Ints, Any] | None:
+        """The first cell of the part around the believed pose, its density, the cells of walls that
+        are seen in it, and its slices of the map; None off the map."""
+        resolution = self.grid.resolution
+        here, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
+        low = np.maximum(here - math.ceil(reach), 0)
+        window = tuple(
+            slice(a, max(b, 0)) for a, b in zip(low, here + math.ceil(reach), strict=True)
+        )
+        density = self.density[window].copy()
+        if not _within((here - low)[None], density.shape).all():
+            return None
+        # Walls are seen from the true pose, and put where the believed one has them.
+        seen = after_way(believed, way_between(truth, self._seen(truth, world)))
+        walls = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
+        walls = walls[_within(walls, density.shape)]
+        self._add(walls, density)
+        # A robot that stands too near to a wall may leave, at a price.
+        leave = int(LEAVE / resolution)
+        about = tuple(slice(max(0, each - leave), each + leave + 1) for each in here - low)
+        density[about] = np.minimum(density[about], LEAVING)
+        return low, density, walls, window
+
+    def _add(self, walls: Ints, density: Floats) -> None:
+        """Raise a density about further walls, cells (n, 2)."""
+        if not len(walls):
+            return
+        robot = self.robot
+        reach = max(robot.radius, inflation_of(robot).inflation_radius)
+        margin = math.ceil(reach / self.grid.resolution) + 1
+        low = np.maximum(walls.min(axis=0) - margin, 0)
+        window = tuple(slice(a, b + margin) for a, b in zip(low, walls.max(axis=0), strict=True))
+        cells = np.full(density[window].shape, FREE)
+        cells[tuple((walls - low).T)] = OCCUPIED
+        more = self._inflated(OccupancyGrid(cells, self.grid.resolution).clearance)
+        density[window] = np.maximum(density[window], more)
+
+    def _inflated(self, clearance: Floats) -> Floats:
+        """Density at a clearance, which is infinite where the robot does not fit."""
+        density = inflated(clearance, self.robot)
+        return np.where(clearance < self.robot.radius - 1e-9, np.inf, density)
+
+    def _seen(self, truth: Floats, world: Any) -> Poses:
+        """Centres of the true walls near the robot, with heading 0 [m, m, rad]."""
+        resolution = world.resolution
+        low = np.maximum((truth[1::-1] - SIGHT) / resolution, 0).astype(int)
+        high = np.maximum(np.ceil((truth[1::-1] + SIGHT) / resolution), 0).astype(int)
+        stops = world.squares[0, 1:-1, 1:-1][low[0] : high[0], low[1] : high[1]] == 0
+        rows, cols = np.nonzero(stops)
+        xy = (np.column_stack([cols + low[1], rows + low[0]]) + 0.5) * resolution
+        return at_heading_0(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
+
+
+def _cost_to_end(way: Floats, along: Floats, points: Ints, density: Floats) -> Floats:
+    """Cost of the rest of a way from each of its points; a metre costs 1 outside of the density."""
+    price = np.ones(len(way))
+    inside = _within(points, density.shape)
+    price[inside] = np.minimum(density[tuple(points[inside].T)], LEAVING)
+    steps = np.diff(along) * (price[1:] + price[:-1]) / 2
+    return np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+
+
+def geared(poses: Poses) -> Floats:
+    """Poses (n, 3) as a way (n, 4) with their gears before the heading."""
+    way = np.insert(poses, 2, 1.0, axis=1)
+    if len(way) > 1:
+        steps, middle = np.diff(way[:, :2], axis=0), (way[1:, 3] + way[:-1, 3]) / 2
+        ahead = steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle)
+        way[1:, 2] = np.where(ahead < 0, -1.0, 1.0)
+        way[0, 2] = way[1, 2]
+    return way
+
+
+def at_heading_0(xy: Floats) -> Poses:
+    """Poses at positions, with heading 0."""
+    return np.column_stack([xy, np.zeros(len(xy))])
+
+
+def _within(cells: NDArray[Any], shape: tuple[int, ...]) -> Bools:
+    return np.asarray(((cells >= 0) & (cells < shape)).all(axis=1))
+
+
+PATIENCE = 60.0, 3.0
+"""Maximum time of a drive: so long [s], and so many times that of its path."""
+RETREAT = 0.15
+"""Speed of backing off [m/s]."""
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Closed-loop drives along some paths of a map, in whose own axes all poses are."""
+
+    simulator: Simulator
+    paths: Mapping[str, Path]
+    replan: float | None
+    perfect: bool
+
+    @cached_property
+    def stage(self) -> Stage:
+        """The whole map, for a lost robot may drive anywhere."""
+        return self.simulator.stage()
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map."""
+        return self.simulator.grid
+
+    @cached_property
+    def frame(self) -> Floats:
+        """Pose of the filter map's own axes [m, m, rad]."""
+        return np.asarray(own_axes(self.grid, np.array([self.simulator.filter_map.origin]))[0])
+
+    @cached_property
+    def body(self) -> Any:
+        """The robot's outline and motion as the follower takes them."""
+        from locplan.simulation.kernels.bodies import Body
+
+        robot, kinematics = self.simulator.robot, self.simulator.robot.kinematics
+        sideways = kinematics.drive == "omnidirectional"
+        return Body(
+            discs=_discs(robot),
+            omnidirectional=sideways,
+            speed=kinematics.speed,
+            tolerance=robot.goal_tolerance,
+            radius=kinematics.turning_radius,
+            retreat=0.0 if self._is_car and not kinematics.reverse else RETREAT,
+        )
+
+    @property
+    def _is_car(self) -> bool:
+        """Whether the robot turns on a radius."""
+        return self.simulator.robot.kinematics.turning_radius > 0
+
+    @cached_property
+    def planner(self) -> Replanner:
+        """What leads a hindered robot back to its path."""
+        return Replanner(self.grid, self.simulator.robot)
+
+    def world(self, route: int, number: int) -> Any:
+        """Return the world of a drive of a route, see `locplan.simulation.driver.route_key`."""
+        from locplan.simulation.kernels.bodies import Surroundings
+
+        # Nobody knows what stands in unknown cells: they are no walls, as in the lidar's world.
+        return Surroundings(self.stage.world(route, number), self.grid.resolution)
+
+    def drive(self, name: str, world: Any, route: int, number: int) -> Arrival:
+        """Drive once along a path; a drive that fails is repeated with perfect localization."""
+        found = self._driven(name, world, (route, number), perfect=self.perfect)
+        if found.outcome == ARRIVED:
+            return found
+        control = found
+        if not self.perfect:
+            control = self._driven(name, world, (route, number), perfect=True)
+        if control.outcome == ARRIVED:
+            return found
+        return replace(found, fault=FOLLOWER if self._has_way(name, world) else WORLD)
+
+    def _has_way(self, name: str, world: Any) -> bool:
+        """Whether a disc within the outline fits through a world from the start to the goal; for a
+        car-like robot whether the outline does along the path."""
+        if self._is_car:
+            return self._is_clear(self.paths[name], world)
+        cells = np.where(world.squares[0, 1:-1, 1:-1], FREE, OCCUPIED).astype(np.uint8)
+        robot, resolution = self.simulator.robot, world.resolution
+        radius = robot.outline.inscribed_radius if robot.outline else robot.footprint
+        # A wide way shows on the map's own cells, in a hundredth of the time.
+        if self._joins_ends(name, cells, resolution, radius + resolution):
+            return True
+        # Cells of 2 cm at most: on coarse ones a gap would seem narrower than it is.
+        finer = math.ceil(resolution / 0.02)
+        cells, resolution = cells.repeat(finer, 0).repeat(finer, 1), resolution / finer
+        clearance = max(radius - resolution / 2, resolution / 2)
+        return self._joins_ends(name, cells, resolution, clearance)
+
+    def _joins_ends(self, name: str, cells: Octets, resolution: float, clearance: float) -> bool:
+        """Whether cells with a clearance join the start and the goal of a path."""
+        from scipy.ndimage import label
+
+        rooms, _ = label(OccupancyGrid(cells, resolution).clearance >= clearance)
+        ends = own_axes(self.grid, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
+        reach = self.body.tolerance
+        low, high = (
+            np.maximum(np.ceil((ends + each) / resolution), 0).astype(int)
+            for each in (-reach, reach)
+        )
+        near = [rooms[a:b, c:d] for (a, c), (b, d) in zip(low, high, strict=True)]
+        return bool(np.intersect1d(*near).any())
+
+    def _is_clear(self, path: Path, world: Any) -> bool:
+        """Whether the outline keeps the follower's distance from a world's walls along a path."""
+        from locplan.simulation.kernels.bodies import margin_at
+        from locplan.simulation.kernels.pursuit import MARGIN
+
+        path = path.resampled(POINTS / 2)
+        poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
+        return all(margin_at(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
+
+    def _driven(self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool) -> Arrival:
+        from locplan.simulation.kernels import follower, pursuit
+
+        random = random_of(self.simulator.seed, CLOSED, *drive)
+        way, first = self._way(name)
+        length = self.paths[name].length
+        ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / pursuit.TICK
+        trace = self._trace(random, first, round(ticks))
+        follow = self._follower(random, world, trace, perfect)
+        while (decision := follow(way)) == follower.PLAN:
+            n, at = trace.counts[pursuit.TICKS], trace.counts[pursuit.AT]
+            way = way[at:]
+            where = trace.truth[n], trace.believed[n], world
+            if self._is_car:
+                way = self.planner.driven(way, *where)
+            else:
+                new = self.planner.way(way[:, :2], *where)
+                way = np.insert(new, 2, 1.0, axis=1)
+            trace.counts[pursuit.AT] = 0
+        n = int(trace.counts[pursuit.TICKS]) + 1
+        outcome = {follower.ABORTED: ABORTED, follower.TIMED_OUT: TIMED_OUT}.get(decision, ARRIVED)
+        near = max(NEAR_GOAL, 2 * self.body.tolerance)
+        if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
+            outcome = ELSEWHERE
+        origin = np.array(self.grid.origin)
+        truth, believed = (after_way(origin, each[:n]) for each in (trace.truth, trace.believed))
+        standstills = int(trace.counts[pursuit.STANDSTILLS])
+        return Arrival.of(outcome, truth, believed, self.paths[name], standstills)
+
+    def _way(self, name: str) -> tuple[Floats, Floats]:
+        """The way of a path as the follower takes it, with headings where the robot is a car, and
+        the pose that it begins at."""
+        path = self.paths[name].resampled(POINTS, even=True)
+        poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
+        if self._is_car:
+            return geared(poses), poses[0]
+        way = np.insert(poses[:, :2], 2, 1.0, axis=1)
+        ahead = way[min(len(way) - 1, 6)] - way[0]
+        return way, np.array([*way[0, :2], math.atan2(ahead[1], ahead[0])])
+
+    def _trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
+        """An empty trace, with this drive's biases of odometry."""
+        from locplan.simulation.kernels.pursuit import Trace
+
+        odometry = self.simulator.arguments.odometry
+        deviations = [odometry.distance_bias, odometry.heading_bias, odometry.turn_bias]
+        biases = np.array([1.0, 0.0, 1.0]) + deviations * random.standard_normal(3)
+        truth, believed, reported = np.zeros((3, ticks, 3))
+        truth[0] = first
+        return Trace(truth, believed, reported, np.zeros(3), biases, np.zeros(8, np.int64))
+
+    def _follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
+        """A function that follows a way until a plan is needed, or the drive has ended."""
+        from locplan._support.kernels.drives import begin
+        from locplan.simulation.kernels.follower import follow
+        from locplan.simulation.kernels.pursuit import TICK
+
+        arguments, sensing = self.simulator.arguments, random.spawn(1)[0]
+        first = way_between(self.frame, trace.truth[0])
+        # Without one the period is longer than any drive.
+        period = max(1, round(self.replan / TICK)) if self.replan else len(trace.truth)
+        driven = world, self.body, period
+        if arguments.scores is None:
+            own = OwnLoop(arguments, self.frame, (random, sensing), first, trace)
+            return lambda way: own.follow(way, *driven, perfect)
+        tracker = begin(sensing, first, arguments.start, arguments.filter)
+        known = (arguments.scores, arguments.lidar, arguments.disturbances, arguments.odometry)
+        return lambda way: follow(
+            random,
+            sensing,
+            way,
+            *driven,
+            self.frame,
+            tracker,
+            *known,
+            arguments.filter,
+            perfect,
+            trace,
+        )
+
+
+def _discs(robot: Robot) -> Floats:
+    """The robot's outline as discs: x, y and radius, (n, 3) [m]."""
+    if robot.outline is None:
+        return np.array([[0.0, 0.0, robot.footprint]])
+    corners = robot.outline.vertices
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    edge = np.concatenate(
+        [a + np.arange(0, 1, POINTS / math.dist(a, b))[:, None] * (b - a) for a, b in sides]
+    )
+    return np.column_stack([edge, np.full(len(edge), POINTS / 2)])

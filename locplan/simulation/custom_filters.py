@@ -1,0 +1,119 @@
+"""Simulated drives with a filter that is not AMCL, open-loop and closed-loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Floats, Octets, Singles
+from locplan._support.poses import Poses
+from locplan.errors import LocplanError
+from locplan.maps.grid import own_axes
+from locplan.robots.amcl import Tracker
+from locplan.simulation.drives import DriveArguments, OwnFilter
+
+
+def track(
+    random: np.random.Generator,
+    truth: Poses,
+    reported: Poses,
+    world: Any,
+    scores: None,
+    lidar: Any,
+    disturbances: Any,
+    start: Any,
+    own: OwnFilter,
+    errors: Floats,
+) -> None:
+    """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
+
+    The filter gets every scan, with all beams, and random numbers of its own. It is started at a
+    pose that is off by the deviation that it is given.
+    """
+    tracker = started(random, own, truth[0], start)
+    for n, pose in enumerate(world.poses):
+        scan = ranges_at(random, world.squares, world.resolution, pose, lidar, disturbances)
+        errors[n] = updated(tracker, own, reported[n], scan) - truth[n]
+    errors[:, 2] = np.remainder(errors[:, 2] + np.pi, 2 * np.pi) - np.pi
+
+
+def started(random: np.random.Generator, own: OwnFilter, first: Any, start: Any) -> Tracker:
+    """A filter started about a pose (3,) in its map's own axes, with random numbers of its own."""
+    own_random = random.spawn(1)[0]
+    deviation = np.array([start.position, start.position, start.heading])
+    x, y, heading = first + deviation * random.standard_normal(3)
+    at = own.grid.grid_to_world(y / own.grid.resolution, x / own.grid.resolution)
+    pose = np.array([*at, heading + own.grid.origin[2]])
+    deviations = start.position, start.heading
+    return own.settings.start(own.grid, own.lidar, pose, deviations, own_random)
+
+
+def ranges_at(
+    random: np.random.Generator,
+    squares: Octets,
+    resolution: float,
+    pose: Floats,
+    lidar: Any,
+    disturbances: Any,
+) -> Singles:
+    """A measured scan at a pose (row, col, heading) of a world, inf without a return [m]."""
+    from locplan._support.kernels.lidar import measured_ends
+
+    ends = np.empty((lidar.angles.size, 2))
+    measured_ends(random, squares, resolution, pose, lidar, disturbances, ends)
+    rays = resolution * ends - (lidar.forward, lidar.left)
+    ranges = np.nan_to_num(np.hypot(*rays.T), nan=np.inf)
+    return np.asarray(ranges, np.float32)
+
+
+def updated(tracker: Tracker, own: OwnFilter, odometry: Floats, scan: Singles) -> Floats:
+    """The filter's pose (3,) in its map's own axes, after a motion and a scan."""
+    tracker.motion(odometry)
+    tracker.scan(scan)
+    estimate = np.asarray(tracker.estimate(), float)
+    if estimate.shape != (3,) or not np.isfinite(estimate).all():
+        raise LocplanError(
+            f"{own.settings.title}: estimate() must be three finite numbers;"
+            " locplan.testing.check_filter checks a filter"
+        )
+    return np.asarray(own_axes(own.grid, estimate[None])[0])
+
+
+class OwnLoop:
+    """The loop of a filter that is not AMCL, which `follower.follow` is for AMCL."""
+
+    def __init__(
+        self, arguments: DriveArguments, frame: Any, random: tuple[Any, Any], first: Any, trace: Any
+    ) -> None:
+        self.arguments, self.frame, self.trace = arguments, frame, trace
+        self.random, self.sensing = random
+        self.tracker = started(self.sensing, self.arguments.filter, first, self.arguments.start)
+        self.sensed = -1
+
+    def follow(self, way: Any, surroundings: Any, body: Any, period: int, perfect: bool) -> int:
+        """Drive until a plan is needed or the drive has ended."""
+        from locplan.simulation.kernels.follower import GO, act, believe, decide
+        from locplan.simulation.kernels.pursuit import TICKS
+
+        trace, arguments = self.trace, self.arguments
+        while True:
+            n = int(trace.counts[TICKS])
+            if perfect:
+                trace.believed[n] = trace.truth[n]
+            elif n > self.sensed:
+                believe(self._pose_at(n, surroundings), self.frame, trace)
+                self.sensed = n
+            decision: int = decide(way, surroundings, body, period, trace)
+            if decision != GO:
+                return decision
+            act(self.random, surroundings, body, arguments.odometry, trace)
+
+    def _pose_at(self, n: int, surroundings: Any) -> tuple[float, ...]:
+        x, y, heading = self.trace.truth[n]
+        resolution, arguments = surroundings.resolution, self.arguments
+        cell = np.array([y / resolution, x / resolution, heading])
+        sensor = arguments.lidar, arguments.disturbances
+        scan = ranges_at(self.sensing, surroundings.squares, resolution, cell, *sensor)
+        pose = updated(self.tracker, arguments.filter, self.trace.reported[n], scan)
+        return tuple(pose.tolist())

@@ -1,0 +1,337 @@
+"""Simulated drives: what their kernels take, and their results, errors and scores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from locplan._support.checks import whole
+from locplan._support.intervals import (
+    Interval,
+    of_geometric_mean,
+    of_mean,
+    of_median,
+    of_rms,
+    wilson,
+)
+from locplan._support.kernels.arrays import Bools, Floats, Singles
+from locplan._support.poses import Poses, way_along
+from locplan._support.records import POSE, Column, Table
+from locplan.maps.grid import OccupancyGrid
+from locplan.robots.amcl import Amcl, Filter
+from locplan.robots.lidar import Lidar
+from locplan.robots.particles import beam_scores, filter_settings
+from locplan.robots.robot import Robot
+
+MAX_DRIVES = 100_000
+"""Maximum number of drives along a path, or to a place."""
+LOST = 1.0
+"""Error of the position above which a robot is lost at any time of a drive, and off at the end
+where the drive ends [m]."""
+FLOOR = 1e-6
+"""Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
+
+
+def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None = None) -> Column:
+    """Column of a share of drives with its interval."""
+    return Column(name, "", title, 0, "%", interval=True, value=value)
+
+
+RATES: tuple[Column, ...] = (
+    rate_column("lost_rate", f"lost (off by > {LOST:g} m)"),
+    rate_column("off_at_end_rate", f"off at the end (> {LOST:g} m)"),
+)
+"""Columns of shares of the drives that go wrong, with 95 % intervals."""
+DRIVEN = (
+    Column("drives", value=lambda drives: len(drives.errors)),
+    Column("length", "m", "length"),
+    Column("typical_rmse", "m", "error of a typical drive", interval=True),
+    Column("median_error", "m", "median error", interval=True),
+    *RATES,
+    Column("kept_rmse", "m", "RMSE of those never lost", interval=True),
+    Column("rmse", "m", "RMSE of all", interval=True),
+    Column("final_rmse", "m", "RMSE at the end", interval=True),
+    Column("heading_rmse", "rad", "heading RMSE", 1, "deg", interval=True),
+)
+"""Columns of `Drives`: their length and errors, with 95 % intervals over the drives."""
+PROFILE = (
+    Column("distance", "m"),
+    *POSE,
+    *(Column(f"error_{each}", "m") for each in ("mean", "median")),
+    *(Column(f"error_percentile_{each}", "m") for each in (10, 90)),
+    Column("heading_error_rms", "rad"),
+)
+"""Columns of `Drives.profile`."""
+
+
+def check_drives(drives: int, *, or_none: bool = False) -> None:
+    """Check that a path can be driven so often; to be called before long work.
+
+    Parameters
+    ----------
+    drives : int
+        Number of drives along a path, 2 to 100,000.
+    or_none : bool, default False
+        True allows 0, too, which leaves the drives out.
+
+    Raises
+    ------
+    ConfigError
+        If the number is out of its range.
+    """
+    if drives or not or_none:
+        whole("drives (0 leaves them out)" if or_none else "drives", drives, 2, MAX_DRIVES)
+
+
+class Rated:
+    """Figures of drives that know which were lost, which were off at the end, and how far."""
+
+    @property
+    def lost_rate(self: Any) -> Interval:
+        """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
+        return wilson(float(self.lost.mean()), len(self.lost))
+
+    @property
+    def off_at_end_rate(self: Any) -> Interval:
+        """Share of the drives that were off by more than 1 m where they end, 0..1."""
+        return wilson(float(self.off_at_end.mean()), len(self.off_at_end))
+
+    @property
+    def rmse(self: Any) -> Interval:
+        """Root mean square of the position error along the way [m].
+
+        The drives that were lost make most of it; see `kept_rmse`.
+        """
+        return of_rms(self.mean_squares)
+
+    @property
+    def kept_rmse(self: Any) -> Interval:
+        """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
+        return of_rms(self.mean_squares[~self.lost])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Drives(Rated):
+    """Simulated drives along one line.
+
+    The n-th drives of two lines with the same ends are pairs: they have the same world and the same
+    random numbers. Intervals are over the drives.
+    """
+
+    poses: Floats
+    """The true poses x, y, heading, (n, 3), in the world [m, m, rad]."""
+    errors: Floats
+    """The filter's pose minus the true one, (drives, n, 3), in the world [m, m, rad]."""
+
+    def __repr__(self) -> str:
+        return (
+            f"Drives({len(self.errors)} of {self.distance[-1]:.2f} m,"
+            f" median error {self.median_error.value:.3g} m, {rates_of(self)})"
+        )
+
+    @property
+    def distance(self) -> Floats:
+        """Distance driven up to each pose, (n,) [m]."""
+        return way_along(self.poses)
+
+    @property
+    def length(self) -> float:
+        """Length of the line [m]."""
+        return float(self.distance[-1])
+
+    @property
+    def position_error(self) -> Floats:
+        """Distance of the filter's position from the true one, (drives, n) [m]."""
+        return np.hypot(self.errors[..., 0], self.errors[..., 1])
+
+    @property
+    def median_error(self) -> Interval:
+        """Median of the position error over all poses of all drives [m]."""
+        return of_median(self.position_error)
+
+    @property
+    def typical_rmse(self) -> Interval:
+        """RMSE of a typical drive [m], at least 1 mm: the geometric mean over the drives."""
+        return of_geometric_mean(np.sqrt(self.mean_squares + FLOOR))
+
+    @property
+    def heading_rmse(self) -> Interval:
+        """Root mean square of the heading error along the way [rad]."""
+        return of_rms((self.errors[..., 2] ** 2).mean(axis=1))
+
+    @property
+    def mean_squares(self) -> Floats:
+        """Mean square of each drive's position error, (drives,) [m^2]."""
+        return np.asarray((self.position_error**2).mean(axis=1))
+
+    @property
+    def lost(self) -> Bools:
+        """True for each drive that was lost, off by more than 1 m, at any time, (drives,)."""
+        return np.asarray(self.position_error.max(axis=1) > LOST)
+
+    @property
+    def off_at_end(self) -> Bools:
+        """True for each drive that is off by more than 1 m where it ends, (drives,)."""
+        return np.asarray(self.position_error[:, -1] > LOST)
+
+    @property
+    def lost_way(self) -> Interval:
+        """Share of the poses at which the robot was off by more than 1 m, 0..1."""
+        return of_mean((self.position_error > LOST).mean(axis=1))
+
+    @property
+    def first_loss(self) -> float:
+        """Median distance [m] when first off by more than 1 m; infinite if half never were."""
+        away = self.position_error > LOST
+        at = self.distance[away.argmax(axis=1)]
+        return float(np.median(np.where(away.any(axis=1), at, np.inf)))
+
+    @property
+    def final_rmse(self) -> Interval:
+        """Root mean square of the position error where the drive ends [m]."""
+        return of_rms(self.position_error[:, -1] ** 2)
+
+    def profile(self) -> Floats:
+        """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
+        error = self.position_error
+        low, median, high = np.quantile(error, (0.1, 0.5, 0.9), axis=0)
+        heading = np.sqrt((self.errors[..., 2] ** 2).mean(axis=0))
+        columns = self.distance, self.poses, error.mean(axis=0), median, low, high, heading
+        return np.column_stack(columns)
+
+
+def rates_of(drives: Any) -> str:
+    """Shares of the drives that go wrong, in words.
+
+    Parameters
+    ----------
+    drives : Drives, or what has its rates
+        The drives.
+    """
+    return ", ".join(f"{each.of(drives).value:.0%} {each.title}" for each in RATES)
+
+
+def profiles(drives: Mapping[str, Drives]) -> Table:
+    """The profiles of drives along some paths, with the path's name in the first column.
+
+    Parameters
+    ----------
+    drives : mapping of str to Drives
+        Drives by the names of the paths.
+    """
+    rows = ((name, *row) for name, each in drives.items() for row in each.profile().tolist())
+    return Table((Column("path"), *PROFILE), tuple(rows))
+
+
+def rmse_ratio(drives: Drives, others: Drives) -> Interval:
+    """Ratio of the RMSE of a typical drive to that of others with the same seeds.
+
+    Parameters
+    ----------
+    drives, others : Drives
+        Equally many drives; the n-th of both have the same world and seed.
+
+    Returns
+    -------
+    Interval
+        Geometric mean of the ratio with its 95 % interval over the drives, as `locplan.choose`
+        confirms it; below 1 the former are better.
+    """
+    squares, below = drives.mean_squares + FLOOR, others.mean_squares + FLOOR
+    return of_geometric_mean(np.sqrt(squares / below))
+
+
+def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
+    """Ratio of the RMSE of each path's drives to that of the first path's."""
+    first, *rest = drives
+    return {name: rmse_ratio(drives[name], drives[first]) for name in rest}
+
+
+class Line(NamedTuple):
+    """The poses that a drive leads through."""
+
+    truth: Poses
+    """In the own axes of the filter's map, (n, 3) [m, m, rad]."""
+    cells: Poses
+    """Row and column in the map that is driven in, and heading, (n, 3) [cells, cells, rad]."""
+    driven: Poses
+    """As odometry would report them without errors, (n, 3) [m, m, rad]: `truth`, unless the
+    filter's map has a kink."""
+
+
+class OwnFilter(NamedTuple):
+    """A filter that is not AMCL, with what it is started with."""
+
+    settings: Filter
+    grid: OccupancyGrid
+    """The filter's map."""
+    lidar: Lidar
+
+
+class DriveArguments(NamedTuple):
+    """Arguments of the kernels of drives."""
+
+    scores: Any
+    """`particles.BeamScores` of the map; None where the filter is not AMCL."""
+    lidar: Any
+    """`lidar.Lidar` with the beams that AMCL compares, or with all beams."""
+    disturbances: Any
+    """`measured.BeamDisturbances`: outliers and occlusions."""
+    odometry: Any
+    """`drives.Odometry`: errors of the reported odometry."""
+    start: Any
+    """`tracking.Start`: standard deviations of the filter's first pose."""
+    filter: Any
+    """`particles.Filter`: AMCL's parameters; or an `OwnFilter`."""
+
+
+def drive_arguments(
+    grid: OccupancyGrid, robot: Robot, *, scores: Singles | None = None
+) -> DriveArguments:
+    """Arguments of the kernels of drives for a map and a robot.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The filter's map.
+    robot : Robot
+        The robot, with its lidar.
+    scores : (H + 2, W + 2) array of float32, optional
+        What a beam that ends in each cell adds to a particle, for this map, filter and lidar; by
+        default it is computed.
+
+    Returns
+    -------
+    DriveArguments
+        The arguments.
+    """
+    from locplan._support.kernels.drives import Start
+
+    lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
+    start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
+    known: Any = None
+    settings: Any
+    if isinstance(amcl := robot.filter, Amcl):
+        known = beam_scores(grid, amcl, lidar, scores)
+        angles, settings = (
+            lidar.angles[:: amcl.beam_step(lidar.beams)],
+            filter_settings(amcl),
+        )
+        nearest, farthest = max(lidar.min_range, amcl.laser_min_range), amcl.reach(lidar)
+    else:
+        angles, nearest, farthest = lidar.angles, lidar.min_range, lidar.range
+        settings = OwnFilter(robot.filter, grid, lidar)
+    return DriveArguments(
+        known,
+        lidar.for_kernels()._replace(
+            angles=np.ascontiguousarray(angles), min_range=nearest, max_range=farthest
+        ),
+        disturbances.for_kernels(),
+        odometry.for_kernels(),
+        start,
+        settings,
+    )

@@ -1,0 +1,345 @@
+"""Figures of simulated drives, of recommendations and of tuned settings."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from locplan._support.drawing import (
+    COLOURS,
+    MIN_ERROR,
+    PATH_STYLES,
+    Picture,
+    label_plainly,
+    lines_within,
+    make_logarithmic,
+)
+from locplan._support.intervals import Interval, in_metres
+from locplan._support.kernels.arrays import Floats
+from locplan.maps.figures import draw_map, map_around, map_size, zoomed_to
+from locplan.planning.figures import (
+    along_norm,
+    draw_along,
+    draw_along_bar,
+    draw_degeneracy,
+    draw_ends,
+    draw_inset,
+    draw_path,
+    draw_u_along,
+    end_handles,
+)
+from locplan.planning.path import Path
+from locplan.robots.robot import Robot
+from locplan.simulation.arrivals import ENDS, LEAVES, STOPS, Arrivals, faults_of
+from locplan.simulation.drives import LOST, contrasts, rates_of
+from locplan.simulation.race import Candidate
+from locplan.simulation.recommendation import Choice
+
+if TYPE_CHECKING:
+    from locplan.simulation.query_routes import Routes
+    from locplan.simulation.simulations import Simulation
+
+
+POOLED = "#0072b2"
+MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
+"""Colour and marker of each map; where there are more maps, all of them look alike."""
+
+
+def simulation_figure(simulation: Simulation) -> Figure:
+    """Paths over the map, coloured by the mean error there, and the error along each of them.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Drives along at most four paths; with more, colours repeat.
+    """
+    grid = simulation.grid
+    shown = list(simulation.paths.values())
+    part = zoomed_to(grid, shown)
+    width, height = map_size(part)
+    figure = Picture(figsize=(width, height + 2.8), layout="constrained")
+    upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
+    draw_map(upper, part)
+    draw_inset(upper, grid, part, shown)
+    profiles = {name: each.profile() for name, each in simulation.drives.items()}
+    every = np.concatenate([profile[:, 4] for profile in profiles.values()])
+    norm = along_norm(every, of_errors=True)
+    ratios, handles = contrasts(simulation.drives), []
+    for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
+        distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
+        colour, drives = style["color"], simulation.drives[name]
+        draw_path(upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[])
+        coloured = draw_along(upper, xy, mean[:-1], norm=norm)
+        lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
+        lower.plot(distance, mean, linewidth=1.8, **style)
+        text = (
+            f"{name}: {distance[-1]:.1f} m, median error {in_metres(drives.median_error.value)},"
+            f" {rates_of(drives)}, RMSE {in_metres(drives.rmse.value)}"
+        )
+        if 0 < drives.lost_rate.value < 1:
+            text += f" ({in_metres(drives.kept_rmse.value)} of those never lost)"
+        if name in ratios:
+            first = next(iter(profiles))
+            text += f"; error of a typical drive {_formatted(ratios[name])} times {first}'s"
+        if simulation.arrivals:
+            found = simulation.arrivals[name]
+            draw_places(upper, found, colour)
+            text += f"; steered by the filter, {found.words} arrive{faults_of(found)}"
+        label = "\n".join(lines_within(text, width - 1))
+        handles.append(Line2D([], [], linewidth=2, label=label, **style))
+        draw_ends(upper, xy[0], xy[-1])
+    draw_along_bar(figure, coloured, upper)
+    lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+    lower.set(xlabel="distance along the path [m]", ylabel="position error [m]")
+    make_logarithmic(lower.yaxis)
+    lower.margins(x=0.01)
+    marks = place_handles((simulation.arrivals or {}).values())
+    figure.key([*handles, *marks, *end_handles()])
+    count = len(next(iter(simulation.drives.values())).errors)
+    upper.set_title(
+        f"{grid.name or 'map'}: {count} simulated drives of each path,"
+        f" {simulation.robot.known_lidar.title}\n"
+        "below: mean error of the position, and where 80 % of the drives are",
+        fontsize="medium",
+    )
+    return figure
+
+
+MARKS = {ENDS: "x", STOPS: "s", LEAVES: "."}
+"""Marks of where closed-loop drives go wrong."""
+FAINT: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "alpha": 0.6}
+"""Style of the mark of which there are many, near each other."""
+
+
+def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
+    """Mark where robots stop, end without having arrived, and leave the path.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    arrivals : Arrivals or None
+        Closed-loop drives along one path, if there are any.
+    colour : color
+        The path's colour.
+    """
+    rows = arrivals.places().rows if arrivals else ()
+    for what, mark in MARKS.items():
+        if xy := [row[2:4] for row in rows if row[1] == what]:
+            # Below start and goal, which stay to be seen.
+            style: dict[str, Any] = {"markersize": 6, "markeredgewidth": 1.5, "zorder": 3.5}
+            style |= {"mfc": "none", **(FAINT if what == LEAVES else {})}
+            axes.plot(*np.array(xy).T, mark, color=colour, **style)
+
+
+def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
+    """Entries of a legend for the marks that there are.
+
+    Parameters
+    ----------
+    arrivals : iterable of Arrivals, or of None
+        Closed-loop drives along some paths.
+    """
+    shown = {row[1] for each in arrivals if each for row in each.places().rows}
+    style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
+    kinds = [(what, mark) for what, mark in MARKS.items() if what in shown]
+    return [Line2D([], [], marker=mark, label=f"a robot {what}", **style) for what, mark in kinds]
+
+
+def queries_figure(routes: Routes) -> Figure:
+    """RMSE and share of lost drives of both paths of each query, and the mean ratios.
+
+    Parameters
+    ----------
+    routes : Routes
+        Drives along both paths of some queries, as `simulate_queries` returns them.
+    """
+    rmse, lost = routes.pairs("rmse"), routes.pairs("lost")
+    figure = Picture(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
+    left, *others = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
+    ends = _equal_ends(left, rmse)
+    left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
+    left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
+    left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
+    for right in others:
+        right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
+        right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
+        right.set(
+            xlim=(-0.03, 1.03),
+            ylim=(-0.03, 1.03),
+            aspect="equal",
+            xlabel="lost (off by > 1 m) on the shortest path, share of drives",
+            ylabel="the same on the aware path",
+        )
+    for number, at in enumerate(_beside(np.log(rmse)), 1):
+        style = {"ha": "center", "va": "center", "fontsize": "small"}
+        left.annotate(str(number), rmse[number - 1], at, textcoords="offset points", **style)
+    robot: Any = routes.about.get("robot")
+    lidar = f", {Robot.from_summary(robot).known_lidar.title}" if robot else ""
+    figure.title(
+        f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
+        f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
+        f" length {_formatted(routes.length_ratio)}",
+        *([] if lost.any() else ["no drive was off by more than 1 m on either path"]),
+    )
+    return figure
+
+
+def _equal_ends(axes: Any, values: Floats) -> Floats:
+    """Make both axes logarithmic and alike, a bit wider than the values; return their ends."""
+    ends = np.array([values.min() * 0.8, values.max() * 1.25])
+    for axis in (axes.xaxis, axes.yaxis):
+        make_logarithmic(axis)
+    axes.set(xlim=tuple(ends), ylim=tuple(ends), aspect="equal")
+    return ends
+
+
+def _beside(points: Floats) -> list[tuple[float, float]]:
+    """Where the number of each point stands from it, away from the others [points]."""
+    sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
+    extent = float(np.ptp(points, axis=0).max()) or 1.0
+    size = extent / 200.0  # the points of a panel take nearly as many typographic points
+    taken, chosen = points, []
+    for n, point in enumerate(points):
+        others = np.delete(taken, n, axis=0)[:, None]
+        apart = np.hypot(*(point + sides * size - others).transpose(2, 0, 1))
+        best = int(apart.min(axis=0, initial=np.inf).argmax())
+        taken = np.vstack([taken, point + sides[best] * size])
+        chosen.append((float(sides[best, 0]), float(sides[best, 1])))
+    return chosen
+
+
+def _formatted(interval: Interval) -> str:
+    value, low, high = interval
+    return f"{value:.3g}" + ("" if np.isnan(low) else f" [{low:.3g}, {high:.3g}]")
+
+
+WIDTH = 8.6
+"""Minimum width of the figure [inch]."""
+COLOURS, WIDTHS = ("0.72", "black", "#0072b2"), (1.0, 2.0, 3.6)
+"""Styles of the other candidates, of the shortest path, and of the recommended one."""
+
+
+def choice_figure(choice: Choice) -> Figure:
+    """Draw the candidates over the map, the recommended path strongest, and the errors along it.
+
+    Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that was
+    loaded has no map to draw.
+
+    Parameters
+    ----------
+    choice : Choice
+        The choice; without a path only its ends are shown.
+    """
+    ends = Path(np.array([choice.start[:2], choice.goal[:2]]))
+    paths = [*(each.path for each in choice.candidates), ends]
+    width, height, part = WIDTH, 4.0, None
+    if choice.costs is not None:
+        part = map_around(choice.costs.grid, [*paths, *_marked(choice)])
+        width, height = map_size(part)
+        width = max(width, WIDTH)
+    # Height of what is drawn along the paths [inch].
+    below = 2.4 if choice.candidates else 0.0
+    figure = Picture(figsize=(width, height + below + 0.8), layout="constrained")
+    axes = figure.subplots(
+        2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
+    )
+    upper = axes[0, 0]
+    if choice.costs is not None and part is not None:
+        draw_map(upper, part)
+        draw_inset(upper, choice.costs.grid, part, paths)
+        if choice.judgement is None:
+            draw_degeneracy(figure, upper, choice.costs, part)
+    else:
+        upper.set_aspect("equal")
+    # The recommended path is drawn last.
+    for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
+        rank = _rank(choice, each)
+        draw_places(upper, each.arrivals, COLOURS[rank])
+        draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
+    draw_ends(upper, choice.start, choice.goal)
+    if choice.candidates:
+        (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
+    marks = place_handles(each.arrivals for each in choice.candidates)
+    figure.key([*_handles(choice), *marks, *end_handles()], ncols=3)
+    name = choice.map["name"] or "map"
+    figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.driven)
+    return figure
+
+
+def _marked(choice: Choice) -> list[Path]:
+    """The places that are marked, as one path, if there are any."""
+    every = [each.arrivals.places().rows for each in choice.candidates if each.arrivals]
+    places = [row[2:4] for rows in every for row in rows]
+    return [Path(np.array(places))] if places else []
+
+
+def _rank(choice: Choice, each: Candidate) -> int:
+    """2 of the recommended path, 1 of the shortest, 0 of the others."""
+    return 2 if each is choice.chosen else int(each is choice.shortest)
+
+
+def _handles(choice: Choice) -> list[Line2D]:
+    shown = dict.fromkeys(each for each in (choice.chosen, choice.shortest) if each is not None)
+    handles = []
+    for each in shown:
+        rank = _rank(choice, each)
+        name = f"{each.name} path" if each is choice.shortest else each.name
+        recommended = "recommended" if choice.judgement else "untested"
+        role = f"{recommended}: " if each is choice.chosen else ""
+        label = f"{role}{name}, {_figures(each)}"
+        line = Line2D([], [], color=COLOURS[rank], linewidth=WIDTHS[rank], label=label)
+        handles.append(line)
+    others = len(choice.candidates) - len(handles)
+    if others > 0:
+        label = f"{others} other candidate{'s' if others > 1 else ''}"
+        handles.append(Line2D([], [], color=COLOURS[0], linewidth=WIDTHS[0], label=label))
+    return handles
+
+
+def _figures(each: Candidate) -> str:
+    """Length, error and lost drives of a candidate."""
+    if each.driven is None:
+        return f"{each.path.length:.1f} m, {each.metrics.integrated_u:.1f} m degenerate"
+    rates = {
+        "lost": each.driven.lost_rate.value,
+        "off at the end": each.driven.off_at_end_rate.value,
+    }
+    texts = [f"{100 * rate:.0f} % {name}" for name, rate in rates.items() if rate >= 0]
+    return ", ".join([f"{each.path.length:.1f} m", *texts])
+
+
+def _draw_errors(axes: Axes, choice: Choice) -> None:
+    """Draw the median error along the shortest and the recommended path, and the middle 80 %."""
+    for each in dict.fromkeys((choice.shortest, choice.chosen)):
+        if each is None or each.driven is None:
+            continue
+        distance, median, low, high = each.driven.profile.T
+        rank = _rank(choice, each)
+        colour = COLOURS[rank]
+        axes.fill_between(distance, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(distance, median, color=colour, linewidth=0.8 * WIDTHS[rank])
+    axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=max(MIN_ERROR / 2, axes.get_ylim()[0]))
+    label_plainly(axes.yaxis, 4)
+    axes.set(xlabel="distance along the path [m]", ylabel="position error [m]")
+    axes.margins(x=0.01)
+    axes.set_title("open-loop drives: median, and where 80 % of them are", fontsize="small")
+
+
+def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
+    """The degeneracy along each path of which it is known."""
+    costs: Any = choice.costs
+    paths = [
+        (each.path, {"color": COLOURS[_rank(choice, each)]})
+        for each in (choice.candidates if costs else ())
+        if np.isfinite(each.metrics.integrated_u)
+    ]
+    draw_u_along(axes, costs, paths)

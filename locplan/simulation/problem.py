@@ -1,0 +1,350 @@
+"""What is asked of a choice: its settings, and the paths between two places that keep them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, Protocol, get_args
+
+import numpy as np
+
+from locplan._support.checks import (
+    Settings,
+    instance,
+    keep,
+    number,
+    one_of,
+    positive,
+    shown,
+    suggestion,
+    whole,
+)
+from locplan._support.kernels.arrays import Bools, Floats
+from locplan.errors import ConfigError
+from locplan.field.config import FieldConfig
+from locplan.field.field import CovarianceField
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
+from locplan.planning.lattice import Lattice
+from locplan.planning.metrics import path_metrics
+from locplan.planning.path import Path
+from locplan.planning.path_check import path_faults
+from locplan.planning.plans import (
+    SHORTEST,
+    check_ends,
+    plan,
+    plan_beside_shortest,
+    planned_near_paths,
+)
+from locplan.planning.protocol import Planner, Position
+from locplan.planning.requests import planner_for
+from locplan.planning.results import Plan
+from locplan.planning.robot_fit import needs_lattice
+from locplan.robots.amcl import Amcl
+from locplan.robots.presets import SAFE, with_preset
+from locplan.robots.robot import Robot
+from locplan.simulation.arrivals import CLOSED_DRIVES
+from locplan.simulation.verdict import LOOKS
+
+Minimise = Literal["rmse", "lost", "goal-error", "heading"]
+"""Quantity that the chosen path has least of."""
+MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
+TUNED = with_preset(Amcl(), SAFE)
+"""The safe preset, which needs no recording; the rest is the robot's own."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ChoiceSettings(Settings):
+    """Settings of a choice, which `locplan.choose` takes by name.
+
+    Raises
+    ------
+    ConfigError
+        If one is out of its range.
+
+    Examples
+    --------
+    >>> ChoiceSettings(drives=16, bold=True)
+    ChoiceSettings(drives=16, bold=True)
+    """
+
+    via: tuple[Position, ...] = ()
+    """Positions that all candidates visit in this order [m]."""
+    max_e: float | None = None
+    """Maximum e of the cells that a candidate enters, above 0 [m^2 rad]; None sets no limit."""
+    budget: float | None = None
+    """Maximum integral of u of a candidate, >= 0 [m]; None sets no limit."""
+    longest: float = 1.5
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1. The aware path of the
+    default weight and all that you ask for may be longer; in the race their length beyond this
+    counts as much as the error."""
+    front: bool = False
+    """Whether up to 5 paths of the Pareto front of length against degeneracy are candidates."""
+    weight: float | None = None
+    """Weight of the aware path that is planned where nothing is driven, by default the
+    estimator's own, and of a further candidate where the robot is driven, >= 0."""
+    criterion: str | None = None
+    """Value that u is made of; None takes the estimator's own, see `Costmap.from_field`."""
+    minimise: Minimise = "rmse"
+    """Error that decides: "rmse" of the position, "goal-error" (that of the last metre), "heading",
+    or "lost": in the race first of all few lost drives."""
+    price: float = 0.3
+    """What counts in the race beside the logarithm of the error: so much of that of the length,
+    >= 0."""
+    drives: int = 64
+    """Maximum number of confirming drives of a path, 2 to 1024; 0 drives no path."""
+    bold: bool = False
+    """Whether an undecided path is recommended, too, if its ratio of errors is at most 0.9."""
+    thorough: bool = False
+    """Whether 40 closed-loop drives of the path to take and of the shortest show how often each
+    arrives, rather than 16."""
+    time_limit: float | None = None
+    """Time after which no further round of confirming drives begins, above 0 [s]; None sets
+    none."""
+
+    filter_map: OccupancyGrid | None = dataclasses.field(default=None, compare=False)
+    """The filter's map in the same frame, where it differs from the one that is driven in."""
+    rival: Amcl | None = TUNED
+    """Filter that is driven along the shortest path, too, to tell whether settings gain more than
+    paths; None drives none, nor is one driven beside a filter that is no AMCL. The default stands
+    for the robot's own filter with the safe preset, see `locplan.robots.presets`."""
+
+    def length_handicaps(self, ratios: Sequence[float]) -> Floats:
+        """Return what the race adds to the log error of candidates for their lengths.
+
+        Parameters
+        ----------
+        ratios : sequence of float
+            Length of each candidate, in lengths of the shortest path.
+        """
+        beyond = np.log(np.maximum(np.array(ratios) / self.longest, 1.0))
+        return self.price * (np.log(ratios) - beyond) + max(self.price, 1.0) * beyond
+
+    def __post_init__(self) -> None:
+        keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))
+        keep(self, price=number("price", self.price, 0.0))
+        one_of("minimise", self.minimise, MINIMISED)
+        for name in ("front", "bold", "thorough"):
+            instance(name, getattr(self, name), bool, "give true or false")
+        if self.drives != 0:
+            whole("drives (0 drives no path)", self.drives, 2, LOOKS[-1])
+        for name in ("max_e", "time_limit"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name))
+        for name in ("budget", "weight"):
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), 0.0)
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> ChoiceSettings:
+        """Settings by name.
+
+        Parameters
+        ----------
+        settings : mapping by name
+            Fields of this class; others have their defaults.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such setting, or one is out of its range.
+        """
+        known = [each.name for each in dataclasses.fields(cls)]
+        for name in settings:
+            if name not in known:
+                raise ConfigError(
+                    f"a choice has no setting {shown(name)}; it has {', '.join(known)}"
+                    f"{suggestion(name, known)}"
+                )
+        return cls(**settings)
+
+    def rival_of(self, own: object) -> Amcl | None:
+        """The rival of a robot's own filter; None without one, or if it is the same or no AMCL.
+
+        Parameters
+        ----------
+        own : Filter
+            The robot's filter, of any kind.
+        """
+        if not isinstance(own, Amcl):  # what gains is advised as AMCL's parameters
+            return None
+        rival = with_preset(own, SAFE) if self.rival == TUNED else self.rival
+        return None if rival == own else rival
+
+    @property
+    def closed_drives(self) -> int:
+        """Number of closed-loop drives of the path to take and of the shortest."""
+        return 40 if self.thorough else CLOSED_DRIVES
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether paths keep limits that a field sets."""
+        return self.max_e is not None or self.budget is not None
+
+
+NEAR = 0.5
+"""Maximum distance of a path's ends and of waypoints from where they should be [m]."""
+
+
+class Compute(Protocol):
+    """A function that gives the field of a map, or its values at some lattice points."""
+
+    def __call__(self, grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField: ...
+
+
+@dataclass(frozen=True)
+class Ask:
+    """What is asked: two places on a map, the limits of the paths, the robot, and its costs."""
+
+    grid: OccupancyGrid
+    """The map."""
+    start: Position
+    """Position of the start [m, rad]."""
+    goal: Position
+    """Position of the goal [m, rad]."""
+    settings: ChoiceSettings
+    """The limits."""
+    robot: Robot
+    """The robot."""
+    given: Costmap | None
+    """The costmap that was given."""
+    config: FieldConfig
+    """Settings of the field that the costmap is made of otherwise."""
+    compute: Compute
+    """Gives that field."""
+
+    @cached_property
+    def blank(self) -> Costmap:
+        """Costmap on which every metre costs the same, blocked where the given one is."""
+        if self.given is None:
+            return Costmap.blank(self.grid, robot=self.robot)
+        density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
+        radius = self.given.robot_radius
+        return dataclasses.replace(Costmap.from_density(self.grid, density), robot_radius=radius)
+
+    @property
+    def by_lattice(self) -> bool:
+        """Whether the robot has an outline or turns on a radius, so that the lattice plans all."""
+        return needs_lattice(self.robot) and self.settings.budget is None
+
+    def _planners(
+        self, costs: Costmap, planner: Planner | None
+    ) -> tuple[Ask, Costmap, Planner | None]:
+        """What is asked, without headings where the planner has none, the costmap with the robot,
+        and the planner: the lattice where it must be."""
+        if planner is None and self.by_lattice:
+            planner = Lattice()
+        costs = dataclasses.replace(costs, robot=self.robot)
+        if planner is not None and planner.space != "R2":
+            return self, costs, planner
+        places = [each[:2] for each in (self.start, *self.settings.via, self.goal)]
+        return self._between(places), costs, planner
+
+    def _between(self, places: Sequence[Position]) -> Ask:
+        """The same between other places."""
+        start, *via, goal = places
+        settings = dataclasses.replace(self.settings, via=tuple(via))
+        return dataclasses.replace(self, start=start, goal=goal, settings=settings)
+
+    def checked(self, space: str) -> Ask:
+        """The same with places that were checked in a planner's space.
+
+        Raises
+        ------
+        LocplanError
+            If the robot cannot stand there, or the limits do not go together or with the costmap.
+        """
+        places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
+        ask = self._between(places)
+        planner_for(None, **ask._limits(limited=True))
+        if self.given is not None and self.settings.is_limited and math.isnan(self.given.weight):
+            raise ConfigError(
+                "a costmap without a field has no e or u to limit; give one of a field, or leave"
+                " out max_e and budget"
+            )
+        return ask
+
+    def costs(
+        self, paths_on: Callable[[Costmap], Iterable[Path]]
+    ) -> tuple[Costmap, CovarianceField | None]:
+        """The costmap with its field, which is fine near some paths where that takes long."""
+        if self.given:
+            return self.given, None
+
+        settings, radius = self.settings, self.robot.radius
+        own: dict[str, Any] = {
+            "weight": settings.weight,
+            "criterion": settings.criterion,
+            "robot": radius,
+        }
+
+        def costs_of(field: CovarianceField) -> Costmap:
+            return Costmap.from_field(self.grid, field, **own)
+
+        if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
+            field = self.compute(self.grid)
+            return costs_of(field), field
+
+        def computed(points: Bools) -> CovarianceField:
+            return self.compute(self.grid, points)
+
+        field, costs = planned_near_paths(self.grid, self.config, computed, costs_of, paths_on)
+        return costs, field
+
+    def planned(
+        self, costs: Costmap, planner: Planner | None = None, *, limited: bool = True
+    ) -> Plan:
+        """The plan of least cost over the waypoints, for the outline; without limits of e or u
+        unless it is to be limited."""
+        own, costs, planner = self._planners(costs, planner)
+        return plan(costs, own.start, own.goal, planner=planner, **own._limits(limited))
+
+    def shortest(self, costs: Costmap) -> Path | None:
+        """The shortest path without limits, as others that are shown beside an aware one."""
+        if math.isnan(costs.weight):
+            return None
+        return self.beside_shortest(costs, limited=False)[SHORTEST].path
+
+    def beside_shortest(
+        self, costs: Costmap, planner: Planner | None = None, *, limited: bool = True
+    ) -> dict[str, Plan]:
+        """The aware plan, within all limits if it is to be limited, and the shortest one."""
+        planner = planner if self.settings.budget is None else None
+        own, costs, planner = self._planners(costs, planner)
+        limits = own._limits(limited)
+        return plan_beside_shortest(costs, own.start, own.goal, planner=planner, **limits)
+
+    def _limits(self, limited: bool) -> dict[str, Any]:
+        asked = self.settings
+        # With a budget the robot counts as the circle within its outline.
+        outline = self.robot.outline if asked.budget is None else None
+        every: dict[str, Any] = {"via": asked.via, "footprint": outline}
+        return every | ({"max_e": asked.max_e, "budget": asked.budget} if limited else {})
+
+    def fault_of(self, path: Path, costs: Costmap) -> str:
+        """Which limit a path does not keep; empty if it keeps all."""
+        asked = self.settings
+        for x, y, *_ in asked.via:
+            if not len(path) or distances_to(np.array([[x, y]]), path)[0] > NEAR:
+                return f"does not visit {x:g},{y:g}"
+        if self.by_lattice:
+            for each in path_faults(self.grid, path, self.robot):
+                return f"cannot be driven: {each.kind} near {each.x:.2f},{each.y:.2f}"
+        if asked.max_e is None and asked.budget is None:
+            return ""
+        metrics = path_metrics(costs, path)
+        if asked.max_e is not None and not metrics.max_e <= asked.max_e:
+            return f"enters cells with e above {asked.max_e:g} m² rad"
+        if asked.budget is not None and not metrics.integrated_u <= asked.budget * (1 + 1e-6):
+            return f"has more than {asked.budget:g} degenerate metres"
+        return ""
+
+
+def distances_to(points: Floats, path: Path) -> Floats:
+    """Distance of each point to a path, to a few centimetres [m]."""
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(path.resampled(0.1).xy).query(points)[0])

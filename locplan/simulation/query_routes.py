@@ -1,0 +1,360 @@
+"""Simulated drives along the shortest and the localizability-aware path of many queries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from locplan._support.intervals import Interval, digits_of, of_geometric_mean, of_mean, plain, short
+from locplan._support.kernels.arrays import Floats
+from locplan._support.output import Results
+from locplan._support.progress import ProgressCallback, parts
+from locplan._support.public import Pictured
+from locplan._support.records import Column, Result, Table, values_of
+from locplan._support.tables import file_name, finite, table
+from locplan.errors import ConfigError
+from locplan.field.config import equipped
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.plans import AWARE, SHORTEST, plan_beside_shortest
+from locplan.planning.queries import Query
+from locplan.robots.robot import Robot
+from locplan.simulation.driver import drive_open
+from locplan.simulation.drives import DRIVEN, Drives, check_drives, rmse_ratio
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.worlds import about_filter
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Route:
+    """Results of drives along both paths of one query."""
+
+    query: Query
+    """Start and goal of both paths."""
+    length: tuple[float, float]
+    """Lengths of the shortest and of the aware path [m]."""
+    median_error: tuple[float, float]
+    """Median error of the position along each path [m]."""
+    lost: tuple[float, float]
+    """Share of each path's drives that were off by more than 1 m at some time."""
+    off_at_end: tuple[float, float]
+    """Share of each path's drives that were off by more than 1 m where they end."""
+    kept_rmse: tuple[float, float]
+    """RMSE of each path's drives never lost [m]; NaN where all were."""
+    rmse: tuple[float, float]
+    """RMSE of the position along each path [m]."""
+    summary: Mapping[str, object]
+    """Summary of each path's drives, and the ratio of their RMSE, fit for JSON."""
+
+
+def _pair(name: str, unit: str = "") -> tuple[Column, Column]:
+    """Columns of a pair of values, of the shortest and of the aware path."""
+    return (
+        Column(f"{name}_shortest", unit, value=lambda each: getattr(each, name)[0]),
+        Column(f"{name}_aware", unit, value=lambda each: getattr(each, name)[1]),
+    )
+
+
+COLUMNS = (
+    Column("query", value=lambda each: each.query.name),
+    Column("start_x", "m", value=lambda each: each.query.start[0]),
+    Column("start_y", "m", value=lambda each: each.query.start[1]),
+    Column("goal_x", "m", value=lambda each: each.query.goal[0]),
+    Column("goal_y", "m", value=lambda each: each.query.goal[1]),
+    *_pair("length", "m"),
+    *_pair("median_error", "m"),
+    *_pair("lost"),
+    *_pair("off_at_end"),
+    *_pair("kept_rmse", "m"),
+    *_pair("rmse", "m"),
+)
+"""Columns of a `Route`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Routes(Pictured):
+    """Drives along both paths of many queries on one map; intervals are over the queries."""
+
+    grid: OccupancyGrid
+    """The map."""
+    routes: Sequence[Route]
+    """Results of each query that has a path."""
+    about: Mapping[str, object]
+    """Settings of the costs, the filter and the worlds, fit for JSON."""
+
+    def __repr__(self) -> str:
+        return f"Routes({self.grid.name or 'map'}, {len(self.routes)} queries, {self.verdict})"
+
+    @property
+    def length_ratio(self) -> Interval:
+        """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
+        return of_geometric_mean(np.divide(*self.pairs("length").T[::-1]))
+
+    @property
+    def rmse_ratio(self) -> Interval:
+        """Ratio of the aware to the shortest path's position RMSE: geometric mean."""
+        return of_geometric_mean(np.divide(*self.pairs("rmse").T[::-1]))
+
+    @property
+    def median(self) -> tuple[float, float]:
+        """Median error along the shortest and the aware paths: geometric means [m]."""
+        return self._means("median_error")
+
+    @property
+    def kept_rmse(self) -> tuple[float, float]:
+        """RMSE of the drives that were not lost, along both kinds of paths: geometric means [m].
+
+        They are over the queries of which both paths have such drives; NaN if there is none.
+        """
+        return self._means("kept_rmse")
+
+    @property
+    def rmse(self) -> tuple[float, float]:
+        """RMSE along the shortest and the aware paths: geometric means over the queries [m]."""
+        return self._means("rmse")
+
+    @property
+    def lost(self) -> tuple[float, float]:
+        """Share of lost drives along the shortest and the aware paths: means over the queries."""
+        return _pair_of(self.pairs("lost").mean(axis=0))
+
+    @property
+    def off_at_end(self) -> tuple[float, float]:
+        """Share of drives off by more than 1 m at the end along both kinds: means."""
+        return _pair_of(self.pairs("off_at_end").mean(axis=0))
+
+    @property
+    def lost_difference(self) -> Interval:
+        """Difference in the share of lost drives, aware minus shortest: mean over the queries."""
+        return of_mean(np.diff(self.pairs("lost"))[:, 0])
+
+    @property
+    def verdict(self) -> str:
+        """Effect of aware paths by `rmse_ratio`: helps, harms, unclear, or too few queries."""
+        ratio = self.rmse_ratio
+        if math.isnan(ratio.low):
+            return "too few queries"
+        if ratio.high < 1:
+            return "helps"
+        return "harms" if ratio.low > 1 else "unclear"
+
+    def pairs(self, name: str) -> Floats:
+        """Values of the shortest and of the aware path of each query, (n, 2).
+
+        Parameters
+        ----------
+        name : str
+            Name of the value in `Route`.
+        """
+        return np.array([getattr(each, name) for each in self.routes])
+
+    def _means(self, name: str) -> tuple[float, float]:
+        """Geometric means over the queries of which both values are known; NaN without one."""
+        pairs = self.pairs(name)
+        known = pairs[~np.isnan(pairs).any(axis=1)]
+        if not len(known):
+            return math.nan, math.nan
+        return _pair_of(np.exp(np.log(known).mean(axis=0)))
+
+    def table(self) -> Table:
+        """A row per query: both ends, and the errors along both paths."""
+        return Table.of(COLUMNS, self.routes)
+
+    def figure(self) -> Figure:
+        """RMSE and share of lost drives of both paths of each query, and the mean ratios."""
+        from locplan.simulation.figures import queries_figure
+
+        return queries_figure(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RoutesOnMaps(Result):
+    """Drives along both paths of queries on several maps."""
+
+    drawable = False  # each map has a figure of its own
+    files: ClassVar[Results] = Results("queries", ("queries.json", "queries.csv"))
+
+    maps: tuple[Routes, ...]
+    """The drives on each map."""
+
+    def __iter__(self) -> Iterator[Routes]:
+        return iter(self.maps)
+
+    def __repr__(self) -> str:
+        return f"RoutesOnMaps({len(self.maps)} maps)"
+
+    def table(self) -> Table:
+        """A row per query of each map."""
+        rows = ((each.grid.name, *row) for each in self.maps for row in each.table().rows)
+        return Table((Column("map"), *COLUMNS), tuple(rows))
+
+    @staticmethod
+    def pictures(maps: Sequence[str]) -> list[str]:
+        """Names of the pictures that are written besides the usual ones.
+
+        Parameters
+        ----------
+        maps : sequence of str
+            Names of the maps.
+        """
+        return [
+            f"{number:02}-{file_name(name or 'map')}.png" for number, name in enumerate(maps, 1)
+        ]
+
+    def summary(self) -> dict[str, object]:
+        """Return all maps' results in numbers, fit for JSON; pairs are shortest and aware paths."""
+        names = "length_ratio", "rmse_ratio", "lost", "off_at_end", "kept_rmse", "rmse"
+        return {
+            "maps": [
+                finite(
+                    {
+                        **routes.about,
+                        "verdict": routes.verdict,
+                        "median_error": routes.median,
+                        **{name: getattr(routes, name) for name in (*names, "lost_difference")},
+                        "queries": [
+                            {**asdict(route.query), **route.summary} for route in routes.routes
+                        ],
+                    }
+                )
+                for routes in self.maps
+            ]
+        }
+
+    def _write(self, folder: Path, *about: Any) -> None:
+        from locplan._support.drawing import save_figure
+
+        self.table().write_csv(folder / "queries.csv")
+        pictures = self.pictures([routes.grid.name for routes in self.maps])
+        for name, routes in zip(pictures, self.maps, strict=True):
+            save_figure(routes.figure(), folder / name)
+
+    def report(self) -> str:
+        """Table of both paths of many queries, one row per map."""
+        return routes_report(self)
+
+
+def routes_report(every: RoutesOnMaps) -> str:
+    """Table of both paths of many queries, one row per map."""
+    rows = []
+    for routes in every:
+        median, kept, rmse = (
+            [plain(each, digits_of(each)) for each in pair]
+            for pair in (routes.median, routes.kept_rmse, routes.rmse)
+        )
+        rows.append(
+            [
+                routes.grid.name,
+                f"{100 * (routes.length_ratio.value - 1):+.1f} %",
+                " -> ".join(median),
+                "{:.0%} -> {:.0%}".format(*routes.lost),
+                "{:.0%} -> {:.0%}".format(*routes.off_at_end),
+                " -> ".join(kept),
+                rmse[0],
+                short(routes.rmse_ratio),
+                routes.verdict,
+            ]
+        )
+    columns = [
+        "map",
+        "length",
+        "median",
+        "lost",
+        "off at\nthe end",
+        "RMSE,\nkept",
+        "RMSE",
+    ]
+    columns += ["ratio", "aware paths"]
+    counts = sorted({len(routes.routes) for routes in every})
+    queries = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
+    return (
+        f"{table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric means;"
+        " errors of the\nposition [m]; lost: off by > 1 m at some time; off at the end: still so;"
+        " kept: those\nnever lost; RMSE: of all drives along the shortest; ratio: of the RMSE,"
+        " aware over\nshortest [95 %]"
+    )
+
+
+def simulate_queries(
+    costs: Costmap,
+    queries: Sequence[Query],
+    robot: Robot | None = None,
+    *,
+    drives: int = 100,
+    filter_map: OccupancyGrid | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+) -> Routes:
+    """Drive the shortest and the aware path of each query.
+
+    Parameters
+    ----------
+    costs : Costmap
+        Costmap of a field, with the weight of the aware paths; the planner is any-angle.
+    queries : sequence of Query
+        Queries to drive; those without a path are left out.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
+    drives, filter_map, seed, threads, progress
+        See `simulate`; the drives are those along each path.
+
+    Returns
+    -------
+    Routes
+        The errors along both paths of each query, and their ratios over the queries.
+
+    Raises
+    ------
+    LocplanError
+        If no query has a path, or a number is out of its range.
+    """
+    check_drives(drives)
+    robot = equipped(robot, costs.settings.config if costs.settings else None)
+    simulator = Simulator(costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads)
+    found = {}
+    for query in queries:
+        plans = plan_beside_shortest(costs, query.start, query.goal)
+        paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
+        if len(paths) == 2:
+            found[query] = paths
+    if not found:
+        raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
+    callbacks = parts(progress, [2 * drives] * len(found))
+    routes = [
+        _route(query, drive_open(simulator, paths, range(drives), progress=part))
+        for (query, paths), part in zip(found.items(), callbacks, strict=True)
+    ]
+    about = {
+        **about_costs(costs),
+        "drives": drives,
+        "seed": seed,
+        "robot": simulator.robot.summary(),
+        **about_filter(filter_map),
+    }
+    return Routes(costs.grid, routes, about)
+
+
+def _pair_of(both: Floats) -> tuple[float, float]:
+    return float(both[0]), float(both[1])
+
+
+def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
+    shortest, aware = drives[SHORTEST], drives[AWARE]
+    ratio = rmse_ratio(aware, shortest)
+    names = "median_error", "lost_rate", "off_at_end_rate", "kept_rmse", "rmse"
+    median, lost, off, kept, rmse = (
+        (getattr(shortest, name).value, getattr(aware, name).value) for name in names
+    )
+    lengths = shortest.length, aware.length
+    about = {"paths": {name: values_of(DRIVEN, each) for name, each in drives.items()}}
+    return Route(query, lengths, median, lost, off, kept, rmse, {**about, "rmse_ratio": [*ratio]})

@@ -1,0 +1,524 @@
+"""Race and confirmation of candidate paths by their simulated drives."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from locplan._support.checks import keep
+from locplan._support.intervals import Interval, of_geometric_mean, of_mean, wilson
+from locplan._support.kernels.arrays import Bools, Floats, Ints
+from locplan._support.poses import Poses
+from locplan._support.progress import ProgressCallback
+from locplan._support.records import Column
+from locplan._support.saved import Valued
+from locplan.planning.metrics import PathMetrics
+from locplan.planning.path import Path
+from locplan.simulation.arrivals import ARRIVING, Arrivals
+from locplan.simulation.driver import CHOOSING, drive_closed, drive_open, route_key
+from locplan.simulation.drives import FLOOR, RATES, Drives
+from locplan.simulation.problem import ChoiceSettings, Minimise
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.verdict import (
+    BETTER,
+    NO_DIFFERENCE,
+    UNDECIDED,
+    WORDS,
+    look,
+    plan_looks,
+    student_interval,
+)
+
+ROUNDS: tuple[int, int] = (4, 8)
+"""Drives of all paths, and of those that are kept, in the race."""
+KEPT, FINALISTS = 5, 3
+"""Maximum numbers of paths beside the shortest that are kept in the race, and confirmed."""
+UNSURE, BEHIND = 0.07, 0.3
+"""Probability, one-sided, at which a path counts as surely worse than the leader: in the race, and
+when finalists are confirmed."""
+LEAD = math.log(0.99)
+"""Difference of the mean scores by which a path must lead the shortest in the race.
+
+These five were found by tests/benchmarks/power_of_choices.py: among ten candidates a path of .8 of
+the shortest's error is found in 91 % of the choices."""
+_FORMER_WORDS = {"clearly better": BETTER, "no worthwhile difference": NO_DIFFERENCE}
+"""Verdicts by how files before version 3 of a choice name them; their others are undecided."""
+WORTHWHILE = math.log(0.9)
+"""Logarithm of the ratio of errors from which on a path is worth leaving the shortest."""
+
+
+class Scores(NamedTuple):
+    """What drives are judged by."""
+
+    log_error: Floats
+    """Logarithm of the error of each drive, (paths, drives)."""
+    lost: Bools
+    """True for the drives that were lost, (paths, drives)."""
+
+    def joined(self, later: Scores) -> Scores:
+        """These drives and later ones of the same paths.
+
+        Parameters
+        ----------
+        later : Scores
+            Scores of the later drives.
+        """
+        pairs = zip(self, later, strict=True)
+        return Scores(*(np.concatenate(pair, axis=1) for pair in pairs))
+
+    def of(self, paths: Sequence[int]) -> Scores:
+        """The drives of some of the paths.
+
+        Parameters
+        ----------
+        paths : sequence of int
+            Numbers of the paths.
+        """
+        return Scores(self.log_error[paths], self.lost[paths])
+
+
+Drive = Callable[[Sequence[int], range], Scores]
+"""Drives paths of some numbers, with the drives of some numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement(Valued):
+    """The path that won the race, and what fresh drives of it and of the shortest say."""
+
+    leader: int
+    """Number of the path; 0 if none leads clearly, and then nothing is confirmed."""
+    verdict: str
+    """The verdict on the leader, see `locplan.simulation.verdict`."""
+    ratio: Interval
+    """Ratio of the leader's error to the shortest's, with the interval that decides; NaN where
+    nothing was confirmed."""
+    drives: range
+    """Numbers of the drives that are shown of the leader and of the shortest."""
+    more_lost: bool = False
+    """Whether the leader lost more drives than the shortest path, in the race and after it."""
+
+    def __post_init__(self) -> None:
+        if self.verdict not in WORDS:  # of an older file
+            keep(self, verdict=_FORMER_WORDS.get(self.verdict, UNDECIDED))
+
+    @property
+    def is_worthwhile(self) -> bool:
+        """True if the leader errs so little that a detour is worth it, and loses no more drives."""
+        return not self.more_lost and self.ratio.value <= math.exp(WORTHWHILE)
+
+    def takes(self, bold: bool) -> bool:
+        """True if the leader is to be taken in place of the shortest path.
+
+        Parameters
+        ----------
+        bold : bool
+            Whether an undecided leader is taken, too.
+        """
+        words = (BETTER, UNDECIDED) if bold else (BETTER,)
+        return self.is_worthwhile and self.verdict in words
+
+
+def judged(
+    drive: Drive,
+    handicaps: Floats,
+    price_of_loss: float,
+    drives: int,
+    enough: Callable[[], bool] | None = None,
+) -> Judgement:
+    """Race paths, and confirm that the winner is better than the shortest.
+
+    Parameters
+    ----------
+    drive : callable
+        Drives some of the paths.
+    handicaps : (paths,) array
+        What is added to the score of each path in the race, such as the price of its length.
+    price_of_loss : float
+        What a lost drive adds to its score, beside the logarithm of its error.
+    drives : int
+        Maximum number of confirming drives of each path.
+    enough : callable, optional
+        Whether time is up, asked before each look but the first.
+    """
+    finalists, lost = race(drive, handicaps, price_of_loss)
+    if not finalists:
+        nothing, shown = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
+        drive([0], shown)  # the race's drives are not those that other commands report
+        return Judgement(0, UNDECIDED, nothing, shown)
+    return confirmed(drive, finalists, lost, drives, handicaps, enough)
+
+
+def race(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[int], Ints]:
+    """The paths that may be best and lead the shortest, and how many drives each path lost."""
+
+    def scored(paths: list[int], done: Scores) -> Floats:
+        return done.log_error + price_of_loss * done.lost + handicaps[paths][:, None]
+
+    def in_the_race(paths: list[int], done: Scores) -> list[int]:
+        return [paths[n] for n in _not_surely_worse(scored(paths, done))]
+
+    few, all_of_them = ROUNDS
+    every = [*range(len(handicaps))]
+    numbers = range(CHOOSING, CHOOSING + all_of_them)
+    done = drive(every, numbers[:few])
+    kept = sorted({0, *in_the_race(every, done)[:KEPT]})
+    done = done.of(kept).joined(drive(kept, numbers[few:]))
+    lost = np.zeros(len(every), np.int64)
+    lost[kept] = done.lost.sum(axis=1)
+    scores = dict(zip(kept, scored(kept, done).mean(axis=1), strict=True))
+    leading = [path for path in in_the_race(kept, done) if scores[path] <= scores[0] + LEAD]
+    return leading[:FINALISTS], lost
+
+
+def _not_surely_worse(scores: Floats) -> list[int]:
+    """Rows of the scores of paths that may be as good as the leader, the best first."""
+    from scipy.special import stdtrit
+
+    usual, weight = 0.35, 4  # four drives alone would estimate the deviation too badly
+    behind = scores - scores[np.argmin(scores.mean(axis=1))]
+    count = scores.shape[1]
+    freedom = weight + count - 1
+    squares = weight * usual**2 + (count - 1) * behind.var(axis=1, ddof=1)
+    close = behind.mean(axis=1) <= stdtrit(freedom, 1 - UNSURE) * np.sqrt(squares / freedom / count)
+    return [int(n) for n in np.argsort(scores.mean(axis=1), kind="stable") if close[n]]
+
+
+def confirmed(
+    drive: Drive,
+    finalists: list[int],
+    lost: Ints,
+    drives: int,
+    handicaps: Floats,
+    enough: Callable[[], bool] | None = None,
+) -> Judgement:
+    """Drive the finalists and the shortest afresh, until a difference is known or none is."""
+    paths, count, done = [0, *finalists], 0, None
+    looks = plan_looks(drives)
+    while True:
+        before, count = count, looks.pop(0)
+        new = drive(paths, range(before, count))
+        done = new if done is None else done.joined(new)
+        apart = done.log_error[1:] - done.log_error[0]
+        # Choosing the best of several promises too much, not too little: they share the level.
+        shown = look(
+            apart,
+            done.lost[0],
+            done.lost[1:],
+            looks_left=len(looks),
+            n_alternatives=len(finalists),
+        )
+        all_lost = lost[paths] + done.lost.sum(axis=1)
+        losing = all_lost[1:] > all_lost[0]
+        safe = ~losing & (shown.mean <= WORTHWHILE)
+        clear = safe & shown.is_better
+        leads = next(some for some in (clear, safe, shown.mean < math.inf) if some.any())
+        # The price of length decides between finalists as in the race, and not on the verdict.
+        scores = shown.mean + handicaps[paths[1:]]
+        best = int(np.argmin(np.where(leads, scores, math.inf)))
+        is_futile = (shown.low > WORTHWHILE).all()
+        if clear.any() or is_futile or not looks or (enough and enough()):
+            ratio = Interval(*(math.exp(end[best]) for end in shown[:3]))
+            word, more_lost = shown.words[best], bool(losing[best])
+            return Judgement(paths[best + 1], word, ratio, range(count), more_lost)
+        # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
+        # costs no error, since none of them can be recommended any more.
+        _, worse, _ = student_interval(apart - apart[best], BEHIND)
+        _, poor, _ = student_interval(apart, BEHIND)
+        going = np.append(True, ~((worse > 0) | (poor > WORTHWHILE)))
+        going[best + 1] = True
+        rows = np.flatnonzero(going).tolist()
+        paths, done = [paths[row] for row in rows], done.of(rows)
+
+
+def log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: float) -> Floats:
+    """Logarithm of the root mean square error of each drive, (drives,).
+
+    Parameters
+    ----------
+    distance : (n,) array
+        Distance driven up to each pose [m].
+    errors : (drives, n, 3) array
+        The filter's pose minus the true one [m, m, rad].
+    minimise : str
+        "heading" takes the error of the heading [rad], "goal-error" that of the position over the
+        last metre, "rmse" and "lost" that of the position [m].
+    worst : float
+        Error as which larger ones count [m, or rad].
+    """
+    if minimise == "heading":
+        squares = errors[..., 2] ** 2
+    else:
+        squares = errors[..., 0] ** 2 + errors[..., 1] ** 2
+    if minimise == "goal-error":
+        squares = squares[:, distance >= distance[-1] - 1.0]
+    return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
+
+
+def worst_error(shape: tuple[int, int], resolution: float) -> float:
+    """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
+    return math.hypot(*shape) * resolution
+
+
+@dataclass(frozen=True, eq=False)
+class Driven(Valued):
+    """How the drives went whose figures are shown of a candidate."""
+
+    derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_end_rate")
+    former: ClassVar[tuple[str, ...]] = ("off", "off_at_goal")  # off by more than 0.5 m
+
+    numbers: range
+    """Numbers of the drives; those of the same number are pairs."""
+    log_error: Floats
+    """Logarithm of the error of each drive, (drives,) [ln m, or ln rad]."""
+    lost: Bools
+    """True for each drive that was off by more than 1 m at some time, (drives,)."""
+    ratio: Interval
+    """Ratio of the error to the shortest path's."""
+    profile: Floats
+    """Distance along the path, and the median, the 10 % and the 90 % quantile over the drives of
+    the error of the position there, (n, 4) [m]."""
+    off_at_end: Bools = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
+    """True for each drive that was off by more than 1 m where it ends, (drives,)."""
+
+    @classmethod
+    def of(cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval) -> Driven:
+        """What is kept of some drives.
+
+        Parameters
+        ----------
+        drives : Drives
+            The drives along one path.
+        numbers : range
+            Numbers of these drives.
+        log_error : (drives,) array
+            Logarithm of the error of each drive [ln m, or ln rad].
+        ratio : Interval
+            Ratio of the error to the shortest path's.
+        """
+        at = np.unique(np.linspace(0, len(drives.poses) - 1, 200).round().astype(int))
+        low, median, high = np.quantile(drives.position_error[:, at], (0.1, 0.5, 0.9), axis=0)
+        profile = np.column_stack([drives.distance[at], median, low, high])
+        return cls(numbers, log_error, drives.lost, ratio, profile, drives.off_at_end)
+
+    @property
+    def error(self) -> Interval:
+        """Error of a typical drive: the geometric mean [m, or rad]."""
+        return Interval(*np.exp(of_mean(self.log_error)).tolist())
+
+    @property
+    def lost_rate(self) -> Interval:
+        """Share of the drives that were off by more than 1 m at some time."""
+        return wilson(float(self.lost.mean()), len(self.lost))
+
+    @property
+    def off_at_end_rate(self) -> Interval:
+        """Share of the drives that were off by more than 1 m where they end."""
+        if not len(self.off_at_end):  # of a choice that an older locplan saved
+            return NOTHING
+        return wilson(float(self.off_at_end.mean()), len(self.off_at_end))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate(Valued):
+    """A path that may be taken."""
+
+    name: str
+    """Name of the path, such as "shortest" or "clear of walls"."""
+    path: Path
+    """The path from start to goal."""
+    metrics: PathMetrics
+    """Metrics of the path on the costmap."""
+    driven: Driven | None = None
+    """How its drives went; None where nothing was driven."""
+    deviation: tuple[float, float] = (math.nan, math.nan)
+    """Mean and greatest deviation of the position in the field along the path [m]; NaN where that
+    is not known."""
+    planner: str = ""
+    """Name of its planner; empty of a path that was given."""
+    note: str = ""
+    """What the planner says of it."""
+    history: tuple[tuple[float, float], ...] = ()
+    """Time since a sampling planner began [s] and its best J [m], whenever that fell."""
+    arrivals: Arrivals | None = None
+    """Closed-loop drives, of the path to take and of the shortest, which may be one."""
+
+    def __repr__(self) -> str:
+        return f"Candidate({self.name}, {self.path.length:.2f} m)"
+
+
+NOTHING = Interval(math.nan, math.nan, math.nan)
+
+
+def _of_metrics(name: str, unit: str, title: str | None = None, digits: int = 2) -> Column:
+    return Column(name, unit, title, digits, value=lambda each: getattr(each.metrics, name))
+
+
+def _of_drives(name: str, unit: str, title: str, digits: int = 2, people: str = "") -> Column:
+    def value(each: Candidate) -> Any:
+        return getattr(each.driven, name)
+
+    return Column(name, unit, title, digits, people, interval=True, value=value)
+
+
+def _of_rate(column: Column) -> Column:
+    return dataclasses.replace(column, value=lambda each: getattr(each.driven, column.name))
+
+
+def _of_arrivals(column: Column) -> Column:
+    def value(each: Candidate) -> Any:
+        missing = NOTHING if column.interval else math.nan
+        return column.of(each.arrivals) if each.arrivals else missing
+
+    return dataclasses.replace(column, title=None, value=value)
+
+
+_NAMED = (Column("name", title="path"), _of_metrics("length", "m", "length", 1))
+_E = (
+    _of_metrics("mean_e", "m² rad"),
+    _of_metrics("max_e", "m² rad"),
+    _of_metrics("degenerate_share", ""),
+    _of_metrics("longest_degenerate", "m"),
+    _of_metrics("clearance", "m"),
+)
+PLANNED: tuple[Column, ...] = (
+    *_NAMED,
+    _of_metrics("cost", "m"),
+    _of_metrics("integrated_u", "m", "degenerate", 1),
+    _of_metrics("integrated_e", "m² rad m", "∫e ds", 3),
+    *_E,
+    Column("position_std", "m", "mean std", 1, "cm", value=lambda each: each.deviation[0]),
+    Column("max_position_std", "m", "max std", 1, "cm", value=lambda each: each.deviation[1]),
+)
+"""Columns of candidates that were not driven."""
+DRIVEN: tuple[Column, ...] = (
+    *_NAMED,
+    _of_drives("error", "m", "error"),
+    _of_drives("ratio", "", "ratio"),
+    *map(_of_rate, RATES),
+    Column("drives", value=lambda each: len(each.driven.numbers)),
+    _of_metrics("cost", "m"),
+    _of_metrics("integrated_u", "m"),
+    _of_metrics("integrated_e", "m² rad m"),
+    *_E,
+    *map(_of_arrivals, ARRIVING),
+)
+"""Columns of candidates that were driven."""
+
+
+RIVAL_DRIVES = 8
+"""Number of drives of the shortest path with the rival's settings."""
+
+
+class Driver:
+    """What is remembered of the drives of candidates, by path and number.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The map, the robot and the seed.
+    paths : mapping of str to Path
+        The candidates, the shortest first.
+    settings : ChoiceSettings
+        What counts.
+    progress : callable, optional
+        Called with (done, total) drives.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        paths: dict[str, Path],
+        settings: ChoiceSettings,
+        progress: ProgressCallback | None,
+    ) -> None:
+        self._paths = [*paths.items()]
+        # All candidates lead along one route, though those of a user may end a little off.
+        self._route = route_key(self._paths[0][1])
+        self._simulator = simulator
+        self._settings, self._progress = settings, progress
+        self._poses: dict[int, Poses] = {}
+        self._errors: list[dict[int, Floats]] = [{} for _ in paths]
+        self._worst = math.pi
+        if settings.minimise != "heading":
+            self._worst = worst_error(simulator.grid.shape, simulator.grid.resolution)
+        kept = min(len(paths), KEPT + 1)
+        self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * kept
+        self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
+        self._closed = range(settings.closed_drives)
+        self._total += 2 * len(self._closed)
+
+    def __call__(self, paths: Sequence[int], numbers: range) -> Scores:
+        """Drive some paths with the drives of some numbers."""
+        for path, drives in zip(paths, self._drive(self._simulator, paths, numbers), strict=True):
+            self._poses[path] = drives.poses
+            self._errors[path].update(zip(numbers, drives.errors, strict=True))
+        return Scores(
+            np.array([self._log_errors(path, numbers) for path in paths]),
+            np.array([self._drives(path, numbers).lost for path in paths]),
+        )
+
+    def shown(self, path: int, found: Judgement) -> Driven:
+        """What is shown of a candidate: the drives from 0 on, or those of the race."""
+        numbers = range(CHOOSING, CHOOSING + ROUNDS[-1])
+        if leads := path in (0, found.leader):
+            numbers = found.drives
+        numbers = numbers[: sum(number in self._errors[path] for number in numbers)]
+        ratio = NOTHING
+        if path:
+            apart = self._log_errors(path, numbers) - self._log_errors(0, numbers)
+            ratio = found.ratio if leads else of_geometric_mean(np.exp(apart))
+        errors = self._log_errors(path, numbers)
+        return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
+
+    def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
+        """Closed-loop drives of the path to take and of the shortest, which may be one."""
+        leader = found.leader if found.takes(self._settings.bold) else 0
+        both = [*dict.fromkeys((0, leader))]
+        named = dict(self._paths[path] for path in both)
+        made = drive_closed(
+            self._simulator, named, self._closed, route=self._route, progress=self._step
+        )
+        self._done += len(both) * len(self._closed)
+        return dict(zip(both, made.values(), strict=True))
+
+    def rival(self, found: Judgement) -> Driven | None:
+        """Drives of the shortest path with the rival's filter, beside those that are shown."""
+        rival = self._settings.rival_of(self._simulator.robot.filter)
+        if rival is None:
+            return None
+        numbers = found.drives[:RIVAL_DRIVES]
+        one = self._simulator
+        robot = dataclasses.replace(one.robot, filter=rival)
+        same: Any = {"filter_map": one.filter_map, "seed": one.seed, "threads": one.threads}
+        simulator = Simulator(one.grid, robot, **same)
+        (drives,) = self._drive(simulator, [0], numbers)
+        errors = self._scored(drives)
+        ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
+        if self._progress:
+            self._progress(self._total, self._total)
+        return Driven.of(drives, numbers, errors, ratio)
+
+    def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Drives]:
+        named = dict(self._paths[path] for path in paths)
+        made = drive_open(simulator, named, numbers, route=self._route, progress=self._step)
+        self._done += len(paths) * len(numbers)
+        return [*made.values()]
+
+    def _step(self, done: int, _: int) -> None:
+        if self._progress:
+            self._progress(self._done + done, self._total)
+
+    def _drives(self, path: int, numbers: range) -> Drives:
+        errors = [self._errors[path][number] for number in numbers]
+        return Drives(self._poses[path], np.array(errors))
+
+    def _log_errors(self, path: int, numbers: range) -> Floats:
+        return self._scored(self._drives(path, numbers))
+
+    def _scored(self, drives: Drives) -> Floats:
+        return log_errors(drives.distance, drives.errors, self._settings.minimise, self._worst)

@@ -1,0 +1,354 @@
+"""The choice of a path: candidates, a race, a confirmation, and one answer."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from locplan._support.checks import check_threads, instance, whole
+from locplan._support.progress import ProgressCallback
+from locplan.errors import ConfigError
+from locplan.field.config import FieldConfig, equipped
+from locplan.field.field import CovarianceField
+from locplan.field.store import load_or_compute
+from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.occupancy import FREE
+from locplan.planning.any_angle import AnyAngle
+from locplan.planning.costmap import Costmap, about_costs, check_costs
+from locplan.planning.layers import check_criterion
+from locplan.planning.metrics import path_metrics
+from locplan.planning.path import Path
+from locplan.planning.plans import SHORTEST
+from locplan.planning.protocol import LATTICE, Found, Planner, Position
+from locplan.planning.results import Plan
+from locplan.robots.robot import Robot
+from locplan.simulation.candidates import (
+    WEIGHTS,
+    Candidates,
+    Own,
+    Part,
+    add_own,
+    candidates_of,
+    check_own,
+    config_of,
+    deviation_along,
+    own_of,
+    why_without,
+)
+from locplan.simulation.problem import Ask, ChoiceSettings, Compute, Minimise
+from locplan.simulation.race import Candidate, Driver, judged
+from locplan.simulation.recommendation import Choice
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.worlds import about_filter, check_filter_map
+
+
+def choose(
+    grid: OccupancyGrid,
+    start: Position,
+    goal: Position,
+    robot: Robot | None = None,
+    *,
+    costs: Costmap | FieldConfig | None = None,
+    candidates: Candidates = (),
+    compute: Compute | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+    **settings: Any,
+) -> Choice:
+    """Choose the path to take: drive candidates in simulation until one is shown to be better.
+
+    Candidates are the shortest path, the one on the robot's own inflated costmap, paths clear of
+    walls, ways around, and localizability-aware paths. They race over a few drives; the leading
+    ones and the shortest are then driven afresh until the ratio of their errors is known. Only a
+    path that is better by a tenth or more, and loses no more drives, replaces the shortest; and
+    only if the robot, steered by its filter in some closed-loop drives of both, arrives about as
+    often.
+    Where the shortest path is kept, such drives of it show how often the robot arrives.
+
+    Candidates of a robot with an outline or a turning radius are those of the lattice planner, so
+    that it can drive all of them.
+
+    Where the robot's lidar is not known, nothing is driven: the aware path of the field is then
+    the path to take, untested, beside the shortest one.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    start, goal : (x, y), or (x, y, heading) for planners with headings and car-like robots
+        Positions in the world [m, rad].
+    robot : Robot, optional
+        The robot, which is known when its lidar is, such as ``Robot("turtlebot4")``, or what
+        `Robot.from_nav2` reads. A field that simulates a lidar names it, too.
+    costs : Costmap or FieldConfig, optional
+        A costmap of this map, to plan on: ``Costmap.blank(grid)`` does without a field. Or settings
+        of the field; by default it is `Fused` for the lidar, or `Sad` without one. A field that
+        simulates a lidar is evaluated every 0.2 m near the aware paths and 0.4 m elsewhere.
+    candidates : sequence or mapping by name, default ()
+        Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
+        or their names.
+    compute : callable, optional
+        Gives the field of a map at the lattice points of a mask; by default `load_or_compute`.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal choices, on any number of threads,
+        unless the time limit ends the drives.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    progress : callable, optional
+        Called with (done, total) drives; there may be fewer in the end.
+    **settings
+        Fields of `ChoiceSettings`: limits of the candidates, and what decides.
+
+    Returns
+    -------
+    Choice
+        Its `path` is None if no path leads to the goal or keeps the limits; `status` says why.
+
+    Raises
+    ------
+    PoseError
+        If start or goal lies outside the map or in a blocked cell.
+    LocplanError
+        If a setting is out of its range, or a candidate cannot be driven.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0)).changed({"max_particles": 500})
+    >>> blank = locplan.Costmap.blank(grid)
+    >>> choice = choose(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=blank, drives=8)
+    >>> choice.verdict
+    'better'
+    """
+    check_grid(grid)
+    asked = ChoiceSettings.of(settings)
+    robot, given, config = _robot_and_field(grid, robot, costs)
+    if asked.criterion is not None:
+        check_criterion(asked.criterion, config)
+
+    def computed(
+        grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
+    ) -> CovarianceField:
+        return load_or_compute(grid, config, points=points, threads=threads)
+
+    own = own_of(candidates)
+    planners = [each for each in own.values() if isinstance(each, Planner)]
+    ask = Ask(grid, start, goal, asked, robot, given, config, compute or computed)
+    usual = LATTICE if ask.by_lattice else "R2"
+    space = next((each.space for each in planners if each.space != "R2"), usual)
+    ask = ask.checked(space)
+    check_own(own, ask)
+    check_filter_map(asked.filter_map, grid)
+    whole("seed", seed, 0)
+    check_threads(threads)
+    shortest = ask.planned(ask.blank, limited=False)
+    if shortest.path is None:
+        return _made(ask, seed, shortest, given)
+    if why_not := _why_not(ask, space):
+        return _planned_only(ask, own, shortest, seed, why_not)
+    if ask.start == ask.goal and not asked.via:
+        raise ConfigError("start and goal are one place; a choice needs a way to drive")
+    simulator = Simulator(grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads)
+    return _driven(ask, own, shortest.path, simulator, progress)
+
+
+def _driven(
+    ask: Ask, own: Own, first: Path, simulator: Simulator, progress: ProgressCallback | None
+) -> Choice:
+    """The choice among candidates that are driven."""
+    asked = ask.settings
+    costs, _ = ask.costs(lambda costs: Part.about(costs, first, ask).aware_paths(WEIGHTS))
+    shortest = ask.shortest(costs) or first
+    if asked.is_limited:
+        within = ask.planned(costs.with_weight(1e-6))
+        if within.path is None:
+            return _made(ask, simulator.seed, within, costs)
+        shortest = within.path
+    part = Part.about(costs, shortest, ask)
+    paths, left_out = candidates_of(part, own)
+    if asked.is_limited:  # planners find short paths, not always the shortest, within limits
+        name = min(paths, key=lambda each: paths[each].length)
+        if name != SHORTEST:
+            left_out[name] = f"races as {SHORTEST!r}: no path within the limits is shorter"
+            left_out[f"planned {SHORTEST}"] = f"{name!r} keeps the limits and is shorter"
+            paths[SHORTEST] = paths.pop(name)
+    driver = Driver(simulator, paths, asked, progress)
+    until = math.inf if asked.time_limit is None else time.monotonic() + asked.time_limit
+    found = judged(
+        driver,
+        asked.length_handicaps([path.length / paths[SHORTEST].length for path in paths.values()]),
+        100.0 if asked.minimise == "lost" else 1.0,
+        asked.drives,
+        lambda: time.monotonic() > until,
+    )
+    arrivals = driver.arrivals(found)
+    made = tuple(
+        Candidate(
+            *(name, path, path_metrics(costs, path), driver.shown(n, found)),
+            arrivals=arrivals.get(n),
+        )
+        for n, (name, path) in enumerate(paths.items())
+    )
+    parts = {"candidates": made, "left_out": left_out, "judgement": found}
+    return _made(ask, simulator.seed, None, costs, rival=driver.rival(found), **parts)
+
+
+def _robot_and_field(
+    grid: OccupancyGrid, robot: Robot | None, costs: Costmap | FieldConfig | None
+) -> tuple[Robot, Costmap | None, FieldConfig]:
+    """The robot, with the lidar of the field if it names none, the costmap, and the field."""
+    robot = Robot() if robot is None else robot
+    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    given, config = None, costs
+    if costs is not None and not isinstance(costs, FieldConfig):
+        check_costs(costs)
+        if costs.grid.digest != grid.digest:
+            raise ConfigError("the costmap is that of another map")
+        given, config = costs, costs.settings.config if costs.settings else None
+    if robot.lidar is None and isinstance(config, FieldConfig):
+        robot = dataclasses.replace(robot, lidar=getattr(config.estimator, "lidar", None))
+    if not isinstance(config, FieldConfig):
+        config = config_of({}, robot.lidar)
+    return robot, given, config
+
+
+def _why_not(ask: Ask, space: str) -> str:
+    """Why nothing is driven; empty if candidates are."""
+    radius = ask.robot.kinematics.turning_radius
+    if not ask.by_lattice and (radius or space not in ("R2", LATTICE)):
+        what = "Paths of a turning radius within a budget" if radius else "Paths with headings"
+        return f"{what} are not simulated yet."
+    if ask.robot.lidar is None:
+        return "Name the robot's lidar to simulate the paths: --lidar NAME, in Python Robot(NAME)."
+    if not ask.settings.drives:
+        return "No drive is simulated, as drives=0 asks."
+    return ""
+
+
+def _made(ask: Ask, seed: int, without: Plan | None, costs: Costmap | None, **parts: Any) -> Choice:
+    """A choice of some parts; without a path it has the status of a plan that has none."""
+    if without is not None:
+        parts |= {"status": without.status, "note": without.note}
+    return Choice(
+        about={**about_costs(costs or ask.blank), **about_filter(ask.settings.filter_map)},
+        start=ask.start,
+        goal=ask.goal,
+        settings=ask.settings,
+        robot=ask.robot,
+        seed=seed,
+        costs=costs,
+        **{"candidates": (), "status": "solved", **parts},
+    )
+
+
+def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -> Choice:
+    """The aware path of the field beside the shortest one, of which none is driven."""
+
+    def drafted(costs: Costmap) -> list[Path]:
+        plans = ask.beside_shortest(costs)
+        return [plan.path for plan in plans.values() if plan.path is not None]
+
+    costs, field = ask.costs(drafted)
+    planner = next((each for each in own.values() if isinstance(each, Planner)), None)
+    plans = {SHORTEST: shortest.measured_on(costs)}
+    if not math.isnan(costs.weight):
+        plans = ask.beside_shortest(costs, planner)
+    paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
+    left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
+    add_own(own, paths, left_out, costs, ask, but=planner if len(plans) > 1 else None)
+    last = plans[next(reversed(plans))]
+    if last.path is None:
+        return _made(ask, seed, last, costs, left_out=left_out)
+    made = []
+    for name, path in paths.items():
+        more: dict[str, Any] = {}
+        if field is not None:
+            more["deviation"] = deviation_along(path, field)
+        if planned := plans.get(name):
+            more |= {"planner": planned.planner, "history": planned.history}
+            more["note"] = _note_on(planned)
+        made.append(Candidate(name, path, path_metrics(costs, path), **more))
+    return _made(ask, seed, None, costs, note=why_not, candidates=tuple(made), left_out=left_out)
+
+
+def _note_on(made: Plan) -> str:
+    """What a plan says of its path beside its metrics, and beside the note of its costmap."""
+    note = made.note.removesuffix(made.costs.note).rstrip("; ") if made.costs else made.note
+    said = [note] if note else []
+    if not made.minimises:
+        said.append("any path, since its planner minimises nothing")
+    if made.bound is not None:
+        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
+    return "; ".join(said)
+
+
+@dataclass(frozen=True)
+class SimulatedChoice:
+    """The planner that drives dissimilar paths in simulation, and returns the one it recommends.
+
+    It drives on one thread, since a comparison's workers run at the same time.
+    """
+
+    name: ClassVar[str] = "simulated choice"
+    space: ClassVar[str] = "R2"
+    minimises: ClassVar[str | None] = "simulated error"
+
+    drives: int = 64
+    """Maximum number of confirming drives of a path, 2 to 1024."""
+    minimise: Minimise = "rmse"
+    """Error that decides: "rmse", "goal-error", "heading" or "lost", see `ChoiceSettings`."""
+    price: float = 0.3
+    """What the logarithm of the length counts in the race, >= 0."""
+    longest: float = 1.5
+    """Maximum length of a candidate, in lengths of the shortest path, >= 1."""
+    bold: bool = False
+    """Whether an undecided path is taken, too, see `ChoiceSettings`."""
+    robot: Robot | str | None = None
+    """The robot, or a file of it that `Robot.load` reads; its size is that of the costmap. By
+    default it has Nav2's filter, and the lidar of the costmap's field."""
+    seed: int | None = None
+    """Seed of the drives, >= 0; by default 1, or each seed of a comparison."""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.robot, str):  # once: workers need no file
+            object.__setattr__(self, "robot", Robot.load(self.robot))
+
+    def check(self) -> None:
+        """Raise a ConfigError unless the options are within their ranges."""
+        ChoiceSettings.of(self._settings)
+        if self.seed is not None:
+            whole("seed", self.seed, 0)
+        if self.robot is not None:
+            instance("robot", self.robot, Robot)
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        names = "drives", "minimise", "price", "longest", "bold"
+        return {name: getattr(self, name) for name in names} | {"rival": None}
+
+    def prepare(self) -> None:
+        """Load the kernels of the planners and of the drives."""
+        grid = OccupancyGrid(np.full((8, 8), FREE, np.uint8), 0.1)
+        costs = Costmap.blank(grid, robot=0.05)
+        SimulatedChoice(drives=2).solve(costs, (0.25, 0.35), (0.55, 0.35))
+
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+        """Choose among paths of this costmap, and return the chosen one.
+
+        See `locplan.planning.Planner.solve`.
+        """
+        if start[:2] == goal[:2]:
+            return AnyAngle().solve(costs, start, goal)
+        config = costs.settings.config if costs.settings else None
+        robot = equipped(None if isinstance(self.robot, str) else self.robot, config)
+        own = {**self._settings, "seed": 1 if self.seed is None else self.seed, "threads": 1}
+        choice = choose(costs.grid, start[:2], goal[:2], robot, costs=costs, **own)
+        return Found(choice.path, choice.status)

@@ -1,0 +1,710 @@
+"""The result of a recommendation: the path, the verdict, and the drives behind it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path as File
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from locplan._support.intervals import Interval, digits_of
+from locplan._support.output import Results
+from locplan._support.records import Column, Result, Table
+from locplan._support.saved import Stored
+from locplan._support.tables import align, file_name, wrapped, write_rows
+from locplan.errors import ConfigError
+from locplan.field.config import FieldConfig
+from locplan.field.field import CovarianceField
+from locplan.planning.costmap import Costmap
+from locplan.planning.path import Path
+from locplan.planning.protocol import Position
+from locplan.planning.results import Plan
+from locplan.robots.amcl import Amcl, Filter
+from locplan.robots.presets import SAFE, describe_preset
+from locplan.robots.robot import Robot
+from locplan.simulation.arrivals import FOLLOWER, WORLD, Arrivals
+from locplan.simulation.candidates import config_of, costmap_of, costs_again
+from locplan.simulation.problem import TUNED, ChoiceSettings
+from locplan.simulation.race import (
+    DRIVEN,
+    PLANNED,
+    ROUNDS,
+    WORTHWHILE,
+    Candidate,
+    Driven,
+    Judgement,
+)
+from locplan.simulation.verdict import (
+    BETTER,
+    NO_DIFFERENCE,
+    UNDECIDED,
+    WORSE,
+    DriveSet,
+    Verdict,
+    compare,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+MOSTLY_LOST = 0.5
+"""Share of lost drives from which a path, or a filter, is no remedy."""
+SLIGHT = 0.02
+"""Difference of the errors below which a recommended path gains little [m]."""
+
+NO_PATH = {
+    "unreachable": "The goal is unreachable: {note}.",
+    "infeasible": "No path keeps the limits: {note}.",
+    "timeout": "Time is up before a path is found: {note}.",
+    "not found": "No path is found: {note}.",
+}
+"""Answers without a path, by the choice's status."""
+UNTESTED = (
+    "Untested: the {name} path is {length} long ({u:.1f} m degenerate), the shortest path"
+    " {shortest} ({shortest_u:.1f} m)."
+)
+UNTESTED_SHORTEST = "Untested: the shortest path is {shortest} long."
+
+TAKE_BETTER = "Take the {kind}: {lengths}, with {change}."
+TAKE_LESS_LOST = (
+    "Take the {kind}: {lengths}. {lost} of {n} robots get lost; on the shortest path,"
+    " {shortest_lost} of {n}."
+)
+TAKE_UNDECIDED = "Take the {kind}, undecided after {n} drives: {lengths}, with {change}."
+KEEP_ALONE = "Take the shortest path: {shortest}. No other path is a candidate."
+KEEP_LEADER = "Take the shortest path: {shortest}. No other path beats it in {n} drives."
+KEEP_EQUAL = (
+    "Take the shortest path: {shortest}. The best other path ({length}) makes no difference:"
+    " {change}."
+)
+KEEP_BEST = "Take the shortest path: {shortest}. The best other path ({length}) has {change}."
+KEEP_SMALL_GAIN = (
+    "Take the shortest path: {shortest}. The best other path ({length}) gains too little: {change}."
+)
+KEEP_MORE_LOST = (
+    "Take the shortest path: {shortest}. On the best other path ({length}), with {change}, more"
+    " robots get lost."
+)
+KEEP_FEWER_REACH = (
+    "Take the shortest path: {shortest}. On the best other path ({length}), with {change}, fewer"
+    " robots reach the goal."
+)
+KEEP_UNDECIDED = (
+    "Take the shortest path: {shortest}. After {n} drives the best other path ({length}) is"
+    " undecided: {change}."
+)
+KEEP_TIME_UP = (
+    "Take the shortest path: {shortest}. Time was up after {n} drives, with the best other path"
+    " ({length}) undecided: {change}."
+)
+
+REACHED = "In closed loop, {count} of {n} robots reach the goal."
+REACHED_BOTH = (
+    "In closed loop, {count} of {n} robots reach the goal; on {other}, {other_count} of {n}."
+)
+FEWER_REACH = (
+    "But fewer robots reach the goal in closed loop: {count} of {n}; on {other}, {other_count} of"
+    " {n}."
+)
+FAULTS = {
+    FOLLOWER: "Robots that fail even with perfect localization: {count}. Check the footprint and"
+    " the narrow passages.",
+    WORLD: "Robots without a way to the goal in their worlds: {count}.",
+}
+TUNE_FIRST = "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change}."
+TUNE_BEFORE_DETOUR = (
+    "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change}, and a"
+    " smaller error than the {kind} without tuning."
+)
+UNTUNED = "With the filter as it is, {answer}"
+TUNING_FAILS = (
+    "Tuning alone does not help: with {settings}, {lost} of {n} robots get lost on the shortest"
+    " path."
+)
+BLIND = "The lidar sees too little on {share:.0f} % of the shortest path."
+STILL_LOST = "At least half of the robots still get lost: find the cause with `locplan check`."
+LITTLE = "The gain is under 2 cm, and no robot gets lost on the shortest path either."
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The recommended path among the candidates, and the drives that say so; see `Choice`."""
+
+    candidates: tuple[Candidate, ...]
+    """Candidates, the shortest path first; none if no path leads to the goal."""
+    best: int
+    """Index of the recommended one."""
+    judgement: Judgement | None
+    """The race and its confirmation; None if nothing was driven."""
+    rival: Driven | None
+    """Drives along the shortest path with the tuned filter."""
+    settings: ChoiceSettings
+    """What decided."""
+    filter: Filter
+    """The robot's own filter."""
+    status: str
+    """"solved", or why there is no path."""
+    note: str
+    """Why nothing was driven, or why there is no path."""
+
+    @property
+    def shortest(self) -> Candidate | None:
+        """The shortest path; None if there is no path."""
+        return self.candidates[0] if self.candidates else None
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The recommended path; None if there is no path."""
+        return self.candidates[self.best] if self.candidates else None
+
+    @property
+    def leader(self) -> Candidate | None:
+        """The path that the verdict is on, or the recommended one if nothing was driven."""
+        return self.candidates[self.judgement.leader] if self.judgement else self.chosen
+
+
+def format_answer(decision: Decision) -> str:
+    """Return which path to take, in one sentence or two."""
+    shortest, leader = decision.shortest, decision.leader
+    if shortest is None or leader is None:
+        return NO_PATH[decision.status].format(note=decision.note or "the planner gives no reason")
+    judgement, chosen = decision.judgement, decision.chosen
+    values = {
+        "name": leader.name,
+        "kind": _kind(leader, shortest),
+        "length": format_length(leader),
+        "shortest": format_length(shortest),
+        "lengths": _lengths(leader, shortest),
+        "u": leader.metrics.integrated_u,
+        "shortest_u": shortest.metrics.integrated_u,
+    }
+    if judgement is None:
+        template = UNTESTED_SHORTEST if chosen is shortest else UNTESTED
+        return template.format(**values)
+    values["n"] = len(judgement.drives)
+    values["change"] = format_change(judgement.ratio, decision.settings.minimise)
+    if leader.driven and shortest.driven:
+        values["lost"] = int(leader.driven.lost.sum())
+        values["shortest_lost"] = int(shortest.driven.lost.sum())
+    return _driven_template(decision).format(**values)
+
+
+def _driven_template(decision: Decision) -> str:
+    """The template of the verdict on candidates that were driven."""
+    judgement, settings = decision.judgement, decision.settings
+    assert judgement is not None
+    verdict, ratio = judgement.verdict, judgement.ratio
+    if judgement.leader == 0:
+        return KEEP_ALONE if len(decision.candidates) == 1 else KEEP_LEADER
+    if decision.best:
+        if verdict == UNDECIDED:
+            return TAKE_UNDECIDED
+        return TAKE_LESS_LOST if ratio.high >= 1 else TAKE_BETTER
+    if judgement.takes(settings.bold):
+        return KEEP_FEWER_REACH
+    if judgement.more_lost and (verdict != NO_DIFFERENCE) and ratio.low <= 1:
+        return KEEP_MORE_LOST
+    is_time_up = settings.time_limit is not None and len(judgement.drives) < settings.drives
+    is_open = ratio.low <= math.exp(WORTHWHILE)
+    templates = {
+        BETTER: KEEP_SMALL_GAIN,
+        WORSE: KEEP_BEST,
+        NO_DIFFERENCE: KEEP_EQUAL,
+        UNDECIDED: KEEP_TIME_UP if is_time_up and is_open else KEEP_UNDECIDED,
+    }
+    return templates[verdict]
+
+
+def _kind(candidate: Candidate, shortest: Candidate) -> str:
+    """What a candidate is called beside the shortest path; a user's may be shorter."""
+    extra = candidate.path.length - shortest.path.length
+    if abs(extra) < 0.05:
+        return "other path"
+    return "detour" if extra > 0 else "shorter path"
+
+
+def _lengths(candidate: Candidate, shortest: Candidate) -> str:
+    if abs(candidate.path.length - shortest.path.length) < 0.05:
+        return f"{format_length(candidate)}, as long as the shortest path"
+    return f"{format_length(candidate)} instead of {format_length(shortest)}"
+
+
+def format_length(candidate: Candidate) -> str:
+    """Return the length of a candidate, such as 37.3 m."""
+    return f"{candidate.path.length:.1f} m"
+
+
+def format_change(ratio: Interval, minimise: str) -> str:
+    """Return the change of an error in words, such as 97 % [96, 99] less localization error.
+
+    Parameters
+    ----------
+    ratio : Interval
+        Ratio of the error to that of the baseline.
+    minimise : str
+        The error, see `ChoiceSettings.minimise`.
+    """
+    error = {"heading": "heading error", "goal-error": "localization error at the goal"}
+    is_less = ratio.value <= 1
+    ends = (1 - ratio.high, 1 - ratio.low) if is_less else (ratio.low - 1, ratio.high - 1)
+    share = format_share(Interval(abs(1 - ratio.value), *ends))
+    return f"{share} {'less' if is_less else 'more'} {error.get(minimise, 'localization error')}"
+
+
+def format_share(share: Interval) -> str:
+    """Return a share with its interval, such as 97 % [96, 99]."""
+    value, low, high = (100 * each for each in share)
+    return f"{value:.0f} %" if math.isnan(low) else f"{value:.0f} % [{low:z.0f}, {high:z.0f}]"
+
+
+def format_reached(decision: Decision) -> str:
+    """Return how many robots reach the goal in closed-loop drives; empty if none was driven."""
+    arrivals = {each.name: each.arrivals for each in decision.candidates if each.arrivals}
+    reached = arrivals.pop(decision.chosen.name if decision.chosen else "", None)
+    if reached is None:
+        return ""
+    values = {"count": reached.count, "n": len(reached.drives)}
+    for other in arrivals.values():
+        name = "the shortest path" if decision.best else "the best other path"
+        template = FEWER_REACH if decision.best and reached.count < other.count else REACHED_BOTH
+        return template.format(other=name, other_count=other.count, **values)
+    return REACHED.format(**values)
+
+
+def list_advice(decision: Decision) -> list[str]:
+    """Return sentences on what may matter more than the path, the one to tune first at first."""
+    return [sentence for sentence in _advice(decision) if sentence]
+
+
+def _advice(decision: Decision) -> Iterator[str]:
+    chosen, shortest = decision.chosen, decision.shortest
+    if not (chosen and shortest and chosen.driven and shortest.driven):
+        return
+    yield format_tune_first(decision)
+    if chosen.driven.lost_rate.value >= MOSTLY_LOST and not format_tune_first(decision):
+        yield STILL_LOST
+        yield format_tuning_fails(decision)
+    gain = shortest.driven.error.value - chosen.driven.error.value
+    if decision.best and decision.settings.minimise == "rmse" and gain < SLIGHT:
+        yield "" if shortest.driven.lost.any() else LITTLE
+    faults = [
+        one.fault for each in decision.candidates if each.arrivals for one in each.arrivals.drives
+    ]
+    for fault, template in FAULTS.items():
+        yield template.format(count=faults.count(fault)) if fault in faults else ""
+
+
+def format_tune_first(decision: Decision) -> str:
+    """Return the advice to tune the filter before the path; empty if that gains no more."""
+    verdict, shortest = compare_tuning(decision), decision.shortest
+    if verdict is None or shortest is None:
+        return ""
+    template = TUNE_BEFORE_DETOUR if decision.best and decision.chosen else TUNE_FIRST
+    return template.format(
+        kind=_kind(decision.chosen or shortest, shortest),
+        settings=name_tuned_settings(decision),
+        shortest=format_length(shortest),
+        change=format_change(verdict.ratio, decision.settings.minimise),
+    )
+
+
+def format_tuning_fails(decision: Decision) -> str:
+    """Return why tuning the filter does not help either; empty if that is not known."""
+    tuned, shortest = decision.rival, decision.shortest
+    if tuned is None or shortest is None or tuned.lost_rate.value < MOSTLY_LOST:
+        return ""
+    values = {"lost": int(tuned.lost.sum()), "n": len(tuned.lost)}
+    share = 100 * shortest.metrics.degenerate_share
+    blind = BLIND.format(share=share) if share >= 100 * MOSTLY_LOST else ""
+    return (
+        f"{TUNING_FAILS.format(settings=name_tuned_settings(decision), **values)} {blind}".rstrip()
+    )
+
+
+def compare_tuning(decision: Decision) -> Verdict | None:
+    """Return the verdict on tuned settings on the shortest path; None if a path gains as much.
+
+    Tuned settings must be better than the robot's own there, and on the recommended path. They are
+    compared in the drives that all have in common: same worlds, same random numbers.
+    """
+    chosen, shortest, tuned = decision.chosen, decision.shortest, decision.rival
+    if not (tuned and chosen and shortest and chosen.driven and shortest.driven):
+        return None
+    if tuned.lost_rate.value >= MOSTLY_LOST:
+        return None
+    alternative = DriveSet(tuned.log_error, tuned.lost)
+    verdicts = []
+    for driven in (shortest.driven, chosen.driven):
+        if driven.numbers[: len(tuned.numbers)] != tuned.numbers:  # of an older file
+            return None
+        count = len(tuned.lost)
+        verdicts.append(
+            compare(DriveSet(driven.log_error[:count], driven.lost[:count]), alternative)
+        )
+    is_worthwhile = all(each.ratio.value <= math.exp(WORTHWHILE) for each in verdicts)
+    is_better = all(each.word == BETTER for each in verdicts)
+    return verdicts[0] if is_better and is_worthwhile else None
+
+
+def name_tuned_settings(decision: Decision) -> str:
+    """Return the settings of the filter that was driven next to the robot's own."""
+    rival = decision.settings.rival
+    if rival not in (None, TUNED):
+        return rival.title
+    own = "" if isinstance(decision.filter, Amcl) else "AMCL, "
+    return f"{own}safe settings ({describe_preset(SAFE)})"
+
+
+def list_answer(decision: Decision) -> list[str]:
+    """Return the whole answer, a line each: what gains most is the first."""
+    answer, reached = format_answer(decision), format_reached(decision)
+    first, *advice = list_advice(decision) or [""]
+    if first and first == format_tune_first(decision):
+        untuned = UNTUNED.format(answer=f"{answer[:1].lower()}{answer[1:]}")
+        lines = [first, untuned, reached, *advice]
+    else:
+        note = decision.note if decision.candidates else ""
+        lines = [answer, reached, note, first, *advice]
+    return [line for line in lines if line]
+
+
+RACE_NOTE = (
+    f"~: driven in the race alone, {ROUNDS[0]} to {ROUNDS[1]} times; the error is scaled by the"
+    " shortest path's in the same drives"
+)
+"""Explains the mark of errors that are scaled."""
+
+
+def evidence_table(decision: Decision) -> str:
+    """Return the drives of each candidate as a table, the recommended path first; empty without."""
+    shortest, chosen = decision.shortest, decision.chosen
+    if shortest is None or chosen is None or shortest.driven is None:
+        return ""
+    ordered = [chosen, *(each for each in decision.candidates if each is not chosen)]
+    rows = [(each.name, each, each.driven) for each in ordered]
+    if decision.rival is not None:
+        at = 1 + ordered.index(shortest)
+        rows.insert(at, (f"{shortest.name}, tuned", shortest, decision.rival))
+    has_off = any(driven is not None and driven.off_at_end.any() for _, _, driven in rows)
+    is_angle = decision.settings.minimise == "heading"
+    what = {"heading": "heading error [deg]", "goal-error": "error at the goal [m]"}
+    heads = ["  path", "length", what.get(decision.settings.minimise, "error [m]"), "lost"]
+    heads += [*(["off at the end"] if has_off else []), "drives"]
+    texts = []
+    for name, each, driven in rows:
+        if driven is None:
+            continue
+        is_shared = driven.numbers.start == shortest.driven.numbers.start
+        error = _format_error(driven.error, is_angle)
+        if not is_shared:
+            error = f"~{_format_error(_scaled_error(driven, shortest.driven), is_angle)}"
+        mark = ">" if each is chosen and driven is not decision.rival else " "
+        off = [f"{driven.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
+        cells = [f"{mark} {name}", format_length(each), error]
+        texts.append((*cells, format_share(driven.lost_rate), *off, str(len(driven.numbers))))
+    return align(heads, texts)
+
+
+def list_notes(decision: Decision) -> list[str]:
+    """Return what the table's marks mean."""
+    starts = {each.driven.numbers.start for each in decision.candidates if each.driven}
+    notes = [RACE_NOTE] if len(starts) > 1 else []
+    if decision.rival is not None:
+        notes.append(f"tuned: {name_tuned_settings(decision)}")
+    return notes
+
+
+def _scaled_error(driven: Driven, shortest: Driven) -> Interval:
+    """The error as if it were driven in the shortest path's drives, without an interval."""
+    return Interval(driven.ratio.value * shortest.error.value, math.nan, math.nan)
+
+
+def _format_error(error: Interval, is_angle: bool) -> str:
+    digits = 1 if is_angle else digits_of(error.value)
+    scale = math.degrees(1.0) if is_angle else 1.0
+    value, low, high = (f"{scale * each:.{digits}f}" for each in error)
+    return value if math.isnan(error.low) else f"{value} [{low}, {high}]"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Choice(Result, Stored):
+    """The path to take between two places, and the candidates beside it."""
+
+    kind: ClassVar[str] = "choice"
+    suffix: ClassVar[str] = ".json"
+    version: ClassVar[int] = 4
+    derived: ClassVar[tuple[str, ...]] = (
+        *("taken", "verdict", "sentence", "arrives", "advice", "answer"),
+    )
+
+    files: ClassVar[Results] = Results(
+        "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
+    )
+
+    about: Mapping[str, Any]
+    """Version, map and settings of the costmap, see `locplan.planning.costmap.about_costs`."""
+    start: Position
+    """Position of the start in the world [m]."""
+    goal: Position
+    """Position of the goal in the world [m]."""
+    candidates: tuple[Candidate, ...]
+    """Candidates, the shortest path first; none if no path leads to the goal."""
+    settings: ChoiceSettings
+    """What bound the candidates, and what decided."""
+    robot: Robot
+    """The robot, which was driven where its lidar is known."""
+    seed: int
+    """Seed of all random numbers."""
+    status: Literal["solved", "unreachable", "infeasible", "timeout", "not found"]
+    """"solved", or why there is no path, see `Plan.status`."""
+    note: str = ""
+    """What there is to say beside: why nothing was driven, or why there is no path."""
+    left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Why each other path that was planned or given is no candidate, by its name."""
+    judgement: Judgement | None = None
+    """The race and its confirmation; None where nothing was driven."""
+    rival: Driven | None = None
+    """Drives along the shortest path with the filter of `ChoiceSettings.rival`."""
+    costs: Costmap | None = dataclasses.field(default=None, compare=False)
+    """Costmap that the paths were measured on; None in a choice that was loaded."""
+
+    def __repr__(self) -> str:
+        return f"Choice({self.map['name'] or 'map'}, {self.sentence})"
+
+    def __eq__(self, other: object) -> bool:  # a filter of one's own is loaded as its name
+        return isinstance(other, Choice) and self.summary() == other.summary()
+
+    def __hash__(self) -> int:
+        return hash(self.map["digest"])
+
+    @property
+    def map(self) -> Mapping[str, str]:
+        """Name and digest of the map."""
+        found: Mapping[str, str] = self.about["map"]
+        return found
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the winner of the race; empty where nothing was driven."""
+        return self.judgement.verdict if self.judgement else ""
+
+    @property
+    def best(self) -> int:
+        """Index of the candidate to take: the aware path of the field where nothing was driven."""
+        if self.judgement is None:
+            return int(len(self.candidates) > 1 and self.candidates[1].planner != "")
+        takes = self.judgement.takes(self.settings.bold) and not self._fails_more
+        return self.judgement.leader if takes else 0
+
+    @property
+    def _arrivals(self) -> list[Arrivals]:
+        """Closed-loop drives of the shortest path, and of another one that drives speak for."""
+        return [each.arrivals for each in self.candidates if each.arrivals is not None]
+
+    @property
+    def _fails_more(self) -> bool:
+        """Whether the robot arrives too seldom by the winner of the race."""
+        if len(self._arrivals) < 2:
+            return False
+        shortest, leader = self._arrivals
+        # It may fail in an eighth of the drives more than the shortest.
+        return shortest.count - leader.count > len(leader.drives) / 8
+
+    @property
+    def shortest(self) -> Candidate | None:
+        """Candidate that is the shortest path; None if there is no path."""
+        return self.candidates[0] if self.candidates else None
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """Candidate to take; None if there is no path."""
+        return self.candidates[self.best] if self.candidates else None
+
+    @property
+    def taken(self) -> str:
+        """Name of the candidate to take; empty if there is no path."""
+        return self.chosen.name if self.chosen else ""
+
+    @property
+    def path(self) -> Path | None:
+        """Path to take; None if there is none."""
+        return self.chosen.path if self.chosen else None
+
+    @property
+    def _decision(self) -> Decision:
+        return Decision(
+            self.candidates,
+            self.best,
+            self.judgement,
+            self.rival,
+            self.settings,
+            self.robot.filter,
+            self.status,
+            self.note,
+        )
+
+    @property
+    def leader(self) -> Candidate | None:
+        """Candidate that the verdict is on, or the one to take where nothing was driven."""
+        return self._decision.leader
+
+    @property
+    def sentence(self) -> str:
+        """Which path to take, in a sentence or two."""
+        return format_answer(self._decision)
+
+    @property
+    def arrives(self) -> str:
+        """How many robots reach the goal in closed loop, in words; empty if none was driven."""
+        return format_reached(self._decision)
+
+    @property
+    def advice(self) -> list[str]:
+        """Sentences on what may matter more than the path; the first may say to tune first."""
+        return list_advice(self._decision)
+
+    @property
+    def answer(self) -> list[str]:
+        """The whole answer in sentences, what gains most first."""
+        return list_answer(self._decision)
+
+    @property
+    def is_tuning_first(self) -> bool:
+        """True if other settings of the filter gain more than any path."""
+        return compare_tuning(self._decision) is not None
+
+    @property
+    def is_undecided(self) -> bool:
+        """True if the shortest path is kept because more drives may show another to be better."""
+        return self.best == 0 and self.verdict == UNDECIDED and self.leader is not self.shortest
+
+    @property
+    def driven(self) -> str:
+        """Which drives and which robot are shown, in words."""
+        if self.judgement is None:
+            return ""
+        return f"Open-loop drives of {self.robot.title}; seed {self.seed}"
+
+    @property
+    def config(self) -> FieldConfig:
+        """Settings of the field that the paths were measured on, or would be without one."""
+        return config_of(self.about, self.robot.lidar)
+
+    def with_field(self, field: CovarianceField) -> Choice:
+        """The same with a costmap of a field, which a choice that was loaded lacks.
+
+        Parameters
+        ----------
+        field : CovarianceField
+            The field of the map, of the settings `config`.
+
+        Raises
+        ------
+        ConfigError
+            If it is that of another map.
+        """
+        return dataclasses.replace(self, costs=costs_again(self.about, field))
+
+    def costmap(self) -> Costmap:
+        """The costmap on which the path to take costs least, such as for `locplan.export`.
+
+        A path that was given, or of a planner that was driven, costs 1 a metre, and 9 off it.
+
+        Raises
+        ------
+        ConfigError
+            If there is no path, or the choice was loaded; `with_field` gives it a costmap.
+        """
+        chosen, costs = self.chosen, self.costs
+        if chosen is None:
+            raise ConfigError(f"the choice has no path: {self.sentence}")
+        if costs is None:
+            raise ConfigError("a choice that was loaded has no costmap; give it with_field(field)")
+        if chosen.planner and chosen is not self.shortest:
+            return costs
+        paths = {each.name: each.path for each in self.candidates}
+        return costmap_of(costs, paths, chosen.name, self.robot, self.settings.max_e)
+
+    def table(self) -> Table:
+        """The candidates, a row each; of driven ones, the first column marks the one to take."""
+        columns = DRIVEN if self.judgement else PLANNED
+        if self.settings.minimise == "heading":
+            columns = tuple(
+                dataclasses.replace(each, unit="rad", people="deg", digits=1)
+                if each.name == "error"
+                else each
+                for each in columns
+            )
+        marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
+        return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
+
+    def report(self, *about: Any, **more: Any) -> str:
+        """The answer, the table of the drives, and why other paths are no candidates.
+
+        Parameters
+        ----------
+        *about, **more
+            What `save` takes, of which it says nothing.
+        """
+        if not self.candidates:
+            return self.sentence
+        evidence = [*wrapped([f"{self.driven}:"])] if self.judgement else []
+        evidence.append(evidence_table(self._decision) or str(self.table()))
+        notes = list_notes(self._decision)
+        notes += [f"{each.name}: {each.note}" for each in self.candidates if each.note]
+        names: dict[str, list[str]] = {}
+        for name, why in self.left_out.items():
+            names.setdefault(why, []).append(name)
+        notes += [f"left out: {', '.join(group)}: {why}" for why, group in names.items()]
+        if self.costs is not None and self.costs.note:
+            notes.append(self.costs.note)
+        if self.costs is not None and not self.costs.has_weak_spots:
+            notes.append("no weak spot for this lidar: u is 0 throughout the map")
+        return "\n".join([*wrapped(self.answer), "", *evidence, *wrapped(notes)])
+
+    def _write(self, folder: File, *about: Any) -> None:
+        """Write the paths, the table and the errors along the paths."""
+        self.table().write_csv(folder / "candidates.csv")
+        if self.path:
+            self.path.save(folder / "chosen.csv")
+        for number, each in enumerate(self.candidates, 1):
+            each.path.save(folder / f"{number:02}-{file_name(each.name)[:60]}.csv")
+        columns = ["path", "distance", "error_median", "error_low", "error_high"]
+        rows = (
+            [each.name, *at]
+            for each in self.candidates
+            if each.driven
+            for at in each.driven.profile.tolist()
+        )
+        write_rows(folder / "errors.csv", columns, rows)
+        searched = [each for each in self.candidates if len(each.history) > 1]
+        if searched:
+            from locplan._support.drawing import save_figure
+            from locplan.planning.figures import history_figure
+
+            plans = {each.name: self._plan(each) for each in searched}
+            save_figure(history_figure(plans), folder / "history.png")
+
+    def _plan(self, each: Candidate) -> Plan:
+        """A candidate as a plan, for the figure of its search."""
+        costs, history = self.costs, each.history
+        return Plan(
+            *("solved", each.planner, self.start, self.goal, each.path, each.metrics),
+            solve_time=history[-1][0],
+            history=history,
+            costs=costs,
+        )
+
+    def figure(self) -> Figure:
+        """Draw the candidates over the map, the recommended path strongest, and the errors along
+        it.
+
+        Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that
+        was loaded has no map to draw.
+        """
+        from locplan.simulation.figures import choice_figure
+
+        return choice_figure(self)

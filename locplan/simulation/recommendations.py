@@ -1,0 +1,411 @@
+"""Recommendations for many queries, in processes or on a cluster, and their folders."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from locplan import __version__
+from locplan._support.checks import check_threads, file_path, is_whole, shown, whole
+from locplan._support.intervals import Interval, of_geometric_mean
+from locplan._support.output import Results
+from locplan._support.progress import ProgressCallback
+from locplan._support.records import Column, Table
+from locplan._support.tables import file_name
+from locplan.errors import ConfigError, LocplanError
+from locplan.field.config import equipped
+from locplan.field.fisher import Fused
+from locplan.field.store import load_or_compute
+from locplan.planning.costmap import Costmap
+from locplan.planning.named_maps import named_maps
+from locplan.planning.plans import check_ends
+from locplan.planning.queries import Query, check_random, queries_of
+from locplan.robots.robot import Robot
+from locplan.simulation.drives import LOST
+from locplan.simulation.problem import ChoiceSettings
+from locplan.simulation.race import Candidate
+from locplan.simulation.recommend import choose
+from locplan.simulation.recommendation import Choice
+from locplan.simulation.worlds import check_of_one_map
+
+
+@dataclass(frozen=True)
+class MapChoice:
+    """The choice for one query."""
+
+    map: str
+    """Name of the map."""
+    query: Query
+    """Start and goal that were asked for."""
+    choice: Choice
+    """The candidates of the query, and the one to take."""
+
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """Length of the shortest and of the chosen path [m]; NaN without a path."""
+        return self._both(lambda each: each.path.length)
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """Typical error of both: geometric mean over the drives [m], or [rad] of headings."""
+        return self._both(lambda each: each.driven.error.value if each.driven else math.nan)
+
+    @property
+    def lost(self) -> tuple[float, float]:
+        """Share of lost drives of both, 0..1; NaN without a path."""
+        return self._both(lambda each: each.driven.lost_rate.value if each.driven else math.nan)
+
+    @property
+    def off_at_end(self) -> tuple[float, float]:
+        """Share of drives of both off by more than 1 m at the end, 0..1; NaN without a path."""
+        return self._both(
+            lambda each: each.driven.off_at_end_rate.value if each.driven else math.nan
+        )
+
+    def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
+        both = self.choice.shortest, self.choice.chosen
+        first, second = (math.nan if each is None else value(each) for each in both)
+        return first, second
+
+
+def _pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
+    """Columns of a pair of values, of the shortest and of the chosen path."""
+    shortest = Column(f"{name}_shortest", unit, value=lambda each: getattr(each, values)[0])
+    return shortest, Column(f"{name}_chosen", unit, value=lambda each: getattr(each, values)[1])
+
+
+@dataclass(frozen=True, repr=False)
+class Choices:
+    """Choices for many queries; intervals are over the queries that have a path.
+
+    Errors are those of the drives that confirmed the choice: those of paths that were taken are
+    promised some 10 % too small.
+    """
+
+    files: ClassVar[Results] = Results("choices", ("choices.csv",))
+    """The file of the folder that `save` writes, beside a folder for each choice."""
+
+    choices: tuple[MapChoice, ...]
+    """Choices in the order of the maps and of their queries."""
+
+    def __repr__(self) -> str:
+        ratio = f"error {self.error_ratio.value:.2f} of the shortest's"
+        return f"Choices({len(self)} queries, {self.left} left the shortest, {ratio})"
+
+    def __len__(self) -> int:
+        return len(self.choices)
+
+    def __iter__(self) -> Iterator[MapChoice]:
+        return iter(self.choices)
+
+    def __getitem__(self, number: int) -> MapChoice:
+        return self.choices[number]
+
+    @property
+    def solved(self) -> tuple[MapChoice, ...]:
+        """Choices for the queries that have a path."""
+        return tuple(each for each in self.choices if each.choice.candidates)
+
+    @property
+    def left(self) -> int:
+        """Number of queries for which another path than the shortest is recommended."""
+        return sum(each.choice.best > 0 for each in self.solved)
+
+    @property
+    def error_ratio(self) -> Interval:
+        """Ratio of the chosen paths' error to the shortest's: geometric mean over the queries."""
+        return of_geometric_mean(np.array([e.errors[1] / e.errors[0] for e in self.solved]))
+
+    @property
+    def length_ratio(self) -> Interval:
+        """Ratio of the chosen paths' length to the shortest's: geometric mean."""
+        return of_geometric_mean(np.array([e.lengths[1] / e.lengths[0] for e in self.solved]))
+
+    @property
+    def lost(self) -> tuple[float, float]:
+        """Share of lost drives along the shortest and the chosen paths: means over the queries."""
+        return self._means("lost")
+
+    @property
+    def off_at_end(self) -> tuple[float, float]:
+        """Share of drives off by more than 1 m at the end along both: means."""
+        return self._means("off_at_end")
+
+    def _means(self, name: str) -> tuple[float, float]:
+        both = np.array([getattr(each, name) for each in self.solved] or [(math.nan, math.nan)])
+        shortest, chosen = both.mean(axis=0).tolist()
+        return shortest, chosen
+
+    def table(self) -> Table:
+        """A row per query: both ends, and the figures of the shortest and of the chosen path."""
+        columns = (
+            Column("map", title="map"),
+            Column("query", title="query", value=lambda each: each.query.name),
+            Column("start_x", "m", value=lambda each: each.query.start[0]),
+            Column("start_y", "m", value=lambda each: each.query.start[1]),
+            Column("goal_x", "m", value=lambda each: each.query.goal[0]),
+            Column("goal_y", "m", value=lambda each: each.query.goal[1]),
+            Column("chosen", value=lambda each: each.choice.taken),
+            *_pair("length", "lengths", "m"),
+            *_pair("error", "errors"),
+            *(each for name in ("lost", "off_at_end") for each in _pair(name, name)),
+        )
+        return Table.of(columns, self.choices)
+
+    def report(self) -> str:
+        """Text of what the choices bring, one row per map and one of all maps."""
+        names = dict.fromkeys(each.map for each in self)
+        groups = {name: Choices(tuple(e for e in self if e.map == name)) for name in names}
+        if len(groups) > 1:
+            groups["all maps"] = self
+        columns = (
+            *(Column(name, title=name) for name in ("map", "queries")),
+            Column("left", title="detours", digits=0),
+            Column("length_ratio", title="length"),
+            Column("error_ratio", title="error", interval=True),
+            Column("off", title="lost,\noff at the end"),
+        )
+        rows = []
+        for name, group in groups.items():
+            both = group.lost, group.off_at_end
+            rates = ("{:.0%} -> {:.0%}".format(*each) if group.solved else "-" for each in both)
+            solved, shares = f"{len(group.solved)} of {len(group)}", "\n".join(rates)
+            ratios = group.length_ratio.value, group.error_ratio
+            rows.append((name, solved, group.left, *ratios, shares))
+        return (
+            f"{Table(columns, tuple(rows))}\ndetours leave the shortest path; chosen over shortest,"
+            " by the drives that\nconfirmed it [95 % intervals]; lost, off at the end: by"
+            f" > {LOST:g} m"
+        )
+
+    def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the table and a folder for each choice, such as for ``locplan export --choice``.
+
+        Parameters
+        ----------
+        folder : path
+            Folder of the choices, which need not exist. A choice's folder in it has the query's
+            name, behind the map's where there are several maps.
+        force : bool, default False
+            True overwrites files of the same names and removes other results; other files stay.
+
+        Raises
+        ------
+        LocplanError
+            If a file cannot be written, or two queries have the same name.
+        """
+        target = file_path("a folder of choices", folder)
+        several = len({each.map for each in self}) > 1
+        homes: dict[str, MapChoice] = {}
+        for each in self:
+            name = file_name(f"{each.map} {each.query.name}" if several else each.query.name)
+            if name in homes:
+                raise ConfigError(f"two choices would be saved as {name}; rename one")
+            homes[name] = each
+        with self.files.into(target, force=force).writing() as new:
+            for name, each in homes.items():
+                (new / name).mkdir()
+                each.choice.write_files(new / name)
+            self.table().write_csv(new / "choices.csv")
+
+
+def read_choices(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
+    """Read choices from their folders, by the names of these folders.
+
+    Parameters
+    ----------
+    *paths : path
+        Folders that `Choice.save` wrote, or their choice.json; or folders of such folders, as
+        `Choices.save` writes them.
+
+    Raises
+    ------
+    LocplanError
+        If a folder has no choice, a choice cannot be read, or two folders have the same name.
+    """
+    found: dict[str, Choice] = {}
+    for path in (file_path("a folder of a choice", each) for each in paths):
+        folders = [path.parent if path.is_file() else path]
+        if path.is_dir() and not (path / CHOICE).exists():
+            folders = sorted(file.parent for file in path.glob(f"*/{CHOICE}"))
+        if not folders:
+            raise LocplanError(f"{path}: has no choice; name a folder that plan or save wrote")
+        for folder in folders:
+            name = folder.resolve().name
+            if name in found:
+                raise LocplanError(f"two folders of choices are called {name}; rename one")
+            found[name] = Choice.load(path if path.is_file() else folder)
+    return found
+
+
+CHOICE = f"{Choice.kind}{Choice.suffix}"
+"""The file of a choice in its folder."""
+
+IN_FLIGHT = 64
+"""Maximum number of choices at an executor at once, which bounds the memory of their maps."""
+
+
+class _Case(NamedTuple):
+    """A query with its map."""
+
+    map: str
+    costs: Costmap
+    query: Query
+    seed: int
+
+
+def choose_many(
+    maps: Any,
+    queries: Any = 10,
+    robot: Robot | None = None,
+    *,
+    executor: Executor | None = None,
+    seed: int = 1,
+    min_distance: float = 10.0,
+    query_seed: int = 1,
+    threads: int | None = None,
+    progress: ProgressCallback | None = None,
+    **settings: Any,
+) -> Choices:
+    """Choose among driven paths, as `choose` does, for many queries.
+
+    The fields of the maps are computed, or read from the cache, in this process.
+
+    Parameters
+    ----------
+    maps : map, or sequence or mapping of them
+        Each map is a map_server YAML file, an OccupancyGrid or a Costmap; a mapping names them.
+    queries : int, path, sequence, or mapping of them by map, default 10
+        Number of random queries, 1 to 10,000 a map; a CSV file of name, start_x, start_y, goal_x,
+        goal_y [m], or of name, x, y [m] of stations, each two of which are one; `Query` objects, or
+        (start, goal) pairs [m].
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
+    executor : concurrent.futures.Executor, optional
+        Executor that runs each choice as one task on one thread: a process pool, or a cluster by
+        dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
+        choices are made here, one after the other. The results do not depend on it.
+    seed : int, default 1
+        Seed of the random numbers of the first choice, >= 0; that of each further one is greater
+        by 1, so that the choices are independent.
+    min_distance : float, default 10.0
+        Minimum straight distance between start and goal of random queries [m], >= 0. Lower it on a
+        small map.
+    query_seed : int, default 1
+        Seed of the random queries, >= 0.
+    threads : int, optional
+        Number of threads of this process, all cores by default.
+    progress : callable, optional
+        Called with (done, total) queries.
+    **settings
+        Fields of `ChoiceSettings`, see `choose`.
+
+    Returns
+    -------
+    Choices
+        The choices in the order of the maps and of their queries.
+
+    Raises
+    ------
+    PoseError
+        If a start or goal lies outside the map or in a blocked cell.
+    LocplanError
+        If a setting is out of its range, a path cannot be driven, or the executor fails.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0)).changed({"max_particles": 500})
+    >>> ends = [((2.0, 3.0), (38.0, 3.0)), ((38.0, 3.0), (2.0, 3.0))]
+    >>> choices = choose_many(locplan.Costmap.blank(grid), ends, robot=robot, drives=4)
+    >>> [each.choice.verdict for each in choices]
+    ['better', 'better']
+    """
+    check_threads(threads)
+    named = named_maps(maps)
+    check_of_one_map(ChoiceSettings.of(settings).filter_map, named)
+    check_random(queries if is_whole(queries) else 1, query_seed, min_distance)
+    whole("seed", seed, 0)
+    asked: dict[str, Any] = {**settings, "robot": robot}
+    cases: list[_Case] = []
+    for name, given in named.items():
+        if isinstance(given, Costmap):
+            costs = given
+        else:
+            field = load_or_compute(given, Fused(equipped(robot).known_lidar), threads=threads)
+            costs = Costmap.from_field(given, field, robot=(robot or Robot()).radius)
+        if isinstance(queries, Mapping) and name not in queries:
+            raise ConfigError(f"there are no queries for map {shown(name)}")
+        wanted = queries[name] if isinstance(queries, Mapping) else queries
+        for query in queries_of(costs, wanted, min_distance, query_seed):
+            with _where(name, query):
+                begin, end = check_ends(costs, query.start[:2], query.goal[:2])
+                if begin == end:
+                    raise ConfigError("start and goal are one place")
+            cases.append(_Case(name, costs, query, seed + len(cases)))
+    if not cases:
+        raise ConfigError("there is no query; give at least one")
+    choices = []
+    here = (chosen(__version__, case, {**asked, "threads": threads}) for case in cases)
+    made = here if executor is None else _at(executor, cases, asked)
+    for case in cases:
+        with _where(case.map, case.query):
+            choice = dataclasses.replace(next(made), costs=case.costs)
+        choices.append(MapChoice(case.map, case.query, choice))
+        if progress:
+            progress(len(choices), len(cases))
+    return Choices(tuple(choices))
+
+
+def _at(executor: Executor, cases: list[_Case], asked: dict[str, Any]) -> Iterator[Choice]:
+    """The choices of an executor in the order of the cases."""
+    running: deque[Future[Choice]] = deque()
+    waiting = iter(cases)
+    try:
+        while True:
+            while len(running) < IN_FLIGHT and (case := next(waiting, None)):
+                running.append(executor.submit(chosen, __version__, case, asked))
+            if not running:
+                return
+            yield running.popleft().result()
+    except LocplanError:
+        raise
+    except Exception as error:  # each executor has its own error for dead workers
+        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
+        raise LocplanError(f"the executor failed ({what})") from error
+    finally:
+        for task in running:
+            task.cancel()
+
+
+def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
+    """Choose where the same locplan is, on one thread by default; no costmap is sent back."""
+    if version != __version__:
+        raise ConfigError(
+            f"a worker has locplan {__version__}, not {version}; install the same one there"
+        )
+    costs, ends = case.costs, (case.query.start[:2], case.query.goal[:2])
+    robot = equipped(asked["robot"], costs.settings.config if costs.settings else None)
+    about = {"threads": 1, **asked, "robot": robot, "seed": case.seed, "costs": costs}
+    return dataclasses.replace(choose(costs.grid, *ends, **about), costs=None)
+
+
+@contextmanager
+def _where(name: str, query: Query) -> Iterator[None]:
+    """Tell in errors which query they are about."""
+    try:
+        yield
+    except LocplanError as error:
+        where = f"map {shown(name)}, query {shown(query.name)}"
+        raise type(error)(f"{where}: {error}") from None

@@ -1,0 +1,217 @@
+"""Simulated drives along some paths of one map; another process can compile their kernels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from locplan._support.intervals import Interval
+from locplan._support.output import Results
+from locplan._support.progress import ProgressCallback, parts
+from locplan._support.records import Column, Result, Table, values_of
+from locplan._support.tables import finite, table
+from locplan.errors import ConfigError
+from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.path import Path
+from locplan.robots.robot import Robot
+from locplan.simulation.arrivals import ARRIVING, SHARES, Arrivals, Closed, ends_of
+from locplan.simulation.driver import drive_closed, drive_open
+from locplan.simulation.drives import DRIVEN, Drives, check_drives, contrasts, profiles
+from locplan.simulation.simulator import Simulator
+from locplan.simulation.worlds import about_filter
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Result):
+    """Drives along some paths on one map."""
+
+    files: ClassVar[Results] = Results(
+        "simulation", ("simulation.json", "simulation.png", "errors.csv")
+    )
+
+    grid: OccupancyGrid
+    """The map."""
+    paths: Mapping[str, Path]
+    """Paths by name; the others are compared with the first."""
+    drives: Mapping[str, Drives]
+    """Drives of each path, equally many; the n-th of paths with the same ends are pairs."""
+    robot: Robot
+    """The robot that was simulated."""
+    seed: int
+    """Seed of all random numbers."""
+    costs: Costmap | None = None
+    """Costmap that the paths were planned on; None if that is not known."""
+    filter_map: OccupancyGrid | None = None
+    """The filter's map, where it is not the one that was driven in."""
+    arrivals: Mapping[str, Arrivals] | None = None
+    """Closed-loop drives along each path, where they were asked for."""
+
+    def __repr__(self) -> str:
+        driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
+        return f"Simulation({self.grid.name or 'map'}, {driven})"
+
+    def summary(self) -> dict[str, object]:
+        """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
+        map_of = {"name": self.grid.name, "digest": self.grid.digest}
+        about: dict[str, object] = {
+            **(about_costs(self.costs) if self.costs else {"map": map_of}),
+            "paths": {name: values_of(DRIVEN, each) for name, each in self.drives.items()},
+            "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
+            "seed": self.seed,
+            "robot": self.robot.summary(),
+            **about_filter(self.filter_map),
+        }
+        if self.arrivals:
+            about["arrivals"] = {
+                name: {
+                    "drives": len(arrivals.drives),
+                    "standstills": arrivals.standstills,
+                    **values_of(SHARES, arrivals),
+                }
+                for name, arrivals in self.arrivals.items()
+            }
+        return finite(about)
+
+    def table(self) -> Table:
+        """Length and errors of each path, and the ratio of its RMSE to the first's."""
+        ratios, alone = contrasts(self.drives), Interval(1.0, math.nan, math.nan)
+        ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
+        rows = {
+            name: [name, *(column.of(each) for column in DRIVEN), ratios.get(name, alone)]
+            for name, each in self.drives.items()
+        }
+        for name, each in (self.arrivals or {}).items():
+            rows[name] += [column.of(each) for column in ARRIVING]
+        columns = (Column("path", title=""), *DRIVEN, ratio, *(ARRIVING if self.arrivals else ()))
+        return Table(columns, tuple(map(tuple, rows.values())))
+
+    def _write(self, folder: FilePath, *about: Any) -> None:
+        profiles(self.drives).write_csv(folder / "errors.csv")
+        if self.arrivals:
+            ends_of(self.arrivals).write_csv(folder / "arrivals.csv")
+
+    def figure(self) -> Figure:
+        """Paths over the map, coloured by the mean error there, and the error along each of
+        them.
+        """
+        from locplan.simulation.figures import simulation_figure
+
+        return simulation_figure(self)
+
+    def report(self) -> str:
+        """Table of the errors along each path, side by side."""
+        return simulation_report(self)
+
+
+def simulation_report(simulation: Simulation) -> str:
+    """Table of the errors along each path, side by side."""
+    head, *rows = simulation.table().turned()
+    if len(head) == 2:  # one path has no ratio
+        del rows[sum(column.title is not None for column in DRIVEN)]
+    count = len(next(iter(simulation.drives.values())).errors)
+    about = f"errors of the position, of {count} drives each"
+    if arrivals := simulation.arrivals:
+        about += f", and the ends of {len(next(iter(arrivals.values())).drives)} more"
+        # Ends that no drive has are not worth a line.
+        none = [
+            share.heading
+            for share in SHARES[1:]
+            if not any(share.of(each).value for each in arrivals.values())
+        ]
+        rows = [row for row in rows if row[0] not in none]
+    return f"{table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
+
+
+def simulate(
+    grid: OccupancyGrid,
+    paths: Mapping[str, Path | ArrayLike],
+    robot: Robot | None = None,
+    *,
+    drives: int = 100,
+    closed: Closed | None = None,
+    filter_map: OccupancyGrid | None = None,
+    seed: int = 1,
+    threads: int | None = None,
+    costs: Costmap | None = None,
+    progress: ProgressCallback | None = None,
+) -> Simulation:
+    """Drive some paths of one map with a particle filter.
+
+    The robot follows the path exactly, whatever the filter believes, but in closed-loop drives, in
+    which a pursuit follower steers it by the filter's pose: they show whether it arrives.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    paths : mapping of str to Path, or to (n, 2) array
+        Paths by name, each within the free cells; the others are compared with the first. Arrays
+        are positions in the world [m].
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
+    drives : int, default 100
+        Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
+    closed : Closed, optional
+        Closed-loop drives along each path besides; none by default.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs from the one that is driven in; its
+        resolution, origin and size may differ, too.
+    seed : int, default 1
+        Seed of all random numbers, >= 0; equal seeds give equal results, on any number of threads.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default.
+    costs : Costmap, optional
+        Costmap that the paths were planned on, for the result's summary.
+    progress : callable, optional
+        Called with (done, total) drives.
+
+    Returns
+    -------
+    Simulation
+        The errors along each path.
+
+    Raises
+    ------
+    LocplanError
+        If there is no path, one leaves the free cells, a number is out of its range, or a
+        car-like robot is to be steered.
+
+    Examples
+    --------
+    >>> import locplan
+    >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    >>> straight = Path(np.array([[2.0, 3.0], [6.0, 3.0]]))
+    >>> result = simulate(grid, {"straight": straight}, drives=4)
+    >>> result.drives["straight"].lost_rate.value
+    0.0
+    """
+    check_drives(drives)
+    if not isinstance(paths, Mapping):
+        raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
+    if not paths:
+        raise ConfigError("there must be at least one path to drive")
+    simulator = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
+    routes = {
+        name: path if isinstance(path, Path) else Path(np.asarray(path))
+        for name, path in paths.items()
+    }
+    steered = closed.drives if closed else 0
+    opened, rest = parts(progress, [drives * len(routes), steered * len(routes)])
+    driven = drive_open(simulator, routes, range(drives), progress=opened)
+    arrivals = None
+    if closed:
+        arrivals = drive_closed(
+            simulator, routes, range(steered), replan=closed.replan, progress=rest
+        )
+    return Simulation(grid, routes, driven, simulator.robot, seed, costs, filter_map, arrivals)

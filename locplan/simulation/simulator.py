@@ -1,0 +1,207 @@
+"""Simulator of robots in worlds that differ from their map: drives with a filter, single scans."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+
+import numpy as np
+
+from locplan._support.checks import check_memory, check_threads, positive, whole
+from locplan._support.intervals import random_of
+from locplan._support.kernels.arrays import Bools, Octets
+from locplan._support.poses import Poses
+from locplan._support.progress import ProgressCallback
+from locplan.field.config import equipped
+from locplan.maps.environments import boundary_cells, with_boundary_noise
+from locplan.maps.grid import OccupancyGrid, check_grid, own_axes
+from locplan.maps.occupancy import OCCUPIED
+from locplan.planning.path import Path
+from locplan.robots.robot import Robot
+from locplan.simulation.drives import DriveArguments, Line, drive_arguments
+from locplan.simulation.levels import Level, find_kink
+from locplan.simulation.worlds import MARGIN, Stage, Window, check_filter_map, window_about
+
+WORLD, BEAMS, CLOSED = 2, 5, 6
+"""Streams of random numbers, see `random_of`; those of closed-loop drives have further numbers."""
+
+
+class Simulator:
+    """Simulator of drives and scans on one map.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The robot's map.
+    robot : Robot, optional
+        The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
+        your own, such as `Robot.from_nav2` reads.
+    filter_map : OccupancyGrid, optional
+        The filter's map in the same frame, where it differs, as one does that was made before
+        something was moved. Its resolution, origin and size may differ, too. Single scans are
+        matched on `grid`.
+    seed : int, default 1
+        Seed of all random numbers, >= 0. Those of drive n depend on the seed, the route and n only,
+        see `locplan.simulation.driver`.
+    threads : int, optional
+        Number of threads, at least 1; all cores by default. The results do not depend on it.
+    stretch : float, default 1.0
+        Ratio of the world's lengths to those of the map: not 1 if the map's resolution is wrong.
+        Open-loop drives only.
+
+    Raises
+    ------
+    ConfigError
+        If seed or threads are out of their range, or the maps do not overlap; in its methods, too,
+        if worlds, drives or scans take more memory than there is.
+    """
+
+    def __init__(
+        self,
+        grid: OccupancyGrid,
+        robot: Robot | None = None,
+        *,
+        filter_map: OccupancyGrid | None = None,
+        seed: int = 1,
+        threads: int | None = None,
+        stretch: float = 1.0,
+    ) -> None:
+        check_grid(grid)
+        self.filter_map = check_filter_map(filter_map, grid)
+        whole("seed", seed, 0)
+        self.grid, self.seed, self.threads = grid, seed, check_threads(threads)
+        self.robot, self.stretch = equipped(robot), positive("stretch", stretch)
+
+    def __repr__(self) -> str:
+        return f"Simulator({self.grid.name or 'map'}, {self.robot.title}, seed {self.seed})"
+
+    @cached_property
+    def worlds(self) -> list[Octets]:
+        """Empty squares of each world for the rays of single scans, which share some worlds.
+
+        See `locplan._support.kernels.rays.empty_squares`.
+        """
+        from locplan._support.kernels.rays import empty_squares
+
+        noise = self.robot.disturbances.boundary_noise
+        count = self.robot.disturbances.worlds if noise else 1
+        check_memory(f"{count} worlds", 2 * count * self.grid.cells.size, "set fewer worlds")
+
+        def make(number: int) -> Octets:
+            seed = int(random_of(self.seed, WORLD, number).integers(2**63))
+            world = with_boundary_noise(self.grid, noise, seed=seed)
+            squares: Octets = empty_squares(world.cells == OCCUPIED)
+            return squares
+
+        with ThreadPoolExecutor(self.threads) as pool:
+            return list(pool.map(make, range(count)))
+
+    def line(self, poses: Poses) -> Line:
+        """Poses in the own axes of both maps, as drives take them.
+
+        Parameters
+        ----------
+        poses : (n, 3) array
+            Poses x, y, heading in the world [m, m, rad].
+        """
+        x, y, heading = own_axes(self.grid, poses).T
+        resolution = self.grid.resolution
+        cells = np.column_stack([y / resolution, x / resolution, heading])
+        truth = own_axes(self.filter_map, poses)
+        return Line(truth, cells, truth)
+
+    def line_setups(
+        self, path: Path, poses: Poses, level: Level
+    ) -> tuple[tuple[Line, DriveArguments], ...]:
+        """The line of a path at a level, with the arguments of the kernels: drives take them in
+        turn.
+
+        Parameters
+        ----------
+        path : Path
+            The path, which the level can affect.
+        poses : (n, 3) array
+            The poses along it in the world [m, m, rad].
+        level : Level
+            The level of disturbance.
+        """
+        line = self.line(poses)
+        odometry = level.change_odometry(self.robot.odometry).for_kernels()
+        kink = find_kink(path, self.grid) if level.kink_deg else None
+        if kink is None:
+            return ((line, self.arguments._replace(odometry=odometry)),)
+        setups = []
+        for angle in (math.radians(level.kink_deg), -math.radians(level.kink_deg)):
+            kinked = kink.turn_map(self.filter_map, angle)
+            truth = own_axes(kinked, kink.turn_poses(poses, angle))
+            arguments = drive_arguments(kinked, self.robot)._replace(odometry=odometry)
+            setups.append((line._replace(truth=truth), arguments))
+        return tuple(setups)
+
+    def stage(self, lines: Sequence[Line] = ()) -> Stage:
+        """The part of the map that drives along some lines need; by default the whole map.
+
+        Parameters
+        ----------
+        lines : sequence of Line, default ()
+            The lines, as `line` gives them.
+        """
+        window: Window = slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1])
+        if lines:
+            reach = (self.robot.known_lidar.range + MARGIN) / self.grid.resolution
+            cells = np.concatenate([line.cells[:, :2] for line in lines])
+            window = window_about(self.grid, cells, reach)
+        noise = self.robot.disturbances.boundary_noise
+        stops, boundary = self.stops[window], self.boundary[window]
+        resolution = self.grid.resolution * self.stretch
+        return Stage(resolution, window, stops, boundary, noise, self.seed)
+
+    @cached_property
+    def stops(self) -> Bools:
+        """Occupied cells of the map, (H, W)."""
+        return np.asarray(self.grid.cells == OCCUPIED)
+
+    @cached_property
+    def boundary(self) -> Bools:
+        """Cells in which worlds may differ from the map, (H, W)."""
+        return boundary_cells(self.grid)
+
+    @cached_property
+    def arguments(self) -> DriveArguments:
+        """Arguments of the kernels for the filter's map and the robot."""
+        return drive_arguments(self.filter_map, self.robot)
+
+    def in_threads(
+        self,
+        run: Callable[[int], None],
+        count: int,
+        progress: ProgressCallback | None,
+        steps: int | None = None,
+    ) -> None:
+        """Run tasks in their order, in the simulator's threads.
+
+        Parameters
+        ----------
+        run : callable
+            Called with the number of each task.
+        count : int
+            Number of tasks.
+        progress : callable or None
+            Called with (done, total) steps.
+        steps : int, optional
+            Number of steps that the tasks are reported as; by default one each.
+        """
+        steps = steps or count
+        _ = self.arguments, self.stops, self.boundary  # made once, not by every thread
+        pool = ThreadPoolExecutor(self.threads)
+        try:
+            tasks = [pool.submit(run, n) for n in range(count)]
+            for done, task in enumerate(tasks):
+                task.result()
+                for step in range(done * steps // count, (done + 1) * steps // count):
+                    if progress:
+                        progress(step + 1, steps)
+        finally:
+            pool.shutdown(cancel_futures=True)

@@ -1,1 +1,0 @@
-"""Tuning of AMCL's settings by simulated drives."""

@@ -1,0 +1,325 @@
+"""Where simulated drives lead: poses along paths, the part of a map, and its worlds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from locplan._support.intervals import random_of
+from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets
+from locplan._support.poses import Poses
+from locplan.errors import ConfigError, LocplanError
+from locplan.maps.grid import OccupancyGrid, check_grid, extent_text
+from locplan.planning.path import Path, divided_poses
+from locplan.robots.parts import Inflation
+from locplan.robots.robot import Robot
+from locplan.simulation.custom_filters import track
+from locplan.simulation.drives import DriveArguments, Line
+from locplan.simulation.levels import Level
+
+POSE_SPACING, TURN = 0.05, 0.1
+"""Maximum distance [m] and turn [rad] between two poses."""
+AHEAD = 0.3
+"""Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
+
+
+def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
+    """Poses every 0.05 m along a path, in its own headings or facing the point 0.3 m ahead.
+
+    Parameters
+    ----------
+    path : Path
+        The path in the world.
+    grid : OccupancyGrid
+        The map.
+    name : str, default ""
+        What an error calls the path.
+
+    Returns
+    -------
+    (n, 3) array
+        Poses x, y, heading in the world [m, m, rad], closer where the robot turns.
+
+    Raises
+    ------
+    LocplanError
+        If the path has no length, leaves the map, or crosses cells that are not free.
+    """
+    called = f"{name}: " if name else ""
+    if path.length <= 0:
+        raise LocplanError(f"{called}has no length; a path to drive must lead somewhere")
+    fine = path.resampled(POSE_SPACING, even=True)
+    rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
+    inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
+    free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
+    if not free.all():
+        x, y = fine.xy[np.argmin(free)]
+        extent = "" if inside.all() else f", which reaches from {extent_text(grid)},"
+        raise LocplanError(
+            f"{called}leaves the free cells of {grid.name or 'the map'}{extent} at {x:.2f},{y:.2f};"
+            " drive a path that was planned on this map"
+        )
+    if fine.heading is not None:
+        return _turning(np.column_stack([fine.xy, fine.heading]))
+    return _turning(_facing_ahead(fine, fine.distance))
+
+
+def _facing_ahead(path: Path, at: Floats) -> Poses:
+    """Poses at distances along a path, each facing the point `AHEAD` of it."""
+    here, ahead = (
+        np.column_stack([np.interp(where, path.distance, v) for v in path.xy.T])
+        for where in (at, np.minimum(at + AHEAD, path.length))
+    )
+    dx, dy = (ahead - here).T
+    heading = np.arctan2(dy, dx)
+    moving = np.flatnonzero(np.hypot(dx, dy) > AHEAD / 10)
+    if moving.size:  # at the end nothing lies ahead: keep the last heading
+        last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
+        heading = heading[moving[np.maximum(last, 0)]]
+    return np.column_stack([here, np.unwrap(heading)])
+
+
+def _turning(poses: Poses) -> Poses:
+    """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
+    return divided_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
+
+
+def add_way_back(poses: Poses) -> Poses:
+    """Return poses that lead on to the first one: the robot turns around, and drives back.
+
+    Parameters
+    ----------
+    poses : (n, 3) array
+        Poses x, y, heading [m, m, rad].
+    """
+    way_back = poses[::-1].copy()
+    way_back[:, 2] += math.pi
+    return _turning(np.concatenate([poses, way_back]))
+
+
+DRIVE, WORLD, FAULTS = 0, 2, 7
+"""Streams of random numbers of drives, of their worlds, and of their levels' faults."""
+MARGIN = 2.0
+"""Distance beyond the range of the lidar that a part of a map holds [m]."""
+
+Window = tuple[slice, slice]
+
+
+def window_about(grid: OccupancyGrid, cells: Floats, margin: float) -> Window:
+    """Rows and columns of a map around positions.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    cells : (n, 2) array
+        Row and column of the positions, one at least in the map [cells].
+    margin : float
+        Distance around them [cells].
+    """
+    rows, cols = (
+        slice(max(0, math.floor(at.min() - margin)), min(size, math.ceil(at.max() + margin)))
+        for at, size in zip(cells.T, grid.shape, strict=True)
+    )
+    return rows, cols
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The part of a map that some lines need: the range of the lidar around them, and a margin."""
+
+    resolution: float
+    """Edge of a cell [m]."""
+    window: Window
+    """Rows and columns of the part."""
+    stops: Bools
+    """Cells that are occupied in the part."""
+    boundary: Bools
+    """Cells of the part in which worlds may differ from the map."""
+    noise: float
+    """Share of these cells in which they do."""
+    seed: int
+    """Seed of all random numbers."""
+
+    def world(self, route: int, number: int) -> Octets:
+        """Return the empty squares of a drive's world, see
+        `locplan._support.kernels.rays.empty_squares`.
+
+        Parameters
+        ----------
+        route, number : int
+            The key of the route, see `locplan.simulation.driver.route_key`, and the drive's
+            number.
+        """
+        from locplan._support.kernels.rays import empty_squares
+
+        squares: Octets = empty_squares(self.stops_in(route, number))
+        return squares
+
+    def stops_in(self, route: int, number: int) -> Bools:
+        """Return the cells of the part that are occupied in a drive's world.
+
+        They are those of the whole map's world, whatever the part is.
+
+        Parameters
+        ----------
+        route, number : int
+            See `world`.
+        """
+        from locplan.simulation.kernels.worlds import flip_cells
+
+        stops = self.stops.copy()
+        if self.noise:
+            seed = random_of(self.seed, WORLD, route, number).bit_generator.random_raw()
+            first = self.window[0].start, self.window[1].start
+            flip_cells(stops, self._boundary_cells, *first, self.noise, np.uint64(seed))
+        return stops
+
+    @cached_property
+    def _boundary_cells(self) -> Ints:
+        """Row and column of the boundary's cells in the part, (n, 2)."""
+        return np.argwhere(self.boundary)
+
+    def drive(
+        self,
+        line: Line,
+        world: Octets,
+        route: int,
+        number: int,
+        arguments: DriveArguments,
+        level: Level,
+    ) -> Floats:
+        """Return the filter's errors on a drive, (n, 3) in the own axes of its map [m, m, rad].
+
+        Parameters
+        ----------
+        line : Line
+            The poses.
+        world : array
+            What `world` returned for this drive.
+        route, number : int
+            See `world`.
+        arguments : DriveArguments
+            Arguments of the kernel.
+        level : Level
+            The level of disturbance. Its faults have random numbers of their own, so that errors of
+            odometry are the same at all levels.
+        """
+        from locplan._support.kernels.drives import World, drive, odometry_along
+
+        cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
+        errors = np.empty_like(line.truth)
+        random = random_of(self.seed, DRIVE, route, number)
+        reported = odometry_along(random, line.driven, arguments.odometry)
+        faults = random_of(self.seed, FAULTS, route, number)
+        reported = level.disturb_odometry(reported, line.driven, faults)
+        follow: Any = track if arguments.scores is None else drive
+        follow(
+            random,
+            line.truth,
+            reported,
+            World(world, self.resolution, cells),
+            arguments.scores,
+            arguments.lidar,
+            arguments.disturbances,
+            arguments.start,
+            arguments.filter,
+            errors,
+        )
+        return errors
+
+
+def inflation_of(robot: Robot) -> Inflation:
+    """The robot's inflation, or that of Nav2's bringup.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+    return robot.inflation or Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
+
+
+def inflated(clearance: Floats, robot: Robot) -> Floats:
+    """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50.
+
+    Parameters
+    ----------
+    clearance : array
+        Distance from walls [m].
+    robot : Robot
+        The robot.
+    """
+    inflation = inflation_of(robot)
+    cost = 4 * np.exp(-inflation.cost_scaling_factor * (clearance - robot.radius))
+    return 1 + np.where(clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
+
+
+def turned(errors: Floats, yaw: float) -> Floats:
+    """Errors turned from the map's own axes into the world's, (..., 3)."""
+    if not yaw:
+        return errors
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    x, y = errors[..., 0], errors[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y, errors[..., 2]], axis=-1)
+
+
+def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> OccupancyGrid:
+    """The map that a filter has, which is the one that is driven in unless another is given.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map, in the same frame.
+    grid : OccupancyGrid
+        The map that is driven in.
+
+    Raises
+    ------
+    ConfigError
+        If no free cell of the map lies on the filter's.
+    """
+    if filter_map is None:
+        return grid
+    check_grid(filter_map)
+    rows, cols = np.nonzero(grid.free)
+    at = filter_map.world_to_grid(*grid.grid_to_world(rows + 0.5, cols + 0.5))
+    on_both = [(each >= 0) & (each < size) for each, size in zip(at, filter_map.shape, strict=True)]
+    if not np.logical_and(*on_both).any():
+        raise ConfigError(
+            f"the filter's map ({filter_map.name or 'filter_map'}) and {grid.name or 'the map'} do"
+            " not overlap; both must be in the same frame"
+        )
+    return filter_map
+
+
+def about_filter(filter_map: OccupancyGrid | None) -> dict[str, object]:
+    """What results say of a filter's own map, fit for JSON; nothing where it has none.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map, where it differs from the one that is driven in.
+    """
+    if filter_map is None:
+        return {}
+    return {"filter_map": {"name": filter_map.name, "digest": filter_map.digest}}
+
+
+def check_of_one_map(filter_map: OccupancyGrid | None, grids: Collection[object]) -> None:
+    """Raise a ConfigError if a filter's map is given for several maps.
+
+    Parameters
+    ----------
+    filter_map : OccupancyGrid or None
+        The filter's map.
+    grids : collection
+        The maps that are driven in.
+    """
+    if filter_map is not None and len(grids) > 1:
+        raise ConfigError(f"a filter's map is of one map, not of {len(grids)}; name the one")

@@ -1,1 +1,0 @@
-from ._filters import check_filter as check_filter

@@ -1,0 +1,231 @@
+"""What users come back to: a file gives back what was saved, and says what is wrong with it."""
+
+import json
+import math
+import zipfile
+from io import BytesIO
+
+import numpy as np
+import pytest
+import yaml
+from conftest import drawn
+
+import locplan
+from locplan import (
+    Costmap,
+    CovarianceField,
+    FieldConfig,
+    Lidar,
+    OccupancyGrid,
+    Path,
+    Plan,
+    Robot,
+    Sad,
+)
+from locplan.errors import LocplanError
+from locplan.field import SearchWindow
+from locplan.planning import ParetoFront
+
+DRAWN = drawn("##########", "#...#....#", "#........#", "#....#...#", "##########", resolution=0.5)
+ROOM = OccupancyGrid(DRAWN.cells, 0.5, (1e-3, -2 / 3, 0.0), name="a room")
+ENDS = (0.75, 0.1), (4.25, 1.1)
+SEEDS = range(6)
+
+
+def small_field(estimator=None, **more):
+    window = SearchWindow(half_rotation_deg=20)
+    return locplan.covariance_field(
+        ROOM, FieldConfig(estimator or Sad(range=1.0, window=window), stride=0.5, **more)
+    )
+
+
+FIELD = small_field()
+SEEN = small_field(locplan.Fisher(Lidar(range=3.0, field_of_view_deg=180.0, beams=31)), headings=4)
+
+
+def again(made, folder):
+    """What is read of the file, or the folder, that something is saved in."""
+    suffix = {"Path": ".csv", "Robot": ".yaml", "CovarianceField": ".npz", "Costmap": ".npz"}
+    target = folder / f"it{suffix.get(type(made).__name__, '')}"
+    made.save(target)
+    return type(made).load(target)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_paths_come_back_as_they_were(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 9))
+    xy = rng.uniform(-1, 1, (count, 2)) * 10.0 ** rng.integers(-9, 9, (count, 2))
+    path = Path(xy, rng.uniform(-1e6, 1e6, count) if seed % 2 else None)
+    found = again(path, tmp_path)
+    assert found == path
+    assert hash(found) == hash(path)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_robots_come_back_as_they_were(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    outline = locplan.Footprint(rng.uniform(0.01, 1, (4, 2)) * [(1, 1), (-1, 1), (-1, -1), (1, -1)])
+    lidar = [None, Lidar(range=4.0), Lidar.preset("turtlebot4")][seed % 3]
+    robot = Robot(lidar, footprint=outline if seed % 2 else rng.uniform(0, 3))
+    robot = robot.changed({"alpha1": rng.uniform(0, 1), "boundary_noise": rng.uniform(0, 0.5)})
+    assert again(robot, tmp_path) == robot
+
+
+@pytest.mark.parametrize("field", [FIELD, SEEN])
+@pytest.mark.parametrize("law", ["logarithmic", "linear", "cube-root"])
+def test_costmaps_come_back_as_they_were(tmp_path, field, law):
+    rng = np.random.default_rng(len(law))
+    options = {"weight": rng.uniform(0, 1e9), "robot": rng.uniform(0, 0.6), "law": law}
+    costs = Costmap.from_field(ROOM, field, **options)
+    found = again(costs, tmp_path)
+    assert found == costs
+    assert hash(found) == hash(costs)
+    assert found.grid.name == ROOM.name
+    assert not found.u.flags.writeable
+    if field is SEEN:
+        np.testing.assert_array_equal(found.density_of_heading, costs.density_of_heading)
+    assert found != costs.with_weight(costs.weight + 1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_costmaps_of_ones_own_come_back_as_they_were(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    density = rng.uniform(1, 10.0 ** rng.integers(1, 9), ROOM.shape)
+    density[1, 1] = math.inf
+    costs = Costmap.from_density(ROOM, density, robot=rng.uniform(0, 0.6))
+    assert again(costs, tmp_path) == costs
+
+
+@pytest.mark.parametrize("more", [{}, {"via": [(2.75, 0.6)]}, {"max_e": 1e-9}, {"budget": 9.0}])
+def test_plans_come_back_as_they_were(tmp_path, more):
+    for costs in (Costmap.from_field(ROOM, FIELD, robot=0.1), Costmap.blank(ROOM)):
+        if costs.settings is None and more:
+            continue
+        plan = locplan.plan(costs, *ENDS, planner="grid" if "budget" in more else None, **more)
+        found = again(plan, tmp_path)
+        assert found == plan
+        assert found.costs is None
+        assert found.path == plan.path
+        if plan.path:
+            assert (tmp_path / "it/path.csv").exists()
+            assert found.measured_on(costs).metrics == plan.metrics
+
+
+@pytest.mark.parametrize("objective", ["u", "e"])
+def test_fronts_come_back_as_they_were(tmp_path, objective):
+    costs = Costmap.from_field(ROOM, FIELD, robot=0.1)
+    front = locplan.pareto_front(costs, *ENDS, objective=objective)
+    found = again(front, tmp_path)
+    assert found == front
+    assert found.plan(found.knee) == front.plan(front.knee)
+    assert found.figure()
+
+
+def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
+    walls = drawn("###########", "#...###...#", "###########", resolution=0.5)
+    field = locplan.covariance_field(walls, FIELD.config)
+    front = locplan.pareto_front(
+        Costmap.from_field(walls, field, robot=0.0), (0.75, 0.75), (4.25, 0.75)
+    )
+    assert front.status == "unreachable"
+    assert again(front, tmp_path) == front
+
+
+@pytest.mark.parametrize("field", [FIELD, SEEN])
+def test_fields_come_back_as_they_were(tmp_path, field):
+    found = again(field, tmp_path)
+    assert found == field
+    assert found != CovarianceField(2 * field.covariance, field.grid, field.config, field.layers)
+
+
+def saved(folder):
+    """A file of each kind, and the function that reads it."""
+    costs = Costmap.from_field(ROOM, FIELD, robot=0.1)
+    Robot("turtlebot4").save(folder / "robot.yaml")
+    costs.save(folder / "costs.npz")
+    locplan.plan(costs, *ENDS).save(folder / "plan")
+    locplan.pareto_front(costs, *ENDS).save(folder / "front")
+    return {
+        "robot.yaml": Robot.load,
+        "costs.npz": Costmap.load,
+        "plan/plan.json": Plan.load,
+        "front/front.npz": ParetoFront.load,
+    }
+
+
+def changed(file, **entries):
+    """Change entries of what a file says about itself."""
+    if file.suffix == ".npz":
+        with zipfile.ZipFile(file) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        with zipfile.ZipFile(file, "w") as archive:
+            for name, data in members.items():
+                if name == "about.npy":
+                    about = json.loads(str(np.load(BytesIO(data))))
+                    with BytesIO() as new:
+                        np.save(new, np.array(json.dumps(about | entries)))
+                        data = new.getvalue()
+                archive.writestr(name, data)
+    elif file.suffix == ".yaml":
+        file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | entries))
+    else:
+        file.write_text(json.dumps(json.loads(file.read_text()) | entries))
+
+
+def test_a_file_of_another_kind_or_of_a_newer_version_is_refused_in_one_line(tmp_path):
+    for name, load in saved(tmp_path).items():
+        file = tmp_path / name
+        assert load(file)
+        changed(file, version=99)
+        with pytest.raises(LocplanError, match=r"newer locplan \(version 99 of .* update locplan"):
+            load(file)
+        changed(file, version=1, kind="teapot")
+        with pytest.raises(LocplanError, match="holds a teapot, not a"):
+            load(file)
+        changed(file, kind=["\n"])
+        with pytest.raises(LocplanError, match="is damaged, or no"):
+            load(file)
+
+
+def test_damaged_files_are_refused_in_one_line(tmp_path):
+    for name, load in saved(tmp_path).items():
+        file, whole = tmp_path / name, (tmp_path / name).read_bytes()
+        if file.suffix != ".yaml":
+            for part in (whole[: len(whole) // 2], b"", b"PK\x03\x04", b"[1]", b"\xff"):
+                file.write_bytes(part)
+                with pytest.raises(LocplanError, match="is damaged, or no") as error:
+                    load(file)
+                assert "\n" not in str(error.value)
+            file.write_bytes(whole)
+            changed(file, start=["north"], weight="heavy")
+            with pytest.raises(LocplanError, match=r"is damaged .*; save it anew"):
+                load(file)
+        file.unlink()
+        with pytest.raises(LocplanError, match=r"cannot be read|[Nn]o such"):
+            load(file)
+
+
+def test_a_path_with_the_columns_of_locplan_0_1_says_how_to_name_them(tmp_path):
+    (tmp_path / "old.csv").write_text("x_m,y_m,heading_rad\n1,2,0\n")
+    with pytest.raises(LocplanError, match="name them x, y, and heading_rad heading"):
+        Path.load(tmp_path / "old.csv")
+
+
+def test_a_costmap_of_an_estimator_without_a_name_is_not_saved(tmp_path):
+    class Mine(Sad):
+        name = "nobody's"
+
+    estimator = Mine(range=1.0, window=FIELD.config.estimator.window)
+    field = locplan.covariance_field(ROOM, FieldConfig(estimator, stride=0.5))
+    with pytest.raises(LocplanError, match="could not be read back"):
+        Costmap.from_field(ROOM, field).save(tmp_path / "mine.npz")
+    assert not (tmp_path / "mine.npz").exists()
+
+
+def test_values_not_objects_decide_what_is_equal():
+    one, other = Path([[0.0, 1.0]]), Path([[-0.0, 1.0]])
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one != Path([[0.0, 1.0]], [0.0])
+    assert one != "a path"

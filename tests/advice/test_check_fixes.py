@@ -1,0 +1,98 @@
+"""What a check keeps, and the fixes of the map's file, of recorded drives and of masks."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from advice.test_checkup import CORNERS, ROBOT, room
+
+import locplan
+from locplan import check, save_map
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
+
+ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
+
+
+@pytest.mark.long
+def test_threshold_helps_if_unknown_grey_is_free(tmp_path):
+    cells = np.full((160, 200), UNKNOWN, np.uint8)
+    cells[20:140, 20:180] = room().cells
+    meant = OccupancyGrid(cells, 0.05, (-1.0, -1.0, 0.0), name="room")
+    save_map(meant, tmp_path / "room.yaml")
+    file = tmp_path / "room.yaml"
+    file.write_text(file.read_text().replace("free_thresh: 0.196", "free_thresh: 0.25"))
+    with pytest.warns(locplan.maps.MapWarning, match="unknown grey"):
+        assert (locplan.load_map(file).cells != UNKNOWN).all()
+    found = check(file, ROBOT, CORNERS, effort="quick")
+    assert found.recommended == ("walls",)
+    assert (found.site.world.cells == UNKNOWN).sum() == (cells == UNKNOWN).sum()
+    found.save(tmp_path / "report")
+    assert np.array_equal(locplan.load_map(tmp_path / "report" / "map.yaml").cells, cells)
+
+
+def driven_round(factor=1.0):
+    """A drive of some 70 m about the room, on a map whose lengths are so many times the true."""
+    corners = [(7, 1), (7, 2), (1, 2.2), (1, 5), (4, 4), (7, 4), (7, 1.5), (4.5, 1), (1, 1)]
+    path = locplan.Path([(1, 1), *corners * 3])
+    drive = locplan.recordings.record_drive(room(), path, ROBOT, seed=3)
+    return dataclasses.replace(drive, poses=drive.poses * [factor, factor, 1.0])
+
+
+def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_path):
+    wrong = dataclasses.replace(room(), resolution=0.05 * 1.04)
+    drive = driven_round(1.04)
+    found = check(wrong, ROBOT, {"a": (1.0, 1.0), "b": (7.0, 1.0)}, [drive, drive], effort="quick")
+    assert found.recommended == ("walls",)
+    assert found.site.stretch == pytest.approx(1 / 1.04, abs=0.005)
+    (walls,) = (each for each in found.fixes if each.kind == "walls")
+    assert walls.ratio.value != 1  # the world is as large as it is, and no larger than the map
+    assert "resolution" in {each.kind for each in found.faults}
+    said = "\n".join(found.recorded)
+    for words in (
+        "drive 1: it has too few scans",
+        "drive 2: it has",
+        "lidar as",
+        "odometry as",
+    ):
+        assert words in said
+    assert found.site.robot.odometry != ROBOT.odometry
+    assert found.site.robot.filter == ROBOT.filter
+    found.save(tmp_path)
+    assert locplan.load_map(tmp_path / "map.yaml").resolution == pytest.approx(0.05, abs=2e-4)
+
+
+@pytest.mark.long
+def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
+    grid = environments.make("two_corridors", resolution=0.1)
+    poor = {"distance_drift": 0.1, "distance_bias": 0.1, "heading_drift_deg": 3.0}
+    ways = [((2.0, 3.0), (38.0, 3.0))]
+    found = check(grid, ROBOT.changed(poor), ways)
+    assert found.recommended == ("paths",)
+    assert found.after.lost.high < found.before.lost.low
+    taken = locplan.plan(found.made["paths"], *ways[0]).path
+    assert np.array_equal(taken.xy, found.fixed_site.paths["query 1"].xy)
+    with pytest.warns(
+        locplan.export.parameters.RobotWarning, match="path followers may stop below"
+    ):
+        found.save(tmp_path)
+    mask_first, nav2 = found.summary(tmp_path, tmp_path / "x.yaml")["next"]["command"].splitlines()
+    assert mask_first == f"ros2 launch {tmp_path}/mask/localizability.launch.xml"
+    assert nav2.endswith(f"params_file:={tmp_path}/mask/nav2.yaml")
+    assert (tmp_path / "mask" / "localizability.launch.xml").exists()
+    assert set(found.written()) == {"mask/nav2.yaml"}
+    assert json.loads((tmp_path / "mask" / "export.json").read_text())["kind"] == "nav2-keepout"
+    mask = locplan.load_map(tmp_path / "mask" / "mask.yaml")
+    assert mask.shape == grid.shape
+    assert (grid.cells == OCCUPIED).any()
+
+
+@pytest.mark.long
+def test_check_recommends_poles_in_a_corridor():
+    cells = np.full((24, 300), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1, name="corridor")
+    robot = ROBOT.changed({"distance_drift": 0.1, "distance_bias": 0.1})
+    first = check(grid, robot, [((1.0, 1.2), (29.0, 1.2))])
+    assert first.recommended == ("landmarks",)
+    assert first.after.lost.high < first.before.lost.low

@@ -1,0 +1,69 @@
+"""The report of a check in a browser: whole, in the dark, on a phone, and on paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from advice.test_checkup import CORNERS, ROBOT, room
+from conftest import few_of
+
+from locplan import check
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    check(room(), ROBOT, CORNERS, effort="quick").save(folder)
+    return folder / "report.html"
+
+
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    few_of([(390, "light"), (1200, "dark"), (390, "dark"), (1200, "light")], 2, are_rows=True),
+)
+def test_the_page_needs_nothing_else_and_fits_its_window(
+    browser: Any, report: Path, width: int, scheme: str
+) -> None:
+    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    asked: list[str] = []
+    page.on("pageerror", lambda error: asked.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(report.as_uri())
+    assert [each for each in asked if not each.startswith("data:")] == [report.as_uri()]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert "Your robot gets lost" in page.locator(".verdict").inner_text()
+    assert page.locator("svg polyline").count() == len(CORNERS)
+    boxes = page.evaluate(
+        "[...document.querySelectorAll('.label')].map(label => label.getBoundingClientRect())"
+        ".map(box => [box.left, box.right, box.top, box.bottom])"
+    )
+    assert len(boxes) >= len(CORNERS)
+    for n, (left, right, top, bottom) in enumerate(boxes):
+        for to_left, to_right, to_top, to_bottom in boxes[n + 1 :]:
+            assert right <= to_left or to_right <= left or bottom <= to_top or to_bottom <= top
+    ink, paper = page.evaluate(
+        "['color', 'backgroundColor'].map(name => getComputedStyle(document.body)[name])"
+    )
+    dark = [sum(map(int, each[4:-1].split(","))) < 384 for each in (ink, paper)]
+    assert dark == [scheme == "light", scheme == "dark"]
+    page.close()
+
+
+def test_the_rest_is_folded_and_opens(browser: Any, report: Path) -> None:
+    page = browser.new_page()
+    page.goto(report.as_uri())
+    robot = page.get_by_text("; effort quick")
+    assert not robot.is_visible()
+    page.get_by_text("Map, robot and recorded drives", exact=True).click()
+    assert robot.is_visible()
+    page.close()
+
+
+def test_it_prints_on_three_pages_at_most(browser: Any, report: Path) -> None:
+    page = browser.new_page()
+    page.goto(report.as_uri())
+    printed = page.pdf(format="A4", prefer_css_page_size=True)
+    assert 1 <= printed.count(b"/Type /Page\n") + printed.count(b"/Type/Page\n") <= 3
+    page.close()

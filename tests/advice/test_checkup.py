@@ -1,0 +1,495 @@
+"""The check: weak spots, routes, fixes that are driven, and the one thing to do next."""
+
+import dataclasses
+import json
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from maps.test_map_faults import blocks
+
+import locplan
+from locplan import check, save_map
+from locplan.advice.limits import Limit
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
+from locplan.robots.presets import UPDATES
+
+TUNED = {
+    **{f"alpha{n}": 0.05 for n in range(1, 6)},
+    "laser_model_type": "likelihood_field_prob",
+}
+LIDAR = locplan.Lidar(range=6.0, beams=120)
+FEW = {"min_particles": 200, "max_particles": 400}
+ROBOT = locplan.Robot(LIDAR).changed({**TUNED, **FEW})
+
+
+def room():
+    """A room with a pillar and a niche, in which a tuned filter keeps its place."""
+    cells = np.full((120, 160), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    cells[50:60, 40:50] = cells[:20, 120:122] = cells[90:92, 100:160] = OCCUPIED
+    return OccupancyGrid(cells, 0.05, name="room")
+
+
+UNTUNED = locplan.Robot(LIDAR).changed(FEW)
+AISLES = [((14.05, 15.05), (16.35, 2.95)), ((1.1, 18.9), (13.3, 18.9))]
+CORNERS = {"door": (1.0, 1.0), "desk": (7.0, 1.0), "shelf": (1.0, 5.0)}
+
+
+class Watched:
+    """A check whose findings and progress are kept as they come."""
+
+    def __init__(self):
+        self.findings, self.steps = [], []
+        self.report = check(
+            *(room(), ROBOT.changed(UPDATES), CORNERS),
+            effort="quick",
+            found=self.findings.append,
+            progress=lambda *step: self.steps.append((len(self.findings), *step)),
+        )
+
+
+@pytest.fixture(scope="module")
+def watched():
+    return Watched()
+
+
+@pytest.fixture(scope="module")
+def fine(watched):
+    return watched.report
+
+
+@pytest.fixture(scope="module")
+def solid():
+    return check(blocks(), UNTUNED, AISLES, effort="quick")
+
+
+def test_check_has_nothing_to_do_for_tuned_robot(fine):
+    assert fine.is_fine
+    assert fine.recommended == ()
+    assert fine.fixed_site is fine.site or fine.fixed_site.paths == fine.site.paths
+    high = 100 * fine.baseline.lost.high
+    text = " ".join(fine.report().split())
+    assert f"Nothing to do. --effort quick may miss a loss of up to {high:.0f} %." in text
+
+
+@pytest.mark.parametrize("columns", [58, 64, 71, 80])
+def test_figures_stay_in_one_line_with_their_intervals(solid, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    for line in solid.report().splitlines():
+        assert not re.match(r"%|\[\d|\d+\]", line)
+
+
+def test_routes_lead_between_all_pairs_of_stations(fine):
+    assert [each.name for each in fine.routes] == ["door to desk", "door to shelf", "desk to shelf"]
+    for each in fine.routes:
+        start, goal = each.name.split(" to ")
+        assert np.allclose(each.path.xy[[0, -1]], [CORNERS[start], CORNERS[goal]])
+
+
+def test_repaired_map_helps_against_solid_walls(solid):
+    assert "map" in solid.recommended
+    assert solid.after.lost.high < solid.before.lost.low
+    assert np.array_equal(solid.fixed_site.filter_map.cells, locplan.maps.hollowed(blocks()).cells)
+    assert solid.fixed_site.world is solid.site.world
+
+
+def test_places_where_the_map_misleads_name_its_fault(solid):
+    alone = [each for each in solid.spots if not each.rings and not each.stopped]
+    assert alone
+    assert {each.missing for each in alone} == {"the map is wrong (solid walls)"}
+
+
+@pytest.mark.long
+def test_a_mended_map_for_the_filter_is_checked_and_not_advised_again(solid, tmp_path):
+    own = solid.fixed_site.filter_map
+    found = check(blocks(), UNTUNED, AISLES, effort="quick", filter_map=own)
+    assert found.baseline.lost.high < solid.baseline.lost.low
+    assert "map" not in [each.kind for each in found.fixes]
+    solid.save(tmp_path / "own")
+    assert (
+        f"{tmp_path}/own/"
+        in json.loads((tmp_path / "own" / "check.json").read_text())["next"]["command"]
+    )
+
+
+def test_cheaper_fix_comes_first_if_losses_are_equal(solid):
+    map_alone = solid.fixes[0]
+    assert map_alone.kind == "map"
+    for each in solid.fixes[1:]:
+        assert each.rates.lost.low <= map_alone.rates.lost.high or each.gain.low > 0
+    assert solid.recommended[0] == "map"
+
+
+@pytest.mark.long
+def test_lower_error_alone_is_an_option_if_error_is_small():
+    """A robot with an error below 0.1 m needs no other settings."""
+    changes = {name: 0.2 for name in TUNED if name.startswith("alpha")}
+    found = check(room(), ROBOT.changed(changes), CORNERS, effort="quick")
+    assert found.recommended == ()
+    (settings,) = (fix for fix in found.fixes if fix.kind == "settings")
+    assert settings.verdict == "better"
+    assert "would lower the error" in " ".join(found.report().split())
+
+
+def test_settings_help_against_scattered_particles(two_corridors_at_its_worst):
+    found = two_corridors_at_its_worst
+    assert found.recommended == ("settings",)
+    assert found.preset_choice.name == "safe"
+    assert found.fixed_site.robot.amcl.update_min_d == 0.1
+    assert found.confirmed.word == "better"
+
+
+@pytest.fixture(scope="module")
+def two_corridors_at_its_worst():
+    grid = environments.make("two_corridors", resolution=0.1)
+    robot = ROBOT.changed({name: 1.0 for name in TUNED if name.startswith("alpha")})
+    return check(grid, robot, [((2.0, 3.0), (24.0, 3.0))], effort="quick")
+
+
+def test_losing_route_names_its_weak_spots(solid):
+    losing = [each for each in solid.routes if each.rates.lost.value]
+    assert losing
+    for each in losing:
+        assert re.fullmatch(r"([A-F](, [A-F])*)?", each.lost_near)
+        assert len(each.lost_at) == round(each.rates.lost.value * each.rates.n_drives)
+    assert sum(each.lost for each in solid.spots) == sum(len(each.lost_at) for each in losing)
+
+
+def test_spots_where_most_drives_fail_come_first(solid, two_corridors_at_its_worst):
+    for found in (solid, two_corridors_at_its_worst):
+        failed = [each.lost + each.stopped for each in found.spots]
+        assert failed == sorted(failed, reverse=True)
+        letters = [each.letter for each in found.spots]
+        assert letters == [*"ABCDEF", *[""] * len(letters)][: len(letters)]
+        idle = [each for each in found.spots if not each.lost + each.stopped]
+        weight = [each.position_std * each.length * len(each.routes) for each in idle]
+        assert weight == sorted(weight, reverse=True)
+
+
+@pytest.mark.long
+def test_wide_hall_has_one_letter_on_route():
+    cells = np.full((300, 300), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    hall = OccupancyGrid(cells, 0.1, name="hall")
+    found = check(hall, ROBOT, [((3.0, 15.0), (27.0, 15.0))], effort="quick")
+    (wide,) = [each for each in found.spots if each.missing == "few walls within 6 m"]
+    assert min(wide.length, wide.width) > 15
+    assert abs(wide.y - 15) < 1
+    assert wide.routes
+
+
+def test_weak_spots_are_long_corridors_along_which_no_feature_is(two_corridors_at_its_worst):
+    first = two_corridors_at_its_worst.spots[0]
+    assert first.letter == "A"
+    assert first.length > 10 > first.width
+    turned = math.degrees(first.direction)
+    assert min(turned, 180 - turned) < 5
+    assert first.missing == "no features along x"
+    assert first.routes
+
+
+@pytest.mark.long
+def test_weak_spots_lie_where_routes_can_pass():
+    """A strip between a drawn frame and the edge of the image is wide and featureless."""
+    cells = np.full((100, 240), FREE, np.uint8)
+    cells[20:80:59, 20:220] = cells[20:80, 20:220:199] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1, name="framed")
+    larger = OccupancyGrid(np.pad(cells, 5, constant_values=FREE), 0.1, (-0.5, -0.5, 0.0))
+    found = check(grid, ROBOT, [((3.0, 5.0), (20.0, 5.0))], effort="quick", filter_map=larger)
+    assert found.spots
+    assert all(2 <= each.x <= 22 and 2 <= each.y <= 8 for each in found.spots)
+    sizes = "the map measures 24.00 x 10.00 m, the filter's map 25.00 x 11.00 m"
+    assert sizes in " ".join(found.report().split())
+
+
+@pytest.mark.long
+def test_fixes_that_do_not_lead_are_stopped():
+    robot = ROBOT.changed({**UPDATES, "laser_max_range": 5.9})
+    found = check(room(), robot, CORNERS, effort="quick")
+    (longer_range,) = found.fixes
+    assert longer_range.kind == "range"
+    assert longer_range.rates.n_drives < found.baseline.n_drives
+    assert longer_range.verdict in ("worse", "no difference", "undecided")
+    assert math.isnan(longer_range.rates.reached.value)
+
+
+@pytest.mark.long
+def test_full_range_helps_against_limited_one():
+    grid = environments.make("two_corridors", resolution=0.1)
+    robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).changed(TUNED)
+    found = check(grid, robot.changed({"laser_max_range": 1.5}), effort="quick")
+    assert "range" in found.recommended
+    assert found.fixed_site.robot.amcl.laser_max_range >= 12.0
+
+
+def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
+    save_map(room(), tmp_path / "room.yaml")
+    image = tmp_path / "room.pgm"
+    image.write_bytes(image.read_bytes().replace(b"\x00", b"\x70"))
+    found = check(tmp_path / "room.yaml", ROBOT, CORNERS, effort="quick")
+    assert (found.site.world.cells == OCCUPIED).sum() == (room().cells == OCCUPIED).sum()
+    assert found.recommended[0] == "walls"
+    found.save(tmp_path / "report")
+    written = locplan.load_map(tmp_path / "report" / "map.yaml")
+    assert np.array_equal(written.cells, room().cells)
+
+
+@pytest.mark.long
+def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
+    again = check(room(), ROBOT.changed(UPDATES), CORNERS, effort="quick", threads=1)
+    assert again.summary() == fine.summary()
+
+
+@pytest.mark.parametrize("columns", ["80", "120"])
+def test_output_is_short_and_names_all_fixes(
+    solid, two_corridors_at_its_worst, fine, monkeypatch, columns
+):
+    monkeypatch.setenv("COLUMNS", columns)
+    for each in (solid, two_corridors_at_its_worst, fine):
+        text = each.report(Path("report"))
+        lines = text.splitlines()
+        assert len(lines) <= 25
+        assert "..." not in text
+        assert max(len(line) for line in lines if "report/" not in line) <= int(columns)
+        assert ("Weak spot A" in text) == bool(each.spots)
+        for fix in each.fixes:
+            assert set(fix.title.split()) <= set(text.split())  # its cell may fold
+        assert text.startswith("Your robot gets lost (error > 1 m) in")
+    assert "repaired map" in solid.report()
+
+
+def test_check_reports_how_closed_loop_drives_fail(solid):
+    failing = [route for route in solid.routes if route.rates.reached.value < 1]
+    assert failing
+    for route in failing:
+        assert set(route.rates.endings) <= {
+            "elsewhere",
+            "aborted",
+            "timed out",
+            "follower",
+            "world",
+        }
+        assert sum(route.rates.endings.values()) == len(route.stopped_at)
+    reached = 100 * solid.baseline.reached.value
+    assert f"In closed loop it reaches the goal in {reached:.0f} %" in solid.report()
+    assert "When it fails, it" in solid.report()
+
+
+def walls_with_gap(width):
+    """Two rooms behind a wall of 0.2 m with a gap of a width in cells."""
+    cells = np.full((80, 120), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[:, 58:62] = OCCUPIED
+    cells[10:16, 20:30] = cells[60:70, 90:95] = OCCUPIED
+    cells[40 : 40 + width, 58:62] = FREE
+    return OccupancyGrid(cells, 0.05, name="gap")
+
+
+def test_narrow_passage_gets_footprint_advice_and_no_fix(tmp_path):
+    robot = ROBOT.changed({**UPDATES, "footprint": 0.2, "margin": 0.0})
+    found = check(walls_with_gap(9), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
+    assert found.baseline.reached.high < 1
+    assert (found.passage.x, found.passage.y) == pytest.approx((3.0, 2.2), abs=0.15)
+    assert found.passage.width == pytest.approx(0.45, abs=0.05)
+    assert found.passage.robot_width == pytest.approx(0.4)
+    assert (found.recommended, found.fixes) == ((), ())
+    text = " ".join(found.report(tmp_path).split())
+    assert "m wide, the robot 0.40 m" in text
+    assert "widen the passage, or give the robot's true radius" in text
+    assert text.endswith("--set=footprint=0.2")
+    wider = check(walls_with_gap(20), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
+    assert (wider.passage, wider.baseline.reached.value) == (None, 1.0)
+
+
+def test_failing_routes_come_first_and_are_marked(solid, two_corridors_at_its_worst, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
+    for found in (solid, two_corridors_at_its_worst):
+        fails = [route.rates.has_failure for route in found.routes]
+        assert fails[0]
+        assert fails == sorted(fails, reverse=True)
+        for route in found.routes:
+            assert route.rates.n_closed >= 16 or not route.rates.has_failure
+        lines = {tuple(line.get_xydata().ravel()): line for line in found.figure().axes[0].lines}
+        for route, is_failing in zip(found.routes, fails, strict=True):
+            line = lines[tuple(route.path.xy.ravel())]
+            assert (line.get_color() == "#d55e00") == is_failing
+        text = found.report().splitlines()
+        heading = next(n for n, line in enumerate(text) if line.endswith("reaches the goal"))
+        assert found.routes[0].name in text[heading + 1]
+
+
+def test_places_where_robots_stop_have_letters(solid):
+    stops = np.concatenate([route.stopped_at for route in solid.routes])
+    places = [spot for spot in solid.spots if spot.stopped]
+    assert places
+    for spot in places:
+        apart = np.linalg.norm(stops - [spot.x, spot.y], axis=1)
+        assert spot.stopped >= 2
+        assert (apart <= 2.0).sum() >= spot.stopped
+    assert places[0].letter
+    assert sum(bool(spot.letter) for spot in solid.spots) <= 6
+
+
+def test_labels_of_the_picture_stand_on_no_other(solid):
+    axes = solid.figure().axes[0]
+    at = np.array([each.get_position() for each in axes.texts])
+    assert len(at) > len(solid.spots[:6])
+    size = 0.05 * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    for n, one in enumerate(at):
+        assert (np.abs(at[n + 1 :] - one).max(axis=1) >= size).all()
+
+
+def test_where_nothing_helps_the_next_action_can_be_done(solid):
+    usual = dataclasses.replace(solid, recommended=(), confirmed=None, effort="usual")
+    assert usual.report().splitlines()[-1].startswith("  ros2 bag record ")
+    quick = dataclasses.replace(usual, effort="quick")
+    assert quick.report().splitlines()[-1].startswith("  locplan check ")
+    driven = dataclasses.replace(usual, recorded=("drive 1: The map fits",))
+    assert driven.report().splitlines()[-1].startswith("  locplan recording ")
+
+
+def test_check_reports_findings_before_drives_end(watched):
+    kinds = [finding.split(":")[0] for finding in watched.findings[:3]]
+    assert kinds == ["map", "weak spots", "baseline"]
+    done = [step for _, step, _ in watched.steps]
+    assert done == sorted(done)
+    assert any(count == 2 for count, _, _ in watched.steps)
+
+
+def test_check_writes_and_names_files_of_fixes(solid, tmp_path):
+    solid.save(tmp_path)
+    assert solid.written()
+    for name in (*solid.written(), "report.html", "check.json", "check.png", "check.csv"):
+        assert (tmp_path / name).exists(), name
+    about = json.loads((tmp_path / "check.json").read_text())
+    assert about["recommended"] == list(solid.recommended)
+    assert about["next"]["command"]
+    assert str(tmp_path) in solid.report(tmp_path)
+
+
+def test_the_commands_put_all_that_is_recommended_in_force(two_corridors_at_its_worst, tmp_path):
+    params = tmp_path / "mine.yaml"
+    params.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
+    save_map(room(), tmp_path / "lab.yaml")
+    source = locplan.maps.read_map(tmp_path / "lab.yaml")[1]
+    found = dataclasses.replace(two_corridors_at_its_worst, source=source)
+    whole = found.summary(tmp_path / "out", params)["next"]
+    assert whole["command"] == (
+        f"ros2 launch nav2_bringup bringup_launch.py map:={tmp_path}/lab.yaml"
+        f" params_file:={tmp_path}/out/nav2_params.yaml"
+    )
+    section = found.summary(tmp_path / "out")["next"]  # of amcl alone: Nav2 cannot start with it
+    assert section["command"] == (
+        f"locplan check {tmp_path}/lab.yaml --robot {tmp_path}/out/nav2_params.yaml"
+    )
+    assert "under amcl" in section["files"]["nav2_params.yaml"]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, order):
+    """nav2_bringup takes one parameter file, which must have the planner."""
+    amcl, planner = tmp_path / "loc.yaml", tmp_path / "nav.yaml"
+    amcl.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
+    planner.write_text('planner_server: {ros__parameters: {planner_plugins: ["A"]}}\n')
+    params = (amcl, planner)[::order]
+    found = two_corridors_at_its_worst
+    line = found.summary(tmp_path / "out", params)["next"]
+    found.save(tmp_path / "out", tmp_path / "out", params)
+    merged = tmp_path / "out" / "nav2_params.yaml"
+    assert line["command"].endswith(f" params_file:={merged}")
+    assert "in one file, changed" in line["files"]["nav2_params.yaml"]
+    read = locplan.robots.read_parameters(merged)
+    assert read.of("planner_server") == {"planner_plugins": ["A"]}
+    assert locplan.robots.nav2.read_amcl(merged).update_min_d == 0.1
+
+
+def test_masks_stations_in_walls_and_unknown_efforts_are_refused(tmp_path):
+    with pytest.raises(locplan.LocplanError, match=r"station|route 'a to b'|blocked|occupied"):
+        check(room(), ROBOT, {"a": (1.0, 1.0), "b": (2.2, 2.7)}, effort="quick")
+    with pytest.raises(locplan.LocplanError, match="quick, usual, thorough"):
+        check(room(), ROBOT, effort="slow")
+    save_map(room(), tmp_path / "keepout_mask.yaml")
+    with pytest.raises(locplan.LocplanError, match="mask for a costmap filter"):
+        check(tmp_path / "keepout_mask.yaml", ROBOT)
+
+
+@pytest.mark.parametrize(
+    "text", ["lost", "lost > five", "speed > 3", "lost > 5", "error > 5%", "faults > 2m", ""]
+)
+def test_nonsense_is_no_limit(text):
+    with pytest.raises(locplan.LocplanError, match=r"limit must be|not in|is a share"):
+        Limit.parse(text)
+
+
+def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
+    low, high = fine.baseline.lost.low, fine.baseline.lost.high
+    assert (low, Limit.parse("lost > 0%").fails(fine)) == (0, False)
+    assert Limit.parse(f"lost < {100 * high + 1:.0f}%").fails(fine)
+    assert not Limit.parse(f"lost < {100 * high - 1:.0f}%").fails(fine)
+    assert Limit.parse("reached >= 1%").fails(fine)
+    assert Limit.parse("faults <= 0").fails(fine)
+    assert not Limit.parse("error > 1 m").fails(fine)
+
+
+def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
+    save_map(room(), tmp_path / "room.yaml")
+    (tmp_path / "stations.csv").write_text("name,x,y\ndoor,1,1\ndesk,7,1\n")
+    command = [sys.executable, "-m", "locplan", "check", "room.yaml", "--effort=quick"]
+    options = ["--stations", "stations.csv", "--set", "range=6", "-o", "report"]
+    options += ["--lidar", "turtlebot3", "--fail-if", "faults <= 0"]
+    done = subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 4, done.stderr
+    assert "door to desk" in done.stdout
+    assert "failed: faults is 0 [0, 0], it fails on faults <= 0" in done.stderr
+    for name in ("report/report.html", "report/run.yaml"):
+        assert (tmp_path / name).exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder refuses root")
+def test_a_folder_that_takes_no_file_is_refused_before_the_first_drive(tmp_path):
+    save_map(room(), tmp_path / "room.yaml")
+    command = [sys.executable, "-m", "locplan", "check", "room.yaml", "-o", "/proc/report"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "locplan: error: /proc: cannot be written; choose another folder\n"
+
+
+SMALL_DRIVE = Path(__file__).parents[1] / "small_drive.npz"
+
+
+@pytest.mark.long
+def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
+    drive = locplan.recordings.read_recording(SMALL_DRIVE)
+    office = locplan.load_map(Path(__file__).parents[2] / "maps" / "office.yaml")
+    cells = office.cells.copy()
+    cells[140:148, 540:640] = OCCUPIED  # in the corridor
+    grid, robot = dataclasses.replace(office, cells=cells), drive.robot(ROBOT)
+    stations, told = [((7.0, 7.0), (20.5, 15.0))], []
+    found = check(grid, robot, stations, [drive], effort="quick", found=told.append)
+    assert found.recorded[0].startswith("drive 1: The map fits")
+    assert "too few scans" in found.recorded[2]  # of a log of one scan in half a metre
+    assert found.recorded[0] in found.report()
+    (false,) = [each for each in found.faults if each.kind == "false walls"]
+    assert false.boxes[0] == pytest.approx((26.4, 31.4, 6.4, 6.8), abs=0.15)
+    assert "here the scans do not fit the map" in false.sentence
+    assert f"map: {false.sentence}" in told
+    monkeypatch.setenv("COLUMNS", "80")
+    text = found.report()
+    assert len(text.splitlines()) <= 25
+    assert f"at {false.where}" in " ".join(text.split())
+    assert found.recorded[0] in " ".join(text.split())
+    assert np.array_equal(found.site.world.cells, cells)  # which stays as it is
+
+
+@pytest.mark.long
+def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
+    drive = locplan.recordings.read_recording(SMALL_DRIVE)
+    found = check(room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
+    said, hidden = found.recorded
+    assert "cannot show motion along corridors" in hidden
+    assert "does not fit" in said

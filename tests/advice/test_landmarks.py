@@ -1,0 +1,812 @@
+"""Landmarks: objects, places for them, what they tell, the search, and its verification."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import corridor, drawn, few_of, refused
+from support import oracles as naive
+
+import locplan
+from locplan import LocplanError, Path, place_landmarks, save_map
+from locplan._support.kernels.rays import cast, empty_squares
+from locplan.advice import Box, Pole, verify_landmarks
+from locplan.advice.figures import landmarks_figure
+from locplan.advice.kernels import landmarks as kernels, objectives as ways
+from locplan.advice.landmark_objects import cells_under, parsed_object, with_objects
+from locplan.advice.landmarks import Outcome, Verification
+from locplan.errors import ConfigError
+from locplan.field.beams import surface_normals
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.robots import Amcl, Lidar, Robot
+from locplan.simulation import Drives
+from locplan.simulation.verdict import DriveSet, compare
+
+PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
+SHORT = Lidar(range=3.0)
+DRIVEN = Robot(SHORT, filter=PRODUCT)
+ROUTE = {"middle": np.array([[-6.0, 0.0], [6.0, 0.0]])}
+
+
+def open_floor(rows=80, cols=120, resolution=0.1) -> OccupancyGrid:
+    cells = np.full((rows, cols), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(cells, resolution)
+
+
+def hits_on(grid, rays):
+    occupied = grid.cells == OCCUPIED
+    hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
+    scene = empty_squares(occupied), surface_normals(occupied), grid.resolution
+    kernels.hits_of_map(kernels.Surfaces(*scene), rays, hits)
+    return hits
+
+
+def positions_of(made):
+    """World x and y of all places that were searched among, (n, 2) [m]."""
+    places = made.search.places
+    return np.column_stack(made.setting.grid.grid_to_world(*places[:, :2].T))
+
+
+@pytest.fixture(scope="module")
+def hallway() -> OccupancyGrid:
+    return corridor(16.0, 2.4, resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def placed(hallway):
+    return place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
+
+
+def test_poses_that_no_memory_holds_are_refused(hallway, monkeypatch):
+    monkeypatch.setattr("locplan._support.checks.usable_memory", lambda: 1000)
+    with pytest.raises(ConfigError, match=r"poses with \d+ rays take .* take shorter routes"):
+        place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
+
+
+# Objects
+
+
+@pytest.mark.parametrize("kind", [Pole(0.5), Box(0.9, 0.4)])
+def test_an_object_fills_the_cells_whose_centre_lies_within_it(kind):
+    row, col, heading, edge = 20.3, 17.8, 0.5, 0.1
+    grid = OccupancyGrid(np.full((40, 40), FREE, np.uint8), edge)
+    rows, cols = cells_under(grid, kind, np.array([col * edge, row * edge, heading]))
+    outline = kernels.Outline(*kind.shape)
+    expected = {
+        (i, j)
+        for i, j in itertools.product(range(40), range(40))
+        if naive.within_object(outline, heading, (j + 0.5 - col) * edge, (i + 0.5 - row) * edge)
+    }
+    assert set(zip(rows.tolist(), cols.tolist(), strict=True)) == expected
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.4, 1.2, 2.5])
+def test_a_thin_board_lets_no_ray_through(heading):
+    grid = with_objects(open_floor(), Box(2.0, 0.02), [(6.0, 4.0, heading)])
+    squares = empty_squares(grid.cells == OCCUPIED)
+    for share in np.linspace(-0.9, 0.9, 37):
+        x, y = 6 + share * math.cos(heading), 4 + share * math.sin(heading)
+        dx, dy = -math.sin(heading), math.cos(heading)
+        at, _, _ = cast(squares, (y - dy) / 0.1, (x - dx) / 0.1, dy, dx, 20.0)
+        assert 0.8 < at * 0.1 < 1.05
+
+
+def test_objects_stand_in_the_world_also_where_the_map_is_turned():
+    grid = dataclasses.replace(open_floor(), origin=(3.0, -2.0, 0.7))
+    marked = with_objects(grid, Box(1.0, 0.4), [(*grid.position(30, 50), 0.7)])
+    rows, cols = np.nonzero((marked.cells == OCCUPIED) & grid.free)
+    assert (np.ptp(rows) + 1, np.ptp(cols) + 1) in ((4, 10), (5, 11), (5, 10), (4, 11))
+    assert (rows.mean(), cols.mean()) == pytest.approx((30, 50), abs=0.5)
+
+
+def test_objects_at_the_edge_of_the_map_are_cut_off():
+    assert (with_objects(open_floor(), Pole(2.0), [(0.0, 0.0), (-50, 3)]).cells == OCCUPIED).any()
+
+
+@pytest.mark.parametrize("text", ["pole:", "pole:x", "pole:0.1,0.2", "box:1", "cone:2", "box:1,-1"])
+def test_what_is_no_object_is_refused(text):
+    if text == "pole:":
+        assert parsed_object(text) == Pole()
+        return
+    with pytest.raises(LocplanError):
+        parsed_object(text)
+
+
+# Candidates and passages
+
+
+def tried(grid, kind, route, robot=DRIVEN, keep_out=None):
+    """A search for one place."""
+    return place_landmarks(grid, kind, 1, paths={"a": route}, robot=robot, keep_out=keep_out)
+
+
+@pytest.mark.parametrize(
+    ("angle", "kind"),
+    few_of(
+        [(0.6, Box(0.8, 0.3)), (0.0, Box(0.8, 0.3)), (0.0, Pole(0.3)), (0.6, Pole(0.3))],
+        are_rows=True,
+    ),
+)
+def test_places_along_walls_are_clear_of_them_and_turned_as_they_are(angle, kind):
+    grid = corridor(12.0, 3.0, angle=angle)
+    ends = np.outer([-5.0, 5.0], [math.cos(angle), math.sin(angle)])
+    kept = tried(grid, kind, ends).search.places
+    assert 25 < len(kept) < 55
+    for row, col, heading in kept:
+        cells = cells_under(grid, kind, np.array([*grid.grid_to_world(row, col), heading]))
+        assert grid.clearance[cells].min() >= 0.05 + grid.resolution / 2 - 1e-9
+        assert grid.clearance[cells].min() < 0.2
+        if isinstance(kind, Box):
+            assert abs(math.sin(heading - angle)) < 0.15
+    first = kept[np.argsort(kept[:, 0])]
+    apart = np.hypot(*np.diff(first[:, :2], axis=0).T) * grid.resolution
+    assert apart.min() > 0.3
+
+
+def test_free_places_have_clearance_and_a_long_object_is_tried_both_ways():
+    cells = open_floor().cells.copy()
+    cells[30:34, 50:54] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    route = np.array([[1.0, 2.0], [11.0, 2.0]])
+
+    def free_places(kind):
+        places = tried(grid, kind, route).search.places
+        clearance = grid.clearance[tuple(places[:, :2].astype(int).T)]
+        assert not ((clearance > 0.7) & (clearance <= 1.2)).any()
+        return places[clearance > 1.2]
+
+    places, poles = free_places(Box(0.6, 0.3)), free_places(Pole(0.2))
+    assert set(places[:, 2].round(6)) == {0.0, round(math.pi / 2, 6)}
+    assert 40 < len(poles) <= len(places) <= 2 * len(poles)
+
+
+@pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (0.8, 500)])
+def test_places_beside_routes_are_as_near_as_allowed(turn, corners):
+    grid = dataclasses.replace(open_floor(), origin=(1.0, 2.0, turn))
+    cols = np.linspace(20.0, 100.0, corners)
+    line = np.column_stack(grid.grid_to_world(np.full(corners, 40.0), cols))
+    kind = Box(0.8, 0.2)
+    places = tried(grid, kind, line).search.places
+    aside = np.abs(places[:, 0] - 40) * 0.1
+    along = np.abs(np.sin(places[:, 2])) < 1e-6
+    near = np.where(along, 0.45 + 0.1 + 0.1, 0.45 + 0.4 + 0.1)  # the robot's, the object's
+    beside = np.isclose(aside, near)
+    assert (beside & along).sum() == (beside & ~along).sum() == 34
+    on_the_way = np.abs(places[:, 1] - 60) < 40
+    assert (aside[on_the_way] >= near[on_the_way] - 0.11).all()
+
+
+DOOR = drawn(
+    "####################",
+    *["#.........#........#"] * 4,
+    *["#..................#"] * 2,
+    *["#.........#........#"] * 4,
+    "####################",
+    resolution=0.5,
+)
+
+
+def passages_of(grid, kind, radius, route=((1.0, 1.0), (1.5, 1.0))):
+    """Space of a robot, as a search has it."""
+    robot = Robot(SHORT, footprint=radius, margin=0.0, filter=PRODUCT)
+    return tried(grid, kind, np.array(route), robot).search.passages
+
+
+def test_what_would_close_a_door_is_refused():
+    passages = passages_of(DOOR, Pole(0.3), 0.25)
+    assert passages.cuts(np.array([6.0, 10.5, 0.0]))
+    assert not passages.cuts(np.array([3.0, 4.0, 0.0]))
+
+
+def test_the_clearance_counts_only_where_the_robot_had_it():
+    # with the clearance the door is closed anyway
+    narrow = passages_of(DOOR, Pole(0.2), 0.25, ((1.25, 1.25), (1.5, 1.25)))
+    assert narrow.cuts(np.array([6.0, 10.5, 0.0]))
+    assert not narrow.cuts(np.array([6.0, 15.0, 0.0]))
+
+
+def test_two_objects_may_close_what_one_leaves_open():
+    grid = open_floor(30, 120)  # 2.8 m wide
+    low, high = np.array([9.0, 60.0, 0.0]), np.array([21.0, 60.0, 0.0])
+    passages = passages_of(grid, Pole(0.4), 0.3)
+    assert not passages.cuts(low)
+    assert not passages.cuts(high)
+    other = passages.copy()
+    passages.place(low)
+    assert passages.cuts(high)
+    assert not other.cuts(high)
+
+
+def test_a_pocket_is_no_passage():
+    passages = passages_of(open_floor(60, 60), Pole(0.4), 0.3)
+    assert not passages.cuts(np.array([8.8, 8.8, 0.0]))
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_no_object_reaches_beyond_the_map_or_into_what_is_unknown(unknown):
+    cells = np.full((80, 100), FREE, np.uint8)
+    cells[:, 60:] = UNKNOWN if unknown else FREE
+    grid, edge = OccupancyGrid(cells, 0.1), 6.0 if unknown else 10.0
+    seeing, route = Robot(Lidar(range=9.0), filter=PRODUCT), np.array([[3.0, 4.0], [3.2, 4.0]])
+    made = tried(grid, Box(2.2, 0.4), route, seeing)
+    (x, y), heading = positions_of(made).T, made.search.places[:, 2]
+    along = np.abs(np.sin(heading)) < 0.5
+    wide, high = np.where(along, 1.1, 0.2), np.where(along, 0.2, 1.1)
+    assert len(x) > 10
+    assert ((wide <= x) & (x <= edge - wide) & (high <= y) & (y <= 8.0 - high)).all()
+
+
+def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
+    grid, kind = open_floor(), Box(1.0, 0.1)
+    lidar = Lidar(range=3.0, field_of_view_deg=300.0)
+    made = tried(grid, kind, np.array([[6.0, 4.0], [6.5, 4.0]]), Robot(lidar, filter=PRODUCT))
+    rays = made.search.sight.seen.rays
+    assert not rays.all_round
+    hits = hits_on(grid, rays)
+    before = hits.copy()
+    behind = 5.4, 4.0, math.pi / 2
+    touched = np.zeros(len(hits), bool)
+    kernels.add_object(hits, rays, kernels.Outline(*kind.shape), *behind, touched)
+    met = np.flatnonzero(hits[0, :, 0] < before[0, :, 0])
+    assert met[0] == 0
+    assert met[-1] == rays.beams - 1
+    bearings = np.abs(rays.first[0] + met * rays.step)
+    assert bearings.min() == pytest.approx(math.pi - math.atan2(0.5, 0.55), abs=0.02)
+    assert (met < rays.beams / 2).sum() == (met > rays.beams / 2).sum()
+
+
+def test_boxes_are_apart_by_their_outlines(hallway):
+    made = tried(hallway, Box(1.0, 0.2), ROUTE["middle"])
+    search, at = made.search, positions_of(made)
+    one = int(np.argmin(np.hypot(*(at - (0.0, 0.9)).T)))
+    apart = np.hypot(*(at - at[one]).T)
+    along = (np.abs(at[:, 1] - at[one, 1]) < 0.05) & (apart > 0.5)
+    for n in np.flatnonzero(along & (apart < 1.6)):
+        assert search.is_allowed(int(n), [one], search.passages) == (apart[n] >= 1.05 - 1e-9)
+    assert (apart[along] < 1.05).any()
+    assert (apart[along] > 1.05).any()
+
+
+def test_rectangles_that_are_kept_out_lie_in_the_world(hallway):
+    grid = dataclasses.replace(open_floor(), origin=(0.0, 0.0, math.pi / 2))
+    route = np.array([[-2.5, 2.0], [-2.5, 7.0]])
+    everywhere = positions_of(tried(grid, Pole(0.1), route))
+    made = tried(grid, Pole(0.1), route, keep_out=[(-2.0, 3.0, -1.0, 5.0)])
+    apart = np.hypot(*(everywhere[:, None] - positions_of(made)[None]).transpose(2, 0, 1))
+    kept_out = everywhere[apart.min(axis=1) > 0]
+    assert len(kept_out) > 1
+    assert (np.abs(kept_out - (-1.5, 4.0)) <= (0.56, 1.06)).all()
+    assert not (np.abs(positions_of(made) - (-1.5, 4.0)) < (0.5, 1.0)).all(axis=1).any()
+    for wrong in ([(1, 2, 3)], "abc", np.ones((3, 3), bool)):
+        with pytest.raises(LocplanError, match="keep_out"):
+            tried(hallway, Pole(0.2), ROUTE["middle"], keep_out=wrong)
+
+
+# Kernels
+
+
+def small_scene(least=0.0, view=360.0):
+    """A small map with poses, and an object kind; few rays, so that the oracle takes no time."""
+    grid = drawn(
+        "############",
+        "#..........#",
+        "#...#......#",
+        "#..........#",
+        "#.......#..#",
+        "#..........#",
+        "############",
+        resolution=0.5,
+    )
+    width, beams = math.radians(view), 41
+    poses = np.array([[1.1, 1.3], [2.2, 1.25], [3.3, 1.9], [4.6, 1.6]])
+    return grid, kernels.Rays(
+        poses,
+        np.array([[0.1, 0.05], [0.1, -0.02], [0.08, 0.0], [0.0, 0.1]]),
+        np.array([0.3, -2.0, 4.0, 11.0]) - width / 2,
+        width / beams,
+        beams,
+        view == 360,
+        least,
+        3.5,
+        0.2,
+    )
+
+
+def as_matrix(sums):
+    xx, xy, yy, xt, yt, tt = sums[:6]
+    return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
+
+
+OUTLINES = [kernels.Outline(0.15, 0.15, True), kernels.Outline(0.4, 0.1, False)]
+
+
+@pytest.mark.parametrize("outline", OUTLINES)
+@pytest.mark.parametrize(("least", "view"), [(0.0, 360.0), (0.6, 200.0), (0.0, 90.0)])
+def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
+    grid, rays = small_scene(least, view)
+    occupied = grid.cells == OCCUPIED
+    normals = surface_normals(occupied)
+    hits = hits_on(grid, rays)
+    sums = kernels.sums_of(hits, rays)
+    objects = [(3.0, 2.6, 0.7), (1.9, 2.1, 2.0)]
+    changed = np.empty(7)
+    for n in (1, 2):
+        for place in objects:
+            wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, [place])
+            begin, count = kernels.seeing_rays(hits, rays, n, outline, *place)
+            scene = kernels.Scene(hits, sums, rays, outline)
+            meets = count > 0 and kernels.with_object(scene, n, place, begin, count, changed)
+            found = as_matrix(changed if meets else sums[n])
+            np.testing.assert_allclose(found, wanted, atol=2e-4)
+    touched = np.zeros(len(hits), bool)
+    for place in objects:
+        kernels.add_object(hits, rays, outline, *place, touched)
+    sums = kernels.sums_of(hits, rays)
+    for n in (1, 2):
+        wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, objects)
+        np.testing.assert_allclose(as_matrix(sums[n]), wanted, atol=2e-4)
+
+
+def sightings_of(hits, rays, outline, places):
+    counts, starts = np.zeros(len(places), np.int64), np.zeros(len(places) + 1, np.int64)
+    for _ in range(2):  # the first time without room
+        room = starts[-1]
+        made = np.empty(room, np.int32), np.empty((room, 2), np.int16)
+        seen = kernels.Sightings(starts, *made)
+        kernels.find_sightings(places, 0, len(places), hits, rays, outline, seen, counts)
+        starts = np.concatenate([[0], np.cumsum(counts)])
+    return seen
+
+
+@pytest.mark.parametrize("outline", OUTLINES)
+def test_the_objective_is_that_of_plain_matrices(outline):
+    grid, rays = small_scene()
+    normals = surface_normals(grid.cells == OCCUPIED)
+    routes, told = np.array([0, 3, 4]), ways.Sensing(2.0, 0.03)
+    motion = ways.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
+    hits = hits_on(grid, rays)
+    sums = kernels.sums_of(hits, rays)
+    places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
+    seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
+    scene = kernels.Scene(hits, sums, rays, outline)
+    found = ways.uncertainties(places, every, seen, scene, routes, told, motion)
+    for place, value in zip(places, found, strict=True):
+        information = [
+            naive.landmark_information(
+                grid.cells == OCCUPIED, normals, 0.5, rays, n, outline, [place]
+            )
+            * (told.share / (1 + told.other * sums[n, kernels.HITS]))
+            for n in range(4)
+        ]
+        wanted = naive.covariances(information, rays.poses, routes, motion)
+        assert value == pytest.approx((wanted[:, 0, 0] + wanted[:, 1, 1]).mean(), rel=1e-4)
+
+
+def test_a_ray_from_within_an_object_meets_nothing():
+    for outline in OUTLINES:
+        assert kernels.entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+
+
+def seen_by(robot):
+    """What a robot sees on a short way, and the models of its filter."""
+    hall = corridor(8.0, 2.4, resolution=0.05)
+    made = tried(hall, Pole(0.2), np.array([[-1.0, 0.0], [1.0, 0.0]]), robot)
+    return made.search.sight.seen
+
+
+def test_a_hit_counts_some_22_times_less_for_a_likelihood_field_where_all_beams_hit():
+    six = Lidar(range=6.0)
+    product, summed = seen_by(Robot(six, filter=PRODUCT)), seen_by(Robot(six))
+    rays = product.rays.beams
+    assert rays == summed.rays.beams
+    ratio = product.a_step.share / (summed.a_step.share / (1 + summed.a_step.other * rays))
+    assert 20 < ratio < 24
+
+
+def test_far_beams_count_less_the_more_the_filters_heading_errs():
+    swing = [seen_by(Robot(SHORT, filter=amcl)).rays.swing for amcl in (PRODUCT, Amcl())]
+    assert swing[0] == pytest.approx(2 * 0.2 * 0.25**2 / 0.4**2)
+    assert swing[1] == pytest.approx(3 * swing[0])
+    assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.0))).rays.swing == 0
+
+
+def test_two_rays_meet_an_object_at_the_lidars_full_range():
+    rays = seen_by(Robot(Lidar(range=25.0))).rays
+    assert rays.beams > 360
+    assert 25.0 * rays.step <= 0.2 / 2  # a pole of 0.2 m
+
+
+def test_the_motion_is_the_filters():
+    slow = Robot(SHORT).changed({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
+    assert seen_by(slow).motion.along == pytest.approx(0.05)
+    assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.4))).motion.turn == pytest.approx(
+        2 * 0.4 * 0.25 + math.radians(1) ** 2
+    )
+
+
+# The search
+
+
+def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
+    objective = placed.search.sight
+    objective.start(np.arange(0))
+    values = objective.values(np.arange(5))
+    for n in range(5):
+        objective.start(np.array([n]))
+        assert objective.value() == pytest.approx(values[n], rel=1e-6)
+
+
+def test_each_place_is_the_best_beside_those_before(placed):
+    search, chosen = placed.search, []
+    for n in range(3):
+        search.sight.start(np.array(chosen, np.int64))
+        values = search.sight.values(np.arange(len(search.places)))
+        lazy = dataclasses.replace(search, lazy=5).run(n + 1)[0][-1]
+        chosen.append(search.best(chosen))
+        assert lazy == chosen[-1]
+        assert (positions_of(placed)[chosen[-1]] == placed.positions[n]).all()
+        assert placed.curve[n + 1] == pytest.approx(values[chosen[-1]])
+        assert placed.curve[n + 1] == pytest.approx(values.min(), rel=0.02)  # or it is too close
+    assert (np.diff(placed.curve) < 0).all()
+    assert (placed.gains == -np.diff(placed.curve)).all()
+    assert 1 <= placed.paying <= 3
+
+
+def test_landmarks_do_not_depend_on_the_threads(hallway, placed):
+    again = place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE, threads=3)
+    assert (again.poses == placed.poses).all()
+
+
+def test_landmarks_leave_the_route_and_each_other_alone(placed):
+    assert (np.abs(placed.poses[:, 1]) - 0.1 >= 0.25 + 0.2).all()
+    apart = np.hypot(*(placed.positions[:, None] - placed.positions[None]).transpose(2, 0, 1))
+    assert (apart[~np.eye(3, dtype=bool)] > 0.25).all()
+    assert (placed.grid.cells == OCCUPIED).sum() > (placed.setting.grid.cells == OCCUPIED).sum()
+
+
+def test_a_map_with_a_yaw_has_the_same_places_in_the_world(hallway):
+    yaw, lidar = 0.7, Lidar(range=3.0, field_of_view_deg=200.0, mount_x=0.2, mount_yaw_deg=17.0)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([(cos, sin), (-sin, cos)])  # rows times this are turned counter-clockwise
+    x, y = np.array(hallway.origin[:2]) @ turn
+    turned = dataclasses.replace(hallway, origin=(x, y, hallway.origin[2] + yaw))
+    given = {"robot": Robot(lidar, filter=PRODUCT)}
+    found = []
+    for grid, frame in ((hallway, np.eye(2)), (turned, turn)):
+        route = {"middle": ROUTE["middle"] @ frame}
+        found.append(place_landmarks(grid, Box(0.4, 0.2), 2, paths=route, **given))
+    plain, other = found
+    np.testing.assert_allclose(other.positions, plain.positions @ turn, atol=1e-6)
+    np.testing.assert_allclose(other.poses[:, 2], plain.poses[:, 2] + yaw, atol=1e-6)
+    np.testing.assert_allclose(other.curve, plain.curve, rtol=1e-4)
+    assert (other.grid.cells == plain.grid.cells).all()
+
+
+def test_what_two_close_together_is_refused_beside_the_first(hallway):
+    route, kind = {"left": np.array([[-6.0, 0.0], [-3.0, 0.0]])}, Box(0.6, 0.9)
+    made = place_landmarks(hallway, kind, 2, paths=route, robot=DRIVEN)
+    search, at = made.search, positions_of(made)
+    one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
+    opposite = int(np.argmin(np.hypot(at[:, 0] - at[one, 0], at[:, 1] - 1)))
+    beside = int(np.argsort(np.hypot(*(at - at[one]).T))[1])
+    assert search.is_allowed(opposite, [], search.around([]))
+    assert not search.is_allowed(opposite, [one], search.around([one]))
+    assert not search.is_allowed(beside, [one], search.around([one]))
+    costs = locplan.Costmap.blank(made.grid, robot=0.35)
+    assert locplan.plan(costs, (-6, 0), (6, 0)).path
+
+
+def test_places_at_random_close_no_passage_either(hallway):
+    made = tried(hallway, Box(0.6, 0.5), ROUTE["middle"])
+    search, costs = made.search, []
+    for seed in range(5):
+        chosen = search.at_random(30, np.random.default_rng(seed))
+        poses = np.column_stack([positions_of(made), search.places[:, 2]])[chosen]
+        marked = with_objects(hallway, Box(0.6, 0.5), poses)
+        costs.append(locplan.Costmap.blank(marked, robot=0.35))
+        passages = search.passages.copy()
+        for n in chosen:
+            assert not passages.cuts(search.places[n])
+            passages.place(search.places[n])
+    assert all(locplan.plan(each, (-6, 0), (6, 0)).path for each in costs)
+
+
+def test_places_are_joined_by_shortest_paths(hallway):
+    ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0), "c": (0.0, 0.3)}
+    made = place_landmarks(hallway, Pole(0.2), 1, robot=DRIVEN, places=ends)
+    assert list(made.setting.routes) == ["a to b", "a to c", "b to c"]
+    assert verify_landmarks(made, 2, random_sets=1).after.number == 6
+
+
+def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
+    with pytest.raises(LocplanError, match="kept out"):
+        place_landmarks(
+            hallway,
+            Pole(0.2),
+            1,
+            robot=Robot(SHORT),
+            paths=ROUTE,
+            keep_out=[(-99, -99, 99, 99)],
+        )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"count": 0}, "count"),
+        ({"kind": "pole"}, "Pole or a Box"),
+        ({"paths": None}, "either paths or places"),
+        ({"places": [(0, 0), (1, 0)]}, "either paths or places"),
+        ({"keep_out": [(0, 0, 1, 1), (0, 0, 1)]}, "keep_out must be rectangles"),
+        ({"keep_out": [(0, 0, 1, math.nan)]}, "keep_out must be rectangles"),
+        ({"robot": 0}, "robot must be a Robot"),
+        ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
+        ({"paths": {}}, "at least one"),
+    ],
+)
+def test_bad_arguments_are_refused(hallway, wrong, said):
+    given = {"kind": Pole(), "count": 1, "paths": ROUTE} | wrong
+    with pytest.raises(LocplanError, match=said):
+        place_landmarks(hallway, given.pop("kind"), given.pop("count"), **given)
+
+
+# Verification
+
+
+@pytest.fixture(scope="module")
+def verification(placed):
+    return verify_landmarks(placed, 6, random_sets=2)
+
+
+def test_landmarks_are_verified_by_drives(placed, verification):
+    assert (verification.before.number, verification.after.number) == (6, 6)
+    assert verification.random.number == 6
+    assert verification.after.rmse.value < verification.before.rmse.value
+    again = verify_landmarks(placed, 6, random_sets=2, threads=1)
+    assert again.table() == verification.table()
+
+
+def test_verification_of_clear_route_loses_no_drive():
+    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
+    route = {"room": np.array([[2.0, 3.0], [5.0, 3.0]])}
+    made = place_landmarks(grid, Pole(0.2), 1, paths=route)
+    driven = verify_landmarks(made, 4, random_sets=1)
+    assert driven.word in ("no difference", "undecided")
+    assert driven.verdict.startswith(f"{driven.word}: no drive was lost to begin with; error 0.")
+
+
+def driven_with(lost: float, error: float, spread: float, count: int = 40) -> Outcome:
+    """Drives of which a share is lost at the last pose, and all err about as much."""
+    errors = np.zeros((count, 50, 3))
+    errors[:, :, 0] = error * np.linspace(1 - spread, 1 + spread, count)[:, None]
+    errors[: round(lost * count), -1, 0] = 1.5
+    return Outcome((Drives(np.zeros((50, 3)), errors),))
+
+
+SOME = "of the drives lost before,"
+NONE = "no drive was lost to begin with"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "verdict"),
+    [
+        ((0.5, 0.3), (0.1, 0.3), f"better: 50% {SOME} 10% after"),
+        ((0.0, 0.15), (0.0, 0.04), f"better: {NONE}; error 0.15"),
+        ((0.0, 0.15), (0.0, 0.147), f"no difference: {NONE}"),
+        ((0.0, 0.04), (0.0, 0.15), f"worse: {NONE}"),
+        ((0.0, 0.15), (0.1, 0.04), f"better: 0% {SOME} 10%"),
+        ((0.0, 0.15), (0.3, 0.04), f"undecided: 0% {SOME} 30%"),
+        ((0.1, 0.3), (0.5, 0.3), f"worse: 10% {SOME} 50% after"),
+        ((0.5, 0.3), (0.4, 0.3), f"no difference: 50% {SOME} 40% after"),
+    ],
+)
+def test_verification_has_the_verdict_of_its_pairs(before, after, verdict):
+    sets = driven_with(*before, 0.1), driven_with(*after, -0.1)
+    driven = Verification(*sets, None, {}, 1)
+    assert driven.verdict.startswith(verdict)
+    assert driven.word == verdict.partition(":")[0]
+    pairs = (DriveSet.from_drives(each.drives) for each in sets)
+    assert driven.comparison == compare(*pairs)
+
+
+def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
+    grid, rays = small_scene()
+    hits = hits_on(grid, rays)
+    rows, cols = np.nonzero(grid.free)
+    places = np.column_stack([cols * 0.5 + 0.2, rows * 0.5 + 0.3, np.full(len(rows), 0.4)])
+    for outline in OUTLINES:
+        seen = sightings_of(hits, rays, outline, places)
+        for m, place in enumerate(places):
+            after, touched = hits.copy(), np.zeros(len(hits), bool)
+            kernels.add_object(after, rays, outline, *place, touched)
+            at = slice(seen.starts[m], seen.starts[m + 1])
+            assert seen.poses[at].tolist() == np.flatnonzero(touched).tolist()
+            for n, (begin, count) in zip(seen.poses[at], seen.rays[at], strict=True):
+                shorter = np.flatnonzero(after[n, :, 0] < hits[n, :, 0])
+                within = (begin + np.arange(count)) % rays.beams
+                assert set(shorter) <= set(within)
+                assert {within[0], within[-1]} <= set(shorter)
+
+
+def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
+    bent = np.array([[-6.0, 0.0], [-3.0, 0.5], [0.0, -0.5], [6.0, 0.0]])
+    made = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, robot=DRIVEN)
+    assert not made.setting.planned
+    assert (made.setting.on(made.grid)["bent"].xy == bent).all()
+    ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0)}
+    made = place_landmarks(hallway, Pole(0.2), 1, places=ends, robot=DRIVEN)
+    beside = with_objects(made.setting.grid, Box(0.4, 0.4), [(0.0, 0.0)])
+    around = made.setting.on(beside)["a to b"].length
+    assert around > made.setting.routes["a to b"].length + 0.02
+
+
+# Reports and the command
+
+
+def test_the_figure_is_drawn(placed, verification, tmp_path):
+    for name, given in (("without", None), ("with", verification)):
+        file = tmp_path / f"{name}.png"
+        figure = landmarks_figure(placed, given)
+        locplan._support.drawing.save_figure(figure, file)
+        assert file.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(30, 200), (90, 100), (100, 100), (300, 30)])
+def test_maps_fill_their_part_of_a_figure(placed, rows, cols):
+    grid = open_floor(rows, cols)
+    route = {"middle": Path([(0.5, 0.5), (0.1 * cols - 0.5, 0.1 * rows - 0.5)])}
+    setting = dataclasses.replace(placed.setting, grid=grid, routes=route)
+    figure = landmarks_figure(dataclasses.replace(placed, setting=setting))
+    assert figure.get_figwidth() < 14
+    figure.draw_without_rendering()
+    first, second = (own for own in figure.axes if own.images)
+    (plot,) = (own for own in figure.axes if own.get_xlabel() == "number of landmarks")
+    assert all(own.images or own.has_data() for own in figure.axes)  # no empty ones
+    beside = plot.get_window_extent().x0 > second.get_window_extent().x1
+    assert beside == (rows > 3 * cols)
+    widths = [own.get_window_extent().width / figure.dpi for own in (first, second)]
+    side_by_side = second.get_window_extent().x0 > first.get_window_extent().x1
+    assert side_by_side == (rows > 0.9 * cols)
+    used = sum(widths) if side_by_side else widths[0]
+    width = figure.get_figwidth() - (4.6 if beside else 0.0)
+    assert width - used < 3.0 or used > 0.6 * width
+
+
+def test_report_shows_positions_of_poles_first(placed, verification):
+    text = placed.report(verification)
+    assert text.splitlines()[0].split()[:5] == ["landmark", "x", "[m]", "y", "[m]"]
+    assert "heading" not in text
+    assert "heading" in placed.table().names
+
+
+def test_the_table_tells_how_many_landmarks_pay(placed):
+    few = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.249]))
+    assert "from number 3 on each lowers it by less than 5%: 2 may do" in few.report()
+    none = dataclasses.replace(placed, curve=np.array([1.0, 0.98, 0.96, 0.94]))
+    assert "each lowers it by less than 5%" in none.report()
+    all_pay = dataclasses.replace(placed, curve=np.array([1.0, 0.5, 0.25, 0.1]))
+    assert "less than 5%" not in all_pay.report()
+
+
+def test_a_placement_is_saved_with_outlines_and_sizes(placed, tmp_path):
+    placed.save(tmp_path)
+    made = json.loads((tmp_path / "landmarks.geojson").read_text())["features"]
+    about = [each["properties"] for each in made]
+    assert [each["number"] for each in about] == [1, 2, 3]
+    assert {(each["kind"], each["length"], each["frame"]) for each in about} == {
+        ("pole", 0.2, "map")
+    }
+    ring = np.array(made[0]["geometry"]["coordinates"][0])
+    assert (ring[0] == ring[-1]).all()
+    assert np.hypot(*(ring - placed.positions[0]).T) == pytest.approx(0.1, abs=1e-3)
+    summary = json.loads((tmp_path / "landmarks.json").read_text())
+    assert summary["landmarks"] == placed.table().records()
+    assert not (tmp_path / "verification.csv").exists()
+
+
+def test_the_table_has_the_pose_and_what_is_expected_of_each(placed):
+    before, after = (f"{placed.expected[n]:.3g}" for n in (0, 3))
+    assert f"3 x {placed.setting.kind.title} in " in repr(placed)
+    assert f"expected deviation {before} -> {after})" in repr(placed)
+    for record, pose, gain, expected in zip(
+        placed.table().records(), placed.poses, placed.gains, placed.expected[1:], strict=True
+    ):
+        assert [record[name] for name in ("x", "y", "heading")] == pose.tolist()
+        assert (record["gain"], record["expected_deviation"]) == (gain, expected)
+
+
+def test_the_table_of_drives_has_a_row_for_each_map(verification):
+    none, proposed, random = verification.table().records()
+    assert (none["world"], proposed["world"]) == ("none", "proposed")
+    assert proposed["rmse_low"] == verification.after.rmse.low
+    assert random["kept_rmse"] == verification.random.kept_rmse.value
+    alone = dataclasses.replace(verification, random=None)
+    assert len(alone.table()) == 2
+
+
+@pytest.fixture
+def map_file(tmp_path, hallway):
+    save_map(hallway, tmp_path / "hallway.yaml")
+    return tmp_path / "hallway.yaml"
+
+
+def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
+    out = tmp_path / "marked"
+    options = [
+        "--object",
+        "box:0.4,0.2",
+        "--count",
+        2,
+        "--drives",
+        2,
+        "--set",
+        "range=3",
+        "-o",
+        out,
+    ]
+    more = ["--set", "max_particles=100", "--set", "min_particles=100", "--keep-out", "-9,-2,0,2"]
+    ends = ["--start", "-6,0", "--goal", "6,0"]
+    code, said, err = run("landmarks", map_file, *ends, *options, *more)
+    assert code == 0, err
+    assert said.index("landmark   x [m]") < said.index("lost")
+    assert "heading" in said
+    with (out / "landmarks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["number"] for row in rows] == ["1", "2"]
+    assert all(float(row["x"]) > 0 and row["length"] == "0.4" for row in rows)
+    marked = locplan.load_map(out / "map_with_landmarks.yaml")
+    about = json.loads((out / "landmarks.json").read_text())
+    assert marked.digest == about["map_with_landmarks"]["digest"]
+    assert about["verification"]["drives"][0]["drives"] == 2
+    assert {file.name for file in out.iterdir()} >= {
+        "landmarks.png",
+        "landmarks.geojson",
+        "verification.csv",
+    }
+
+
+def test_the_command_takes_places(run, map_file, tmp_path):
+    (tmp_path / "places.csv").write_text("name,x,y\na,-5,0\nb,5,0\n")
+    given = ["--places", tmp_path / "places.csv", "--drives", 0]
+    code, said, err = run("landmarks", map_file, *given, "--count", 1, "--set", "range=3", "--json")
+    assert code == 0, err
+    about = json.loads(said)
+    assert len(about["landmarks"]) == 1
+    assert about["verification"] is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [],
+        ["--start", "1,2"],
+        ["--start", "-6,0", "--goal", "6,0", "--object", "cone"],
+        ["--start", "-6,0", "--goal", "6,0", "--drives", "1"],
+        ["--start", "-6,0", "--goal", "6,0", "--count", "0"],
+        ["--start", "-6,0", "--goal", "6,0", "--keep-out", "1,2"],
+        ["--start", "-60,0", "--goal", "6,0"],
+    ],
+)
+def test_the_command_refuses_in_one_line(run, map_file, options):
+    refused(run("landmarks", map_file, *options))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", few_of([3]))
+def test_three_poles_keep_the_robot_in_a_bare_corridor(count):
+    grid = locplan.maps.environments.make("two_corridors")
+    route = {"straight": np.array([[2.0, 3.0], [38.0, 3.0]])}
+    amcl = Amcl(laser_model_type="likelihood_field_prob")
+    placed = place_landmarks(grid, Pole(0.2), count, robot=Robot(filter=amcl), paths=route)
+    driven = verify_landmarks(placed, 100)
+    assert driven.word == "better"
+    assert driven.after.lost_rate.value <= 0.02
+    assert driven.before.lost_rate.value >= 0.7
+    assert driven.random.lost_rate.value >= 0.25

@@ -1,0 +1,176 @@
+"""The map for the filter: what is mended, what drives say of it, and what Nav2 needs."""
+
+import numpy as np
+import pytest
+import yaml
+from conftest import drawn, refused
+from maps.test_map_faults import blocks
+from PIL import Image
+
+import locplan
+from locplan import load_map, mend, save_map
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, faults, hollowed
+from locplan.maps.files import as_meant, meant_header, read_map
+
+ROOM = drawn("########", *["#......#"] * 4, "########", resolution=0.5)
+
+
+@pytest.fixture(scope="module")
+def mended():
+    return mend(blocks(), paths=2, drives=8)
+
+
+def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
+    assert mended.grid == blocks()
+    assert mended.filter_map == hollowed(blocks())
+    (verdict,) = mended.verdicts
+    assert verdict.lost_mended.value < verdict.lost_as_is.value
+    assert verdict.rmse_ratio.value < 1
+    assert verdict.verdict == mended.summary()["verdicts"][0]["verdict"] == "better"
+    assert "better" in mended.report()
+
+
+def test_the_verdict_is_that_of_drives_with_each_map(mended):
+    robot = locplan.Robot().changed({"alpha1": 0.05})
+    both = mend(blocks(), robot, paths=2, drives=8)
+    assert both.verdicts[0] == mended.verdicts[0]
+    assert [each.filter for each in both.verdicts] == ["Nav2's defaults", "the robot's"]
+    assert both.verdicts[1] != both.verdicts[0]
+
+
+def test_a_map_without_faults_is_not_driven_in(tmp_path):
+    found = mend(ROOM)
+    assert (found.changed, found.verdicts) == (0, ())
+    assert "nothing to mend" in found.report()
+    found.save(tmp_path / "room")
+    assert not (tmp_path / "room" / "map_amcl.yaml").exists()
+
+
+def test_specks_are_erased_and_walls_stay():
+    cells = np.full((60, 60), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    walls = cells.copy()
+    cells[5:55:8, 5:55:8] = OCCUPIED
+    found = mend(OccupancyGrid(cells, 0.05), locplan.Robot(footprint=0.02, margin=0.0), drives=2)
+    assert np.array_equal(found.filter_map.cells, walls)
+
+
+def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
+    mended.save(tmp_path)
+    written = load_map(tmp_path / "map_amcl.yaml")
+    assert np.array_equal(written.cells, mended.filter_map.cells)
+    assert (written.resolution, written.origin) == (blocks().resolution, blocks().origin)
+    assert yaml.safe_load((tmp_path / "map_amcl.yaml").read_text())["mode"] == "trinary"
+    servers = yaml.safe_load((tmp_path / "servers.yaml").read_text())
+    topic = servers["map_amcl_server"]["ros__parameters"]["topic_name"]
+    amcl = yaml.safe_load((tmp_path / "amcl.yaml").read_text())
+    assert amcl["amcl"]["ros__parameters"] == {"map_topic": topic}
+    manager = servers["lifecycle_manager_map_amcl"]["ros__parameters"]
+    assert manager == {"autostart": True, "node_names": ["map_amcl_server"]}
+    launch = (tmp_path / "localizability.launch.xml").read_text()
+    assert '<param name="yaml_filename" value="$(dirname)/map_amcl.yaml"/>' in launch
+
+
+def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
+    save_map(blocks(), tmp_path / "blocks.yaml")
+    save_map(hollowed(blocks()), tmp_path / "hollow.yaml")
+    words = "--start", "0.8,0.8", "--goal", "3,0.8", "--drives", "2", "--lidar", "turtlebot3"
+    simulate = "simulate", tmp_path / "blocks.yaml", *words
+    code, _, err = run(*simulate)
+    assert (code, err.count("run locplan repair first")) == (0, 1)
+    code, _, err = run(*simulate, "--filter-map", tmp_path / "hollow.yaml")
+    assert (code, err.count("repair")) == (0, 0)
+
+
+def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended, tmp_path, run):
+    (line,) = (each for each in mended.report().splitlines() if "helps" in each)
+    assert "AMCL's, als_ros" in line
+    assert "als_ros" not in mend(ROOM).report()
+    save_map(blocks(), tmp_path / "blocks.yaml")
+    beam = tmp_path / "beam.yaml"
+    beam.write_text(yaml.safe_dump({"amcl": {"ros__parameters": {"laser_model_type": "beam"}}}))
+    words = "repair", tmp_path / "blocks.yaml", "--robot", beam, "--lidar", "turtlebot3"
+    assert "not concerned" in refused(run(*words))
+
+
+def test_wrong_numbers_are_refused(tmp_path, run):
+    save_map(ROOM, tmp_path / "room.yaml")
+    assert "drives" in refused(run("repair", tmp_path / "room.yaml", "--drives", "1"))
+    assert "paths" in refused(run("repair", tmp_path / "room.yaml", "--paths", "0"))
+    save_map(ROOM, tmp_path / "speed_mask.yaml")
+    mask = "repair", tmp_path / "speed_mask.yaml", "-o", tmp_path / "mended"
+    assert "plan on the map that it belongs to" in refused(run(*mask))
+    assert not (tmp_path / "mended").exists()
+
+
+def test_mend_says_what_the_file_shows(tmp_path, run):
+    pixels = np.full((60, 80), 254, np.uint8)
+    pixels[20:30, 20:40] = 253
+    pixels[[0, -1]] = pixels[:, [0, -1]] = 50
+    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
+    code, out, _ = run("repair", lab)
+    assert (code, "costmap: this is a costmap, not a map" in out) == (0, True)
+
+
+def file_of(folder, pixels, thresholds):
+    Image.fromarray(pixels).save(folder / "lab.png")
+    (folder / "lab.yaml").write_text(
+        f"image: lab.png\nresolution: 0.1\norigin: [0, 0, 0]\n{thresholds}\n"
+    )
+    return folder / "lab.yaml"
+
+
+def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
+    pixels = np.full((60, 80), 254, np.uint8)
+    pixels[[0, -1]] = pixels[:, [0, -1]] = pixels[20:24, 20:60] = 110
+    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.196")
+    words = "repair", lab, "--paths", "2", "--drives", "2", "-o", tmp_path / "mended"
+    code, out, _ = run(*words)
+    assert (code, "plan on map.yaml, which has free_thresh 0.196" in out) == (0, True)
+    read = load_map(tmp_path / "mended" / "map.yaml")
+    assert np.array_equal(read.cells == OCCUPIED, pixels[::-1] == 110)
+    assert np.array_equal(load_map(tmp_path / "mended" / "map_amcl.yaml").cells, read.cells)
+    grid, source = read_map(lab)
+    assert as_meant(grid, None) == grid
+    made = mend(grid, source=source, paths=2, drives=2)
+    assert made.faults.found == faults(grid, source).found
+    assert made.verdicts[0].rmse_ratio.value < 1
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        "{image: lab.png, resolution: 0.1, origin: [1, 2, 0], occupied_thresh: 0.65,\n"
+        " free_thresh: 0.25, negate: true}",
+        '"image": lab.png\nresolution: 0.1 # m\norigin:\n- 1\n- 2\n- 0\nnegate: 1\n'
+        "occupied_thresh: 0.65\nfree_thresh: 0.25\n...",
+        "resolution: 0.1\norigin: [1, 2, 0]\nnegate: 1\nimage: lab.png\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.65",
+    ],
+)
+def test_a_yaml_of_any_style_gets_the_thresholds_that_are_meant(tmp_path, entries):
+    folder = tmp_path / 'of "Anna"'
+    folder.mkdir()
+    pixels = np.full((60, 80), 1, np.uint8)
+    pixels[20:24, 20:60], pixels[40:50, 40:60] = 140, 50
+    Image.fromarray(pixels).save(folder / "lab.png")
+    (folder / "lab.yaml").write_text(entries)
+    grid, source = read_map(folder / "lab.yaml")
+    more = {"resolution": 0.2, "origin": [2, 4, 0]}
+    (tmp_path / "map.yaml").write_text(meant_header(source, more))
+    read = load_map(tmp_path / "map.yaml")
+    assert (read.resolution, read.origin) == (0.2, (2, 4, 0))
+    assert np.array_equal(read.cells, as_meant(grid, source).cells)
+    assert set(read.cells[::-1][40:50, 40:60].flat) == {UNKNOWN}
+
+
+def test_unknown_that_is_read_as_free_is_mended_and_where_none_can_drive_it_is_said(tmp_path, run):
+    pixels = np.full((20, 20), 205, np.uint8)
+    pixels[5:11, 5:11] = 0
+    pixels[6:10, 6:10] = 254
+    lab = file_of(tmp_path, pixels, "occupied_thresh: 0.65\nfree_thresh: 0.25")
+    code, out, _ = run("repair", lab)
+    assert (code, "no wall is another" in out) == (0, True)
+    assert "no verdict by drives: lab: has no cell where the robot fits" in out
+    found = mend(*read_map(lab)[:1], source=read_map(lab)[1])
+    assert np.array_equal(found.filter_map.cells == FREE, pixels[::-1] == 254)

@@ -1,0 +1,506 @@
+"""Tuning of AMCL: how presets are chosen, and the files that are written."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from locplan.advice import Tuning
+from locplan.advice.figures import tuning_figure
+from locplan.advice.preset_choice import OWN, Case, choose_preset
+from locplan.advice.tuning import cut_path, plan_random_paths, simulated_cases, tune
+from locplan.errors import ConfigError, LocplanError
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
+from locplan.planning import Costmap, Path
+from locplan.robots import PRECISE, SAFE, Amcl, Lidar, Robot, with_preset
+from locplan.robots.nav2 import read_amcl
+from locplan.robots.presets import amcl_presets
+from locplan.simulation import LEVELS, USUAL, Drives, simulate
+from locplan.simulation.verdict import DriveSet
+from locplan.simulation.worlds import poses_along
+
+FEW = {"min_particles": 30, "max_particles": 60}
+LIDAR = Lidar(range=6.0, beams=60)
+PRECISE_SETTINGS, SAFE_SETTINGS = amcl_presets(Amcl()).values()
+
+
+def hall(name="hall") -> OccupancyGrid:
+    """A hall of 14 x 8 m with four pillars."""
+    cells = np.full((80, 140), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for row, col in ((20, 30), (50, 60), (25, 90), (55, 115)):
+        cells[row : row + 6, col : col + 6] = OCCUPIED
+    return OccupancyGrid(cells, 0.1, name=name)
+
+
+@pytest.fixture(scope="module")
+def tuning():
+    return tune(hall(), robot=Robot(LIDAR, filter=Amcl(**FEW)), paths=5, drives=4, threads=2)
+
+
+LINE = np.column_stack([np.arange(101) * 0.05, np.zeros(101), np.zeros(101)])
+
+
+def case_of(errors, off=None, name="usual", fault=""):
+    """A case of 64 drives with known errors and numbers of drives off at the end.
+
+    Both are of the user's settings, the precise and the safe ones.
+    """
+    driven = []
+
+    def drive(amcl, numbers):
+        place = [Amcl(), PRECISE_SETTINGS, SAFE_SETTINGS].index(amcl)
+        driven.append(place)
+        is_off = np.arange(64) < (off or (0, 0, 0))[place]
+        spread = np.linspace(0.9, 1.1, 64)
+        return DriveSet(np.log(errors[place] * spread)[numbers], is_off[numbers], is_off[numbers])
+
+    case = Case(name, drive, (16, 32, 64) if fault else (64,), fault)
+    return case, driven
+
+
+BETTER = 0.2, 0.05, 0.1
+
+
+class Recorded:
+    """A recording on which replays have known errors at the end, and all the way."""
+
+    name = "drive 1"
+
+    def __init__(self, errors, at_end=None):
+        self.errors, self.at_end, self.replayed = errors, at_end or errors, []
+
+    def replay(self, amcl):
+        place = [Amcl(), PRECISE_SETTINGS, SAFE_SETTINGS].index(amcl)
+        self.replayed.append(place)
+        errors = np.zeros((12, len(LINE), 3))
+        errors[..., 0] = self.errors[place]
+        errors[0, -1, 0] = self.at_end[place]
+        return Drives(LINE, errors)
+
+
+def choose(*cases, recordings=(), **options):
+    return choose_preset(Amcl(), cases, [LINE], recordings, **options)
+
+
+def test_presets_change_only_their_parameters():
+    own = Amcl(**FEW, max_beams=90)
+    precise, safe = amcl_presets(own).values()
+    assert (safe.update_min_d, safe.update_min_a, safe.alpha1) == (0.1, 0.1, own.alpha1)
+    assert {getattr(precise, f"alpha{n}") for n in range(1, 6)} == {0.05}
+    assert precise.multiplies
+    assert {(each.max_beams, each.max_particles) for each in (precise, safe)} == {(90, 60)}
+
+
+def test_preset_with_users_values_is_left_out():
+    assert [*amcl_presets(with_preset(Amcl(), PRECISE))] == [SAFE]
+    often = Amcl(update_min_d=0.05, update_min_a=0.02)
+    assert [*amcl_presets(often)] == [PRECISE]
+    assert with_preset(often, PRECISE).update_min_d == 0.05
+
+
+def test_precise_preset_needs_all_levels():
+    """It is used without a recording only if it is rarely off at the end at any level."""
+    usual, _ = case_of(BETTER)
+    harmless, _ = case_of(BETTER, (9, 4, 5), "slip", "odometry slips")
+    assert choose(usual, harmless).name == PRECISE
+    short, _ = case_of(BETTER, (60, 60, 60), "standstill", "odometry stands still")
+    assert choose(usual, harmless, short).name == SAFE
+    harmful, _ = case_of(BETTER, (9, 30, 9), "standstill", "odometry stands still")
+    choice = choose(usual, harmless, harmful)
+    assert (choice.name, choice.settings) == (SAFE, SAFE_SETTINGS)
+    assert "47 % [35, 59] of the drives if odometry stands still" in choice.objections[PRECISE]
+    assert choice.untested_error == pytest.approx(0.05, abs=0.001)
+    advice = choice.advise_recording(["locplan", "check", "lab.yaml"])
+    assert advice.startswith("Precise settings reach 0.050 m, but a robot that gets lost with them")
+    assert "`locplan check lab.yaml --recording FILE`" in advice
+
+
+def test_preset_that_harms_at_one_level_is_refused():
+    usual, _ = case_of(BETTER)
+    one, _ = case_of(BETTER, (30, 8, 30), "slip", "odometry slips")
+    other, _ = case_of(BETTER, (4, 0, 12), "turns", "odometry errs in turns")
+    assert choose(usual, one).name == SAFE
+    choice = choose(usual, one, other)
+    assert (choice.name, choice.settings, choice.changes) == (OWN, Amcl(), "")
+    assert [*choice.objections] == [PRECISE, SAFE]
+
+
+def test_preset_must_be_better_at_usual_level():
+    usual, _ = case_of((0.2, 0.2, 0.2))
+    choice = choose(usual)
+    assert choice.name == OWN
+    assert (
+        choice.objections[SAFE] == "safe settings are not better than your settings: no difference"
+    )
+    assert choice.advise_recording(["locplan"]) == ""
+
+
+def test_only_deciding_drives_are_driven_if_asked():
+    usual, _ = case_of(BETTER)
+    harmful, _ = case_of(BETTER, (0, 30, 0), "standstill", "odometry stands still")
+    later, driven = case_of(BETTER, (0, 0, 0), "slip", "odometry slips")
+    choice = choose(usual, harmful, later, drives_all=False)
+    assert choice.name == SAFE
+    assert driven == [2]  # the safe preset is never off, whatever the user's settings are
+    full = choose(usual, harmful, later)
+    assert (full.name, driven) == (SAFE, [2, *[0] * 3, *[1] * 3, *[2] * 3])
+    assert len(full.results) == 9
+
+
+@pytest.mark.parametrize(
+    ("off", "name", "driven"),
+    [
+        ((64, 0, 64), PRECISE, [1]),
+        ((64, 1, 64), PRECISE, [1, 1]),
+        ((20, 30, 0), SAFE, [1, 2]),
+        ((20, 30, 1), SAFE, [1, 2, 2]),
+        ((0, 30, 30), OWN, [1, 2, 0]),
+        ((40, 30, 40), SAFE, [1, 2, 0, 2, 0]),
+    ],
+)
+def test_level_ends_as_soon_as_it_is_decided(off, name, driven):
+    """Looks are after 16, 32 and 64 drives; places are those of the settings that drive then."""
+    usual, _ = case_of(BETTER)
+    level, places = case_of(BETTER, off, "slip", "odometry slips")
+    choice = choose(usual, level, drives_all=False)
+    assert (choice.name, places) == (name, driven)
+    drives = {row.settings: row.n_drives for row in choice.results if row.case == "slip"}
+    assert drives[PRECISE] == 16 * driven.count(1)
+
+
+def test_preset_that_loses_more_drives_is_refused():
+    """A smaller error is no reason for it."""
+    usual, _ = case_of(BETTER, (2, 2, 4))
+    assert choose(usual).name == PRECISE
+    usual, _ = case_of(BETTER, (2, 4, 2))
+    choice = choose(usual)
+    assert choice.name == SAFE
+    assert choice.objections[PRECISE] == (
+        "precise settings lose 6 % [2, 15] of the drives, your settings 3 % [1, 11]"
+    )
+    assert choice.untested_error is None
+    usual, _ = case_of(BETTER, (2, 4, 4))
+    assert choose(usual).name == OWN
+
+
+def test_recording_decides_instead_of_levels():
+    usual, _ = case_of(BETTER)
+    harmful, driven = case_of(BETTER, (0, 30, 0), "standstill", "odometry stands still")
+    recording = Recorded((0.2, 0.06, 0.1))
+    choice = choose(usual, harmful, recordings=[recording])
+    assert (choice.name, driven) == (PRECISE, [])
+    assert choice.recordings == ("drive 1",)
+    rows = {(row.settings, row.case): row for row in choice.results}
+    assert rows[PRECISE, "drive 1"].error.value == pytest.approx(0.06)
+    assert rows[OWN, "drive 1"].n_drives == 12
+    assert choice.advise_recording(["locplan"]) == ""
+
+
+@pytest.mark.parametrize(
+    ("errors", "at_end", "name", "reason"),
+    [
+        ((0.2, 0.06, 0.1), (0.2, 1.2, 0.1), SAFE, "1 of 12 runs are off at the end on drive 1"),
+        ((0.2, 0.3, 0.1), None, SAFE, "the error is 0.30 m, 0.20 m with your settings, on drive 1"),
+        ((0.2, 0.3, 0.25), None, OWN, "the error is 0.30 m"),
+        ((0.2, 1.2, 0.1), (0.2, 0.2, 0.1), SAFE, "11 of 12 runs are off at the end"),
+    ],
+)
+def test_settings_that_fail_on_recording_are_not_used(errors, at_end, name, reason):
+    usual, _ = case_of(BETTER)
+    choice = choose(usual, recordings=[Recorded(errors, at_end)])
+    assert choice.name == name
+    assert reason in choice.objections[PRECISE]
+
+
+def test_faulty_recording_rules_out_precise_preset():
+    usual, _ = case_of(BETTER)
+    recording = Recorded((0.2, 0.06, 0.1))
+    choice = choose(usual, recordings=[recording], are_recordings_sound=False)
+    assert choice.name == SAFE
+    assert 1 not in recording.replayed
+    alone = choose(usual, are_recordings_sound=False)
+    assert alone.name == SAFE
+
+
+def test_recording_may_decide_though_simulation_does_not():
+    undecided, _ = case_of((0.2, 0.2, 0.2))
+    assert choose(undecided, recordings=[Recorded((0.2, 0.06, 0.1))]).name == PRECISE
+    worse, _ = case_of((0.2, 0.4, 0.2))
+    assert choose(worse, recordings=[Recorded((0.2, 0.06, 0.1))]).name == SAFE
+
+
+def test_settings_must_hold_on_all_recordings():
+    usual, _ = case_of(BETTER)
+    good, bad = Recorded((0.2, 0.06, 0.1)), Recorded((0.2, 0.3, 0.1))
+    bad.name = "drive 2"
+    choice = choose(usual, recordings=[good, bad])
+    assert choice.name == SAFE
+    assert choice.objections[PRECISE].endswith("on drive 2")
+
+
+def test_cost_follows_updates_along_lines():
+    usual, _ = case_of((0.2, 0.2, 0.1))
+    choice = choose(usual)
+    assert choice.cost_ratio == pytest.approx(2.2, abs=0.1)
+    times = f"{choice.cost_ratio:.1f} times the filter's CPU"
+    assert choice.title == f"safe: update_min_d 0.1, update_min_a 0.1, {times}"
+
+
+def test_random_paths_are_seeded_and_cut():
+    cells = np.full((12, 1200), FREE, np.uint8)
+    cells[[0, -1]] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    paths, again, others = (plan_random_paths(Costmap.blank(grid), 6, seed) for seed in (3, 3, 4))
+    lengths = [path.length for path in paths]
+    assert max(lengths) == pytest.approx(40.0)
+    assert min(lengths) >= 20 - 1e-9
+    for path in paths:
+        poses_along(path, grid)  # raises if it leaves the free cells
+    assert [path.xy.tolist() for path in paths] == [path.xy.tolist() for path in again]
+    assert others[0].xy.tolist() != paths[0].xy.tolist()
+
+
+def test_cut_path_keeps_headings():
+    """A robot that turns in place, and reverses, does so on the part."""
+    path = Path(np.array([[0, 0], [30, 0], [30, 0], [80, 0]]), np.array([0, 0, np.pi, np.pi]))
+    part = cut_path(path, 0.25)
+    assert part.xy.tolist() == [[10, 0], [30, 0], [30, 0], [50, 0]]
+    assert part.heading.tolist() == [0, 0, np.pi, np.pi]
+    assert cut_path(part, 0.5) is part
+
+
+def test_small_maps_have_shorter_paths():
+    cells = np.full((40, 40), FREE, np.uint8)
+    room = OccupancyGrid(cells, 0.1, name="room")
+    assert min(path.length for path in plan_random_paths(Costmap.blank(room), 5, 1)) >= 2 - 1e-9
+    closet = OccupancyGrid(cells[:10, :10], 0.1, name="room")
+    with pytest.raises(ConfigError, match="room: no two positions") as caught:
+        plan_random_paths(Costmap.blank(closet), 5, 1)
+    assert "larger map" in str(caught.value)
+
+
+def test_drives_equal_those_of_simulate():
+    """A route has the same drives in every command."""
+    grid, robot = hall(), Robot(LIDAR, filter=Amcl(**FEW))
+    paths = plan_random_paths(Costmap.blank(grid), 2, 1)
+    (usual,) = simulated_cases(grid, robot, paths, [USUAL], drives=2, seed=5, threads=2)
+    drives = simulate(grid, {"a": paths[0], "b": paths[1]}, robot, drives=2, seed=5).drives
+    expected = DriveSet.from_drives(drives.values())
+    shown = usual.drive(robot.amcl, range(*usual.looks))
+    np.testing.assert_allclose(shown.log_error, expected.log_error)
+    assert shown.lost.tolist() == expected.lost.tolist()
+
+
+def test_levels_have_64_drives_at_least():
+    robot = Robot(LIDAR, filter=Amcl(min_particles=5, max_particles=5))
+    paths = plan_random_paths(Costmap.blank(hall()), 5, 1)
+    usual, slip, *_ = simulated_cases(hall(), robot, paths, LEVELS, drives=2, threads=2)
+    assert (usual.is_usual, slip.is_usual, slip.name) == (True, False, "slip")
+    assert len(usual.drive(robot.amcl, range(*usual.looks)).lost) == 10
+    assert slip.looks == (4, 7, 13)
+    assert len(slip.drive(robot.amcl, range(7, 13)).lost) == 30
+
+
+def test_several_maps_have_cases_of_their_own():
+    robot = Robot(LIDAR, filter=Amcl(min_particles=20, max_particles=20))
+    result = tune([hall(), hall()], robot, paths=5, drives=2, threads=2, levels=[USUAL])
+    assert [*dict.fromkeys(row.case for row in result.choice.results)] == [
+        "hall usual",
+        "hall 2 usual",
+    ]
+    assert {verdict.n_drives for verdict in result.choice.verdicts.values()} == {20}
+    about = json.loads(json.dumps(result.summary(), allow_nan=False))
+    assert [each["name"] for each in about["maps"]] == ["hall", "hall"]
+    with pytest.raises(ConfigError, match="a filter's map is of one map, not of 2"):
+        tune([hall(), hall()], filter_map=hall())
+    with pytest.raises(ConfigError, match="grid must be"):
+        tune([])
+
+
+def test_report_shows_settings_at_all_levels(tuning):
+    assert tuning.robot.amcl == Amcl(**FEW)
+    assert tuning.winner == tuning.choice.settings
+    text = " ".join(tuning.report().split())
+    assert text.startswith(f"{tuning.conclusion}.")
+    rows = {(row.settings, row.case) for row in tuning.choice.results}
+    levels = "usual", "slip", "standstill", "turns"  # a hall has no corridor for a kink
+    assert {(name, level) for name in (OWN, PRECISE, SAFE) for level in levels} <= rows
+    assert "off at the end" in text
+    assert f"{LIDAR.title}: of 60 beams compared, " in text
+    about = json.loads(json.dumps(tuning.summary(), allow_nan=False))
+    assert (about["choice"]["settings"], about["map"]["name"]) == (tuning.choice.name, "hall")
+    assert len(about["choice"]["results"]) == len(tuning.choice.results)
+
+
+@pytest.mark.long
+def test_equal_seeds_give_equal_results_on_any_number_of_threads(tuning):
+    calls = []
+    again = tune(
+        hall(),
+        robot=Robot(LIDAR, filter=Amcl(**FEW)),
+        paths=5,
+        drives=4,
+        threads=1,
+        progress=lambda done, total: calls.append((done, total)),
+    )
+    assert again.summary() == tuning.summary()
+    assert calls == sorted(calls)
+    assert calls[-1][0] == calls[-1][1]
+
+
+@pytest.fixture(scope="module")
+def precise(tuning):
+    """The same tuning with the precise preset as its result."""
+    choice = dataclasses.replace(tuning.choice, name=PRECISE)
+    return dataclasses.replace(tuning, choice=choice)
+
+
+def test_settings_that_are_not_better_change_nothing(tuning, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMS)
+    kept = dataclasses.replace(tuning.choice, name=OWN, objections={SAFE: "it is worse"})
+    unclear = dataclasses.replace(tuning, choice=kept)
+    assert unclear.winner == tuning.robot.amcl
+    assert unclear.changes == {}
+    unclear.save(tmp_path / "out", file)
+    assert (tmp_path / "out" / "nav2_params.yaml").read_bytes() == file.read_bytes()
+    assert unclear.conclusion == "Keep your settings: it is worse"
+
+
+def saved(tuning, folder, params=None):
+    """The parameter file in a folder of results."""
+    tuning.save(folder, params)
+    return folder / "nav2_params.yaml"
+
+
+def test_a_new_file_has_all_parameters(tuning, tmp_path):
+    file = saved(tuning, tmp_path / "out")
+    assert read_amcl(file) == tuning.winner
+    given = yaml.safe_load(file.read_text())["amcl"]["ros__parameters"]
+    assert given["robot_model_type"] == "nav2_amcl::DifferentialMotionModel"
+    assert given["scan_topic"] == "scan"
+    assert "  # Nav2's default is 2000" in file.read_text()
+
+
+def test_a_file_that_says_something_else_is_not_left_behind(precise, tmp_path, monkeypatch):
+    edited = "locplan.simulation.amcl_parameters.edited_parameters"
+    monkeypatch.setattr(edited, lambda path, *_: path.read_bytes())
+    (tmp_path / "mine.yaml").write_text(PARAMS)
+    with pytest.raises(LocplanError, match="could not be written as it was meant"):
+        saved(precise, tmp_path / "out", tmp_path / "mine.yaml")
+    assert not (tmp_path / "out").exists()
+
+
+PARAMS = """amcl:
+  ros__parameters:
+    # mine
+    alpha1: 0.2  # set long ago
+    min_particles: 30
+    max_particles: 60
+    do_beamskip: true
+    unknown_to_us: [1, 2]
+"""
+
+
+def test_users_file_is_copied_with_preset(precise, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMS)
+    made = saved(precise, tmp_path / "out", file)
+    with pytest.warns(UserWarning, match="unknown_to_us"):
+        assert read_amcl(made) == precise.winner
+    text = made.read_text()
+    assert "    # mine\n" in text
+    assert "alpha1: 0.05  # set long ago\n" in text
+    assert "alpha2: 0.05\n" in text
+    assert "do_beamskip: false\n" in text  # it has an effect with this model only
+    assert "unknown_to_us: [1, 2]\n" in text
+    assert file.read_text() == PARAMS
+    assert precise.conclusion.startswith("Use precise: alphas 0.05, likelihood_field_prob")
+
+
+def test_one_of_several_robots_in_a_file_is_tuned(tuning, tmp_path):
+    file = tmp_path / "fleet.yaml"
+    file.write_text("robot1:\n  amcl:\n    ros__parameters:\n      alpha1: 0.2\n" + PARAMS)
+    made = saved(tuning, tmp_path / "out", tmp_path / "fleet.yaml:robot1")
+    assert made.read_text().endswith(PARAMS)
+    read = Robot.from_nav2(f"{made}:robot1", LIDAR).filter
+    assert (read.alpha1, read.max_beams) == (tuning.winner.alpha1, tuning.winner.max_beams)
+
+
+def test_a_file_that_was_set_otherwise_for_the_run_gets_these_settings_too(tuning, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(PARAMS.replace("max_particles: 60", "max_particles: 500"))
+    made = saved(tuning, tmp_path / "out", file)
+    with pytest.warns(UserWarning, match="unknown_to_us"):
+        assert read_amcl(made) == tuning.winner
+
+
+def test_results_are_written_and_drawn(tuning, tmp_path):
+    tuning.save(tmp_path / "out")
+    names = {each.name for each in (tmp_path / "out").iterdir()}
+    assert names == {*Tuning.files.names, "run.yaml"}
+    about = json.loads((tmp_path / "out" / "tuning.json").read_text())
+    assert about["conclusion"] == tuning.conclusion
+    assert about["changes"] == tuning.changes
+    assert read_amcl(tmp_path / "out" / "nav2_params.yaml") == tuning.winner
+    labels = [panel.get_ylabel() for panel in tuning_figure(tuning).axes]
+    assert labels == ["RMSE of the position [m]", "drives off by > 1 m at the end [%]"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"paths": 4}, "paths"),
+        ({"drives": 1}, "drives"),
+        ({"seed": -1}, "seed"),
+        ({"robot": 3}, "robot must be a Robot"),
+        ({"robot": Robot(footprint=30.0)}, "no cell where the robot fits"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, words):
+    with pytest.raises(LocplanError, match=words) as caught:
+        tune(hall(), **arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_command_writes_a_copy_and_keeps_the_users_file(run, tmp_path):
+    save_map(hall(), tmp_path / "hall.yaml")
+    params = tmp_path / "nav2_params.yaml"
+    params.write_text(PARAMS)
+    asked = ["tune", tmp_path / "hall.yaml", "--robot", params, "--set", "range=6"]
+    asked += ["--paths", 5, "--drives", 2, "--seed", 3]
+    for forced in ([], ["--force"]):
+        code, _, err = run(*asked, *forced, "-o", tmp_path)
+        assert code == 2
+        assert "nav2_params.yaml" in err.splitlines()[-1]
+        assert params.read_text() == PARAMS
+    code, out, _ = run(*asked, "-o", tmp_path / "tuned")
+    assert code == 0
+    about = json.loads((tmp_path / "tuned" / "tuning.json").read_text())
+    assert " ".join(about["conclusion"].split()) in " ".join(out.split())
+    read = yaml.safe_load((tmp_path / "tuned" / "nav2_params.yaml").read_text())
+    read, mine = (each["amcl"]["ros__parameters"] for each in (read, yaml.safe_load(PARAMS)))
+    assert read.items() >= about["changes"].items()
+    differing = {name for name, value in read.items() if mine.get(name) != value}
+    assert differing <= {*about["changes"], "do_beamskip"}
+    assert params.read_text() == PARAMS
+
+
+def test_a_file_that_cannot_be_changed_is_refused_before_the_work(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("locplan.advice.tuning.tune", None)
+    save_map(hall(), tmp_path / "hall.yaml")
+    params = tmp_path / "params.yaml"
+    head = "amcl:\n  ros__parameters:\n    "
+    for text in (
+        "alpha1: &a 0.2\n    pf_err: *a\n",
+        "do_beamskip: &a true\n    tf_broadcast: *a\n",
+    ):
+        params.write_text(head + text)
+        options = "--robot", params, "-o", tmp_path / "out"
+        code, _, err = run("tune", tmp_path / "hall.yaml", *options)
+        assert code == 2
+        assert "anchors and aliases" in err
+        assert not (tmp_path / "out").exists()

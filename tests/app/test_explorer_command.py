@@ -1,0 +1,185 @@
+"""`locplan explore` and `locplan.explore`: how the page is opened, and how it ends."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import GUARD, random_rooms, refused
+
+import locplan
+from locplan.app.explorer.explorer import Explorer
+from locplan.errors import LocplanError
+from locplan.maps import OCCUPIED, OccupancyGrid
+
+ARGUMENTS = ("--stride", "0.4", "--no-browser")
+
+
+AS_IN_A_TERMINAL = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    "from locplan.__main__ import main; main()"
+)
+"""The command; a process in the background may have inherited that SIGINT is ignored."""
+
+
+@contextmanager
+def killed_at_last(process: subprocess.Popen) -> Iterator[None]:
+    """A process that does not end by itself is not waited for."""
+    try:
+        yield
+    finally:
+        process.kill()
+
+
+def room() -> OccupancyGrid:
+    cells = random_rooms((40, 50), 2)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(cells, 0.1, (-1.0, 0.0, 0.0), "room")
+
+
+def port_of(page: Explorer) -> int:
+    return int(page.address.removeprefix("http://127.0.0.1:").partition("/")[0])
+
+
+@pytest.fixture
+def map_file(tmp_path):
+    locplan.save_map(room(), tmp_path / "room.yaml")
+    return tmp_path / "room.yaml"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT")
+def test_the_command_serves_until_ctrl_c(map_file):
+    command = [sys.executable, "-c", AS_IN_A_TERMINAL, "explore", str(map_file), *ARGUMENTS]
+    with (
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ}
+        ) as process,
+        killed_at_last(process),
+    ):
+        address = process.stdout.readline().strip()
+        begin, _, token = address.partition("/?token=")
+        port = int(begin.rpartition(":")[2])
+        assert begin == f"http://127.0.0.1:{port}"
+        link = http.client.HTTPConnection("127.0.0.1", port, timeout=GUARD)
+        link.request("GET", "/about", headers={"Cookie": f"locplan-{port}={token}"})
+        response = link.getresponse()
+        assert response.read()
+        assert response.status == 200
+        link.close()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=GUARD)
+    assert process.returncode == 130
+    assert out == ""
+    assert err.splitlines() == [
+        "locplan: open the address above in a browser on this machine; Ctrl-C ends the page",
+        "locplan: interrupted",
+    ]
+
+
+def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_path, small_field):
+    seen = {}
+    monkeypatch.setattr(Explorer, "wait", lambda self: seen.update(page=self))
+    monkeypatch.setattr(Explorer, "open", lambda self: seen.update(open=True))
+    given = ["--set=footprint=0.1", "--set=margin=0", "--set=alpha1=0.05", f"--field={small_field}"]
+    given += ["--start=1,2", "--goal=3,2", "--via=-0.5,2", "--weight=7"]
+    given += ["--threads=1", "--force", "-o", tmp_path / "out"]
+    code, out, err = run("explore", map_file, *given)
+    assert code == 0
+    assert err.startswith("locplan: the page opens in your browser, or open the address above;")
+    session = seen["page"].session
+    assert out == f"{seen['page'].address}\n"
+    assert seen["open"]
+    assert session.config.estimator.range == 1.0
+    assert session.default_weight == 7
+    assert session.robot.radius == 0.1
+    assert (session.opening.start, session.opening.goal) == ((1.0, 2.0), (3.0, 2.0))
+    assert session.opening.via == ((-0.5, 2.0),)
+    assert session.robot.filter.alpha1 == 0.05
+    assert session.opening.folder == tmp_path / "out"
+    assert session.opening.force
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault"),
+    [
+        (("--port", "70000"), "port must be"),
+        (("--port", "80.5"), "--port must be a whole number"),
+        (("--json",), "--json is not read by explore"),
+        (("--start", "1"), "--start must be"),
+        (("--set", "footprint=40"), "a robot of radius 40.05 m has no room on this map"),
+        (("--start", "400,120"), "start 400,120 lies outside the map, which reaches from"),
+        (("--goal", "400,120"), "goal 400,120 lies outside the map"),
+        (("--via", "1,2", "--via", "1,-9"), "waypoint 2 1,-9 lies outside the map"),
+        (("--weight", "-1"), "weight must be"),
+        (("--lidar", "x"), "--lidar must be one of"),
+    ],
+)
+def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):
+    assert fault in refused(run("explore", map_file, *ARGUMENTS, *arguments))
+
+
+def test_without_the_extra_one_line_tells_what_to_install(run, map_file, monkeypatch):
+    found = "locplan._support.public.find_spec"
+    monkeypatch.setattr(found, lambda name: None if name == "uvicorn" else True)
+    err = refused(run("explore", map_file, *ARGUMENTS))
+    assert "the explorer needs uvicorn: pip install 'locplan[explore]'" in err
+    with pytest.raises(LocplanError, match=r"locplan\[explore\]"):
+        locplan.explore(room(), open_browser=False)
+
+
+def test_from_python_a_field_that_is_there_is_shown():
+    field = locplan.covariance_field(
+        room(), locplan.FieldConfig(locplan.Sad(range=1.0), stride=0.4)
+    )
+    robot = locplan.Robot("lds-01", footprint=0.1)
+    with locplan.explore(room(), field, robot, open_browser=False) as page:
+        page.session.latest.result()
+        assert page.session.robot == robot
+        assert page.field is field
+        assert page.grid == room()
+        assert page.address in repr(page)
+        assert page._repr_html_() is None
+        with pytest.raises(LocplanError, match="port"):
+            locplan.explore(room(), port=port_of(page), open_browser=False)
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", port_of(page)))
+
+
+def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("locplan.app.explorer.session.Session.prepare", lambda session: None)
+    begun = "locplan.app.explorer.upkeep.Upkeep.begin"
+    monkeypatch.setattr(begun, lambda *_: None)
+    lidar = locplan.Lidar(range=3.0, beams=20)
+    with locplan.explore(room(), robot=locplan.Robot(lidar)) as page:
+        assert page.session.config.estimator == locplan.Fused(lidar)
+        assert page.session.robot.lidar == lidar
+        assert opened == [page.address]
+    with locplan.explore(room(), open_browser=False) as page:
+        assert page.session.config.estimator == locplan.Sad()
+        assert page.session.lidar is None
+    with pytest.raises(LocplanError, match="grid must be"):
+        locplan.explore(np.zeros((3, 3)))
+    with pytest.raises(LocplanError, match="robot must be"):
+        locplan.explore(room(), robot="turtlebot4")
+
+
+def test_in_a_notebook_the_page_is_a_frame(monkeypatch):
+    shell = SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    monkeypatch.setattr("locplan.app.explorer.session.Session.prepare", lambda session: None)
+    monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser was opened"))
+    monkeypatch.setattr("locplan.app.explorer.upkeep.Upkeep.begin", lambda *_: None)
+    with locplan.explore(room()) as page:
+        assert f'src="{page.address}"' in page._repr_html_()

@@ -1,0 +1,290 @@
+"""Ctrl-C: whatever a command is doing, it ends with one line and leaves nothing behind."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import GUARD, drawn, few_of
+
+from locplan import save_map
+from locplan._support.output import temporary_folder
+from locplan._support.supervision import existing
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="Windows has no fork and no groups")
+BEGIN = """
+import ctypes, os, signal, sys, threading
+sys.path[:0] = {path!r}
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
+signal.signal(signal.SIGINT, signal.{disposition})  # in the background it is ignored
+def stuck(*_, **__):
+    "Hold the interpreter's lock in foreign code, as the compiler does."
+    lock = ctypes.create_string_buffer(256)
+    with_lock_held = ctypes.PyDLL(None)
+    with_lock_held.pthread_mutex_init(lock, None)
+    with_lock_held.pthread_mutex_lock(lock)
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # or it may come just before
+    print("stuck", flush=True)
+    with_lock_held.pthread_mutex_lock(lock)
+"""
+SUPERVISED = """
+from locplan._support.supervision import supervised
+def work():
+    {work}
+from locplan.__main__ import clear
+sys.exit(supervised(work, clear))
+"""
+
+
+def begun(folder: Path, code: str, disposition: str = "default_int_handler") -> subprocess.Popen:
+    """A process that has said on standard output that it is where it shall be interrupted."""
+    for name in ("temporary", "cache"):
+        (folder / name).mkdir()
+    path = [entry for entry in sys.path if entry]
+    process = subprocess.Popen(
+        [sys.executable, "-c", BEGIN.format(path=path, disposition=disposition) + code],
+        start_new_session=True,
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={
+            **os.environ,
+            "TMPDIR": str(folder / "temporary"),
+            "LOCPLAN_CACHE": str(folder / "cache"),
+        },
+    )
+    assert process.stdout.readline() == "stuck\n", process.communicate(timeout=GUARD)[1]
+    return process
+
+
+def ended(process: subprocess.Popen, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+    """Exit code and standard error of a process group that got a signal."""
+    os.killpg(process.pid, number)
+    _, err = process.communicate(timeout=GUARD)
+    with pytest.raises(ProcessLookupError):  # nobody of the group is left
+        os.killpg(process.pid, 0)
+    return process.returncode, err
+
+
+def supervised(work: str) -> str:
+    return SUPERVISED.format(work=work.replace("\n", "\n    "))
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        "stuck()",
+        "thread = threading.Thread(target=stuck)\nthread.start()\nthread.join()",
+        "while True:\n    try: print('stuck', flush=True); signal.pause()\n"
+        "    except BaseException: pass",
+        "threading.Thread(target=print, args=['stuck'], kwargs={'flush': True}).start()\n"
+        "signal.pause()",
+        "class Late:\n    def __del__(self): print('stuck', flush=True); signal.pause()\n"
+        "late = Late()\ndel late\nstuck()",
+    ],
+    ids=["in foreign code", "in a thread", "caught", "waiting", "in a finalizer"],
+)
+def test_an_interrupt_ends_what_does_not_listen(tmp_path, work):
+    assert ended(begun(tmp_path, supervised(work))) == (130, "locplan: interrupted\n")
+
+
+def test_temporary_files_of_a_killed_process_are_removed(tmp_path):
+    (tmp_path / "kept.txt").write_text("before")
+    code = """
+from locplan._support.output import replacing, temporary_folder
+with replacing("kept.txt") as file, replacing("new.txt"), temporary_folder() as folder:
+    file.write_text("half")
+    (folder / "part").write_text("half")
+    stuck()
+"""
+    process = begun(tmp_path, supervised(code))
+    assert len(list(tmp_path.iterdir())) == 5
+    assert list((tmp_path / "temporary").iterdir())
+    assert ended(process)[0] == 130
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["cache", "kept.txt", "temporary"]
+    assert not list((tmp_path / "temporary").iterdir())
+    assert (tmp_path / "kept.txt").read_text() == "before"
+
+
+def test_moves_that_began_are_finished_if_the_process_is_killed(tmp_path):
+    (tmp_path / "kept").mkdir()
+    code = """
+import os
+from pathlib import Path
+from locplan._support.output import Output
+with Output(Path("kept"), "plan").writing() as folder:
+    (folder / "a").write_text("1")
+    (folder / "b").write_text("1")
+    move = os.replace
+    def move_and_stop(source, target):
+        move(source, target)
+        if Path(target).name == "a":
+            stuck()
+    os.replace = move_and_stop
+"""
+    process = begun(tmp_path, supervised(code))
+    assert not (tmp_path / "kept" / "b").exists()
+    assert ended(process)[0] == 130
+    assert {each.name for each in (tmp_path / "kept").iterdir()} == {"a", "b", "run.yaml"}
+
+
+@pytest.mark.long
+def test_the_last_of_very_many_temporary_folders_is_removed_too(tmp_path):
+    code = """
+from locplan._support.output import temporary_folder
+with temporary_folder() as first:
+    for _ in range(2 * 65536 // len(str(first))):  # a pipe takes 64 kB
+        with temporary_folder():
+            pass
+    with temporary_folder():
+        stuck()
+"""
+    process = begun(tmp_path, supervised(code))
+    assert len(list((tmp_path / "temporary").iterdir())) == 2
+    assert ended(process)[0] == 130
+    assert not list((tmp_path / "temporary").iterdir())
+
+
+def test_existing_folders_are_those_with_a_whole_name(tmp_path):
+    names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"), "cut off")]
+    for name in (names[0], *names[2:]):  # the process has removed the second one itself
+        name.mkdir()
+    assert existing(b"\0".join(map(os.fsencode, names))) == [str(names[0]), str(names[2])]
+
+
+def test_the_next_run_removes_what_is_left_if_nobody_outlives_the_process(tmp_path):
+    code = """
+from locplan._support.output import replacing, temporary_folder
+with replacing("new.txt") as file, temporary_folder():
+    file.write_text("half")
+    stuck()
+"""
+    process = begun(tmp_path, supervised(code))
+    for folder in (tmp_path, tmp_path / "temporary"):
+        with temporary_folder(folder) as own:
+            assert len(list(folder.glob(".locplan-tmp-*"))) == 2  # the process lives
+    process.kill()
+    process.communicate(timeout=GUARD)
+    for folder in (tmp_path, tmp_path / "temporary"):
+        with temporary_folder(folder) as own:
+            assert list(folder.glob(".locplan-tmp-*")) == [own]
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [(signal.SIGTERM, (143, "locplan: terminated\n")), (signal.SIGHUP, (129, ""))],
+)
+def test_other_signals_end_a_command(tmp_path, number, expected):
+    assert ended(begun(tmp_path, supervised("stuck()")), number) == expected
+
+
+def test_a_signal_to_the_first_process_alone_reaches_the_second(tmp_path):
+    process = begun(tmp_path, supervised("stuck()"))
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=GUARD)[1] == "locplan: interrupted\n"
+    assert process.returncode == 130
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
+def test_the_second_process_ends_with_the_first(tmp_path):
+    process = begun(tmp_path, supervised("stuck()"))
+    process.kill()
+    process.communicate(timeout=GUARD)  # its pipes close when the second process has ended
+
+
+def test_exit_codes_are_passed_on_and_a_crash_is_one_line(tmp_path):
+    for n, (work, expected) in enumerate(
+        [
+            ("print('stuck', flush=True)", (0, "")),
+            ("print('stuck', flush=True); sys.exit(3)", (3, "")),
+            (
+                "print('stuck', flush=True); os.kill(os.getpid(), signal.SIGKILL)",
+                (137, "locplan: error: its process was ended by SIGKILL\n"),
+            ),
+        ]
+    ):
+        folder = tmp_path / str(n)
+        folder.mkdir()
+        process = begun(folder, supervised(work))
+        err = process.communicate(timeout=GUARD)[1]
+        assert (process.returncode, err) == expected
+
+
+def test_an_interrupt_that_was_ignored_from_the_start_stays_ignored(tmp_path):
+    work = "print('stuck', flush=True)\ninput()\nprint('done')"
+    process = begun(tmp_path, supervised(work), "SIG_IGN")
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.communicate("\n", timeout=GUARD) == ("done\n", "")
+    assert process.returncode == 0
+
+
+def test_an_interrupt_before_there_is_a_second_process_is_one_line(tmp_path):
+    code = """
+import importlib.abc
+class Stuck(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, *_):
+        if name == "locplan._support.supervision":
+            print("stuck", flush=True)
+            signal.pause()
+import locplan.__main__
+sys.meta_path.insert(0, Stuck())
+sys.argv = ["locplan", "--version"]
+locplan.__main__.main()
+"""
+    assert ended(begun(tmp_path, code)) == (130, "locplan: interrupted\n")
+
+
+ENDS = "--start", "1,2", "--goal", "4,3.5"
+
+
+def stops() -> list:
+    """Where commands stand still, and their arguments."""
+    each = [
+        ("locplan.field.Sad.covariances", ("field", "-o", "out.npz")),
+        (
+            "locplan.comparison.workers.Workers.run",
+            ("compare", "--min-distance", "2", "-o", "out"),
+        ),
+        ("locplan.field.files.write_field", ("field", "-o", "out.npz")),
+        (
+            "locplan.simulation.Simulator.arguments",
+            ("plan", *ENDS, "--stride", "1", "--lidar", "rplidar-a1", "-o", "out"),
+        ),
+        ("locplan._support.drawing.Picture.savefig", ("field", "-o", "out.png")),
+        ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),
+        ("locplan.planning.Costmap.from_field", ("plan", *ENDS, "--front", "-o", "out")),
+        ("locplan.planning.plans.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
+        ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
+    ]
+    numbers = itertools.cycle((signal.SIGINT, signal.SIGTERM))
+    signalled = [(*stop, number) for stop, number in zip(each, numbers, strict=False)]
+    return few_of(signalled, 4)  # computing, worker processes, writing and driving
+
+
+@pytest.mark.parametrize("stop", stops(), ids=lambda stop: "-".join([stop[1][0], stop[2].name]))
+def test_command_ends_where_it_is_and_leaves_nothing(tmp_path, stop):
+    where, arguments, number = stop
+    grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
+    save_map(grid, tmp_path / "room.yaml")
+    before = sorted(each.name for each in tmp_path.iterdir())
+    name, *options = arguments
+    code = f"""
+from pkgutil import resolve_name
+from unittest import mock
+sys.argv = {["locplan", name, "room.yaml", *options]!r}
+owner, _, name = {where!r}.rpartition(".")
+setattr(resolve_name(owner), name, property(stuck) if name == "arguments" else stuck)
+from locplan.__main__ import main
+main()
+"""
+    word = "interrupted" if number == signal.SIGINT else "terminated"
+    assert ended(begun(tmp_path, code), number) == (128 + number, f"locplan: {word}\n")
+    left = {each.name for each in tmp_path.iterdir()} - {*before, "temporary", "cache"}
+    assert left <= ({"out"} if name == "compare" else set())  # its journal
+    assert not list((tmp_path / "temporary").iterdir())
+    assert not list((tmp_path / "cache").glob(".*"))

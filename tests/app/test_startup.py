@@ -1,0 +1,79 @@
+"""The command line starts, reads and ends without work that nobody needs."""
+
+import gc
+import subprocess
+import sys
+import threading
+from types import SimpleNamespace
+
+import pytest
+from conftest import drawn
+
+from locplan import __main__ as program
+from locplan._support import progress
+from locplan.app import cli
+from locplan.field import FieldConfig, Sad, load_or_compute
+
+CONFIG = FieldConfig(Sad(range=0.5))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    grid = drawn("#" * 40, *["#" + "." * 38 + "#"] * 30, "#" * 40, resolution=0.1)
+    load_or_compute(grid, CONFIG, cache_dir=tmp_path)
+    return SimpleNamespace(grid=grid, cache=tmp_path)
+
+
+def test_cached_field_is_read_without_numba(folder):
+    code = (
+        "import sys, numpy as np, locplan;"
+        "from locplan.field import FieldConfig, Sad, load_or_compute;"
+        f"cells = np.array({folder.grid.cells.tolist()}, np.uint8);"
+        "grid = locplan.OccupancyGrid(cells, 0.1);"
+        f"load_or_compute(grid, FieldConfig(Sad(range=0.5)), cache_dir={str(folder.cache)!r});"
+        "print(sorted({'numba', 'matplotlib'} & set(sys.modules)))"
+    )
+    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert made.stdout.strip() == "[]", made.stderr
+
+
+@pytest.mark.parametrize("ompl", [True, False])
+def test_the_search_for_garbage_ends_with_the_program(monkeypatch, ompl):
+    done = []
+    for name in ("set_threshold", "disable", "freeze"):
+        monkeypatch.setattr(gc, name, lambda *_, name=name: done.append(name))
+    monkeypatch.setattr(cli, "main", lambda: done.append("work"))
+    monkeypatch.delitem(sys.modules, "ompl", raising=False)
+    if ompl:
+        monkeypatch.setitem(sys.modules, "ompl", cli)  # its bindings would report leaks
+    program.work()
+    assert done == ["set_threshold", "work", *([] if ompl else ["disable", "freeze"])]
+
+
+def test_the_bar_says_that_it_compiles_only_while_it_does():
+    from numba.core.compiler_lock import global_compiler_lock
+
+    bar = progress._Bar("field", "cells", "starting")
+    assert str(bar) == "starting"
+    held, done = threading.Event(), threading.Event()
+
+    def compile_something():
+        with global_compiler_lock:
+            held.set()
+            done.wait()
+
+    thread = threading.Thread(target=compile_something)
+    thread.start()
+    held.wait()
+    assert [str(bar) for _ in range(3)] == ["starting", progress.COMPILING, progress.COMPILING]
+    done.set()
+    thread.join()
+    bar.update(10, 100)
+    assert str(bar) == ""
+
+
+def test_a_kernel_read_from_the_cache_is_not_called_compiled(monkeypatch):
+    bar = progress._Bar("field", "cells", "starting")
+    looks = iter([True, False, True, False])
+    monkeypatch.setattr(progress, "is_compiling", lambda: next(looks))
+    assert [str(bar) for _ in range(4)] == ["starting"] * 4

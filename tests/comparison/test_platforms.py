@@ -1,0 +1,156 @@
+"""What is said where a system or an extra lacks something."""
+
+import os
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+from conftest import few_of
+
+import locplan
+from locplan._support.output import clear_abandoned, destination, temporary_folder
+from locplan.comparison import Execution, compare
+from locplan.errors import LocplanError
+from locplan.maps import FREE, OccupancyGrid
+
+ROOM = OccupancyGrid(np.full((30, 30), FREE), 0.1, name="room")
+ENDS = ((0.5, 0.5), (2.5, 2.0))
+
+
+def blank() -> locplan.Costmap:
+    return locplan.Costmap.blank(ROOM, robot=0.1)
+
+
+@pytest.mark.parametrize(
+    ("platform", "message"),
+    [("win32", "not available on Windows: .*; take grid"), ("linux", "need ompl.*pip install")],
+)
+def test_without_ompl_its_planners_are_one_line(monkeypatch, platform, message):
+    bindings = "locplan.planning.ompl.settings"
+    monkeypatch.delitem(sys.modules, bindings, raising=False)
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    monkeypatch.setattr("sys.platform", platform)
+    with pytest.raises(LocplanError, match=message) as caught:
+        import_module(bindings)
+    assert "\n" not in str(caught.value)
+
+
+def test_python_without_wheels_of_ompl_is_named(monkeypatch):
+    bindings = "locplan.planning.ompl.settings"
+    monkeypatch.delitem(sys.modules, bindings, raising=False)
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    monkeypatch.setattr("sys.version_info", (3, 14, 0, "final", 0))
+    with pytest.raises(LocplanError, match=r"3\.14 .*Python 3\.13"):
+        import_module(bindings)
+
+
+def test_without_ompl_and_posix_the_rest_works():
+    code = """
+import sys
+for name in ("ompl", "fcntl", "resource", "cloudpickle"):
+    sys.modules[name] = None
+import locplan.comparison
+from comparison.test_platforms import ENDS, blank, locplan
+print(locplan.plan(blank(), *ENDS, planner="any-angle").status)
+for planner in ("RRTstar", "PRM"):
+    try:
+        locplan.plan(blank(), *ENDS, planner=planner)
+    except locplan.LocplanError as error:
+        print(error)
+"""
+    env = {**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert done.returncode == 0, done.stderr
+    status, *errors = done.stdout.splitlines()
+    assert status == "solved"
+    assert [error.split(",")[0] for error in errors] == ["OMPL's planners need ompl"] * 2
+
+
+def test_comparison_runs_without_posix_modules(tmp_path):
+    """Windows has neither locks of `fcntl` nor limits of `resource`."""
+    for name in ("fcntl", "resource"):  # workers find these first, and cannot import them
+        (tmp_path / f"{name}.py").write_text(f"raise ModuleNotFoundError('{name}')")
+    code = """
+import locplan.comparison
+from comparison.test_platforms import ENDS, Execution, blank, compare
+execution = Execution(workers=1, journal="runs.jsonl")
+(run,) = compare({"room": blank()}, "grid", [ENDS], execution=execution).runs
+print(run.status, run.note)
+"""
+    env = {**os.environ, "PYTHONPATH": ":".join([str(tmp_path), *filter(None, sys.path)])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=env, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout) == (0, "solved \n"), done.stderr
+    assert (tmp_path / "runs.jsonl").exists()
+
+
+def test_temporary_folder_without_locks_is_not_abandoned(tmp_path, monkeypatch):
+    """A process on Windows and one on Linux may write into one folder."""
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with temporary_folder(tmp_path) as folder:
+        monkeypatch.undo()
+        clear_abandoned(tmp_path)
+        assert folder.exists()
+        assert destination(f"{folder}/new/plan.csv") == f"{tmp_path}/plan.csv"
+    assert not folder.exists()
+
+
+def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):
+    def mine(costs, start, goal):
+        return locplan.plan(costs, start, goal)
+
+    monkeypatch.setitem(sys.modules, "cloudpickle", None)
+    given = {"room": blank()}, [ENDS]
+    (run,) = compare(given[0], "grid", given[1], execution=Execution(workers=1)).runs
+    assert run.status == "solved"
+    with pytest.raises(LocplanError, match=r"pip install 'locplan\[functions\]'"):
+        compare(given[0], mine, given[1])
+
+
+def command(folder, *arguments, env=(), before=None, **streams):
+    """Exit code, and what a command said on standard output and standard error."""
+    done = subprocess.run(
+        [sys.executable, "-m", "locplan", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path)), **dict(env)},
+        preexec_fn=before,
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **streams},
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("backend", few_of(["module://matplotlib_inline.not_there", "nonsense"]))
+def test_pictures_are_drawn_whatever_backend_the_environment_names(tmp_path, backend):
+    locplan.save_map(ROOM, tmp_path / "room.yaml")
+    env = {"MPLBACKEND": backend, "MPLCONFIGDIR": "/proc/nowhere"}
+    said = command(tmp_path, "info", "room.yaml", "-o", "a.png", env=env)
+    assert (said[0], said[2]) == (0, "")
+    assert (tmp_path / "a.png").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no limits of a process")
+@pytest.mark.parametrize("columns", ["0", "1"])
+def test_help_ends_however_narrow_the_terminal(tmp_path, columns):
+    def before():
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (30, 30))  # it went on for ever
+
+    code, out, err = command(tmp_path, "plan", "--help", env={"COLUMNS": columns}, before=before)
+    assert (code, err) == (0, "")
+    assert "--goal" in out
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell of Unix closes streams")
+@pytest.mark.parametrize("closed", [(1,), (0, 1, 2)])
+def test_closed_streams_lead_nowhere(tmp_path, closed):
+    locplan.save_map(ROOM, tmp_path / "room.yaml")
+
+    def before():
+        for number in closed:
+            os.close(number)
+
+    assert command(tmp_path, "info", "room.yaml", before=before) == (0, "", "")

@@ -1,0 +1,307 @@
+"""Summaries, paired comparisons, and tables of runs."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.comparison_runs import failed, made_up, solved
+
+from locplan._support import intervals
+from locplan.comparison.result import Comparison
+from locplan.comparison.statistics import MEASURES, Task
+from locplan.errors import LocplanError
+
+ABOUT = {"began": "2025-03-04T05:06:07"}
+
+
+def contrasts(runs, baseline, pooled=False):
+    return Comparison(tuple(runs), baseline, {}).contrasts(pooled=pooled)
+
+
+def summaries(runs):
+    return Comparison(tuple(runs), "", {}).summaries()
+
+
+def rows_of(runs, baseline):
+    table = Comparison(tuple(runs), baseline, {}).table()
+    return {row["planner"]: row for row in table.records()}
+
+
+def pair(ours, theirs, measure="cost"):
+    """The comparison of planners whose measure has these values on successive queries."""
+    runs = []
+    for planner, values in (("mine", ours), ("base", theirs)):
+        for query, value in enumerate(values):
+            task = Task("rooms", "6 m", f"q{query}", 4.0, planner, 0)
+            runs.append(solved(task, **{"cost": 10.0, measure: value}))
+    return the(contrasts(runs, "base"), planner="mine", measure=measure)
+
+
+def the(found, **wanted):
+    (one,) = [each for each in found if all(getattr(each, k) == v for k, v in wanted.items())]
+    return one
+
+
+def test_a_known_ratio_is_found_and_said():
+    runs = made_up({"base": 1.0, "anytime": 0.9, "dear": 3.0, "same": 1.0})
+    of_cost = [each for each in contrasts(runs, "base", pooled=True) if each.measure == "cost"]
+    cheap = the(of_cost, planner="anytime")
+    assert cheap.pairs == 24
+    assert cheap.estimate.value == pytest.approx(0.9, abs=0.02)
+    assert cheap.sentence.split(" [")[0].endswith("% cheaper than base")
+    assert the(of_cost, planner="dear").sentence.startswith("cost J 2.99 times base's [")
+    assert the(of_cost, planner="same").sentence.startswith("no significant difference from base")
+
+
+def test_the_interval_is_students_of_the_logarithms():
+    rng = np.random.default_rng(3)
+    theirs = rng.uniform(5, 50, 9)
+    ours = theirs * np.exp(rng.normal(-0.1, 0.05, 9))
+    logs = np.log(ours / theirs)
+    low, high = stats.t.interval(0.95, 8, logs.mean(), stats.sem(logs))
+    found = pair(ours, theirs).estimate
+    assert found == pytest.approx((np.exp(logs.mean()), np.exp(low), np.exp(high)))
+
+
+def test_means_have_students_interval_with_one_degree_of_freedom_less():
+    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    half = 2.776445 * np.sqrt(2.5 / 5)  # the table's t of 4 degrees of freedom
+    assert intervals.of_mean(values) == pytest.approx((3.0, 3.0 - half, 3.0 + half), rel=1e-6)
+    assert intervals.of_geometric_mean(np.exp(values)) == pytest.approx(
+        np.exp(intervals.of_mean(values))
+    )
+    low, high = stats.t.interval(0.95, 11, 3.5, stats.sem(np.arange(12)))
+    assert intervals.of_mean(np.arange(12) - 2.0)[1:] == pytest.approx((low, high))
+
+
+def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
+    squares = np.array([0.7, 1.9, 1.1, 2.6, 0.4])
+    others = np.ones(5)
+    log = lambda kept: np.log(squares[kept].sum() / others[kept].sum())  # noqa: E731
+    every = np.arange(5)
+    pseudo = [5 * log(every) - 4 * log(every != n) for n in every]
+    half = 2.776445 * stats.sem(pseudo)
+    expected = np.exp(np.array([log(every), log(every) - half, log(every) + half]) / 2)
+    assert intervals.of_rms(squares) == pytest.approx(expected, rel=1e-6)
+
+
+def test_seeds_are_one_query_by_their_median():
+    runs = [
+        solved(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), cost)
+        for query in range(6)
+        for planner, costs in (("base", [10.0]), ("mine", [9.0, 9.5, 90.0]))
+        for seed, cost in enumerate(costs)
+    ]
+    found = the(contrasts(runs, "base"), planner="mine", measure="cost")
+    assert found.pairs == 6
+    assert found.estimate == pytest.approx((0.95, 0.95, 0.95))
+    assert found.sentence == "5 % cheaper than base [5, 5]"
+
+
+def test_a_bad_planner_changes_no_other_planners_row():
+    runs = made_up({"base": 1.0, "mine": 0.9, "bad": 2.0}, maps=("rooms",))
+    late = lambda run: run.task.planner == "bad" and run.task.query != "q3"  # noqa: E731
+    runs = [failed(run.task) if late(run) else run for run in runs]
+    without = [run for run in runs if run.task.planner != "bad"]
+    rows = rows_of(runs, "base")
+    assert rows["mine"] == rows_of(without, "base")["mine"]
+    costs = {(r.task.planner, r.task.query): r.measures["cost"] for r in runs if r.measures}
+    assert (rows["mine"]["pairs"], rows["bad"]["pairs"]) == (12, 1)
+    assert rows["bad"]["cost"] == costs["bad", "q3"]
+    assert rows["bad"]["baseline_cost"] == costs["base", "q3"]
+
+
+def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
+    seeds = {"base": (10.0, 10.0, 10.0), "mine": (9.0, 9.5, 90.0)}
+    runs = [
+        solved(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), (query + 1) * cost)
+        for query in range(5)
+        for planner, costs in seeds.items()
+        for seed, cost in enumerate(costs)
+    ]
+    text = Comparison(tuple(runs), "base", {}).report()
+    assert "mine 100% 5 0.950 28.50 30.00 1.43 0.030" in " ".join(text.split())
+    assert "\nmine: 5 % cheaper than base [5, 5]\n" in text
+    row = rows_of(runs, "base")["mine"]
+    assert (row["pairs"], row["cost"], row["baseline_cost"]) == (5, 28.5, 30.0)
+    contrast = the(contrasts(runs, "base"), planner="mine", measure="cost")
+    assert (contrast.pairs, contrast.ours.median, contrast.theirs.median) == (5, 28.5, 30.0)
+    assert row["ratio"] == contrast.estimate.value == pytest.approx(0.95)
+
+
+def test_a_planner_takes_one_line_of_80_columns(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    runs = made_up({"any-angle": 1.0, "simulated choice": 0.98765}, maps=("rooms",))
+    lines = Comparison(tuple(runs), "any-angle", {}).report().splitlines()
+    head, rows = 2, 2
+    assert len([line for line in lines if line.startswith("  ")]) == head + rows
+
+
+def test_only_queries_that_both_solved_are_compared():
+    runs = made_up({"base": 1.0, "mine": 0.9}, maps=("rooms",))
+    lost = [
+        failed(run.task) if (run.task.planner, run.task.query) == ("mine", "q3") else run
+        for run in runs
+        if (run.task.planner, run.task.query) != ("base", "q5")
+    ]
+    assert the(contrasts(lost, "base"), planner="mine", measure="cost").pairs == 10
+    ours, theirs = [0.2, np.nan, 0.1, 0.4, 0.3], [0.3, 0.2, np.nan, 0.1, 0.2]
+    assert pair(ours, theirs, "degenerate_share").pairs == 3
+
+
+def test_what_may_be_zero_is_a_ratio_of_sums():
+    found = pair([0, 0, 1, 2, 3, 0], [0, 2, 2, 4, 4, 0], "integrated_u")
+    assert found.kind == "ratio of sums"
+    assert found.estimate.value == pytest.approx(0.5)
+    assert found.estimate.low < 0.5 < found.estimate.high
+    nothing = pair([0.0] * 6, [0.0] * 6, "integrated_u")
+    assert np.isnan(nothing.estimate.value)
+    assert nothing.sentence == "base has none of it"
+    alone = pair([1.0] * 6, [2.0] + [0.0] * 5, "integrated_u")
+    assert np.isnan(alone.estimate.low)
+    assert alone.sentence == "too few queries to tell (6)"
+
+
+def test_shares_differ_by_percentage_points():
+    found = pair([0.1, 0.1, 0.12, 0.09, 0.1], [0.3, 0.29, 0.3, 0.31, 0.3], "degenerate_share")
+    assert found.sentence.startswith("19.8 percentage points less with u > 0.5 than base [1")
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "pairs", "told"),
+    [
+        ([], [], 0, "no query that base and it both solve"),
+        ([9.0], [10.0], 1, "too few queries to tell (1 of 5)"),
+        ([9.0] * 4, [10.0] * 4, 4, "too few queries to tell (4 of 5)"),
+    ],
+)
+def test_few_pairs_tell_nothing(ours, theirs, pairs, told):
+    if not pairs:
+        runs = [failed(Task("rooms", "6 m", "q", 4.0, planner, 0)) for planner in ("base", "mine")]
+        found = the(contrasts(runs, "base"), planner="mine", measure="cost")
+    else:
+        found = pair(ours, theirs)
+    assert (found.pairs, found.sentence) == (pairs, told)
+
+
+def test_values_that_are_not_finite_are_no_pairs():
+    found = pair([9, np.nan, np.inf, 9, 9, 9, 9, 9], [10, 10, 10, 10, 10, 10, np.nan, 0.0])
+    assert found.pairs == 4
+
+
+def test_rounding_is_no_difference():
+    equal = [10.0] * 7
+    rounded = [value * (1 + 1e-12) for value in equal]
+    assert pair(equal, equal).estimate == (1, 1, 1)
+    assert pair(rounded, equal).sentence == "no significant difference from base [1e-10, 1e-10] %"
+
+
+def test_the_baseline_is_one_and_says_nothing():
+    runs = made_up({"base": 1.0, "anytime": 0.9})
+    found = the(contrasts(runs, "base", pooled=True), planner="base", measure="cost")
+    assert found.estimate == (1, 1, 1)
+    assert found.sentence == ""
+    with pytest.raises(LocplanError, match="grid: no runs to compare with; there are anytime, bas"):
+        contrasts(runs, "grid")
+
+
+def test_maps_are_strata():
+    """What differs between maps does not widen the pooled interval."""
+    runs = made_up({"base": 1.0, "mine": 1.0}, queries=8, noise=0.01)
+    apart = [
+        solved(run.task, 0.5 * run.measures["cost"])
+        if (run.task.map, run.task.planner) == ("office", "mine")
+        else run
+        for run in runs
+    ]
+    found = the(contrasts(apart, "base", pooled=True), planner="mine", measure="cost").estimate
+    assert found.value == pytest.approx(0.5**0.5, rel=0.02)
+    assert found.high / found.low < 1.03
+
+
+@pytest.mark.long
+def test_the_interval_covers_the_truth():
+    """2000 comparisons of 10 queries with 3 seeds; bootstraps cover 90 %."""
+    rng = np.random.default_rng(11)
+    queries = -0.04 + rng.normal(0, 0.05, (2000, 10, 1)) + rng.normal(0, 0.03, (2000, 10, 3))
+    costs = np.exp(np.median(queries, axis=2))
+    planners = [("base", np.ones_like(costs)), ("mine", costs)]
+    runs = [
+        solved(Task(str(trial), "6 m", str(query), 4.0, planner, 0), cost)
+        for planner, values in planners
+        for (trial, query), cost in np.ndenumerate(values)
+    ]
+    found = [c for c in contrasts(runs, "base") if (c.planner, c.measure) == ("mine", "cost")]
+    assert len(found) == 2000
+    covered = [each.estimate.low <= np.exp(-0.04) <= each.estimate.high for each in found]
+    assert 0.935 < np.mean(covered) < 0.965
+
+
+def test_percentile_bootstraps_cover_less():
+    """Of few queries, which is why there are none here."""
+    rng = np.random.default_rng(12)
+    for queries, most in ((5, 0.88), (10, 0.93)):
+        logs = rng.normal(-0.04, 0.05, (600, queries))
+        drawn = rng.integers(0, queries, (600, 500, queries))
+        means = np.take_along_axis(logs[:, None], drawn, axis=2).mean(axis=2)
+        low, high = np.quantile(means, (0.025, 0.975), axis=1)
+        assert 0.75 < np.mean((low <= -0.04) & (high >= -0.04)) < most
+
+
+def test_success_counts_queries_not_seeds():
+    runs = made_up({"anytime": 1.0}, queries=10, maps=("rooms",))
+    lost = [failed(run.task) if run.task.query in ("q0", "q1") else run for run in runs]
+    (summary,) = summaries(lost)
+    assert (summary.runs, summary.solved) == (30, 24)
+    assert summary.success == pytest.approx(
+        (0.8, *stats.binomtest(8, 10).proportion_ci(0.95, "wilson"))
+    )
+    assert intervals.wilson(1.0, 3).high == 1
+    assert intervals.wilson(0.0, 3).low == 0
+
+
+def test_quartiles_are_over_what_is_known():
+    tasks = [Task("rooms", "6 m", f"q{query}", 4.0, "mine", 0) for query in range(6)]
+    runs = [solved(task, cost) for task, cost in zip(tasks, [1, 2, 3, 4, 5], strict=False)]
+    runs.append(solved(tasks[5], np.inf))
+    (summary,) = summaries(runs)
+    assert summary.measures["cost"] == (3, 2, 4, 5)
+    assert summary.measures["max_e"].known == 0
+    (nothing,) = summaries([failed(task) for task in tasks])
+    assert nothing.success.value == 0
+    assert all(np.isnan(each.median) for each in nothing.measures.values())
+
+
+def test_every_measure_of_nine_hundred_runs_is_compared():
+    planners = {"base": 1.0, "grid": 1.04, "anytime 1": 0.99, "anytime 2": 1.01, "anytime 3": 1.1}
+    runs = made_up(planners, queries=20, maps=("a", "b"), weights=(4.0, 12.0), seeds=3)
+    assert len(runs) == 880
+    assert summaries(runs)
+    found = contrasts(runs, "base") + contrasts(runs, "base", pooled=True)
+    assert len(found) == 6 * 5 * len(MEASURES)
+    assert all(each.sentence for each in found if each.planner != "base")
+
+
+def test_tables(tmp_path):
+    runs = [*made_up({"base": 1.0}, queries=3), failed(Task("ü, ß", "6 m", "q", 4.0, "base", 0))]
+    runs += made_up({"=1+1": -1.0}, queries=1, maps=("@x",))
+    runs.append(replace(runs[0], task=replace(runs[0].task, seed=2**32 - 1, map="\udcff")))
+    Comparison(tuple(runs), "base", {}, ABOUT).save(tmp_path / "out")
+    with (tmp_path / "out" / "runs.csv").open(encoding="utf-8", newline="") as file:
+        read = list(csv.DictReader(file))
+    costs = [run.measures["cost"] for run in runs[:6]]
+    assert [float(row["cost"]) for row in read[:6]] == pytest.approx(costs, rel=1e-8)
+    assert (read[6]["map"], read[6]["cost"]) == ("ü, ß", "")
+    assert (read[7]["map"], read[7]["planner"], read[7]["cost"][0]) == ("'@x", "'=1+1", "-")
+    assert (read[8]["map"], int(read[8]["seed"])) == ("?", 2**32 - 1)
+
+
+def test_frame_has_every_run():
+    pytest.importorskip("pandas")
+    runs = [*made_up({"base": 1.0}, queries=3), failed(Task("rooms", "6 m", "q", 4.0, "base", 0))]
+    frame = Comparison(tuple(runs), "base", {}, ABOUT).to_frame()
+    assert frame.groupby("status").size()["solved"] == 6

@@ -1,0 +1,232 @@
+"""Exports of a choice: what is recommended is what Nav2 is given."""
+
+import dataclasses
+import json
+import warnings
+
+import numpy as np
+import pytest
+import yaml
+from conftest import refused
+
+from locplan import Choice, FieldConfig, Fisher, Path, choose, covariance_field, save_map
+from locplan.errors import ConfigError
+from locplan.export import nav2_keepout
+from locplan.export.masks import keepout_mask
+from locplan.maps import environments
+from locplan.planning import Costmap, path_metrics, plan
+from locplan.robots import Amcl, Lidar, Robot
+from locplan.simulation.problem import ChoiceSettings
+
+START, GOAL = (2.0, 3.0), (38.0, 3.0)
+ROBOT = Robot(Lidar(range=6.0), filter=Amcl(min_particles=100, max_particles=100))
+
+AWARE = "aware, weight 4"  # weights 3 and 8 lead to the same path
+
+
+@pytest.fixture(scope="module")
+def field():
+    grid = environments.make("two_corridors", resolution=0.1)
+    return covariance_field(grid, FieldConfig(Fisher(ROBOT.lidar), stride=0.5))
+
+
+@pytest.fixture(scope="module")
+def driven(field):
+    costs = Costmap.from_field(field.grid, field, robot=ROBOT)
+    own = {"around": plan(Costmap.blank(field.grid), START, GOAL, via=[(20.0, 12.0)]).path}
+    ends = field.grid, START, GOAL, ROBOT
+    settings = {"rival": None, "weight": 3.0}
+    return choose(*ends, costs=costs, candidates=own, drives=4, **settings)
+
+
+def taking(choice, name):
+    """The choice that takes the candidate of this name."""
+    leader = [each.name for each in choice.candidates].index(name)
+    judged = dataclasses.replace(choice.judgement, leader=leader, verdict="better")
+    made = [dataclasses.replace(each, arrivals=None) for each in choice.candidates]
+    return dataclasses.replace(choice, judgement=judged, candidates=tuple(made))
+
+
+def tuned_better(choice):
+    """The choice whose rival, another filter, has a tenth of the error."""
+    driven = choice.shortest.driven
+    log_error = driven.log_error - np.log(10.0)
+    rival = dataclasses.replace(driven, log_error=log_error, lost=np.zeros_like(driven.lost))
+    settings = dataclasses.replace(choice.settings, rival=ChoiceSettings().rival)
+    candidates = [dataclasses.replace(each, driven=driven) for each in choice.candidates]
+    made = {"rival": rival, "settings": settings, "candidates": tuple(candidates)}
+    return dataclasses.replace(choice, **made)
+
+
+def test_each_candidate_is_the_cheapest_path_on_its_costmap(driven):
+    names = [each.name for each in driven.candidates]
+    assert {"shortest", "detour", "around"} <= {*names}
+    assert AWARE in names
+    for each in driven.candidates:
+        costs = taking(driven, each.name).costmap() if each.name != "shortest" else None
+        costs = costs or dataclasses.replace(driven, judgement=None).costmap()
+        cheapest = plan(costs, START, GOAL).metrics.cost
+        assert path_metrics(costs, each.path).cost <= 1.03 * cheapest, each.name
+
+
+def test_limits_bind_the_mask_too(driven):
+    limit = float(np.nanquantile(driven.costs.e, 0.9))
+    settings = dataclasses.replace(driven.settings, max_e=limit)
+    costs = dataclasses.replace(taking(driven, "detour"), settings=settings).costmap()
+    passable = np.isfinite(costs.density)
+    assert costs.e[passable].max() <= limit < np.nanmax(driven.costs.e)
+
+
+def test_a_choice_without_drives_is_exported_by_its_field(field):
+    costs = Costmap.from_field(field.grid, field, robot=0.2)
+    planned = choose(field.grid, START, GOAL, ROBOT, costs=costs, drives=0)
+    assert planned.costmap() is planned.costs
+
+
+def exported(folder, *args, **settings):
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        found = nav2_keepout(folder, *args, **settings)
+    return found, [str(each.message) for each in caught]
+
+
+def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
+    choice = taking(driven, "around")
+    found, said = exported(tmp_path / "m", choice)
+    values, _ = keepout_mask(choice.costmap())
+    image = (tmp_path / "m" / "mask.pgm").read_bytes()[-values.size :]
+    assert (np.frombuffer(image, np.int8).reshape(values.shape)[::-1] == values).all()
+    assert [(each.name, each.follows) for each in found.paths] == [("around", True)]
+    (line,) = said
+    assert line.startswith("smac2d's path for around passes 0.35 m from walls at (16.15, 11.85)")
+    assert "Made of the path of a choice, around, for" in (tmp_path / "m/README.md").read_text()
+    about = json.loads((tmp_path / "m/export.json").read_text())
+    assert about["choice"]["taken"] == "around"
+    assert not (tmp_path / "m-routes").exists()
+
+
+def test_a_path_that_nav2_does_not_take_gets_a_route_graph(tmp_path, driven):
+    choice = taking(driven, "around")
+    found, said = exported(tmp_path / "m", choice, planner_param=0.01)
+    assert not found.paths[0].follows
+    assert said == [
+        f"smac2d would not take around ({found.paths[0].text}); {tmp_path / 'm-routes'} has it as"
+        " a route graph"
+    ]
+    assert "around,1," in (tmp_path / "m-routes/routes.csv").read_text()
+    assert "smac2d does not take around" in (tmp_path / "m/README.md").read_text()
+
+
+def test_a_path_that_has_no_route_graph_is_said_too(tmp_path, driven):
+    """It comes nearer to walls than the costmap's robot may."""
+    costs = driven.costs
+    near = plan(Costmap.blank(costs.grid, robot=0.05), START, GOAL, via=[(20.0, 12.0)]).path
+    settings = {"planner_param": 0.01, "paths": {"near": near}}
+    _, (line,) = exported(tmp_path / "m", costs, **settings)
+    assert "it has no route graph: path near leaves the map's free space" in line
+    assert (tmp_path / "m" / "mask.pgm").is_file()
+    assert not (tmp_path / "m-routes").exists()
+
+
+def test_tune_first_is_said_before_the_mask(tmp_path, driven):
+    choice = tuned_better(taking(driven, "around"))
+    (advice,) = choice.advice
+    assert advice.startswith("Tune the filter first")
+    exported(tmp_path / "m", choice)
+    lines = (tmp_path / "m/README.md").read_text().splitlines()
+    assert lines[2] == f"- {advice}"
+
+
+def test_tuning_is_not_advised_if_it_fails(tmp_path, driven):
+    """A hall in which the lidar sees nothing brings no robot home with any filter."""
+    choice = tuned_better(taking(driven, "around"))
+    rival = dataclasses.replace(choice.rival, lost=np.ones_like(choice.rival.lost))
+    shortest = choice.candidates[0]
+    metrics = dataclasses.replace(shortest.metrics, degenerate_share=0.8)
+    halls = [dataclasses.replace(each, driven=rival, metrics=metrics) for each in choice.candidates]
+    choice = dataclasses.replace(choice, rival=rival, candidates=tuple(halls))
+    count = len(choice.rival.lost)
+    assert choice.advice[:2] == [
+        "At least half of the robots still get lost: find the cause with `locplan check`.",
+        "Tuning alone does not help: with safe settings (update_min_d 0.1, update_min_a 0.1),"
+        f" {count} of {count} robots get lost on the shortest path."
+        " The lidar sees too little on 80 % of the shortest path.",
+    ]
+    exported(tmp_path / "m", choice)
+    assert "first" not in (tmp_path / "m/README.md").read_text().lower()
+
+
+def test_a_loaded_choice_is_given_its_field(tmp_path, driven, field):
+    choice = taking(driven, AWARE)
+    choice.save(tmp_path / "planned")
+    loaded = Choice.load(tmp_path / "planned")
+    with pytest.raises(ConfigError, match="give it with_field"):
+        loaded.costmap()
+    assert loaded.config == field.config
+    np.testing.assert_array_equal(
+        loaded.with_field(field).costmap().density, choice.costmap().density
+    )
+    other = environments.make("hall", resolution=0.1)
+    with pytest.raises(ConfigError, match="the choice is of another map"):
+        loaded.with_field(covariance_field(other, field.config))
+
+
+def test_a_choice_without_a_path_is_refused(driven):
+    nothing = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
+    with pytest.raises(ConfigError, match="the choice has no path: The goal is unreachable"):
+        nothing.costmap()
+
+
+def test_the_command_exports_a_choice(run, tmp_path, driven):
+    grid = driven.costs.grid
+    save_map(grid, tmp_path / "lab.yaml")
+    tuned_better(taking(driven, AWARE)).save(tmp_path / "planned")
+    line = "export", tmp_path / "lab.yaml"
+    line += "--choice", tmp_path / "planned", "--to"
+    (tmp_path / "nav2.yaml").write_text(
+        "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.3}}}\n"
+    )
+    given = "--robot", tmp_path / "nav2.yaml"
+    code, shown, _ = run(*line, "nav2-keepout", *given, "-o", tmp_path / "m")
+    assert code == 0
+    assert shown.index("Tune the filter first") < shown.index("planner ")
+    own = yaml.safe_load((tmp_path / "m/nav2.yaml").read_text())
+    assert own["global_costmap"]["global_costmap"]["ros__parameters"]["robot_radius"] == 0.3
+    assert json.loads((tmp_path / "m/export.json").read_text())["choice"]["taken"] == AWARE
+    run(*line, "path", "-o", tmp_path / "path.csv")
+    np.testing.assert_allclose(Path.load(tmp_path / "path.csv").xy, taking(driven, AWARE).path.xy)
+    words = "--lidar is not read with --choice"
+    assert words in refused(run(*line, "path", "--lidar", "turtlebot4"))
+    assert "--choice is for --to" in refused(run(*line, "nav2-speed"))
+
+
+@pytest.mark.long
+def test_command_exports_choices_as_routes(run, tmp_path, driven):
+    grid = driven.costs.grid
+    save_map(grid, tmp_path / "lab.yaml")
+    near = dataclasses.replace(driven, candidates=(), judgement=None, status="unreachable")
+    for name, choice in (
+        ("there", taking(driven, "around")),
+        ("short", taking(driven, "shortest")),
+        ("nowhere", near),
+    ):
+        choice.save(tmp_path / "planned" / name)
+    Path([(2.0, 3.0), (6.0, 3.0)]).save(tmp_path / "mine.csv")
+    line = "export", tmp_path / "lab.yaml", "--to"
+    routes = *line, "nav2-routes", "--path", tmp_path / "mine.csv", "--choice"
+    code, out, _ = run(*routes, tmp_path / "planned", "-o", tmp_path / "r", "--json")
+    assert code == 0
+    assert {*json.loads(out)["followed"]} <= {"there", "short", "mine"}
+    table = (tmp_path / "r" / "routes.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in table[1:]] == ["short", "there", "mine"]
+    there, short = tmp_path / "planned" / "there", tmp_path / "planned" / "short" / "choice.json"
+    code, out, _ = run(*routes, there, "--choice", short, "-o", tmp_path / "s", "--json")
+    assert code == 0
+    two = "--choice", tmp_path / "planned"
+    assert "--to path takes one --choice, not 3" in refused(run(*line, "path", *two))
+    again = "--choice", there, "--choice", there
+    assert "two folders of choices are called there" in refused(run(*line, "path", *again))
+    assert "has no choice" in refused(run(*line, "path", "--choice", tmp_path))
+    other = dataclasses.replace(driven, robot=dataclasses.replace(ROBOT, footprint=0.3))
+    other.save(tmp_path / "other")
+    refusal = refused(run(*routes, there, "--choice", tmp_path / "other", "-o", tmp_path / "t"))
+    assert "the choices there and other differ in the map, the field or the robot's size" in refusal

@@ -1,0 +1,902 @@
+"""Exports, read as the stacks read them: their loaders, layers, filters and planners' costs."""
+
+import dataclasses
+import itertools
+import json
+import math
+import re
+import sys
+import warnings
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+import yaml
+from conftest import drawn, few_of, random_rooms, refused
+from support import ros_readers as stacks
+
+from locplan import load_map, save_map
+from locplan._support.public import field_docs
+from locplan.errors import LocplanError
+from locplan.export import nav2_keepout, nav2_speed, plain_files, registry, ros_map
+from locplan.export.masks import keepout_mask, mask_density
+from locplan.export.parameters import DistroWarning, ParametersChanged, RobotWarning
+from locplan.export.registry import formats
+from locplan.export.values import YawWarning
+from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, load_or_compute
+from locplan.maps import FREE, OccupancyGrid, environments
+from locplan.planning import Costmap, Path, path_metrics, plan
+
+STACKS = ("main", "humble", "ros1")
+PLANNERS = ("smac2d", "smac-hybrid", "thetastar")
+
+
+@pytest.fixture(scope="module")
+def costs():
+    """Without symmetry, and with an origin."""
+    grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1, (2.0, -1.0, 0.0), name="rooms")
+    field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
+    return Costmap.from_field(grid, field, weight=4.0, robot=0.15)
+
+
+def master_costs(costs):
+    """What a costmap holds before the mask: walls, unknown space, and the robot's radius."""
+    levels = np.select([costs.grid.free, costs.grid.cells == 0], [0, 100], -1).astype(np.int8)
+    master = stacks.static_layer(levels, "main", track_unknown_space=True)
+    near = costs.grid.free & (costs.grid.clearance < costs.robot_radius - 1e-9)
+    master[near] = stacks.INSCRIBED
+    return master
+
+
+def with_mask(folder, costs, stack="main"):
+    mask = stacks.load(folder / "mask.yaml", stack)
+    assert mask.origin[:2] == costs.grid.origin[:2]
+    x, y, _ = costs.grid.origin
+    return stacks.keepout(master_costs(costs), mask, mask.resolution, (x, y))
+
+
+@pytest.mark.parametrize("stack", ["main", "humble", "ros1"])
+def test_all_values_survive_under_the_loader_of_their_stack(tmp_path, stack):
+    values = np.minimum(np.arange(-1, 101), 98).astype(np.int8).reshape(6, 17)
+    grid = OccupancyGrid(np.full(values.shape, FREE), 0.05, (1.5, -2.5, 0.0))
+    u = np.where(values < 0, np.nan, values / 100)
+    ros_map(tmp_path / "map", dataclasses.replace(Costmap.blank(grid), u=u))
+    read = stacks.load(tmp_path / "map" / "raw.yaml", stack)
+    np.testing.assert_array_equal(read.data, values)
+    assert read.origin == (1.5, -2.5, 0.0)
+    assert read.resolution == float(np.float32(0.05))
+
+
+def test_ros_map_is_u_in_per_cent_for_every_stack(tmp_path, costs):
+    ros_map(tmp_path / "u", costs)
+    per_cent = np.minimum(np.floor(100 * np.nan_to_num(costs.u) + 0.5), 98)
+    expected = np.where(np.isnan(costs.u), -1, per_cent)
+    for stack in ("main", "humble", "ros1"):
+        read = stacks.load(tmp_path / "u" / "raw.yaml", stack)
+        np.testing.assert_array_equal(read.data, expected)
+
+
+def test_ros_map_is_valid_for_static_layer(tmp_path, costs):
+    """Neither cell of u counts as an obstacle, with the parameters of the folder's README."""
+    certain = dataclasses.replace(costs, u=np.where(costs.grid.free, 1.0, np.nan))
+    ros_map(tmp_path / "u", certain)
+    values = stacks.load(tmp_path / "u" / "raw.yaml", "main").data
+    readme = (tmp_path / "u" / "README.md").read_text()
+    layer = {}
+    for text in re.findall("`([a-z_]+: [^`]+)`", readme):
+        layer |= yaml.safe_load(text)
+    assert layer["localizability_layer"]["plugin"] == "nav2_costmap_2d::StaticLayer"
+    assert layer["use_maximum"] is True
+    for stack in ("main", "humble"):
+        soft = stacks.static_layer(
+            values,
+            stack,
+            trinary_costmap=layer["trinary_costmap"],
+            lethal_cost_threshold=layer["lethal_cost_threshold"],
+            track_unknown_space=True,
+        )
+        assert (soft[costs.grid.free] == 248).all()
+        assert (soft[~costs.grid.free] == stacks.NO_INFORMATION).all()  # the walls below count
+
+
+@pytest.mark.parametrize("stack", STACKS)
+@pytest.mark.parametrize("name", PLANNERS)
+def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name, stack):
+    conversion = nav2_keepout(tmp_path / "mask", costs, planner=name)
+    master = with_mask(tmp_path / "mask", costs, stack)
+    passable = np.isfinite(costs.density)
+    assert (master[~passable] >= stacks.INSCRIBED).all()
+    assert (master[passable] <= 251).all()
+    parameters = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+    own = parameters["planner_server"]["ros__parameters"]["GridBased"]
+    charged = {
+        "smac2d": lambda: stacks.smac2d_multiplier(master, own["cost_travel_multiplier"]),
+        "smac-hybrid": lambda: (
+            stacks.smac_hybrid_multiplier(master, own["cost_penalty"])
+            / stacks.smac_hybrid_multiplier(np.zeros(1, np.uint8), 0.0)
+        ),
+        "thetastar": lambda: (
+            (own["w_euc_cost"] + stacks.theta_star_traversal(master, own["w_traversal_cost"]))
+            / (
+                own["w_euc_cost"]
+                + stacks.theta_star_traversal(np.zeros(1, np.uint8), own["w_traversal_cost"])
+            )
+        ),
+    }[name]()
+    error = np.abs(charged - mask_density(costs))[passable & (master < 251)]
+    assert conversion.saturated_share == 0
+    assert error.max() <= conversion.quantisation + 1e-5
+    assert conversion.quantisation < 0.06
+    assert error.mean() == pytest.approx(conversion.mean_quantisation, rel=0.2)
+
+
+def test_where_a_planner_saturates_is_said(tmp_path, costs):
+    heavy = costs.with_weight(10.0)
+    excess = 10.0 * heavy.u[heavy.grid.free]
+    k = float(np.median(excess))
+    conversion = nav2_keepout(tmp_path / "mask", heavy, planner="smac2d", planner_param=k)
+    assert conversion.greatest == pytest.approx(k * 251 / 252)
+    above = excess[heavy.grid.clearance[heavy.grid.free] >= 0.45] > conversion.greatest
+    assert conversion.saturated_share == pytest.approx(above.mean())
+    assert 0 < conversion.saturated_share < 1
+    row, col = heavy.grid.cell(conversion.most_saturated)
+    assert 10.0 * heavy.u[row, col] > k
+    x, y = conversion.most_saturated
+    assert f"room for a follower, most around ({x:.2f}, {y:.2f})" in readme_of(tmp_path / "mask")
+    values = stacks.load(tmp_path / "mask" / "mask.yaml", "main").data
+    assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
+    about = json.loads((tmp_path / "mask" / "export.json").read_text())
+    assert about["conversion"]["saturates_at_weight_u"] == conversion.greatest
+    with pytest.warns(RobotWarning, match=r"navfn does not follow a mask: .* 2\.98 times the best"):
+        assert nav2_keepout(tmp_path / "n", heavy, planner="navfn").greatest == 4.0
+
+
+@pytest.mark.parametrize("write", [nav2_keepout, nav2_speed])
+def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
+    wide = costs.with_robot(0.3)
+    assert np.isinf(wide.density[wide.grid.free]).any()
+    write(tmp_path / "out", wide)
+    values = stacks.load(tmp_path / "out" / "mask.yaml", "main").data
+    np.testing.assert_array_equal(values >= 0, wide.grid.free)
+
+
+@pytest.fixture(scope="module")
+def corridors(tmp_path_factory):
+    """A folder with the mask of two_corridors, its costmap, and its walls as Nav2 has them."""
+    grid = environments.make("two_corridors", resolution=0.05)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()))
+    folder = tmp_path_factory.mktemp("corridors") / "mask"
+    nav2_keepout(folder, costs)
+    walls = np.select([grid.free, grid.cells == 0], [0, 100], -1).astype(np.int8)
+    return folder, costs, stacks.static_layer(walls, "main", track_unknown_space=True)
+
+
+@pytest.mark.parametrize(
+    ("radius", "scaling"),
+    [(None, None), *itertools.product((0.15, 0.22, 0.3), (3.0, 10.0, 30.0, 100.0))],
+)
+def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
+    folder, costs, master = corridors
+    grid = costs.grid
+    if radius:  # else nothing is inflated
+        master = stacks.inflation(master, grid.resolution, radius, radius, scaling)
+    mask = stacks.load(folder / "mask.yaml", "main")
+    master = stacks.keepout(master, mask, mask.resolution, grid.origin[:2])
+    nav2 = yaml.safe_load((folder / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    at = environments.landmarks("two_corridors")
+    ends = (grid.cell(at[end]) for end in ("start", "goal"))
+    cells = stacks.smac2d_path(master, *ends, own["cost_travel_multiplier"])
+    assert max(grid.position(*cell)[1] for cell in cells) > 9  # the irregular corridor
+
+
+def test_what_the_caller_blocks_is_lethal(costs):
+    mine = np.zeros(costs.grid.shape, bool)
+    mine[30:40, 50:70] = True
+    values, _ = keepout_mask(costs.blocked_where(mine))
+    plain, _ = keepout_mask(costs)
+    clear = mine & np.isfinite(costs.density)
+    assert clear.any()
+    assert (values[clear] == 100).all()
+    np.testing.assert_array_equal(values[~clear], plain[~clear])
+    density = np.where(mine, np.inf, 1.5)
+    values, _ = keepout_mask(Costmap.from_density(costs.grid, density))
+    np.testing.assert_array_equal(values == 100, mine & costs.grid.free)
+
+
+def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
+    nav2_speed(tmp_path / "speed", costs, slowest=0.25, lead=0.0)
+    read = stacks.load(tmp_path / "speed" / "mask.yaml", "main")
+    servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
+    info = servers["localizability_speed_info_server"]["ros__parameters"]
+    assert info["type"] == 1
+    limit = stacks.speed_limit(read.data, info["type"], info["base"], info["multiplier"])
+    known = ~np.isnan(costs.u)
+    percent = np.where(limit == 0, 100, limit)[known]  # 0 is no limit
+    np.testing.assert_allclose(percent, 100 - 75 * costs.u[known], atol=0.5 + 1e-9)
+    assert np.isnan(limit[~known]).all()
+    nav2_speed(tmp_path / "slow", costs, slowest=0.01)
+    slow = stacks.load(tmp_path / "slow" / "mask.yaml", "main").data
+    assert slow.max() <= 99
+
+
+def test_a_speed_limit_holds_before_its_place(tmp_path):
+    grid = OccupancyGrid(np.full((21, 40), FREE), 0.1)
+    u = np.zeros(grid.shape)
+    u[10, 20] = 1.0
+    costs = Costmap.from_layers(grid, u=u)
+    nav2_speed(tmp_path / "speed", costs, lead=0.4)
+    values = stacks.load(tmp_path / "speed" / "mask.yaml", "main").data
+    away = np.hypot(*(np.indices(grid.shape) - np.array([10, 20])[:, None, None]))
+    np.testing.assert_array_equal(values, np.where(away <= 4, 70, 0))
+
+
+YAW = 0.6
+
+
+def test_masks_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs):
+    grid = OccupancyGrid(costs.grid.cells, 0.1, (2.0, -1.0, YAW), name="turned")
+    turned = dataclasses.replace(costs, grid=grid)
+    with pytest.warns(YawWarning, match=r"yaw of 0\.6 rad"):
+        nav2_keepout(tmp_path / "mask", turned)
+    mask = stacks.load(tmp_path / "mask" / "mask.yaml", "main")
+    assert mask.origin == (2.0, -1.0, 0.0)
+    assert (mask.data[np.isfinite(costs.density)] >= 0).all()
+
+
+def test_thetastar_realises_j_too(tmp_path):
+    grid = environments.make("two_corridors", resolution=0.1)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
+    at = environments.landmarks("two_corridors")
+    nav2_keepout(tmp_path / "out", costs, planner="thetastar")
+    master = with_mask(tmp_path / "out", costs)
+    nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    fixed = stacks.theta_star_traversal(master, own["w_traversal_cost"])
+    step, blocked = own["w_euc_cost"], stacks.theta_star_blocked(master, own["allow_unknown"])
+    ends = [costs.cell_of(at[end]) for end in ("start", "goal")]
+    cells, _ = stacks.grid_path(step, blocked, *ends, fixed)
+    path = Path(np.array([grid.position(*cell) for cell in cells]))
+    centres = [grid.position(*cell) for cell in ends]
+    costs = roomy(costs)
+    ours = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
+    assert path_metrics(costs, path).cost <= 1.01 * ours.metrics.cost
+
+
+def roomy(costs):
+    """The costmap that a mask stands for, which has a follower's room."""
+    density = np.where(np.isfinite(costs.density), mask_density(costs), np.inf)
+    return Costmap.from_density(costs.grid, density)
+
+
+def planned_by_smac(folder, costs, start, goal):
+    """SmacPlanner2D's path on the costmap with the mask, in the world."""
+    parameters = yaml.safe_load((folder / "nav2.yaml").read_text())
+    own = parameters["planner_server"]["ros__parameters"]["GridBased"]
+    master = with_mask(folder, costs)
+    cells, _ = stacks.grid_path(
+        stacks.smac2d_multiplier(master, own["cost_travel_multiplier"]),
+        stacks.smac_blocked(master, own["allow_unknown"]),
+        costs.cell_of(start),
+        costs.cell_of(goal),
+    )
+    return Path(np.array([costs.grid.position(*cell) for cell in cells]))
+
+
+def compare_with_smac(folder, costs, start, goal, **settings):
+    """J of Smac2D's path on the mask, and of the grid planner's, by the same measure."""
+    conversion = nav2_keepout(folder, costs, **settings)
+    centres = [costs.grid.position(*costs.cell_of(xy)) for xy in (start, goal)]
+    path = planned_by_smac(folder, costs, start, goal)
+    costs = roomy(costs)
+    own = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
+    return path_metrics(costs, path), own.metrics, conversion
+
+
+def far_apart(costs, seed):
+    """Two positions that are joined, at least half of the map apart."""
+    rng = np.random.default_rng(seed)
+    free = np.argwhere(np.isfinite(costs.density))
+    for _ in range(200):
+        a, b = free[rng.integers(len(free), size=2)]
+        if math.dist(a, b) > 0.5 * max(costs.grid.shape):
+            ends = [costs.grid.position(*map(int, cell)) for cell in (a, b)]
+            if plan(costs, *ends, planner="grid").status == "solved":
+                return ends
+    raise AssertionError("no pair found")
+
+
+@pytest.mark.parametrize("name", ["two_corridors", pytest.param("office", marks=pytest.mark.long)])
+@pytest.mark.parametrize("weight", [1.0, 12.0])
+def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
+    grid = environments.make(name, resolution=0.1)
+    field = load_or_compute(grid, FieldConfig())
+    costs = Costmap.from_field(grid, field, weight=weight, robot=0.25)
+    at = environments.landmarks(name)
+    theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    assert ours.cost <= theirs.cost * (1 + 1e-9)
+    assert theirs.cost <= 1.01 * ours.cost
+
+
+@pytest.mark.parametrize(
+    "name", few_of(["aws_small_house", "willow_full_stage", "tuw_warehouse032"])
+)
+def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
+    (file,) = (real_maps / name).glob("*.yaml")
+    grid = load_map(file)
+    field = load_or_compute(grid, FieldConfig(stride=0.4))
+    costs = Costmap.from_field(grid, field, weight=4.0, robot=0.2)
+    theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, *far_apart(costs, seed=3))
+    assert ours.cost <= theirs.cost * (1 + 1e-9)
+    assert theirs.cost <= 1.01 * ours.cost
+
+
+PLACES = (
+    *("aws_small_house", "willow_full_stage", "tuw_warehouse032"),
+    *("fetch_3_1_16_png", "tb4_depot"),
+)
+
+
+@pytest.mark.long
+def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
+    ratios = []
+    for name in PLACES:
+        (file,) = (real_maps / name).glob("*.yaml")
+        grid = load_map(file)
+        field = load_or_compute(grid, FieldConfig(stride=0.4))
+        costs = Costmap.from_field(grid, field, robot=0.2)
+        for seed in range(4):
+            theirs, ours, _ = compare_with_smac(tmp_path / name, costs, *far_apart(costs, seed))
+            ratios.append(theirs.cost / ours.cost)
+    assert abs(np.median(ratios) - 1) < 0.003
+
+
+def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
+    grid = environments.make("two_corridors", resolution=0.1)
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
+    at = environments.landmarks("two_corridors")
+    nav2_keepout(tmp_path / "mask", costs)
+    with_ours = planned_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    nav2_keepout(tmp_path / "mask", costs.with_weight(0.0))
+    without = planned_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    assert without.xy[:, 1].max() < 6
+    assert with_ours.xy[:, 1].max() > 9
+    assert with_ours.length > without.length + 5
+
+
+def test_a_density_of_ones_own_can_be_exported(tmp_path, costs):
+    density = np.where(np.isfinite(costs.density), 1 + 2 * np.nan_to_num(costs.u), np.inf)
+    own = Costmap.from_density(costs.grid, density)
+    conversion = nav2_keepout(tmp_path / "mask", own)
+    assert conversion.saturated_share == 0
+    with pytest.raises(LocplanError, match="needs a costmap made of a field"):
+        nav2_speed(tmp_path / "speed", own)
+    with pytest.raises(LocplanError, match="needs a costmap made of a field"):
+        ros_map(tmp_path / "u", own)
+
+
+def test_values_are_the_nearest_of_all(costs):
+    density = 1 + np.linspace(0, 8.125, 400)[None]  # 6.5 fits
+    blank = Costmap.blank(OccupancyGrid(np.full((1, 400), FREE), 0.1))
+    steep = dataclasses.replace(blank, weight=4.0, u=(density - 1) / 4)
+    values, conversion = keepout_mask(steep, planner="thetastar")
+    charged = conversion.planner.excess(np.floor(np.arange(100) * 2.54 + 0.5), conversion.param)
+    nearest = np.abs(charged[None] - (density[0] - 1)[:, None]).argmin(axis=1)
+    np.testing.assert_array_equal(charged[values[0]], charged[nearest])
+    assert conversion.saturated_share == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"planner": "teb"}, "must be one of smac2d"),
+        ({"planner": "navfn", "planner_param": 2.0}, "no parameter"),
+        ({"planner_param": 0.0}, "must be a positive number"),
+        ({"planner_param": math.nan}, "must be a positive number"),
+        ({"planner_param": math.inf}, "must be a positive number"),
+        ({"distro": "foxy"}, "distro must be one of"),
+    ],
+)
+def test_wrong_settings_leave_nothing_behind(tmp_path, costs, settings, message):
+    with pytest.raises(LocplanError, match=message):
+        nav2_keepout(tmp_path / "mask", costs, **settings)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_radius_that_blocks_everything_is_told(tmp_path, costs):
+    with pytest.raises(LocplanError, match="no cell of the costmap is passable"):
+        nav2_keepout(tmp_path / "mask", costs.with_robot(50.0))
+
+
+def test_a_map_without_free_space_gets_no_mask(tmp_path):
+    walls = drawn("###", "###", resolution=0.1)
+    costs = Costmap.from_field(walls, load_or_compute(walls, FieldConfig()))
+    for write in (nav2_keepout, nav2_speed):
+        with pytest.raises(LocplanError, match="a mask would be empty"):
+            write(tmp_path / "mask", costs)
+    assert not (tmp_path / "mask").exists()
+
+
+def test_thetastar_cannot_charge_any_factor(tmp_path, costs):
+    with pytest.raises(LocplanError, match="94 times at most"):
+        nav2_keepout(tmp_path / "mask", costs.with_weight(100.0), planner="thetastar")
+
+
+def readme_of(folder):
+    return (folder / "README.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("planner", "words"),
+    [
+        ("smac2d", ("`cost_travel_multiplier: 6.526` (Nav2's own default is 1)", "iterations: -1")),
+        ("smac-hybrid", ("`cost_penalty: 6.429`", "may take up to 25 s (`max_planning_time`")),
+        ("thetastar", ("`w_traversal_cost: ",)),
+    ],
+)
+def test_a_folder_says_what_the_mask_needs(tmp_path, costs, planner, words):
+    nav2_keepout(tmp_path / "mask", costs, planner=planner)
+    text = readme_of(tmp_path / "mask")
+    assert all(word in text for word in words)
+    assert ("max_iterations" in text) == planner.startswith("smac")
+    nav2 = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    assert ("max_iterations" in own) == ("max_planning_time" in own) == planner.startswith("smac")
+
+
+def folder_of(path):
+    return {file.name: file.read_bytes() for file in path.iterdir()}
+
+
+def test_a_folder_is_written_whole_or_not_at_all(tmp_path, costs, monkeypatch):
+    nav2_keepout(tmp_path / "mask", costs)
+    before = folder_of(tmp_path / "mask")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("locplan.export.nav2.write_servers", fail)
+    with pytest.raises(LocplanError, match="No space left"):
+        nav2_keepout(tmp_path / "mask", costs.with_weight(1.0))
+    assert folder_of(tmp_path / "mask") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["mask"]
+
+
+def test_only_an_export_of_ours_is_replaced(tmp_path, costs):
+    (tmp_path / "empty").mkdir()
+    ros_map(tmp_path / "empty", costs)
+    with pytest.raises(LocplanError, match=r"results of another command \(ros-map\)"):
+        nav2_speed(tmp_path / "empty", costs)
+    nav2_speed(tmp_path / "empty", costs, force=True)
+    assert "nav2.yaml" in folder_of(tmp_path / "empty")
+    assert "raw.yaml" not in folder_of(tmp_path / "empty")
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "thesis.tex").write_text("years of work")
+    with pytest.raises(LocplanError, match=r"thesis\.tex: is no earlier result"):
+        ros_map(tmp_path / "theirs", costs)
+    assert (tmp_path / "theirs" / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("change", few_of(["edited", "added"]))
+def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
+    folder = tmp_path / "mask"
+    nav2_keepout(folder, costs)
+    if change == "added":
+        (folder / "mine.yaml").write_text("a: 1")
+    else:
+        (folder / "nav2.yaml").write_text((folder / "nav2.yaml").read_text() + "# mine")
+    before = folder_of(folder)
+    with pytest.raises(LocplanError, match=r"is no earlier result|was changed after"):
+        nav2_keepout(folder, costs)
+    assert folder_of(folder) == before
+    nav2_keepout(folder, costs, force=True)
+    assert (folder / "mine.yaml").exists() == (change == "added")
+
+
+@pytest.mark.parametrize("write", [nav2_keepout, nav2_speed, ros_map])
+def test_a_folder_says_what_it_holds_in_a_few_lines(tmp_path, costs, write):
+    write(tmp_path / "out", costs)
+    files = folder_of(tmp_path / "out")
+    lines = [line for line in files["README.md"].decode().splitlines() if line]
+    assert len(lines) <= 15
+    for name in set(files) - {"README.md", "run.yaml"}:
+        assert name in "".join(lines) or name.endswith(".png"), name
+    about = json.loads(files["export.json"])
+    assert about["map"]["digest"] == costs.grid.digest
+    assert about["config"]["estimator"]["range"] == 1.0
+    assert (about["weight"], about["criterion"]) == (4.0, "e")
+
+
+def test_the_launch_file_starts_the_nodes_that_have_parameters(tmp_path, costs):
+    from xml.etree import ElementTree
+
+    nav2_keepout(tmp_path / "out", costs)
+    nodes = ElementTree.parse(tmp_path / "out" / "localizability.launch.xml").findall("node")
+    servers = yaml.safe_load((tmp_path / "out" / "servers.yaml").read_text())
+    assert [node.get("name") for node in nodes] == list(servers)
+    manager = servers["lifecycle_manager_localizability_keepout"]["ros__parameters"]
+    assert manager["node_names"] == list(servers)[:-1]
+    mask, info = (servers[name]["ros__parameters"] for name in manager["node_names"])
+    assert "yaml_filename" not in mask  # it would hide the absolute one below a SetParameter
+    file = nodes[0].find("param[@name='yaml_filename']")
+    assert file.get("value") == "$(dirname)/mask.yaml"
+    assert mask["topic_name"] == info["mask_topic"]
+    nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
+    costmap = nav2["global_costmap"]["global_costmap"]["ros__parameters"]
+    (name,) = costmap["filters"]
+    assert costmap[name]["filter_info_topic"] == info["filter_info_topic"]
+    assert (info["type"], info["base"], info["multiplier"]) == (0, 0.0, 1.0)
+    assert all(type(info[key]) is float for key in ("base", "multiplier"))
+
+
+THETA = "nav2_theta_star_planner::ThetaStarPlanner"
+PARAMS = """
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      robot_radius: 0.22
+      plugins: ["static_layer", "obstacle_layer", "inflation_layer"]
+      filters: ["keepout_filter"]
+      keepout_filter: {plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true}
+planner_server:
+  ros__parameters:
+    planner_plugins: ["Fast", "Good"]
+    Fast: {plugin: "nav2_navfn_planner::NavfnPlanner", tolerance: 0.5}
+    Good: {plugin: "nav2_smac_planner::SmacPlanner2D", tolerance: 0.25, allow_unknown: true}
+"""
+
+
+def test_parameters_are_merged_into_the_robots_own(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(PARAMS)
+    change = "nav2.yaml has other values than own.yaml: planner_server.Good.allow_unknown: false"
+    with pytest.warns(ParametersChanged, match=re.escape(change)):
+        nav2_keepout(tmp_path / "mask", costs, planner="smac2d", params=tmp_path / "own.yaml")
+    assert "- planner_server.Good.allow_unknown: false (was true)" in readme_of(tmp_path / "mask")
+    merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
+    costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
+    assert costmap["filters"] == ["keepout_filter", "localizability_keepout_filter"]
+    assert costmap["robot_radius"] == 0.22
+    server = merged["planner_server"]["ros__parameters"]
+    assert server["planner_plugins"] == ["Fast", "Good"]
+    assert server["Good"]["tolerance"] == 0.25
+    assert server["Good"]["allow_unknown"] is False
+    assert server["Good"]["cost_travel_multiplier"] == pytest.approx(6.5 * 252 / 251, abs=1e-3)
+    assert "cost_travel_multiplier" not in server["Fast"]
+    assert server["Good"]["max_iterations"] == -1
+    assert server["Good"]["max_planning_time"] == 10.0
+    assert "use_final_approach_orientation" not in server["Good"]
+    again = tmp_path / "mask" / "nav2.yaml"
+    nav2_keepout(tmp_path / "again", costs, planner="smac2d", params=again)
+    assert yaml.safe_load((tmp_path / "again" / "nav2.yaml").read_text()) == merged
+
+
+def test_what_stands_beside_a_nodes_parameters_stays(tmp_path, costs):
+    """Older files have nodes of Nav2's own beside a costmap, such as global_costmap_client."""
+    (tmp_path / "own.yaml").write_text(
+        "global_costmap: {global_costmap: {ros__parameters: {a: 1}},"
+        " global_costmap_client: {ros__parameters: {use_sim_time: true}}}\n"
+        "planner_server: {ros__parameters: {b: 2}, planner_server_rclcpp_node: {c: 3}}\n"
+    )
+    for n, write in enumerate([nav2_keepout, nav2_speed]):
+        write(tmp_path / f"{n}", costs, params=tmp_path / "own.yaml")
+        merged = yaml.safe_load((tmp_path / f"{n}" / "nav2.yaml").read_text())
+        beside = merged["global_costmap"]["global_costmap_client"]
+        assert beside == {"ros__parameters": {"use_sim_time": True}}
+        assert merged["global_costmap"]["global_costmap"]["ros__parameters"]["a"] == 1
+        assert merged["planner_server"]["planner_server_rclcpp_node"] == {"c": 3}
+        assert merged["planner_server"]["ros__parameters"]["b"] == 2
+
+
+def test_masks_of_several_kinds_go_together(tmp_path, costs):
+    nav2_keepout(tmp_path / "one", costs)
+    nav2_speed(tmp_path / "two", costs, params=tmp_path / "one" / "nav2.yaml")
+    merged = yaml.safe_load((tmp_path / "two" / "nav2.yaml").read_text())
+    costmap = merged["global_costmap"]["global_costmap"]["ros__parameters"]
+    assert costmap["filters"] == ["localizability_keepout_filter", "localizability_speed_filter"]
+    assert all("plugin" in costmap[name] for name in costmap["filters"])
+    nodes = [
+        set(yaml.safe_load((tmp_path / name / "servers.yaml").read_text()))
+        for name in ("one", "two")
+    ]
+    assert not (nodes[0] & nodes[1])
+
+
+def test_the_robots_other_planners_stay(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(PARAMS)
+    ours = r"own\.yaml: its planners are Fast \(nav2_navfn_planner::.*; Localizability is added"
+    with pytest.warns(RobotWarning, match=ours):
+        nav2_keepout(tmp_path / "m", costs, planner="thetastar", params=tmp_path / "own.yaml")
+    server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
+    own = server["ros__parameters"]
+    assert own["planner_plugins"] == ["Fast", "Good", "Localizability"]
+    assert own["Fast"] == {"plugin": "nav2_navfn_planner::NavfnPlanner", "tolerance": 0.5}
+    assert own["Localizability"]["plugin"] == "nav2_theta_star_planner::ThetaStarPlanner"
+    humble = PARAMS.replace("::", "/").replace("costmap_2d/", "costmap_2d::")
+    (tmp_path / "own.yaml").write_text(humble)
+    settings = {"params": tmp_path / "own.yaml", "distro": "humble"}
+    with pytest.warns(RobotWarning, match="does not follow a mask"):
+        nav2_keepout(tmp_path / "n", costs, planner="navfn", **settings)
+    server = yaml.safe_load((tmp_path / "n" / "nav2.yaml").read_text())["planner_server"]
+    fast = server["ros__parameters"]["Fast"]  # as the robot's distribution spells it
+    assert (fast["plugin"], fast["allow_unknown"]) == ("nav2_navfn_planner/NavfnPlanner", False)
+    assert json.loads((tmp_path / "n" / "export.json").read_text())["planner_id"] == "Fast"
+
+
+@pytest.mark.parametrize(
+    ("change", "planner", "called"),
+    [
+        (('["Fast", "Good"]', "[Fast]"), "smac2d", "Localizability"),
+        (("nav2_navfn_planner::NavfnPlanner", "mine::Own"), "smac2d", "Good"),
+        (("nav2_navfn_planner::NavfnPlanner", THETA), "thetastar", "Fast"),
+    ],
+)
+def test_a_mask_is_for_the_robots_own_planner(tmp_path, costs, change, planner, called):
+    (tmp_path / "own.yaml").write_text(PARAMS.replace(*change))
+    with warnings.catch_warnings(record=True, action="always"):
+        found = nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+    assert found.planner.name == planner
+    assert json.loads((tmp_path / "m" / "export.json").read_text())["planner_id"] == called
+
+
+@pytest.mark.parametrize(
+    ("distro", "plugin", "words"),
+    [
+        ("jazzy", "nav2_smac_planner/SmacPlanner2D", "as in humble; give --distro humble"),
+        ("humble", "nav2_smac_planner::SmacPlanner2D", "as from jazzy on, but humble has / for ::"),
+    ],
+)
+def test_planners_of_another_distribution_are_noticed(tmp_path, costs, distro, plugin, words):
+    (tmp_path / "own.yaml").write_text(
+        f'planner_server: {{ros__parameters: {{planner_plugins: [A], A: {{plugin: "{plugin}"}}}}}}'
+    )
+    with pytest.warns(RobotWarning, match=re.escape(words)):
+        nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml", distro=distro)
+
+
+def test_texts_stay_texts_and_numbers_numbers_to_ros(tmp_path, costs):
+    own = 'amcl: {ros__parameters: {a: "1e3", b: 1e3, c: "y", d: y, e: N, f: "no", g: x}}\n'
+    (tmp_path / "own.yaml").write_text(own)
+    nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+    assert own in (tmp_path / "m" / "nav2.yaml").read_text()
+    shared = "planner_server: &p {ros__parameters: {b: 1}}\nmine: *p\n"  # not to be changed alone
+    (tmp_path / "own.yaml").write_text(own + shared)
+    nav2_keepout(tmp_path / "n", costs, params=tmp_path / "own.yaml")
+    assert "(but its comments)" in readme_of(tmp_path / "n")
+    text = (tmp_path / "n" / "nav2.yaml").read_text()
+    for line in ('a: "1e3"', "b: 1000.0", 'c: "y"', "d: true", "e: false", "f: 'no'", "g: x"):
+        assert f"    {line}\n" in text
+
+
+def test_a_second_speed_filter_is_noticed(tmp_path, costs):
+    own = PARAMS.replace("KeepoutFilter", "SpeedFilter")
+    (tmp_path / "own.yaml").write_text(own)
+    with pytest.warns(RobotWarning, match="global_costmap has a speed filter, keepout_filter"):
+        nav2_speed(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+
+
+def test_what_is_added_to_parameters_is_listed(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(
+        PARAMS.replace("allow_unknown: true", "allow_unknown: false")
+    )
+    nav2_keepout(tmp_path / "m", costs, planner="smac2d", params=tmp_path / "own.yaml")
+    text = readme_of(tmp_path / "m")
+    assert "- global_costmap.filters: localizability_keepout_filter" in text
+    assert "- planner_server.Good.max_iterations: -1" in text
+    assert "has other values" not in text
+
+
+def test_the_map_is_drawn_and_told_as_nav2_has_it(tmp_path, costs):
+    grid = OccupancyGrid(costs.grid.cells, 0.1, (2.0, -1.0, YAW), name="turned")
+    with pytest.warns(YawWarning):
+        nav2_keepout(tmp_path / "m", dataclasses.replace(costs, grid=grid))
+    assert "The map has a yaw of 0.6 rad, which Nav2 ignores" in readme_of(tmp_path / "m")
+
+
+def test_what_a_conversion_assumes_is_set(tmp_path, costs):
+    (tmp_path / "own.yaml").write_text(
+        "planner_server: {ros__parameters: {planner_plugins: [A], A: {plugin: "
+        '"nav2_smac_planner::SmacPlannerHybrid", use_quadratic_cost_penalty: true, '
+        "retrospective_penalty: 0.1, angle_quantization_bins: 72}}}"
+    )
+    settings = {"planner": "smac-hybrid", "params": tmp_path / "own.yaml"}
+    with pytest.warns(ParametersChanged) as caught:
+        nav2_keepout(tmp_path / "m", costs, **settings)
+    assert str(caught[0].message).endswith(
+        "planner_server.A.use_quadratic_cost_penalty: false (was true);"
+        " planner_server.A.retrospective_penalty: 0.015 (was 0.1)"
+    )
+    server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
+    own = server["ros__parameters"]["A"]
+    assert own["use_quadratic_cost_penalty"] is False
+    assert own["retrospective_penalty"] == 0.015
+    assert own["angle_quantization_bins"] == 72
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "a: 1", "- 1", "{", "planner_server: 3", "planner_server:", "\x00"),
+        "planner_server: {ros__parameters: 3}",
+        "planner_server: {ros__parameters: {planner_plugins: GridBased}}",
+        "global_costmap: {global_costmap: {ros__parameters: {filters: none}}}",
+        "global_costmap: {global_costmap: {ros__parameters: {plugins: [3]}}}",
+        "robot1: {map_server: {ros__parameters: {a: 1}}}",
+    ],
+)
+def test_parameters_that_are_none_are_refused(tmp_path, costs, text):
+    (tmp_path / "own.yaml").write_text(text)
+    with pytest.raises(LocplanError, match=r"own\.yaml") as fault:
+        nav2_keepout(tmp_path / "mask", costs, params=tmp_path / "own.yaml")
+    assert "\n" not in str(fault.value)
+    assert not (tmp_path / "mask").exists()
+
+
+@pytest.mark.parametrize(("theirs", "then"), [(2.0, 10.0), (30.0, 30.0)])
+def test_a_longer_time_for_planning_stays(tmp_path, costs, theirs, then):
+    (tmp_path / "own.yaml").write_text(
+        "planner_server: {ros__parameters: {planner_plugins: [A], A: {plugin: "
+        f'"nav2_smac_planner::SmacPlanner2D", max_planning_time: {theirs}}}}}}}'
+    )
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        nav2_keepout(tmp_path / "m", costs, params=tmp_path / "own.yaml")
+    assert len(caught) == (theirs != then)
+    server = yaml.safe_load((tmp_path / "m" / "nav2.yaml").read_text())["planner_server"]
+    assert server["ros__parameters"]["A"]["max_planning_time"] == then
+
+
+@pytest.mark.parametrize("distro", few_of(["humble", "jazzy", "kilted", "lyrical"], 2))
+def test_each_distribution_has_what_its_nav2_reads(tmp_path, costs, distro):
+    """The lists are those of the branches of ros-navigation/navigation2, main for rolling."""
+    unsure = distro in ("kilted", "lyrical", "rolling")
+    with pytest.warns(DistroWarning) if unsure else nullcontext():
+        nav2_keepout(tmp_path / "s", costs, planner="smac-hybrid", distro=distro)
+    nav2 = yaml.safe_load((tmp_path / "s" / "nav2.yaml").read_text())
+    own = nav2["planner_server"]["ros__parameters"]["GridBased"]
+    old = distro == "humble"
+    assert own["plugin"] == f"nav2_smac_planner{'/' if old else '::'}SmacPlannerHybrid"
+    assert ("use_quadratic_cost_penalty" in own) is not old
+    assert json.loads((tmp_path / "s" / "export.json").read_text())["distro"] == distro
+
+
+ROUTE = Path(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]]))
+
+
+def test_paths_are_read_back(tmp_path):
+    plain_files.path(tmp_path / "p.csv", ROUTE)
+    again = Path.load(tmp_path / "p.csv")
+    np.testing.assert_allclose(again.xy, ROUTE.xy)
+    np.testing.assert_allclose(again.heading, ROUTE.facing, atol=1e-6)
+    assert ROUTE.facing.tolist() == pytest.approx([math.atan2(4, 3), math.pi / 2, math.pi / 2])
+    (tmp_path / "excel.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "p.csv").read_bytes())
+    np.testing.assert_array_equal(Path.load(tmp_path / "excel.csv").xy, again.xy)
+    plain_files.path(tmp_path / "fine.CSV", ROUTE, step=0.3)
+    fine = Path.load(tmp_path / "fine.CSV").xy
+    assert len(fine) == 22
+    assert fine[17].tolist() == [3.0, 4.0]  # a corner that no multiple of the step meets
+    assert np.hypot(*np.diff(fine, axis=0).T).max() <= 0.3 + 1e-6
+    plain_files.path(tmp_path / "p.json", ROUTE, frame="odom")
+    about = json.loads((tmp_path / "p.json").read_text())
+    assert (about["frame"], about["length"]) == ("odom", 6.0)
+    assert about["poses"][1]["distance"] == 5.0
+    plain_files.path(tmp_path / "p.geojson", ROUTE, frame="odom")
+    assert json.loads((tmp_path / "p.geojson").read_text()) == ROUTE.to_geojson(frame="odom")
+
+
+def test_a_path_is_a_message_that_ros_takes(tmp_path):
+    from rosbags.typesys import Stores, get_typestore
+
+    plain_files.path(tmp_path / "p.yaml", ROUTE)
+    message = yaml.safe_load((tmp_path / "p.yaml").read_text())
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    fields = {name for name, _ in types.fielddefs["nav_msgs/msg/Path"][1]}
+    assert set(message) == fields
+    assert message == ROUTE.to_nav_msgs()
+    poses = [pose["pose"] for pose in message["poses"]]
+    assert [(p["position"]["x"], p["position"]["y"]) for p in poses] == [
+        tuple(xy) for xy in ROUTE.xy
+    ]
+    turn = poses[0]["orientation"]
+    assert 2 * math.atan2(turn["z"], turn["w"]) == pytest.approx(math.atan2(4, 3))
+    assert {pose["header"]["frame_id"] for pose in message["poses"]} == {"map"}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "x_m,y_m\n1,2", "x,y", "x,y\n1", "x,y\n1,nan", "x,y\na,b", "\x00"]
+)
+def test_files_that_hold_no_path_are_refused(tmp_path, text):
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(LocplanError):
+        Path.load(tmp_path / "p.csv")
+    with pytest.raises(LocplanError, match="there is no such file"):
+        Path.load(tmp_path / "none.csv")
+    with pytest.raises(LocplanError, match=r"\.csv, \.json, \.geojson, \.yaml"):
+        plain_files.path(tmp_path / "p.txt", ROUTE)
+
+
+def test_field_writes_numpy_arrays(tmp_path, costs):
+    field = covariance_field(costs.grid, FieldConfig(Sad(range=1.0)))
+    plain_files.field(tmp_path / "f.npz", field)
+    with np.load(tmp_path / "f.npz") as arrays:
+        assert {*arrays} == {"about", "covariance", "u_map", "cells"}
+        np.testing.assert_array_equal(arrays["covariance"], field.covariance)
+        u = Costmap.from_field(costs.grid, field).u
+        np.testing.assert_array_equal(arrays["u_map"], u)
+        np.testing.assert_array_equal(arrays["cells"], costs.grid.cells)
+        about = json.loads(str(arrays["about"]))
+        assert about["origin"] == [2.0, -1.0, 0.0]
+        assert about["config"]["estimator"]["range"] == 1.0
+    assert CovarianceField.load(tmp_path / "f.npz").config == field.config
+    with pytest.raises(LocplanError, match=r"must end in \.npz"):
+        plain_files.field(tmp_path / "f.txt", field)
+
+
+TOY = '''
+"""The dearest cell as a text."""
+from __future__ import annotations
+from dataclasses import dataclass
+from pathlib import Path
+from locplan.errors import ConfigError
+from locplan.export.registry import ExportSummary, Format
+
+
+@dataclass(frozen=True)
+class ToyOptions:
+    step: float = 0.001
+    """The step of the number."""
+
+    def __post_init__(self):
+        if not self.step > 0:
+            raise ConfigError(f"step must be above 0, not {self.step}")
+
+
+def write(target, job, options):
+    most = float(job.field.e[job.field.evaluated].max())
+    target.write_text(f"{round(most / options.step)}")
+    return ExportSummary({"most": most}, (("greatest e", str(most)),))
+
+
+FORMATS = (Format("toy", "the greatest e", write, ToyOptions, suffixes=(".txt",)),)
+'''
+
+
+def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
+    (tmp_path / "toy_format.py").write_text(TOY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "MODULES", [*registry.MODULES, "toy_format"])
+    for name in ("locplan.app.cli.export", "toy_format"):
+        monkeypatch.setitem(sys.modules, name, None)  # so that it is forgotten at last
+        monkeypatch.delitem(sys.modules, name)
+    save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
+    _, out, _ = run("export", "--help")
+    assert "ros-map, path, toy]" in " ".join(out.replace("│", " ").split())
+    ask = "export", tmp_path / "bay.yaml", "--to", "toy"
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(*ask, "--step", 0.5)
+    assert (code, err) == (0, "")
+    assert out.endswith("wrote bay-toy.txt\n")
+    most = float(re.search(r"greatest e +(\S+)", out)[1])
+    assert int((tmp_path / "bay-toy.txt").read_text()) == round(most / 0.5)
+    assert "step must be above 0" in refused(run(*ask, "--step", 0))
+    for extra in (("--frame", "odom"), ("--start", "1,1", "--goal", "1,2")):
+        message = refused(run(*ask, *extra))
+        assert re.search(f"{extra[0]} is for --to .*path.*, not for toy", message)
+    assert "must end in .txt" in refused(run(*ask, "-o", "toy.csv"))
+
+
+def test_formats_describe_every_option():
+    for each in formats().values():
+        for name, doc in field_docs(each.options).items():
+            assert doc.endswith("."), f"{each.name}: {name}"
+
+
+def test_a_file_in_the_way_is_replaced_with_force_only(run, tmp_path):
+    save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
+    (tmp_path / "mine.csv").write_text("years of work")
+    ask = "export", tmp_path / "bay.yaml", "--to", "path", "--start", "0.8,0.8"
+    ask = *ask, "--goal", "1.2,0.8", "-o", tmp_path / "mine.csv"
+    assert "mine.csv: is no earlier result of this command; name another file" in refused(run(*ask))
+    assert (tmp_path / "mine.csv").read_text() == "years of work"
+    code, out, _ = run(*ask, "--force")
+    assert code == 0
+    assert "6 m assumed" in " ".join(out.split())
+    assert (tmp_path / "mine.csv").read_text().startswith("x,")

@@ -1,0 +1,707 @@
+"""The ROS 2 package under examples/, without ROS: its pure parts, its files, and stand-ins."""
+
+import ast
+import importlib
+import math
+import runpy
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.typesys import Stores, get_typestore
+
+import locplan
+from locplan.export import nav2_keepout, nav2_speed, plain_files
+from locplan.field import FieldConfig, Sad, Scan, load_or_compute
+from locplan.maps import OccupancyGrid, load_map
+from locplan.robots import Lidar
+
+ROOT = Path(__file__).resolve().parents[2]
+LAUNCH = "localizability.launch.xml"
+PACKAGE = ROOT / "examples" / "ros2" / "locplan_ros"
+DECLARED = {
+    "map_server": {"yaml_filename", "topic_name", "frame_id"},
+    "costmap_filter_info_server": {
+        *("type", "filter_info_topic", "mask_topic", "base", "multiplier"),
+    },
+    "lifecycle_manager": {"autostart", "node_names"},
+}
+"""Parameters that Nav2 declares in all of humble, jazzy, kilted, lyrical and main, by executable:
+nav2_map_server/src/map_server/map_server.cpp,
+nav2_map_server/src/costmap_filter_info/costmap_filter_info_server.cpp and
+nav2_lifecycle_manager/src/lifecycle_manager.cpp."""
+RVIZ_CLASSES = {
+    *("Map", "MarkerArray", "Marker", "Path", "PoseWithCovariance", "TF", "TopDownOrtho"),
+    *("MoveCamera", "Select", "Measure", "SetInitialPose", "SetGoal"),
+}
+"""Classes of ros2/rviz: rviz_default_plugins/plugins_description.xml, humble to rolling."""
+LATCHED = {
+    *("/map", "/global_costmap/costmap", "/amcl_pose"),
+    *(f"/localizability_{kind}_mask" for kind in ("keepout", "speed", "static")),
+    *("/localizability_watch/ellipses", "/localizability_watch/warning"),
+}
+"""Topics whose publishers are transient local: Nav2's map_server, amcl and costmaps, and ours."""
+DISTROS = [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL]
+
+
+@pytest.fixture(autouse=True)
+def modules(monkeypatch):
+    """The package can be imported, and is forgotten after the test."""
+    monkeypatch.syspath_prepend(str(PACKAGE))
+    yield
+    for name in [name for name in sys.modules if name.partition(".")[0] == "locplan_ros"]:
+        del sys.modules[name]
+
+
+@pytest.fixture(scope="module")
+def corridors():
+    return load_or_compute(load_map(ROOT / "maps" / "two_corridors.yaml"), Scan(Lidar(range=6.0)))
+
+
+@pytest.fixture(scope="module")
+def corridors_npz(corridors, tmp_path_factory):
+    file = tmp_path_factory.mktemp("ros") / "field.npz"
+    plain_files.field(file, corridors)
+    return str(file)
+
+
+def part(name):
+    return importlib.import_module(f"locplan_ros.{name}")
+
+
+def events(watch, poses):
+    return [(x, reading.event) for x, y in poses if (reading := watch.update(x, y)).event]
+
+
+# The watch
+
+
+def test_the_corridor_is_entered_and_left_once(corridors_npz):
+    field = part("field_file").FieldFile.load(corridors_npz)
+    watch = part("watch").Watch(field)
+    along = [(float(x), 3.0) for x in np.arange(2.0, 38.0, 0.05)]
+    (start, entered), (end, left) = events(watch, along)
+    assert entered.state == "degenerate"
+    assert entered.is_warning
+    assert "cm along 0 deg" in entered.text  # the corridor runs along x
+    assert 6.0 < start < 10.0
+    assert left.state == "clear"
+    assert not left.is_warning
+    assert 30.0 < end < 35.0
+    assert float(left.text.split()[-2]) == pytest.approx(end - start, abs=0.1)
+
+
+class Given:
+    """A field of values of u by position; the deviation is 1 m along the diagonal."""
+
+    def __init__(self, u):
+        self.u = u
+
+    def at(self, x, y, heading=None):
+        return self.u(x), np.array([[0.5, 0.49, 0.0], [0.49, 0.5, 0.0], [0.0, 0.0, 0.01]])
+
+
+def test_a_pose_that_trembles_at_a_border_gives_one_event():
+    rng = np.random.default_rng(3)
+    watch = part("watch").Watch(Given(lambda x: x))
+    poses = [(0.5 + float(tremble), 0.0) for tremble in rng.uniform(-0.09, 0.09, 300)]
+    assert [event.state for _, event in events(watch, poses)] == ["degenerate"]
+    without_gap = part("watch").Watch(Given(lambda x: x), part("watch").Limits(0.5, 0.5))
+    assert len(events(without_gap, poses)) > 50
+
+
+def test_the_robot_is_nowhere_only_after_several_poses_without_a_value():
+    limits = part("watch").Limits(patience=3)
+    watch = part("watch").Watch(Given(lambda x: math.nan if x < 0 else 0.9), limits)
+    states = [watch.update(x, 0.0).state for x in (1, -1, -1, 1, -1, -1, -1, -1, 1)]
+    assert states == ["degenerate"] * 6 + ["nowhere"] * 2 + ["degenerate"]
+    assert not watch.update(-1, 0.0).is_known
+
+
+def test_outside_the_map_there_is_no_value(corridors_npz):
+    field = part("field_file").FieldFile.load(corridors_npz)
+    watch = part("watch").Watch(field, part("watch").Limits(patience=1))
+    ((_, event),) = events(watch, [(2.0, 3.0), (-50.0, 3.0), (2000.0, 3.0), (math.nan, 0.0)])
+    assert event.state == "nowhere"
+    assert "no value at (-50.00, 3.00)" in event.text
+    ((_, back),) = events(watch, [(2.0, 3.0)])
+    assert back.text == "back on the field at (2.00, 3.00)"
+
+
+def test_a_step_over_any_edge_of_the_map_is_outside():
+    covariance = np.broadcast_to(np.eye(3), (4, 6, 3, 3))
+    free = np.ones((4, 6), bool)
+    field = part("field_file").FieldFile(covariance, free * 0.5, free, 1.0, (0.0, 0.0, 0.0), 1)
+    for x, y in ((0.1, 0.1), (5.9, 3.9)):
+        assert field.at(x, y)[0] == 0.5
+    for x, y in ((-0.1, 2.0), (6.1, 2.0), (3.0, -0.1), (3.0, 4.1)):
+        u, covariance = field.at(x, y)
+        assert math.isnan(u)
+        assert np.isnan(covariance).all()
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ((0.4, 0.5), "0 <= leave <= enter"),
+        ((1.5, 0.5), "0.5 and 1.5"),
+        ((0.5, 0.4, 0), "at least 1"),
+    ],
+)
+def test_wrong_limits_are_refused(limits, words):
+    with pytest.raises(ValueError, match=words):
+        part("watch").Limits(*limits)
+
+
+# The field
+
+
+def agrees(file, field, *headings):
+    read = part("field_file").FieldFile.load(str(file))
+    u = locplan.Costmap.from_field(field.grid, field).u
+    rows, cols = np.nonzero(field.grid.free)
+    rng = np.random.default_rng(0)
+    for n in rng.integers(len(rows), size=40):
+        row, col = rows[n] + rng.uniform(0.01, 0.99), cols[n] + rng.uniform(0.01, 0.99)
+        x, y = (float(v) for v in field.grid.grid_to_world(row, col))
+        for heading in (None, *headings):
+            pose = (x, y) if heading is None else (x, y, heading)
+            expected = field.at(pose, "covariance")
+            degeneracy, covariance = read.at(x, y, heading)
+            assert degeneracy == u[rows[n], cols[n]]
+            np.testing.assert_allclose(covariance, expected, atol=1e-12)
+    positions = read.positions(1.0)
+    assert len(positions)
+    assert np.isfinite(field.at(positions, "covariance")).all()
+
+
+def test_values_are_those_of_the_library(corridors, corridors_npz):
+    agrees(corridors_npz, corridors)
+
+
+def turned_room(yaw):
+    cells = np.full((30, 60), 254, np.uint8)
+    cells[[0, -1]] = 0
+    cells[:, 0] = 0
+    return OccupancyGrid(cells, 0.1, (3.0, -2.0, yaw))
+
+
+def test_a_map_with_yaw_and_headings_gives_values_in_the_world(tmp_path):
+    lidar = Lidar(range=2.0, field_of_view_deg=180.0)
+    config = FieldConfig(Scan(lidar), stride=0.2, headings=4)
+    field = locplan.covariance_field(turned_room(0.7), config)
+    file = tmp_path / "field.npz"
+    plain_files.field(file, field)
+    agrees(file, field, 0.3, -2.0)
+
+
+def test_the_ellipse_turns_with_the_map(tmp_path):
+    """Along a wall the position is free; with the map's yaw the wall turns."""
+    axes = []
+    for yaw in (0.0, 0.7):
+        field = locplan.covariance_field(turned_room(yaw), Sad(range=1.0))
+        plain_files.field(tmp_path / "f.npz", field)
+        read = part("field_file").FieldFile.load(str(tmp_path / "f.npz"))
+        x, y = field.grid.position(6, 35)
+        axes.append(part("watch").ellipse(read.at(x, y)[1])[2])
+    assert axes[0] == pytest.approx(0.0, abs=0.1)
+    assert axes[1] - axes[0] == pytest.approx(0.7, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["no.npz", "text.npz", "other.npz"])
+def test_a_file_that_is_no_field_is_said_in_one_line(tmp_path, name):
+    (tmp_path / "text.npz").write_text("no field")
+    np.savez(tmp_path / "other.npz", a=1)
+    with pytest.raises(ValueError, match=name) as error:
+        part("field_file").FieldFile.load(str(tmp_path / name))
+    assert "\n" not in str(error.value)
+
+
+# The messages
+
+
+def readings():
+    """One reading of each state."""
+    watch = part("watch").Watch(
+        Given(lambda x: math.nan if x < 0 else x), part("watch").Limits(patience=1)
+    )
+    return [watch.update(x, 2.0, 0.5) for x in (0.1, 0.9, -1.0)]
+
+
+STAMP = {"sec": 1, "nanosec": 2}
+
+
+def contents(field):
+    """Each message's type and content."""
+    messages = part("messages")
+    yield "visualization_msgs/msg/MarkerArray", messages.ellipses(STAMP, "map", field, 2.0, 1.0)
+    for reading in readings():
+        kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+        yield kind, messages.pose_with_covariance(STAMP, "map", reading)
+        yield "diagnostic_msgs/msg/DiagnosticArray", messages.diagnostics(STAMP, reading)
+        yield "visualization_msgs/msg/Marker", messages.warning(STAMP, "map", reading)
+
+
+def check_fields(definitions, kind, content):
+    """Each name is a field of its message, and each value of the field's sort."""
+    fields = dict(definitions[kind][1])
+    for name, value in content.items():
+        node, of = fields[name]
+        if node.name == "NAME":
+            check_fields(definitions, of, value)
+        elif node.name == "BASE":
+            sorts = {"string": str, "octet": bytes, "byte": bytes}
+            sort = sorts.get(of[0], float if "float" in of[0] else int)
+            assert isinstance(value, sort), (kind, name, value)
+            assert sort is not bytes or len(value) == 1
+        else:
+            (element, element_of), size = of
+            assert isinstance(value, list)
+            assert node.name == "SEQUENCE" or len(value) == size
+            if element.name == "NAME":
+                for each in value:
+                    check_fields(definitions, element_of, each)
+
+
+@pytest.mark.parametrize("distro", DISTROS, ids=lambda store: store.value)
+def test_messages_have_the_fields_of_each_distribution(corridors_npz, distro):
+    definitions = get_typestore(distro).fielddefs
+    for kind, content in contents(part("field_file").FieldFile.load(corridors_npz)):
+        check_fields(definitions, kind, content)
+    constants = {
+        name: value
+        for kind in ("visualization_msgs/msg/Marker", "diagnostic_msgs/msg/DiagnosticStatus")
+        for name, _, value in definitions[kind][0]
+    }
+    messages = part("messages")
+    assert (
+        constants["CYLINDER"],
+        constants["TEXT_VIEW_FACING"],
+    ) == (messages.CYLINDER, messages.TEXT)
+    assert (constants["ADD"], constants["DELETE"]) == (messages.ADD, messages.DELETE)
+    assert (messages.OK[0], messages.WARN[0]) == (constants["OK"], constants["WARN"])
+
+
+def test_the_covariance_is_row_by_row_in_the_order_of_ros():
+    covariance = np.array([[1.0, 0.2, 0.3], [0.2, 2.0, 0.4], [0.3, 0.4, 3.0]])
+    full = np.zeros((6, 6))
+    full[:2, :2] = covariance[:2, :2]
+    full[:2, 5] = full[5, :2] = covariance[:2, 2]
+    full[5, 5] = 3.0
+    assert part("messages").covariance_6x6(covariance) == full.ravel().tolist()
+    without_heading = part("messages").covariance_6x6(covariance[:2, :2])
+    assert without_heading[35] == pytest.approx(math.pi**2 / 3)
+
+
+def test_a_heading_survives_its_quaternion():
+    for yaw in (-3.0, -0.4, 0.0, 2.5):
+        turn = part("messages").pose(0.0, 0.0, yaw)["orientation"]
+        assert part("messages").yaw_of(0.0, 0.0, turn["z"], turn["w"]) == pytest.approx(yaw)
+
+
+def test_the_warning_is_shown_in_degenerate_places_only():
+    clear, degenerate, nowhere = (
+        part("messages").warning(STAMP, "map", reading) for reading in readings()
+    )
+    assert (clear["action"], degenerate["action"], nowhere["action"]) == (2, 0, 2)
+    assert "u 0.90" in degenerate["text"]
+    levels = [
+        part("messages").diagnostics(STAMP, reading)["status"][0]["level"] for reading in readings()
+    ]
+    assert levels == [b"\0", b"\1", b"\1"]
+
+
+# The package's files
+
+
+@pytest.fixture
+def setup_arguments(monkeypatch):
+    """What setup.py hands to setuptools."""
+    given = {}
+    setuptools = ModuleType("setuptools")
+    setuptools.setup = lambda **arguments: given.update(arguments)
+    monkeypatch.setitem(sys.modules, "setuptools", setuptools)
+    monkeypatch.chdir(PACKAGE)
+    runpy.run_path("setup.py")
+    return given
+
+
+def test_setup_and_package_xml_agree(setup_arguments):
+    package = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    assert package.get("format") == "3"
+    text = {child.tag: child.text for child in package}
+    for tag, key in (("name", "name"), ("version", "version"), ("license", "license")):
+        assert text[tag] == setup_arguments[key]
+    assert text["description"] == setup_arguments["description"]
+    assert text["version"] == locplan.__version__.partition(".dev")[0]
+    assert package.findtext("export/build_type") == "ament_python"
+    depends = [child.text for child in package.findall("exec_depend")]
+    assert len(depends) == len(set(depends))
+    imported = {
+        name.partition(".")[0] for file in PACKAGE.rglob("*.py") for name in imports_of(file)
+    }
+    named = {"tf2_ros": "tf2_ros_py", "numpy": "python3-numpy"}
+    own = {"locplan_ros", "locplan", "setuptools", *sys.stdlib_module_names}
+    assert {named.get(name, name) for name in imported - own} <= set(depends)
+    setup_cfg = (PACKAGE / "setup.cfg").read_text()
+    assert setup_cfg.count(f"$base/lib/{text['name']}") == 2
+
+
+def imports_of(file):
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module
+
+
+def test_all_that_is_installed_is_there_and_all_that_is_there_is_installed(setup_arguments):
+    installed = {file for _, files in setup_arguments["data_files"] for file in files}
+    assert all((PACKAGE / file).is_file() for file in installed)
+    there = {
+        str(file.relative_to(PACKAGE))
+        for folder in ("launch", "config", "rviz", "resource")
+        for file in (PACKAGE / folder).iterdir()
+        if file.is_file()
+    }
+    assert installed == there | {"package.xml"}
+    assert setup_arguments["packages"] == ["locplan_ros"]
+    (script,) = setup_arguments["entry_points"]["console_scripts"]
+    _, target = script.split(" = ")
+    module, function = target.split(":")
+    tree = ast.parse((PACKAGE / f"{module.replace('.', '/')}.py").read_text())
+    assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
+def test_the_code_is_python_3_10():
+    """Humble has Python 3.10."""
+    for file in PACKAGE.rglob("*.py"):
+        ast.parse(file.read_text(), feature_version=(3, 10))
+        later = {"tomllib", "StrEnum", "Self", "assert_never", "ExceptionGroup"}
+        assert not later & {*imports_of(file), *file.read_text().split()}
+
+
+# RViz
+
+
+def all_of(node, key):
+    """All values of a key, wherever it is."""
+    if isinstance(node, dict):
+        for name, value in node.items():
+            if name == key:
+                yield value
+            yield from all_of(value, key)
+    elif isinstance(node, list):
+        for each in node:
+            yield from all_of(each, key)
+
+
+def test_the_view_has_classes_that_rviz_has_and_latched_topics():
+    view = yaml.safe_load((PACKAGE / "rviz" / "localizability.rviz").read_text())
+    manager = view["Visualization Manager"]
+    classes = set(filter(None, all_of(manager, "Class")))
+    assert {name.removeprefix("rviz_default_plugins/") for name in classes} <= RVIZ_CLASSES
+    assert {panel["Class"] for panel in view["Panels"]} <= {
+        "rviz_common/Displays",
+        "rviz_common/Views",
+    }
+    topics = list(all_of(manager["Displays"], "Topic"))
+    assert {topic["Value"] for topic in topics} > LATCHED | {"/localizability_watch/covariance"}
+    for topic in topics:
+        latched = topic["Durability Policy"] == "Transient Local"
+        assert latched == (topic["Value"] in LATCHED), topic["Value"]
+        assert topic["Reliability Policy"] == "Reliable"
+    masks = [display for display in manager["Displays"] if "_mask" in str(display.get("Topic"))]
+    assert [display["Color Scheme"] for display in masks] == ["costmap"] * 3
+
+
+def test_the_view_shows_the_topics_that_are_exported_and_published(tmp_path):
+    costs = locplan.Costmap.from_density(turned_room(0.0), np.ones((30, 60)))
+    nav2_keepout(tmp_path / "keepout", costs)
+    servers = yaml.safe_load((tmp_path / "keepout" / "servers.yaml").read_text())
+    view = (PACKAGE / "rviz" / "localizability.rviz").read_text()
+    (topic,) = all_of(servers, "topic_name")
+    assert f"Value: {topic}\n" in view
+    node = (PACKAGE / "locplan_ros" / "watch_node.py").read_text()
+    for name in ("covariance", "warning", "ellipses"):
+        assert f'"~/{name}"' in node
+        assert f"Value: /localizability_watch/{name}\n" in view
+
+
+# The launch file
+
+
+class Action(SimpleNamespace):
+    """A stand-in of an action of launch: it keeps what it was given."""
+
+    def __init__(self, kind, *given, **named):
+        super().__init__(kind=kind, given=given, **named)
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """A function from arguments to the actions that the launch file starts."""
+
+    def kind(name):
+        return lambda *given, **named: Action(name, *given, **named)
+
+    class LaunchConfiguration:
+        def __init__(self, name):
+            self.name = name
+
+        def perform(self, context):
+            return context[self.name]
+
+    stand_ins = {
+        "launch": {"LaunchDescription": list},
+        "launch.actions": {
+            name: kind(name)
+            for name in ("DeclareLaunchArgument", "IncludeLaunchDescription", "OpaqueFunction")
+        },
+        "launch.launch_description_sources": {"AnyLaunchDescriptionSource": str},
+        "launch.substitutions": {"LaunchConfiguration": LaunchConfiguration},
+        "launch_ros": {},
+        "launch_ros.actions": {name: kind(name) for name in ("Node",)},
+    }
+    for name, names in stand_ins.items():
+        module = ModuleType(name)
+        vars(module).update(names)
+        monkeypatch.setitem(sys.modules, name, module)
+    file = PACKAGE / "launch" / "localizability.launch.py"
+    description = runpy.run_path(str(file))["generate_launch_description"]()
+    *declared, opaque = description
+    defaults = {action.given[0]: action.default_value for action in declared}
+
+    def start(**given):
+        assert set(given) <= set(defaults)
+        return opaque.function({**defaults, **given})
+
+    return start
+
+
+@pytest.fixture
+def folders(tmp_path):
+    u = np.full((30, 60), 0.5)
+    costs = locplan.Costmap.from_layers(turned_room(0.0), u=u)
+    nav2_keepout(tmp_path / "mask", costs)
+    nav2_speed(tmp_path / "speed", costs)
+    (tmp_path / "field.npz").touch()
+    (tmp_path / "map.yaml").touch()
+    return tmp_path
+
+
+def test_the_launch_file_includes_each_folder(launched, folders):
+    exports = f"{folders / 'mask'}, {folders / 'speed'}, "
+    included = launched(exports=exports, rviz="false")
+    assert [action.given[0] for action in included] == [
+        str(folders / name / LAUNCH) for name in ("mask", "speed")
+    ]
+
+
+def test_what_is_included_starts_nodes_with_parameters_that_nav2_declares(folders):
+    launch = ElementTree.parse(folders / "mask" / LAUNCH).getroot()
+    parameters = yaml.safe_load((folders / "mask" / "servers.yaml").read_text())
+    executables = {node.get("name"): node.get("exec") for node in launch}
+    assert set(executables.values()) == set(DECLARED)
+    assert set(parameters) == set(executables)
+    for name, executable in executables.items():
+        assert set(parameters[name]["ros__parameters"]) <= DECLARED[executable]
+
+
+def test_the_launch_file_starts_the_servers_the_node_and_rviz(launched, folders):
+    given = {"map": str(folders / "map.yaml"), "field": str(folders / "field.npz")}
+    server, manager, watch, rviz = launched(**given, use_sim_time="true")
+    assert (server.package, server.executable) == ("nav2_map_server", "map_server")
+    assert (manager.package, manager.executable) == ("nav2_lifecycle_manager", "lifecycle_manager")
+    for node in (server, manager):
+        (parameters,) = node.parameters
+        assert set(parameters) <= DECLARED[node.executable]
+    assert server.parameters[0]["yaml_filename"] == given["map"]
+    assert manager.parameters[0]["node_names"] == [server.name]
+    assert (watch.package, watch.executable) == ("locplan_ros", "watch")
+    file, own = watch.parameters
+    assert own == {"field": given["field"], "use_sim_time": True}
+    assert rviz.parameters == [{"use_sim_time": True}]
+    assert set(yaml.safe_load(Path(file).read_text())) == {watch.name}
+    assert (rviz.package, rviz.executable) == ("rviz2", "rviz2")
+    assert Path(rviz.arguments[1]).is_file()
+
+
+def test_by_default_only_rviz_is_started(launched):
+    (rviz,) = launched()
+    assert (rviz.executable, rviz.parameters) == ("rviz2", [{"use_sim_time": False}])
+
+
+@pytest.mark.parametrize("name", ["exports", "map", "field"])
+def test_what_is_missing_is_named(launched, tmp_path, name):
+    with pytest.raises(FileNotFoundError, match=r"there is no .*gone"):
+        launched(**{name: str(tmp_path / "gone")})
+
+
+# The node
+
+
+class WrongType(Exception):
+    """A stand-in of rclpy.exceptions.ParameterException."""
+
+
+class Parent:
+    """A stand-in of rclpy.node.Node with the parameters that a test sets."""
+
+    given: ClassVar = {}
+
+    def __init__(self, name):
+        self.name, self.log, self.sent = name, [], {}
+        self.timers_made, self.topics = [], {}
+
+    def declare_parameter(self, name, value):
+        if type(self.given.get(name, value)) is not type(value):
+            raise WrongType(f"{name} must be a {type(value).__name__}")
+        return SimpleNamespace(value=self.given.get(name, value))
+
+    def create_publisher(self, kind, topic, qos):
+        return SimpleNamespace(
+            publish=lambda message: self.sent.setdefault(topic, []).append(message)
+        )
+
+    def create_subscription(self, kind, topic, callback, depth):
+        self.topics[topic] = callback
+
+    def create_timer(self, period, callback):
+        self.timers_made.append((period, callback))
+
+    def get_logger(self):
+        def log(level):
+            return lambda text, **_: self.log.append((level, text))
+
+        return SimpleNamespace(info=log("info"), warning=log("warning"))
+
+    def get_clock(self):
+        stamp = SimpleNamespace(sec=5, nanosec=0)
+        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: stamp))
+
+
+class Transforms:
+    """A stand-in of tf2_ros.Buffer: None where there is no transform."""
+
+    x = None
+
+    def lookup_transform(self, target, source, time):
+        assert (target, source) == ("map", "base_link")
+        if self.x is None:
+            raise RuntimeError("no transform")
+        turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+        place = SimpleNamespace(x=self.x, y=3.0, z=0.0)
+        stamp = SimpleNamespace(sec=7, nanosec=8)
+        transform = SimpleNamespace(translation=place, rotation=turn)
+        return SimpleNamespace(header=SimpleNamespace(stamp=stamp), transform=transform)
+
+
+@pytest.fixture
+def node_module(monkeypatch, corridors_npz):
+    def kind(name):
+        return type(name, (), {})
+
+    calls = []
+    stand_ins = {
+        "rclpy": {
+            "init": lambda: calls.append("init"),
+            "spin": lambda node: calls.append("spin"),
+            "try_shutdown": lambda: calls.append("shutdown"),
+        },
+        "rclpy.exceptions": {"ParameterException": WrongType},
+        "rclpy.executors": {"ExternalShutdownException": type("Ended", (Exception,), {})},
+        "rclpy.node": {"Node": Parent},
+        "rclpy.qos": {
+            "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL=1),
+            "QoSProfile": SimpleNamespace,
+        },
+        "rclpy.time": {"Time": SimpleNamespace},
+        "rosidl_runtime_py": {
+            "set_message_fields": lambda message, content: vars(message).update(content)
+        },
+        "tf2_ros": {
+            "Buffer": Transforms,
+            "TransformException": RuntimeError,
+            "TransformListener": lambda buffer, node: None,
+        },
+        "diagnostic_msgs": {},
+        "diagnostic_msgs.msg": {"DiagnosticArray": kind("DiagnosticArray")},
+        "geometry_msgs": {},
+        "geometry_msgs.msg": {"PoseWithCovarianceStamped": kind("PoseWithCovarianceStamped")},
+        "visualization_msgs": {},
+        "visualization_msgs.msg": {name: kind(name) for name in ("Marker", "MarkerArray")},
+    }
+    for name, names in stand_ins.items():
+        module = ModuleType(name)
+        vars(module).update(names)
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(Parent, "given", {"field": corridors_npz})
+    module = part("watch_node")
+    module.calls = calls
+    return module
+
+
+def test_the_node_warns_once_and_publishes_each_pose(node_module, monkeypatch):
+    node = node_module.WatchNode()
+    ((period, look_up),) = node.timers_made
+    assert period == 0.2
+    markers = node.sent["~/ellipses"][0].markers
+    assert len(markers) > 20
+    assert markers[0]["header"]["stamp"] == {"sec": 0, "nanosec": 0}
+    look_up()
+    assert node.log == [("info", "waiting for the pose: no transform")]
+    node.log.clear()
+    for x in (2.0, 15.0, 20.0, 37.0, -60.0):
+        monkeypatch.setattr(Transforms, "x", x)
+        look_up()
+    assert [level for level, _ in node.log] == ["warning", "info"]
+    poses = node.sent["~/covariance"]
+    assert [message.pose["pose"]["position"]["x"] for message in poses] == [2.0, 15.0, 20.0, 37.0]
+    assert poses[0].header == {"stamp": {"sec": 7, "nanosec": 8}, "frame_id": "map"}
+    assert [message.action for message in node.sent["~/warning"]] == [2, 0, 0, 2, 2]
+    assert len(node.sent["/diagnostics"]) == 5
+
+
+def test_the_node_takes_poses_from_a_topic(node_module, corridors_npz, monkeypatch):
+    monkeypatch.setattr(Parent, "given", {"field": corridors_npz, "pose_topic": "/amcl_pose"})
+    node = node_module.WatchNode()
+    assert not node.timers_made
+    at = SimpleNamespace(
+        position=SimpleNamespace(x=20.0, y=3.0),
+        orientation=SimpleNamespace(x=0.0, y=0.0, z=1.0, w=0.0),
+    )
+    stamp = SimpleNamespace(sec=1, nanosec=0)
+    node.topics["/amcl_pose"](
+        SimpleNamespace(header=SimpleNamespace(stamp=stamp), pose=SimpleNamespace(pose=at))
+    )
+    assert [level for level, _ in node.log] == ["warning"]
+
+
+def test_the_parameters_of_the_file_are_those_of_the_node(node_module):
+    content = yaml.safe_load((PACKAGE / "config" / "watch.yaml").read_text())
+    parameters = content["localizability_watch"]["ros__parameters"]
+    assert {"field": "", **parameters} == node_module.PARAMETERS
+    assert {name: type(value) for name, value in parameters.items()} == {
+        name: type(node_module.PARAMETERS[name]) for name in parameters
+    }
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"field": "gone.npz"}, {"rate": 0.0}, {"leave": 0.9}, {"enter": 1}],
+    ids=lambda w: str(*w),
+)
+def test_a_wrong_parameter_ends_the_node_with_one_line(node_module, monkeypatch, capsys, wrong):
+    node_module.main()
+    assert node_module.calls == ["init", "spin", "shutdown"]
+    monkeypatch.setattr(Parent, "given", Parent.given | wrong)
+    with pytest.raises(SystemExit, match="2"):
+        node_module.main()
+    assert capsys.readouterr().err.count("\n") == 1
+    assert node_module.calls[-1] == "shutdown"

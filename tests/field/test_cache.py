@@ -1,0 +1,206 @@
+import os
+import time
+
+import pytest
+from conftest import random_rooms
+
+from locplan._support.output import temporary_folder
+from locplan.errors import ConfigError, LocplanError
+from locplan.field import FieldConfig, Sad, SearchWindow, cache, load_or_compute
+from locplan.field.cache import cache_entries, cache_table, load_or_compute_result
+from locplan.field.store import field_path
+from locplan.maps import OccupancyGrid
+
+QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
+
+
+@pytest.fixture
+def three(tmp_path):
+    """A cache of three fields, used 1, 2 and 3 days ago."""
+    paths = []
+    for days in (1, 2, 3):
+        grid = OccupancyGrid(random_rooms((40, 50), seed=days), 0.1, name=f"rooms {days}")
+        load_or_compute(grid, QUICK, cache_dir=tmp_path)
+        paths.append(field_path(grid, QUICK, tmp_path))
+        used = time.time() - days * 86400 - 60
+        os.utime(paths[-1], (used, used))
+    return paths
+
+
+def names(folder) -> list[str]:
+    return [entry.about["map"] for entry in cache_entries(folder)]
+
+
+def test_entries_come_by_their_last_use(three, tmp_path):
+    assert names(tmp_path) == ["rooms 1", "rooms 2", "rooms 3"]
+    os.utime(three[1])
+    assert names(tmp_path) == ["rooms 2", "rooms 1", "rooms 3"]
+
+
+def test_entries_know_their_kind_size_and_share(three, tmp_path):
+    entry = cache_entries(tmp_path)[0]
+    assert entry.path == three[0]
+    assert entry.size == three[0].stat().st_size
+    assert (entry.kind, entry.finished_share) == ("field", 1.0)
+    assert "field rooms 1 sad, disc" in " ".join(cache_table([entry], tmp_path).split())
+
+
+def test_the_least_recently_used_go_first(three, tmp_path):
+    size = sum(path.stat().st_size for path in three[:2])
+    cache.evict(tmp_path, size, three[0])
+    assert names(tmp_path) == ["rooms 1", "rooms 2"]
+    cache.evict(tmp_path, 1, three[1])
+    assert names(tmp_path) == ["rooms 2"]
+
+
+def test_a_new_field_drives_out_an_old_one(three, tmp_path, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE_SIZE", str(three[0].stat().st_size))
+    grid = OccupancyGrid(random_rooms((40, 50), seed=9), 0.1, name="new")
+    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    assert names(tmp_path) == ["new"]
+
+
+def test_what_is_being_computed_stays(three, tmp_path):
+    with cache.lock_of(three[1]):
+        removed, busy = cache.clear_cache(tmp_path, 0)
+    assert [entry.path for entry in busy] == [three[1]]
+    assert {entry.path for entry in removed} == {three[0], three[2]}
+    assert names(tmp_path) == ["rooms 2"]
+
+
+def test_only_what_was_not_used_for_so_long_is_removed(three, tmp_path):
+    cache.clear_cache(tmp_path, 2)
+    assert names(tmp_path) == ["rooms 1"]
+
+
+def test_unreadable_entries_are_listed_and_removed(three, tmp_path):
+    three[0].write_text("{")
+    for suffix in (".parts", ".zarr", ".kept"):
+        (tmp_path / ("0" * 32 + suffix)).mkdir()
+        (tmp_path / ("0" * 32 + suffix) / "zarr.json").write_text("{}")
+    kinds = sorted(entry.kind for entry in cache_entries(tmp_path))
+    assert kinds == ["damaged", "field", "field", *["outdated"] * 2, "unfinished"]
+    assert "6 results" in cache_table(cache_entries(tmp_path), tmp_path)
+    cache.clear_cache(tmp_path, 0)
+    assert cache_entries(tmp_path) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["locks"]
+
+
+def test_leftovers_of_killed_processes_are_removed_but_not_those_of_live_ones(three, tmp_path):
+    abandoned = tmp_path / ".locplan-tmp-a1b2c3d4"
+    (abandoned / "c").mkdir(parents=True)
+    others = [tmp_path / name for name in (".locplan-tmp-a1b2", ".locplan-settings")]
+    for other in others:
+        other.mkdir()
+    with temporary_folder(tmp_path) as held:
+        assert not abandoned.exists()
+        cache.clear_cache(tmp_path, 2)
+        assert held.exists()
+    assert all(other.exists() for other in others)
+    assert not list(tmp_path.glob(".locplan-tmp-????????"))
+
+
+def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
+    for name in ("mine.npz", f"{'a' * 31}.npz", f"{'a' * 32}.csv", "a" * 32):
+        (tmp_path / name).write_text("{}")
+        os.utime(tmp_path / name, (0, 0))
+    cache.evict(tmp_path, 0, three[0])
+    cache.clear_cache(tmp_path, 0)
+    assert len([path for path in tmp_path.iterdir() if path.is_file()]) == 4
+    assert cache_entries(tmp_path) == []
+
+
+def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monkeypatch):
+    remove = cache.remove
+
+    def all_but_one(field):
+        if field == three[2]:
+            raise LocplanError("not yours")
+        return remove(field)
+
+    monkeypatch.setattr(cache, "remove", all_but_one)
+    cache.evict(tmp_path, 0, three[0])
+    assert names(tmp_path) == ["rooms 1", "rooms 3"]
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("", 5e9),
+        ("700", 700),
+        ("1.5 GB", 1.5e9),
+        ("20mb", 2e7),
+        ("3k", 3000),
+        ("1TB", 1e12),
+        ("2GiB", 2 << 30),
+    ],
+)
+def test_the_limit_is_read(text, size, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE_SIZE", text)
+    assert cache.cache_limit() == size
+
+
+@pytest.mark.parametrize("text", ["much", "-1", "5 EB", "GB", "9" * 400])
+def test_a_limit_that_is_none_is_refused(text, monkeypatch):
+    monkeypatch.setenv("LOCPLAN_CACHE_SIZE", text)
+    with pytest.raises(ConfigError, match="LOCPLAN_CACHE_SIZE"):
+        cache.cache_limit()
+
+
+def test_the_folder_is_the_argument_then_the_environment_then_the_users(tmp_path, monkeypatch):
+    assert cache.cache_folder(tmp_path / "a") == tmp_path / "a"
+    monkeypatch.setenv("LOCPLAN_CACHE", os.fspath(tmp_path / "b"))
+    assert cache.cache_folder() == tmp_path / "b"
+    monkeypatch.delenv("LOCPLAN_CACHE")
+    assert "locplan" in cache.cache_folder().parts
+    with pytest.raises(ConfigError, match="no such user"):
+        cache.cache_folder("~nosuchuser/x")
+
+
+KEY = "0123456789abcdef" * 2
+
+
+def read_number(path):
+    try:
+        return int(path.read_text())
+    except ValueError:
+        raise LocplanError(f"{path}: is damaged") from None
+
+
+def number_in(folder, compute):
+    def save(path, number):
+        path.write_text(str(number))
+
+    return load_or_compute_result(KEY, read_number, compute, save, cache_dir=folder)
+
+
+def test_result_is_computed_once(tmp_path):
+    assert number_in(tmp_path, lambda parts: 7) == 7
+    assert number_in(tmp_path, None) == 7
+
+
+def test_damaged_result_is_computed_again(tmp_path):
+    number_in(tmp_path, lambda parts: 7)
+    (tmp_path / f"{KEY}.npz").write_text("seven")
+    with pytest.warns(cache.CacheWarning, match="is damaged; computed again"):
+        assert number_in(tmp_path, lambda parts: 8) == 8
+    assert number_in(tmp_path, None) == 8
+
+
+def test_parts_of_result_stay_until_it_is_saved(tmp_path):
+    def interrupted(parts):
+        parts.mkdir()
+        (parts / "1").write_text("7")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        number_in(tmp_path, interrupted)
+    assert [entry.kind for entry in cache_entries(tmp_path)] == ["unfinished"]
+    assert number_in(tmp_path, lambda parts: read_number(parts / "1")) == 7
+    assert [entry.path.name for entry in cache_entries(tmp_path)] == [f"{KEY}.npz"]
+
+
+def test_result_without_parts_if_cache_is_a_file(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.warns(cache.CacheWarning, match="cannot be written"):
+        assert number_in(tmp_path / "file", lambda parts: 7 if parts is None else 8) == 7

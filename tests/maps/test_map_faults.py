@@ -1,0 +1,215 @@
+"""What a map alone shows of its faults, and the map without the inside of its walls."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+from PIL import Image
+from support import oracles as naive
+
+from locplan._support.kernels.walls import surface_depths
+from locplan.maps import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyGrid,
+    faults,
+    find_maps,
+    hollowed,
+    read_map,
+    solidity,
+)
+from locplan.maps.map_faults import MapFault, Solidity
+
+SOLID = {
+    "f1tenth_gym_berlin",
+    "f1tenth_gym_skirk",
+    "f1tenth_gym_stata_basement",
+    "navfn_willow_costmap",
+    "tuw_warehouse008",
+    "tuw_warehouse032",
+    "tuw_warehouse200",
+}
+
+
+def blocks(thick: bool = True) -> OccupancyGrid:
+    """Aisles of 1.5 m between blocks of 3 m, which are black inside, or have walls of one cell."""
+    cells = np.full((200, 200), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for row in range(15, 165, 45):
+        for col in range(15, 150, 45):
+            cells[row : row + 30, col : col + 30] = OCCUPIED
+            if not thick:
+                cells[row + 1 : row + 29, col + 1 : col + 29] = UNKNOWN
+    return OccupancyGrid(cells, 0.1, name="blocks")
+
+
+def kinds(grid: OccupancyGrid) -> list[str]:
+    return [each.kind for each in faults(grid)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_kernels_are_those_of_plain_loops(seed):
+    cells = random_rooms((31, 24), seed)
+    for deep in (1, 3):
+        assert surface_depths(cells, FREE, OCCUPIED, deep) == naive.surface_depths(
+            cells, FREE, OCCUPIED, deep
+        )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_hollowed_leaves_a_rim_of_one_cell(seed):
+    cells = random_rooms((31, 24), seed)
+    cells[:3, 4:9] = OCCUPIED  # black up to the edge of the map
+    grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.1), "rooms")
+    hollow = hollowed(grid)
+    assert np.array_equal(hollow.cells, naive.hollowed(grid.cells))
+    assert (hollow.resolution, hollow.origin, hollow.name) == (0.05, (1.0, 2.0, 0.1), "rooms")
+    assert hollowed(hollow) == hollow
+
+
+def test_blocks_that_are_black_inside_are_solid_and_hollow_ones_are_not():
+    found = faults(blocks())
+    assert found.is_solid
+    assert np.array_equal(found.cells, hollowed(blocks()).cells != blocks().cells)
+    assert hollowed(blocks()) == blocks(thick=False)
+    assert kinds(blocks(thick=False)) == []
+
+
+def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
+    monkeypatch.setattr("locplan.maps.map_faults.DEPTH", 3.5)
+    found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
+    assert [(each.kind, each.sure) for each in found] == [("thick walls", False)]
+    assert not found.is_solid
+
+
+@pytest.mark.parametrize(
+    ("wins", "hollow", "depth", "kind"),
+    [
+        (0.2, 0.1, 0.15, "solid walls"),
+        (0.2, 0.1, 0.14, "thick walls"),
+        (0.19, 0.0, 0.5, None),
+        (0.6, 0.31, 0.5, None),
+    ],
+)
+def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
+    wins, hollow, depth, kind, monkeypatch
+):
+    monkeypatch.setattr("locplan.maps.map_faults.solidity", lambda _: Solidity(wins, hollow, depth))
+    found = faults(blocks())
+    assert [each.kind for each in found] == [kind] * (kind is not None)
+    assert found.mended == (hollowed(blocks()) if kind == "solid walls" else blocks())
+    deep = replace(found, found=(*found, MapFault("deep walls", "")))
+    assert deep.mended == blocks()  # the truth lies inside
+
+
+@pytest.mark.parametrize(("cells", "depth"), [(5, 0.0), (6, 1.0)])
+def test_walls_are_deep_with_over_half_a_metre_of_black(cells, depth):
+    room = np.pad(np.full((30, 40), FREE, np.uint8), cells, constant_values=OCCUPIED)
+    assert solidity(OccupancyGrid(room, 0.1)).depth == depth
+
+
+def test_the_check_is_made_once_of_equal_maps():
+    first = solidity(blocks())
+    assert solidity(blocks()) is first
+    assert 0.2 <= first.wins <= 1
+    assert first.wins_hollowed <= first.wins / 2
+
+
+@pytest.mark.parametrize(("speck", "many"), [(1, True), (3, True), (4, False)])
+def test_specks_float_and_are_of_up_to_three_cells(speck, many):
+    cells = np.full((60, 60), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for row in range(5, 55, 10):
+        for col in range(5, 55, 10):
+            cells[row, col : col + speck] = OCCUPIED
+    assert kinds(OccupancyGrid(cells, 0.05)) == ["specks"] * many
+    assert kinds(OccupancyGrid(cells, 0.2)) == []  # fewer than one a square metre
+    cells[cells == FREE] = UNKNOWN
+    cells[30, 30] = FREE
+    assert "specks" not in kinds(OccupancyGrid(cells, 0.05))
+
+
+def test_specks_are_the_same_in_bands(monkeypatch):
+    random = np.random.default_rng(0)
+    cells = np.where(random.random((90, 40)) < 0.1, OCCUPIED, FREE).astype(np.uint8)
+    grid = OccupancyGrid(cells, 0.05)
+    whole = faults(grid).cells
+    monkeypatch.setattr("locplan.maps.map_faults.ROWS", 7)
+    assert whole.any()
+    assert np.array_equal(faults(grid).cells, whole)
+
+
+def test_unknown_space_that_is_painted_black_is_named():
+    cells = np.full((60, 60), OCCUPIED, np.uint8)
+    cells[20:40, 10:50] = FREE
+    painted = OccupancyGrid(cells, 0.05)
+    assert "painted unknown" in kinds(painted)
+    assert "painted unknown" not in kinds(hollowed(painted))
+    some = np.where(np.arange(60) == 0, UNKNOWN, cells).astype(np.uint8)
+    assert "painted unknown" not in kinds(OccupancyGrid(some, 0.05))
+    cells = cells.copy()
+    cells[2:58, 2:58] = FREE  # walls of two cells are no painted space
+    assert "painted unknown" not in kinds(OccupancyGrid(cells, 0.05))
+    assert "painted unknown" not in kinds(blocks())  # nor are a few racks
+
+
+def file_of(folder, name, pixels, free_thresh=0.196):
+    Image.fromarray(pixels).save(folder / "lab.png")
+    (folder / f"{name}.yaml").write_text(
+        "image: lab.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        f"occupied_thresh: 0.65\nfree_thresh: {free_thresh}\n"
+    )
+    return read_map(folder / f"{name}.yaml")
+
+
+def test_a_mask_is_not_searched_for_solid_walls(tmp_path):
+    for name, expected in (
+        ("keepout", "mask"),
+        ("lab_virtual_walls", "mask"),
+        ("virtual_lab", "solid walls"),
+        ("costmap", "solid walls"),
+    ):
+        found = faults(*file_of(tmp_path, name, blocks().cells))
+        assert [each.kind for each in found] == [expected]
+
+
+def test_cells_are_looked_at_as_the_file_is_meant(tmp_path):
+    pixels = np.full((60, 60), 254, np.uint8)
+    pixels[:, 30:] = 205  # map_saver's grey, here read as free
+    pixels[5:55:2, 35:55:2] = 0  # within it
+    pixels[[0, -1]] = pixels[:, [0, -1]] = 0
+    grid, source = file_of(tmp_path, "lab", pixels, free_thresh=0.25)
+    found = faults(grid, source)
+    assert [each.kind for each in found] == ["thresholds"]
+    assert [each.kind for each in faults(grid)] == ["specks"]
+    assert np.array_equal(found.mended.cells[::-1] == FREE, pixels == 254)
+    assert found.summary()["map"]["digest"] == grid.digest
+
+
+def test_results_are_written_and_drawn(tmp_path):
+    found = faults(blocks())
+    found.save(tmp_path)
+    assert {"faults.json", "faults.csv", "faults.png"} <= {each.name for each in tmp_path.iterdir()}
+    assert "solid walls: walls are black inside" in found.report()
+    assert found.summary()["faults"][0]["sure"] is True
+    assert "no fault" in faults(drawn(" ###", " #.#", " ###", resolution=0.5)).report()
+    assert "coarse cells: cells of 1 m" in faults(drawn(" ###", " #.#", " ###")).report()
+
+
+@pytest.mark.long
+def test_the_solid_ones_of_the_shared_maps_are_found_and_no_others(real_maps):
+    every = {file.parent.name: faults(*read_map(file)) for file in find_maps(real_maps)}
+    found = {name for name, each in every.items() if each.is_solid}
+    assert found == SOLID
+    painted = {n for n, each in every.items() if "painted unknown" in {f.kind for f in each}}
+    assert painted == SOLID - {"navfn_willow_costmap"}
+
+
+@pytest.mark.parametrize(("values", "is_costmap"), [((50, 253, 254), True), ((0, 252, 254), False)])
+def test_a_costmap_that_is_read_as_a_map_is_said(tmp_path, values, is_costmap):
+    pixels = np.random.default_rng(0).choice(np.array(values, np.uint8), (60, 80))
+    found = faults(*file_of(tmp_path, "lab", pixels))
+    assert ("costmap" in [each.kind for each in found]) == is_costmap
+    assert ("this is a costmap, not a map" in found.report()) == is_costmap

@@ -1,0 +1,180 @@
+import cv2
+import numpy as np
+import pytest
+from conftest import random_rooms
+from support import oracles as naive
+
+from locplan.errors import LocplanError
+from locplan.field import FieldConfig, Sad, SearchWindow
+from locplan.field.templates import (
+    BEHIND,
+    beam_count,
+    disc,
+    local_map,
+    rotated_template,
+    visible_part,
+)
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.paper.template_matching import (
+    MODELS,
+    along_axis,
+    mismatch,
+    sad_distribution,
+    similarities,
+    slid_along_x,
+)
+
+
+def test_sad_distribution_equals_the_plain_loops():
+    cells = random_rooms((31, 38), seed=3)
+    config = FieldConfig(
+        Sad(
+            window=SearchWindow(
+                half_width=0.3, step=0.1, half_rotation_deg=60, rotation_step_deg=30
+            )
+        )
+    )
+    window = config.estimator.window.on(0.05)
+    for row, col in ((15, 19), (0, 0), (30, 5)):
+        expected = naive.mismatch_counts(cells, row, col, 7, 2, 3, window.angles)
+        result = sad_distribution(cells, row, col, 7, window)
+        np.testing.assert_array_equal(result, 127 * expected.transpose(0, 2, 1))
+
+
+def test_template_turns_counter_clockwise():
+    cells = np.full((21, 21), FREE, np.uint8)
+    cells[10, 16] = OCCUPIED  # six cells along +x
+    template = rotated_template(cells, 10, 10, 8, np.pi / 2)
+    assert np.argwhere(template == OCCUPIED).tolist() == [[14, 8]]  # six cells along +y
+
+
+def test_unturned_template_is_the_local_map():
+    cells = random_rooms((40, 40), seed=1)
+    np.testing.assert_array_equal(
+        rotated_template(cells, 3, 38, 9, 0.0), local_map(cells, 3, 38, 9)
+    )
+
+
+def test_outside_the_map_is_unknown():
+    around = local_map(np.full((2, 2), FREE, np.uint8), 0, 0, 1)
+    assert around.tolist() == [[UNKNOWN] * 3, [UNKNOWN, FREE, FREE], [UNKNOWN, FREE, FREE]]
+
+
+@pytest.mark.parametrize("radius", [0, 1, 5, 40])
+def test_disc_is_symmetric_and_touches_its_radius(radius):
+    mask = disc(radius)
+    assert (mask == mask.T).all()
+    assert (mask == mask[::-1]).all()
+    assert mask[radius].all()
+    assert mask[0].sum() == 1
+
+
+def test_mismatch_is_zero_at_zero_lag():
+    cells = random_rooms((60, 60), seed=2)
+    window = FieldConfig(Sad(window=SearchWindow(half_width=0.4))).estimator.window.on(0.1)
+    assert sad_distribution(cells, 30, 30, 12, window)[2, 2, 6] == 0
+
+
+def test_a_ray_sees_the_wall_but_not_the_room_behind():
+    cells = np.full((41, 41), FREE, np.uint8)
+    cells[:, 28] = OCCUPIED  # a wall eight cells to the right
+    seen = visible_part(cells, 20, 20, 15, 0.0)
+    assert seen[15, :26].all()  # up to the wall and two cells behind
+    assert not seen[15, 26:].any()
+    assert seen[:, 15].all()  # along the wall nothing hides anything
+    turned = visible_part(cells, 20, 20, 15, np.pi / 2)
+    np.testing.assert_array_equal(turned, np.rot90(seen, -1))
+
+
+def test_in_the_open_everything_is_seen():
+    seen = visible_part(np.full((41, 41), FREE, np.uint8), 20, 20, 12, 0.3)
+    np.testing.assert_array_equal(seen, disc(12))
+
+
+def test_the_visible_part_equals_the_plain_loops():
+    cells = random_rooms((50, 60), seed=13, blocks=20)
+    for row, col, theta in ((25, 30, 0.0), (0, 0, 0.5), (40, 10, -1.0)):
+        expected = naive.visible_part(cells, row, col, 18, theta, beam_count(18), BEHIND)
+        np.testing.assert_array_equal(visible_part(cells, row, col, 18, theta), expected)
+
+
+OPENCV = {
+    "SSD": cv2.TM_SQDIFF,
+    "NSSD": cv2.TM_SQDIFF_NORMED,
+    "NCC": cv2.TM_CCORR_NORMED,
+    "ZNCC": cv2.TM_CCOEFF_NORMED,
+    "ZCC": cv2.TM_CCOEFF,
+    "CC": cv2.TM_CCORR,
+}
+
+
+@pytest.mark.parametrize("model", OPENCV)
+def test_models_equal_opencvs(model):
+    cells = random_rooms((24, 60), seed=5, blocks=40)
+    template = cells[:, 21:39]
+    expected = cv2.matchTemplate(cells, template, OPENCV[model])
+    found = slid_along_x(template, cells)[model]
+    scale = abs(expected).max()
+    np.testing.assert_allclose(found, expected[0], rtol=1e-5, atol=1e-5 * scale)
+
+
+def test_models_equal_the_plain_loops():
+    rng = np.random.default_rng(4)
+    for size in (1, 2, 9, 30):
+        template, levels = rng.choice([OCCUPIED, UNKNOWN, FREE], (2, size, size))
+        found, expected = similarities(template, levels), naive.similarities(template, levels)
+        assert list(found) == list(MODELS) == list(expected)
+        for name in MODELS:
+            assert found[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-6, nan_ok=True)
+
+
+def test_templates_that_do_not_fit_are_refused():
+    with pytest.raises(LocplanError, match="one shape"):
+        similarities(np.zeros((2, 3)), np.zeros((3, 2)))
+    with pytest.raises(LocplanError, match="one shape"):
+        similarities(np.zeros((0, 3)), np.zeros((0, 3)))
+    with pytest.raises(LocplanError, match="cannot slide"):
+        slid_along_x(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
+
+
+def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other():
+    cells = random_rooms((81, 81), seed=8)
+    estimator = Sad(range=1.5, window=SearchWindow(half_width=0.5))
+    grid, turned = OccupancyGrid(cells, 0.1), OccupancyGrid(np.rot90(cells, -1), 0.1)
+    x, y = 3.05, 5.05
+    offsets, curves = along_axis(grid, x, y, "x", estimator)
+    # Row 0 is at the lowest y: rot90 by -1 turns the world counter-clockwise.
+    turned_offsets, turned_curves = along_axis(turned, 8.1 - y, x, "y", estimator)
+    np.testing.assert_array_equal(offsets, turned_offsets)
+    assert offsets[[0, -1]].tolist() == pytest.approx([-0.4, 0.4])
+    for name in MODELS:
+        np.testing.assert_allclose(curves[name], turned_curves[name], rtol=1e-12, err_msg=name)
+
+
+def test_along_theta_the_best_match_is_no_turn():
+    grid = OccupancyGrid(random_rooms((81, 81), seed=8), 0.1)
+    angles, curves = along_axis(grid, 4.0, 4.0, "theta", Sad(range=2.0))
+    np.testing.assert_allclose(np.degrees(angles), np.arange(-60, 61))
+    assert curves["SAD"][60] == 0
+    assert (np.delete(curves["SAD"], [59, 60, 61]) > 0).all()  # a degree may move no cell
+    assert curves["ZNCC"][60] == pytest.approx(1)
+
+
+def test_along_an_axis_sad_is_the_distributions():
+    grid = OccupancyGrid(random_rooms((81, 81), seed=9), 0.1)
+    estimator = Sad(range=1.5)
+    area = mismatch(grid, 4.0, 4.0, estimator)
+    assert area.shape == (21, 21, 13)
+    offsets, curves = along_axis(grid, 4.0, 4.0, "y", estimator)
+    np.testing.assert_allclose(offsets[::2], np.arange(-10, 11) * 0.2)
+    np.testing.assert_allclose(curves["SAD"][::2] * (0.01 / 254), area[10, :, 6])
+
+
+def test_places_and_axes_that_are_none_are_refused():
+    grid = OccupancyGrid(random_rooms((30, 30), seed=9), 0.1)
+    with pytest.raises(LocplanError, match="free space"):
+        mismatch(grid, 9.0, 1.0, Sad())
+    with pytest.raises(LocplanError, match="axis must be"):
+        along_axis(grid, 1.0, 1.0, "z", Sad())
+    with pytest.raises(LocplanError, match="axis must be"):
+        along_axis(grid, 1.0, 1.0, "theta", Sad(window=SearchWindow(half_rotation_deg=0)))

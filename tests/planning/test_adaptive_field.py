@@ -1,0 +1,198 @@
+"""Fields that are fine near the paths planned on them, and coarse elsewhere."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from conftest import random_rooms
+
+from locplan.errors import ConfigError, FieldError
+from locplan.field import CovarianceField, FieldConfig, Fisher, covariance_field, load_or_compute
+from locplan.field.cache import cache_entries, cache_table
+from locplan.field.lattice import every_second_point, filled, points_near
+from locplan.maps import OccupancyGrid, environments, save_map
+from locplan.planning import Costmap, path_metrics, plan
+from locplan.planning.plans import planned_near_paths
+from locplan.robots import Lidar
+
+CONFIG = FieldConfig(Fisher(Lidar(range=3.0, beams=90, field_of_view_deg=270.0)), headings=4)
+ENDS = (2.0, 3.0), (38.0, 3.0)
+
+
+@pytest.fixture(scope="module")
+def grid() -> OccupancyGrid:
+    return environments.make("two_corridors", resolution=0.1)
+
+
+@pytest.fixture(scope="module")
+def whole(grid) -> CovarianceField:
+    return covariance_field(grid, CONFIG)
+
+
+@pytest.fixture(scope="module")
+def coarse(grid, whole) -> CovarianceField:
+    return covariance_field(grid, CONFIG, points=every_second_point(whole.evaluated))
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("stride", [1, 2, 3])
+def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
+    grid = OccupancyGrid(random_rooms((61, 50), seed=seed), 0.1)
+    needed = FieldConfig(stride=stride * 0.1).lattice_points(grid)
+    chosen = every_second_point(needed)
+    assert not (chosen & ~needed).any()
+    rows, cols = np.nonzero(needed & ~chosen)
+    around = np.pad(chosen, 1)
+    assert all(around[r : r + 3, c : c + 3].any() for r, c in zip(rows, cols, strict=True))
+    assert chosen[::2, ::2].sum() == needed[::2, ::2].sum()
+
+
+def test_open_space_takes_a_quarter_of_the_points():
+    assert every_second_point(np.ones((40, 60), bool)).sum() == 600
+
+
+def test_lacking_points_are_read_bilinearly():
+    row, col = np.mgrid[:9, :11].astype(float)
+    plane = 3 * row - 2 * col + 0.5 * row * col
+    known = np.zeros(plane.shape, bool)
+    known[::2, ::2] = True
+    read = filled(np.where(known, plane, np.nan), known, ~known)
+    np.testing.assert_allclose(read, plane, atol=1e-12)
+
+
+def test_points_near_a_cell_are_those_within_the_distance():
+    points = np.random.default_rng(5).random((30, 40)) < 0.7
+    cells = np.array([[12.0, 30.0], [70.0, 100.0]])
+    rows, cols = 3 * np.mgrid[:30, :40]
+    away = np.min([np.hypot(rows - r, cols - c) for r, c in np.rint(cells / 3) * 3], axis=0)
+    np.testing.assert_array_equal(points_near(points, 3, cells, 14.0), points & (away <= 14.0))
+
+
+def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, whole, coarse):
+    points = every_second_point(whole.evaluated)
+    np.testing.assert_array_equal(coarse.evaluated, points)
+    np.testing.assert_array_equal(coarse.covariance[points], whole.covariance[points])
+    np.testing.assert_array_equal(coarse.lacking, whole.evaluated & ~points)
+    read, known = coarse.e_map(), whole.e_map()
+    np.testing.assert_array_equal(np.isnan(read), np.isnan(known))
+    off = np.abs(np.log(read / known))[grid.free[:, :, None] & ~np.isnan(known)]
+    assert np.median(off) < 0.1
+
+
+def test_a_covariance_is_read_as_e_is_where_points_are_lacking(grid, coarse):
+    e_map = coarse.e_map()[:, :, 1]
+    for row, col in np.argwhere(grid.free)[:: grid.free.sum() // 60]:
+        x, y = grid.position(int(row), int(col))
+        e = coarse.at((x, y, CONFIG.heading_angles[1]), "e")
+        assert e == pytest.approx(e_map[row, col], rel=1e-6)
+
+
+def test_a_whole_field_lacks_nothing(whole):
+    assert not whole.lacking.any()
+
+
+def test_the_saturated_share_counts_all_parts_of_a_map_alike(grid, whole, coarse):
+    points = coarse.evaluated.copy()
+    points[:, : points.shape[1] // 3] |= whole.evaluated[:, : points.shape[1] // 3]
+    finer = covariance_field(grid, CONFIG, points=points)
+    assert 0 < coarse.saturated_share < 1
+    assert finer.saturated_share == coarse.saturated_share
+
+
+def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, whole):
+    asked = []
+
+    def field_of(points):
+        asked.append(points)
+        return covariance_field(grid, CONFIG, points=points)
+
+    def planned(field):
+        return plan(Costmap.from_field(grid, field), *ENDS)
+
+    field, found = planned_near_paths(grid, CONFIG, field_of, planned, lambda each: [each.path])
+    assert all((before <= after).all() for before, after in itertools.pairwise(asked))
+    assert 2 <= len(asked) <= 4
+    assert field.evaluated.sum() < 0.8 * whole.evaluated.sum()
+    cells = np.stack(grid.world_to_grid(*found.path.resampled(0.1).xy.T), axis=1) - 0.5
+    beside = points_near(whole.evaluated, whole.stride, cells, 3.0)
+    assert not (beside & ~field.evaluated).any()
+    costs = Costmap.from_field(grid, whole)
+    best = plan(costs, *ENDS).metrics.cost
+    assert path_metrics(costs, found.path).cost == pytest.approx(best, rel=0.01)
+
+
+def test_without_a_path_the_first_field_is_the_last(grid, whole):
+    fields = []
+
+    def field_of(points):
+        fields.append(covariance_field(grid, CONFIG, points=points))
+        return fields[-1]
+
+    field, _ = planned_near_paths(grid, CONFIG, field_of, lambda _: None, lambda _: [])
+    assert len(fields) == 1
+    assert field is fields[0]
+
+
+def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coarse, tmp_path):
+    points, done = coarse.evaluated, []
+
+    def count(now, total):
+        done.append(total)
+
+    first = load_or_compute(grid, CONFIG, points=points, cache_dir=tmp_path, progress=count)
+    assert done[-1] == points.sum()
+    more = points.copy()
+    more[: len(more) // 2] |= whole.evaluated[: len(more) // 2]
+    wider = load_or_compute(grid, CONFIG, points=more, cache_dir=tmp_path, progress=count)
+    assert done[-1] == (more & ~points).sum()
+    all_of_it = load_or_compute(grid, CONFIG, cache_dir=tmp_path, progress=count)
+    assert done[-1] == (whole.evaluated & ~more).sum()
+    again = load_or_compute(grid, CONFIG, points=points, cache_dir=tmp_path)
+    for found, expected in ((first, coarse), (again, coarse), (all_of_it, whole)):
+        np.testing.assert_array_equal(found.covariance, expected.covariance)
+    np.testing.assert_array_equal(wider.evaluated, more)
+
+
+def test_cache_lists_finished_share_of_field(grid, whole, coarse, tmp_path):
+    load_or_compute(grid, CONFIG, points=coarse.evaluated, cache_dir=tmp_path)
+    (entry,) = cache_entries(tmp_path)
+    assert entry.finished_share == coarse.evaluated.sum() / whole.evaluated.sum()
+    assert f" {entry.finished_share:.0%} " in cache_table([entry], tmp_path)
+    load_or_compute(grid, CONFIG, cache_dir=tmp_path)
+    assert [each.finished_share for each in cache_entries(tmp_path)] == [1.0]
+
+
+def test_a_field_of_some_points_is_not_saved(coarse, tmp_path):
+    with pytest.raises(FieldError, match="some of its points only; compute all"):
+        coarse.save(tmp_path / "part.npz")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("points", [np.ones((3, 3), bool), np.ones((30, 200)), [[True]]])
+def test_points_must_be_a_mask_of_the_lattice(grid, points):
+    with pytest.raises(ConfigError, match="points must be an array of bool of the lattice's shape"):
+        covariance_field(grid, CONFIG, points=points)
+
+
+@pytest.mark.parametrize(
+    ("options", "is_whole"),
+    [
+        ((), False),
+        (("--planner", "RRTConnect:space=SE2,iterations=500"), False),
+        (("--stride", 0.2), True),
+    ],
+)
+def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
+    run, grid, tmp_path, monkeypatch, options, is_whole
+):
+    save_map(grid, tmp_path / "map.yaml")
+    heading = ",0" if "--planner" in options else ""
+    ends = "--start", f"2,3{heading}", "--goal", f"38,3{heading}"
+    lidar = "--lidar", "rplidar-a1", "--set", "range=3", "--field", "fisher", "--drives", 0
+    monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "cache"))
+    code, _, err = run("plan", tmp_path / "map.yaml", *ends, *lidar, *options)
+    assert code == 0, err
+    (entry,) = cache_entries(tmp_path / "cache")
+    assert (entry.finished_share == 1.0) == is_whole

@@ -1,0 +1,485 @@
+import dataclasses
+import math
+import pickle
+from functools import partial
+
+import numpy as np
+import pytest
+from conftest import corridor, drawn, random_rooms
+from support import oracles as naive
+
+from locplan._support.kernels import rays
+from locplan.comparison import runs as orders
+from locplan.errors import ConfigError, FieldError, PoseError
+from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindow, covariance_field
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.planning import Costmap, Path, path_cost, path_metrics
+from locplan.planning.layers import HeadingLayers
+from locplan.planning.metrics import profile
+from locplan.robots import Lidar
+
+
+@pytest.fixture(scope="module")
+def field():
+    return covariance_field(corridor(14.0, 2.0), FieldConfig(Sad(range=3.0)))
+
+
+def random_lines(count: int, size: int):
+    rng = np.random.default_rng(12)
+    ends = rng.uniform(0, size, (count, 4))
+    ends[::5, 2] = ends[::5, 0]  # along a row
+    ends[1::5, 3] = ends[1::5, 1]  # along a column
+    ends[2::5] = np.floor(ends[2::5]) + 0.5  # between centres, often through corners
+    return ends
+
+
+def test_cells_along_equal_the_plain_loops():
+    for line in random_lines(300, 20):
+        rows, cols, lengths = rays.cells_along(line.reshape(2, 2))
+        expected = [cell for cell in naive.cells_along(line.reshape(2, 2)) if cell[2] > 1e-7]
+        keep = lengths > 1e-7
+        assert list(zip(rows[keep], cols[keep], strict=True)) == [cell[:2] for cell in expected]
+        np.testing.assert_allclose(lengths[keep], [cell[2] for cell in expected], atol=1e-9)
+
+
+def test_the_integral_does_not_depend_on_the_direction():
+    density = np.random.default_rng(5).uniform(1, 9, (20, 20))
+    for line in random_lines(100, 19.9):
+        ends = line.reshape(2, 2)
+        if not (ends == np.floor(ends)).any():
+            forth, back = (rays.cells_along(each) for each in (ends, ends[::-1].copy()))
+            totals = [(density[row, col] * length).sum() for row, col, length in (forth, back)]
+            assert totals[0] == pytest.approx(totals[1])
+            expected = naive.line_integral(density, *line)
+            assert totals[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_corners_that_are_only_touched_do_not_count():
+    density = np.ones((3, 3))
+    density[0, 1] = density[1, 0] = np.inf
+    for far in (0.0, 4.5e6):  # also where the world's coordinates are rounded
+        grid = OccupancyGrid(np.full((3, 3), FREE), 0.05, (far, far, 0.3))
+        costs = Costmap.from_density(grid, density)
+        diagonal = [grid.position(0, 0), grid.position(2, 2)]
+        metrics = path_metrics(costs, Path(np.array(diagonal)))
+        assert metrics.cost == pytest.approx(0.1 * math.sqrt(2), rel=1e-4)
+
+
+def test_u_is_clipped_between_the_absolute_anchors(field):
+    costs = Costmap.from_field(field.grid, field, weight=4.0, robot=0.0)
+    low, high = field.anchors()
+    expected = np.clip(np.log(costs.e / low) / np.log(high / low), 0, 1)
+    np.testing.assert_allclose(costs.u, expected)
+    free = field.grid.free
+    np.testing.assert_allclose(costs.density[free], 1 + 4 * costs.u[free])
+    assert np.isinf(costs.density[~free]).all()
+
+
+def test_the_papers_preset_is_costed_with_q_all_the_same():
+    grid = corridor(12.0, 2.0)
+    field = covariance_field(grid, dataclasses.replace(FieldConfig(Sad.paper()), stride=0.4))
+    u = Costmap.from_field(grid, field, robot=0.0).u[grid.free]
+    assert np.isfinite(u).all()
+    assert 0 <= u.min() < u.max() <= 1
+    assert field.anchors()[0] == pytest.approx(
+        covariance_field(corridor(1.0, 1.0), FieldConfig()).anchors()[0]
+    )
+
+
+@pytest.mark.parametrize(("law", "power"), [("linear", 1.0), ("cube-root", 1 / 3)])
+def test_other_laws_are_powers_of_the_share_of_the_greatest_e(field, law, power):
+    costs = Costmap.from_field(field.grid, field, law=law, robot=0.0)
+    expected = (costs.e / field.anchors()[1]) ** power
+    np.testing.assert_allclose(costs.u, np.clip(expected, 0, 1))
+
+
+def test_heading_says_nothing_in_a_field_without_rotation():
+    grid = corridor(4.0, 2.0)
+    field = covariance_field(
+        grid, FieldConfig(Sad(range=1.0, window=SearchWindow(half_rotation_deg=0)))
+    )
+    with pytest.raises(ConfigError, match="without rotation"):
+        Costmap.from_field(grid, field, criterion="heading_std", robot=0.0)
+
+
+@pytest.mark.parametrize(("radius", "resolution"), [(0.15, 0.02), (0.1, 0.04), (0.25, 0.05)])
+def test_a_robot_fits_where_the_clearance_is_just_its_radius(radius, resolution):
+    cells = np.full((1, 40), FREE, np.uint8)
+    cells[0, 0] = 0
+    grid = OccupancyGrid(cells, resolution)
+    costs = Costmap.blank(grid, robot=radius)
+    first = np.flatnonzero(np.isfinite(costs.density[0]))[0]
+    assert (first - 0.5) * resolution >= radius - 1e-9
+    assert (first - 1.5) * resolution < radius - 1e-9
+
+
+def test_the_profile_covers_the_whole_path():
+    grid = OccupancyGrid(np.full((1, 4), FREE), 1.0)
+    costs = Costmap.blank(grid, robot=0.0)
+    layer = np.array([[1.0, 2.0, 3.0, 4.0]])
+    distance, values = profile(costs, Path(np.array([[0.5, 0.5], [2.25, 0.5]])), layer)
+    assert distance.tolist() == [0.0, 0.5, 1.5, 1.75]
+    assert values.tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])
+def test_u_can_be_made_of_another_scalar(field, criterion):
+    u = Costmap.from_field(field.grid, field, criterion=criterion, robot=0.0).u[field.grid.free]
+    assert 0 <= u.min() <= u.max() <= 1
+
+
+def test_the_robots_radius_blocks_cells_near_walls(field):
+    costs = Costmap.from_field(field.grid, field, robot=0.4)
+    free = field.grid.free
+    np.testing.assert_array_equal(np.isfinite(costs.density), free & (field.grid.clearance >= 0.4))
+
+
+def test_a_field_of_another_map_is_refused(field):
+    with pytest.raises(FieldError, match="does not belong"):
+        Costmap.from_field(drawn("..", ".."), field, robot=0.0)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"weight": -1.0}, "weight"),
+        ({"weight": math.nan}, "weight"),
+        ({"robot": -0.1}, "robot must"),
+        ({"law": "square"}, "law"),
+        ({"criterion": "volume"}, "criterion"),
+    ],
+)
+def test_bad_options_are_named(field, option, message):
+    with pytest.raises(ConfigError, match=message):
+        Costmap.from_field(field.grid, field, **option)
+
+
+@pytest.mark.parametrize(
+    "density", [np.zeros((2, 2)), np.full((2, 2), np.nan), np.full((2, 2), 1e12), np.ones((3, 2))]
+)
+def test_bad_densities_are_refused(density):
+    with pytest.raises(ConfigError, match="density"):
+        Costmap.from_density(drawn("..", ".."), density)
+
+
+def test_layers_of_ones_own_count_in_free_cells_alone():
+    grid = drawn("..#", "...")
+    u = np.array([[0.0, 1.0, 0.5], [0.25, 0.0, np.nan]])  # the row at the lowest y first
+    costs = Costmap.from_layers(grid, u=u, weight=2.0, robot=0.0)
+    np.testing.assert_array_equal(costs.density, [[1.0, 3.0, 2.0], [1.5, 1.0, np.inf]])
+    np.testing.assert_array_equal(costs.with_weight(4.0).density[0], [1.0, 5.0, 3.0])
+    assert np.isnan(costs.e).all()
+    near = Costmap.from_layers(grid, u=u, e=u + 1, robot=1.2)
+    assert np.isinf(near.density).sum() == 4
+    assert near.weight == 8.0
+    assert near.e[0, 1] == 2.0
+    assert not near.u.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("layers", "message"),
+    [
+        ({"u": np.zeros((3, 2))}, r"u has shape \(3, 2\), but the map \(2, 2\)"),
+        ({"u": np.full((2, 2), np.nan)}, "u must be from 0 to 1 in every free cell"),
+        ({"u": np.full((2, 2), 1.1)}, "u must be from 0 to 1"),
+        ({"u": np.full((2, 2), -0.1)}, "u must be from 0 to 1"),
+        ({"u": np.zeros((2, 2)), "e": np.full((2, 2), np.inf)}, "e must be finite and at least 0"),
+        ({"u": np.zeros((2, 2)), "weight": -1.0}, "weight"),
+    ],
+)
+def test_bad_layers_are_refused(layers, message):
+    with pytest.raises(ConfigError, match=message):
+        Costmap.from_layers(drawn("..", ".."), **layers)
+
+
+@pytest.mark.parametrize(
+    ("xy", "message"),
+    [
+        (
+            (9, 0.5),
+            "start 9,0.5 lies outside the map, which reaches from 0,0 to 4,2 m; the nearest",
+        ),
+        ((0.5, 1.5), "lies in a wall; the nearest"),
+        ((1.5, 1.5), "lies in unknown space; the nearest"),
+        ((math.nan, 0.0), "finite"),
+        ((1.0,), "two numbers"),
+    ],
+)
+def test_impossible_positions_are_refused_with_the_nearest_possible(xy, message):
+    costs = Costmap.from_density(drawn("# ..", "...."), np.ones((2, 4)))
+    with pytest.raises(PoseError, match=message):
+        costs.cell_of(xy, "start")
+
+
+def test_a_position_within_the_robots_radius_of_a_wall_is_refused():
+    costs = Costmap.from_density(drawn("#....", "....."), np.ones((2, 5)), robot=1.2)
+    with pytest.raises(PoseError, match=r"0\.50 m from a wall, closer than the robot's radius"):
+        costs.cell_of((1.5, 1.5), "goal")
+
+
+def test_a_map_without_room_says_so():
+    costs = Costmap.from_density(drawn("##", "##"), np.ones((2, 2)))
+    with pytest.raises(PoseError, match="no cell of the map is free"):
+        costs.cell_of((0.5, 0.5))
+
+
+def test_costmap_at_reads_cells_of_poses():
+    costs = Costmap.from_layers(drawn("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0)
+    inside, wall, outside = (0.9, 0.1), (0.5, 1.5), (-5.0, 0.5)
+    values = costs.at([inside, wall, outside])
+    np.testing.assert_array_equal(values["u"], [costs.u[0, 0], np.nan, np.nan])
+    np.testing.assert_array_equal(values["density"], [costs.density[0, 0], np.inf, np.inf])
+    assert np.isnan(values["e"]).all()
+    assert costs.at(inside, "u") == costs.u[0, 0]
+    assert costs.at((*outside, 1.0)) == pytest.approx(
+        {"density": np.inf, "u": np.nan, "e": np.nan}, nan_ok=True
+    )
+    with pytest.raises(ConfigError, match="name must be one of density, u, e"):
+        costs.at(inside, "cost")
+
+
+def test_costmap_at_takes_nearest_heading():
+    grid = corridor(6.0, 2.0)
+    ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
+    costs = Costmap.from_field(grid, covariance_field(grid, ahead), robot=0.3)
+    xy = np.column_stack(grid.grid_to_world(*(np.argwhere(grid.free)[::40] + 0.5).T))
+    count = len(costs.u_of_heading)
+    cells = grid.cell(xy)
+    for turn in (0.4, -0.4, count - 0.4):
+        heading = (2 + turn) * 2 * np.pi / count
+        values = costs.at(np.column_stack([xy, np.full(len(xy), heading)]))
+        nearest = round(2 + turn) % count
+        np.testing.assert_array_equal(values["u"], costs.u_of_heading[(nearest, *cells)])
+        np.testing.assert_array_equal(values["e"], costs.e_of_heading[(nearest, *cells)])
+        np.testing.assert_array_equal(
+            values["density"], costs.density_of_heading[(nearest, *cells)]
+        )
+    np.testing.assert_array_equal(costs.at(xy, "density"), costs.density[cells])
+
+
+def test_path_cost_of_several_paths_is_cost_of_each():
+    costs = Costmap.from_layers(drawn("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0)
+    paths = [Path([[0.5, 0.5], [2.5, 0.5]]), Path([[1.5, 0.5], [0.5, 1.5]])]
+    alone = [path_cost(costs, path) for path in paths]
+    assert alone == [path_metrics(costs, path).cost for path in paths]
+    assert np.isfinite(alone).tolist() == [True, False]
+    array = np.array([path.xy for path in paths])
+    for several in (paths, tuple(paths), array, array.tolist(), [*array]):
+        np.testing.assert_array_equal(path_cost(costs, several), alone)
+    assert path_cost(costs, array[0].tolist()) == alone[0]
+    assert path_cost(costs, np.empty((0, 2, 2))).shape == (0,)
+
+
+def test_path_cost_of_several_paths_takes_each_heading():
+    grid = corridor(6.0, 2.0)
+    ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
+    costs = Costmap.from_field(grid, covariance_field(grid, ahead), robot=0.0)
+    random = np.random.default_rng(5)
+    poses = random.uniform((-2.5, -0.9, -9.0), (2.5, 0.9, 9.0), (60, 3, 3))
+    paths = [Path(line[:, :2], line[:, 2] if n % 3 else None) for n, line in enumerate(poses)]
+    paths.append(Path([[2.0, 0.0]], [1.0]))
+    paths.append(Path([[2.0, 0.0], [2.0, 0.0]]))
+    alone = [path_metrics(costs, path).cost for path in paths]
+    assert path_cost(costs, paths).tolist() == alone
+    assert path_cost(costs, poses)[1] == alone[1]
+    assert np.isfinite(alone).all()
+    assert path_cost(costs, poses)[0] != alone[0]
+
+
+def test_metrics_are_the_integrals_of_the_layers():
+    grid = OccupancyGrid(np.full((1, 4), FREE), 0.5)
+    costs = Costmap.from_layers(
+        grid, u=[[0.0, 0.6, 0.7, 0.1]], e=[[0.1, 0.2, 0.3, 0.4]], weight=5.0, robot=0.0
+    )
+    metrics = path_metrics(costs, Path(np.array([[0.25, 0.25], [1.75, 0.25]])))
+    assert metrics.length == pytest.approx(1.5)
+    assert metrics.cost == pytest.approx(0.25 * 1 + 0.5 * 4 + 0.5 * 4.5 + 0.25 * 1.5)
+    assert metrics.integrated_e == pytest.approx(0.25 * 0.1 + 0.5 * 0.2 + 0.5 * 0.3 + 0.25 * 0.4)
+    assert metrics.mean_e == pytest.approx(metrics.integrated_e / 1.5)
+    assert metrics.integrated_u == pytest.approx(0.5 * 0.6 + 0.5 * 0.7 + 0.25 * 0.1)
+    assert metrics.max_e == 0.4
+    assert metrics.degenerate_share == pytest.approx(1.0 / 1.5)
+    assert metrics.longest_degenerate == pytest.approx(1.0)
+    assert metrics.clearance == np.inf
+
+
+def test_a_path_of_one_position_costs_nothing(field):
+    costs = Costmap.from_field(field.grid, field, robot=0.0)
+    metrics = path_metrics(costs, Path(np.array([[0.0, 0.0], [0.0, 0.0]])))
+    assert metrics.length == metrics.cost == metrics.integrated_e == 0.0
+    assert metrics.mean_e == metrics.max_e > 0
+
+
+def test_a_path_outside_costs_infinitely_much():
+    costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
+    metrics = path_metrics(costs, Path(np.array([[0.5, 0.5], [5.0, 0.5]])))
+    assert metrics.cost == np.inf
+    assert metrics.clearance == 0.0
+
+
+def test_another_weight_keeps_what_is_blocked(field):
+    costs = Costmap.from_field(field.grid, field, weight=4.0, robot=0.3)
+    shortest = costs.with_weight(0.0)
+    np.testing.assert_array_equal(np.isinf(shortest.density), np.isinf(costs.density))
+    assert set(np.unique(shortest.density)) == {1.0, np.inf}
+    np.testing.assert_allclose(shortest.with_weight(4.0).density, costs.density)
+    with pytest.raises(ConfigError, match="no weight"):
+        Costmap.from_density(field.grid, np.ones(field.grid.shape)).with_weight(1.0)
+
+
+def two_headings(weight: float) -> Costmap:
+    grid = drawn("..#", "...")
+    u = np.array([[[0.0, 0.25, 0.5], [0.75, 1.0, 1.0]], [[0.5] * 3, [0.125] * 3]], np.float32)
+    costs = dataclasses.replace(Costmap.blank(grid), u=u.mean(axis=0), e=u[0] / 10, weight=0.0)
+    costs = dataclasses.replace(costs, of_heading=HeadingLayers(partial(tuple, (u, u / 10))))
+    return costs.with_weight(weight)
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.5, 7.0])
+def test_the_weight_counts_in_each_heading(weight):
+    costs = two_headings(weight)
+    density = costs.density_of_heading
+    free = np.isfinite(costs.density)
+    np.testing.assert_array_equal(density[:, free], 1 + weight * costs.u_of_heading[:, free])
+    assert np.isinf(density[:, ~free]).all()
+    assert not free.all()
+
+
+def test_a_larger_radius_blocks_more_and_is_remembered():
+    grid = drawn("#......", ".......", ".......")
+    narrow, wide = (Costmap.blank(grid, robot=radius) for radius in (0.5, 2.2))
+    widened = narrow.with_robot(2.2)
+    assert widened.robot_radius == wide.robot_radius == 2.2
+    np.testing.assert_array_equal(widened.density, wide.density)
+    with pytest.raises(PoseError, match=r"closer than the robot's radius of 2\.2 m"):
+        widened.cell_of((1.5, 1.5))
+    with pytest.raises(ConfigError, match="cannot serve"):
+        widened.with_robot(1.0)
+
+
+@pytest.mark.parametrize(("u", "share"), [(0.45, 0.0), (0.5, 0.0), (0.55, 0.5)])
+def test_a_place_is_degenerate_above_a_half(u, share):
+    costs = Costmap.blank(OccupancyGrid(np.full((1, 4), FREE), 1.0))
+    costs = dataclasses.replace(costs, u=np.array([[0.0, u, u, 0.0]]))
+    metrics = path_metrics(costs, Path(np.array([[0.0, 0.5], [4.0, 0.5]])))
+    assert metrics.degenerate_share == pytest.approx(share)
+    assert metrics.longest_degenerate == pytest.approx(4 * share)
+
+
+def layers(costs: Costmap) -> list[np.ndarray]:
+    return [costs.density, costs.u, costs.e, costs.u_of_heading, costs.e_of_heading]
+
+
+def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
+    costs = two_headings(3.0)
+    orders.put_costmap(costs, tmp_path / "shared")
+    for each in (
+        costs,
+        costs.with_weight(2.0),
+        costs.with_robot(0.6),
+        costs.blocked_where(costs.e > 0.05),
+        dataclasses.replace(costs, u=costs.u / 2),
+        pickle.loads(pickle.dumps(costs)),
+        costs.copy(),
+        orders.read_costmap(tmp_path / "shared"),
+        orders.weighted_costmap(tmp_path / "shared", 8.0),
+    ):
+        for layer in layers(each):
+            with pytest.raises(ValueError, match="read-only"):
+                layer[..., 0, 0] = 9.0
+    for theirs, own in zip(layers(costs.copy()), layers(costs), strict=True):
+        np.testing.assert_array_equal(theirs, own)
+        assert not np.shares_memory(theirs, own)
+
+
+def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
+    grid = OccupancyGrid(random_rooms((40, 50), seed=2), 0.2)
+    lidar = Lidar(range=1.5, beams=40, field_of_view_deg=180.0)
+    field = covariance_field(grid, FieldConfig(Fisher(lidar), headings=4))
+    costs = Costmap.from_field(grid, field)
+    orders.put_costmap(costs, tmp_path / "shared")
+    shared = orders.read_costmap(tmp_path / "shared")
+    assert "both" in vars(shared.of_heading)
+    np.testing.assert_array_equal(shared.u_of_heading, costs.u_of_heading)
+    sizes = {file.stat().st_size for file in (tmp_path / "shared").glob("*.raw")}
+    assert costs.u_of_heading.nbytes in sizes
+    assert field.covariance.nbytes not in sizes
+
+
+def test_an_array_that_was_given_is_neither_locked_nor_followed():
+    given = np.ones((2, 3))
+    for view in (given, given[:, ::-1]):
+        costs = dataclasses.replace(two_headings(1.0), u=view)
+        given[0, 0] += 1.0
+        assert (costs.u == given[1, 1]).sum() >= 5
+        assert costs.u.max() < given.max()
+
+
+@pytest.fixture(scope="module", params=["sad", "fisher"])
+def edited(request) -> tuple[CovarianceField, list[CovarianceField]]:
+    """A field of rooms, and those of maps with an edit each: inside, at an edge, and none."""
+    before = OccupancyGrid(random_rooms((230, 260), seed=4), 0.1)
+    seen = Sad(range=1.0) if request.param == "sad" else Fisher(Lidar(range=1.5, beams=40))
+    field = covariance_field(before, FieldConfig(seen, stride=0.3))
+    after = []
+    for rows, cols in ((slice(60, 63), slice(60, 66)), (slice(0, 2), slice(250, 260)), ((), ())):
+        cells = before.cells.copy()
+        cells[rows, cols] = np.where(cells[rows, cols] == FREE, OCCUPIED, FREE)
+        after.append(field.update(OccupancyGrid(cells, 0.1)))
+    return field, after
+
+
+@pytest.mark.parametrize("robot_radius", [0.0, 0.45])
+@pytest.mark.parametrize("law", ["logarithmic", "cube-root"])
+def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
+    field, after = edited
+    settings = {"weight": 3.0, "robot": robot_radius, "law": law}
+    costs = Costmap.from_field(field.grid, field, **settings)
+    for each in after:
+        updated, new = costs.updated(each), Costmap.from_field(each.grid, each, **settings)
+        for name in ("density", "u", "e"):
+            np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
+            assert not getattr(updated, name).flags.writeable
+        assert updated.grid is each.grid
+        assert (updated.settings, updated.weight) == (new.settings, 3.0)
+
+
+def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
+    field, (inside, *_) = edited
+    some = np.indices(field.evaluated.shape).sum(axis=0) % 2 == 0
+    coarse = covariance_field(field.grid, field.config, points=some)
+    for before, after in ((coarse, field), (field, coarse), (coarse, inside)):
+        updated = Costmap.from_field(before.grid, before).updated(after)
+        new = Costmap.from_field(after.grid, after)
+        for name in ("density", "u", "e"):
+            np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
+        assert updated.settings == new.settings
+
+
+def test_an_update_reads_a_window_only(edited, monkeypatch):
+    field, (inside, _, same) = edited
+    costs, sizes = Costmap.from_field(field.grid, field), []
+    from_field = Costmap.from_field
+
+    def counted(grid, *arguments, **options):
+        sizes.append(grid.cells.size)
+        return from_field(grid, *arguments, **options)
+
+    monkeypatch.setattr(Costmap, "from_field", counted)
+    costs.updated(inside)
+    costs.updated(same)
+    assert len(sizes) == 1
+    assert sizes[0] < 0.5 * field.grid.cells.size
+
+
+def test_a_costmap_is_updated_by_a_field_of_its_own_kind(edited):
+    field, _ = edited
+    costs = Costmap.from_field(field.grid, field)
+    with pytest.raises(ConfigError, match="own config only"):
+        Costmap.blank(field.grid).updated(field)
+    with pytest.raises(ConfigError, match="field must be"):
+        costs.updated(field.covariance)
+    other = OccupancyGrid(field.grid.cells, 0.1, (1.0, 0.0, 0.0))
+    moved = CovarianceField.of(field.values, other, field.config)
+    with pytest.raises(FieldError, match="another origin"):
+        costs.updated(moved)

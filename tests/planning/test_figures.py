@@ -1,0 +1,117 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+from PIL import Image
+
+from locplan._support.drawing import save_figure
+from locplan.errors import LocplanError
+from locplan.field import FieldConfig, Sad, Scan, covariance_field
+from locplan.field.figures import field_figure, fields_figure
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planning import Costmap, Plan, pareto_front, plan
+from locplan.planning.figures import front_figure, plan_figure
+from locplan.robots import Lidar
+
+
+@pytest.fixture(scope="module")
+def field():
+    grid = OccupancyGrid(random_rooms((80, 120), seed=6), 0.1, (2.0, 1.0, 0.3), name="rooms")
+    return covariance_field(grid, FieldConfig(Sad(range=1.0)))
+
+
+def test_field_figure_names_map_scalar_and_unit(field):
+    figure = field_figure(field, "position_std")
+    axes, bar = figure.axes
+    first, second = axes.get_title().split("\n")
+    assert first == "rooms: u is about 0 on 0%; 100% weak (26 cm or more)"
+    assert second.startswith("sad, disc, exponential")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+    assert bar.get_ylabel() == "largest position std. deviation [cm]"
+
+
+def test_a_field_of_equal_values_can_be_drawn(tmp_path):
+    field = covariance_field(drawn("##", "  ", resolution=0.1), FieldConfig())
+    save_figure(field_figure(field), tmp_path / "empty.png")
+    assert (tmp_path / "empty.png").stat().st_size > 0
+
+
+def test_the_map_lies_where_the_world_has_it(field):
+    axes = field_figure(field).axes[0]
+    for image in axes.images:
+        assert image.origin == "lower"
+        left, right, bottom, top = image.get_extent()
+        to_world = image.get_transform() - axes.transData
+        for row, col in ((0, 0), (0, 120), (80, 0), (80, 120)):
+            corner = left + (right - left) * col / 120, bottom + (top - bottom) * row / 80
+            expected = field.grid.grid_to_world(row, col)
+            np.testing.assert_allclose(to_world.transform(corner), expected, atol=1e-9)
+
+
+def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
+    costs = Costmap.from_field(field.grid, field, weight=3.0, robot=0.0)
+    free = np.argwhere(np.isfinite(costs.density))
+    ends = [field.grid.position(*map(int, free[n])) for n in (0, -1)]
+    found = plan(costs, *ends)
+    assert found.status == "solved"
+    nothing = Plan("unreachable", "grid", *ends, None, None, 0.0)
+    figure = plan_figure(costs, field, {"aware": found, "other": nothing})
+    lower = figure.axes[1]
+    assert lower.get_xlabel() == "distance along the path [m]"
+    distance, u = lower.lines[0].get_data()
+    assert distance[-1] == pytest.approx(found.metrics.length)
+    assert 0 <= min(u) <= max(u) <= 1
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert f"{found.metrics.length:.1f} m" in texts[0]
+    assert texts[1:] == ["other: unreachable", "start", "goal"]
+    save_figure(figure, tmp_path / "plan.png")
+    with Image.open(tmp_path / "plan.png") as picture:
+        assert picture.width > 500
+
+
+def test_unknown_picture_formats_are_refused(field, tmp_path):
+    with pytest.raises(LocplanError, match=r"\.png"):
+        save_figure(field_figure(field), tmp_path / "field.doc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_front_figure_shows_paths_the_front_and_its_knee():
+    grid = OccupancyGrid(np.full((40, 60), FREE), 0.1, name="room")
+    u = np.tile(np.linspace(1, 0, 40)[:, None], (1, 60))
+    costs = dataclasses.replace(Costmap.blank(grid, robot=0.0), u=u, e=u + 0.1, weight=1.0)
+    front = pareto_front(costs, (0.55, 0.55), (5.55, 0.55))
+    figure = front_figure(front)
+    upper, lower = figure.axes[:2]
+    assert "exact" in upper.get_title()
+    assert f"of {len(front)} paths" in upper.get_title()
+    assert lower.get_xlabel() == "length [m]"
+    assert lower.get_ylabel() == "degenerate metres (∫u ds) [m]"
+    assert "knee" in lower.get_legend().get_texts()[0].get_text()
+
+
+def test_plan_figure_says_what_was_asked(field):
+    costs = Costmap.from_field(field.grid, field, robot=0.0)
+    free = np.argwhere(np.isfinite(costs.density))
+    xy = field.grid.position(*map(int, free[0]))
+    limited = plan(costs, xy, xy, max_e=1.0, footprint=[(0.1, 0), (-0.1, 0.1), (-0.1, -0.1)])
+    title = plan_figure(costs, field, {"limited": limited}).axes[0].get_title()
+    assert "weight 4" in title
+    assert "e at most 1" in title
+    assert "footprint" in title
+    cheap = plan(costs, xy, xy, budget=2.5)
+    title = plan_figure(costs, field, {"cheap": cheap}).axes[0].get_title()
+    assert "budget 2.5 m" in title
+
+
+def test_fields_of_several_estimators_are_drawn_on_one_scale():
+    grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
+    estimators = Sad(range=2.0), Scan(Lidar(range=2.0))
+    fields = {each.name: covariance_field(grid, each) for each in estimators}
+    figure = fields_figure([fields], "position_std")
+    scales = {axes.images[-1].get_clim() for axes in figure.axes[:2]}
+    least = [100 * f.anchors("position_std")[0] for f in fields.values()]
+    greatest = [100 * np.nanmax(f.scalar("position_std")) for f in fields.values()]
+    ((low, high),) = scales
+    assert low == pytest.approx(min(least))
+    assert high == pytest.approx(max(greatest))

@@ -1,0 +1,366 @@
+import dataclasses
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import drawn, random_rooms
+from skimage.graph import MCP_Geometric
+from support.oracles import shortest_costs as naive_shortest_costs
+from support.toy_planner import ToyPlanner
+
+from locplan._support.kernels import search
+from locplan.comparison import Execution, RandomQueries, compare
+from locplan.errors import ConfigError, LocplanError, PoseError
+from locplan.maps import FREE, OccupancyGrid
+from locplan.planning import (
+    PLANNERS,
+    Costmap,
+    Found,
+    Path,
+    Plan,
+    Planner,
+    path_metrics,
+    plan,
+    plan_field,
+)
+from locplan.planning.any_angle import AnyAngle
+from locplan.planning.grid import GridPlanner
+from locplan.planning.ompl.planner import Ompl
+from locplan.planning.plans import plan_beside_shortest
+from locplan.planning.registry import Entry, names
+from locplan.planning.requests import planner_for
+
+
+def random_density(shape, seed, *, blocked=0.25, greatest=9.0):
+    rng = np.random.default_rng(seed)
+    density = rng.uniform(1.0, greatest, shape)
+    density[rng.random(shape) < blocked] = np.inf
+    density[0, 0], density[-1, -1] = rng.uniform(1.0, greatest, 2)
+    return density
+
+
+def costs_from(density) -> Costmap:
+    return Costmap.from_density(OccupancyGrid(np.full(density.shape, FREE), 1.0), density)
+
+
+def costs_from_corner(density, corner_cutting) -> np.ndarray:
+    """The kernel's costs from cell (0, 0), (H, W)."""
+    rows, columns = density.shape[0] + 2, density.shape[1] + 2
+    half = search.bordered_half(density, 1)
+    cost = search.shortest_costs(half, columns, columns + 1, -1, corner_cutting)
+    return cost.reshape(rows, columns)[1:-1, 1:-1]
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_costs_equal_the_plain_search(seed, corner_cutting):
+    density = random_density((23, 31), seed)
+    expected = naive_shortest_costs(density, (0, 0), corner_cutting)
+    np.testing.assert_allclose(costs_from_corner(density, corner_cutting), expected)
+
+
+@pytest.mark.parametrize("greatest", [1.0, 1e4, 1e9])
+def test_costs_are_exact_at_any_contrast(greatest):
+    density = np.exp(np.random.default_rng(1).uniform(0, np.log(greatest), (25, 25)))
+    expected = naive_shortest_costs(density, (0, 0), False)
+    np.testing.assert_allclose(costs_from_corner(density, False), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_costs_of_free_travel_are_exact(seed, corner_cutting):
+    density = random_density((30, 20), seed)
+    density[density < 4] = 0.0
+    expected = naive_shortest_costs(density, (0, 0), corner_cutting)
+    np.testing.assert_allclose(costs_from_corner(density, corner_cutting), expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("blocked", [0.0, 0.2])
+def test_costs_equal_scikit_images(seed, blocked):
+    density = random_density((40, 55), seed, blocked=blocked)
+    expected, _ = MCP_Geometric(np.where(np.isinf(density), -1, density)).find_costs([(0, 0)])
+    np.testing.assert_allclose(costs_from_corner(density, True), expected)
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_path_costs_what_the_search_found(seed, corner_cutting):
+    density = random_density((30, 40), seed, blocked=0.3)
+    expected = naive_shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
+    options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
+    result = plan(costs_from(density), (0.5, 0.5), (39.5, 29.5), **options)
+    if np.isinf(expected):
+        assert result.status == "unreachable"
+        assert result.path is None
+    else:
+        assert result.metrics.cost == pytest.approx(expected)
+
+
+def test_weight_0_is_the_shortest_path_around_a_wall():
+    grid = drawn(
+        ".....",
+        ".###.",
+        ".....",
+        resolution=2.0,
+    )
+    costs = Costmap.from_density(grid, np.ones(grid.shape))
+    result = plan(costs, (1.0, 3.0), (9.0, 3.0), planner="grid")
+    assert result.metrics.length == pytest.approx(12.0)
+    cut = plan(costs, (1.0, 3.0), (9.0, 3.0), planner="grid", allow_corner_cutting=True)
+    assert cut.metrics.length == pytest.approx(4 + 4 * np.sqrt(2))
+
+
+def test_corners_are_not_cut_unless_allowed():
+    grid = drawn(".#", "..")
+    costs = Costmap.from_density(grid, np.ones((2, 2)))
+    ends = (0.5, 1.5), (1.5, 0.5)
+    assert plan(costs, *ends, planner="grid").metrics.length == pytest.approx(2.0)
+    cut = plan(costs, *ends, planner="grid", allow_corner_cutting=True)
+    assert cut.metrics.length == pytest.approx(np.sqrt(2))
+
+
+def test_the_path_begins_and_ends_exactly_at_start_and_goal():
+    cells = random_rooms((60, 60), seed=21, blocks=4)
+    grid = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.4))
+    free = np.argwhere(grid.free)
+    start, goal = (grid.position(*map(int, cell)) for cell in free[[0, -1]])
+    start = (start[0] + 0.02, start[1] - 0.03)
+    costs = Costmap.from_density(grid, np.ones(grid.shape))
+    result = plan(costs, start, goal, planner="grid")
+    np.testing.assert_allclose(result.path.xy[0], start)
+    np.testing.assert_allclose(result.path.xy[-1], goal)
+    assert np.isfinite(result.metrics.cost)
+    assert result.metrics.cost == path_metrics(costs, result.path).cost
+
+
+def test_start_and_goal_in_one_cell():
+    costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
+    result = plan(costs, (0.2, 0.2), (0.2, 0.2), planner="grid")
+    assert result.status == "solved"
+    assert result.metrics.length == result.metrics.cost == 0.0
+    near = plan(costs, (0.2, 0.2), (0.4, 0.3), planner="grid")
+    assert near.metrics.length == pytest.approx(math.hypot(0.2, 0.1))
+    across = plan(costs, (0.9, 0.5), (1.1, 0.5), planner="grid")
+    assert across.metrics.length == pytest.approx(0.2)
+
+
+def test_an_unreachable_goal_is_a_result():
+    costs = Costmap.from_density(drawn(".#."), np.ones((1, 3)))
+    result = plan(costs, (0.5, 0.5), (2.5, 0.5))
+    assert result.status == "unreachable"
+    assert result.path is result.metrics is None
+    assert result.measured_on(costs) is result
+
+
+def test_impossible_ends_and_unknown_names_are_refused():
+    costs = Costmap.from_density(drawn(".#."), np.ones((1, 3)))
+    with pytest.raises(PoseError, match="goal"):
+        plan(costs, (0.5, 0.5), (1.5, 0.5))
+    with pytest.raises(ConfigError, match="grid"):
+        plan(costs, (0.5, 0.5), (2.5, 0.5), planner="teleport")
+    with pytest.raises(ConfigError, match="allow_corner_cutting"):
+        plan(costs, (0.5, 0.5), (2.5, 0.5), patience=3)
+    assert "grid" in names()
+
+
+def test_paths_have_no_needless_positions():
+    costs = Costmap.from_density(drawn(*["......"] * 6), np.ones((6, 6)))
+    assert len(plan(costs, (0.5, 0.5), (5.5, 5.5), planner="grid").path.xy) == 2
+
+
+@pytest.mark.parametrize("corner_cutting", [False, True])
+def test_one_field_serves_all_starts(corner_cutting):
+    density = random_density((25, 30), 3, blocked=0.3)
+    costs = costs_from(density)
+    to_goal = plan_field(costs, (29.5, 24.5), allow_corner_cutting=corner_cutting)
+    expected = naive_shortest_costs(density, (24, 29), corner_cutting)
+    np.testing.assert_allclose(to_goal.cost, expected)
+    starts = np.argwhere(np.isfinite(density))[::17]
+    for row, col in starts:
+        start = (col + 0.4, row + 0.7)
+        options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
+        single = plan(costs, start, (29.5, 24.5), **options)
+        result = to_goal.plan(start)
+        assert result.status == single.status
+        assert (to_goal.path(start) is None) == np.isinf(expected[row, col])
+        if result.metrics:
+            assert result.metrics.cost == pytest.approx(single.metrics.cost)
+    assert len(starts) > 20
+
+
+def test_a_field_for_an_impossible_goal_or_start_is_refused():
+    costs = costs_from(np.array([[1.0, np.inf, 1.0]]))
+    with pytest.raises(PoseError, match="goal"):
+        plan_field(costs, (1.5, 0.5))
+    with pytest.raises(PoseError, match="start"):
+        plan_field(costs, (2.5, 0.5)).path((1.5, 0.5))
+
+
+@pytest.mark.parametrize("planner", ["grid", "any-angle"])
+def test_waypoints_are_visited_in_order(planner):
+    costs = costs_from(np.ones((20, 20)))
+    via = [(15.25, 3.5), (2.5, 16.75)]
+    result = plan(costs, (1.5, 1.5), (18.5, 18.5), planner=planner, via=via)
+    at = [np.flatnonzero((result.path.xy == xy).all(axis=1))[0] for xy in via]
+    assert at == sorted(at)
+    assert result.via == tuple(via)
+    legs = [
+        plan(costs, a, b, planner=planner).metrics.cost
+        for a, b in zip([(1.5, 1.5), *via], [*via, (18.5, 18.5)], strict=True)
+    ]
+    assert result.metrics.cost == pytest.approx(sum(legs))
+
+
+def test_impossible_waypoints_are_told():
+    costs = costs_from(np.array([[1.0, np.inf, 1.0]]))
+    with pytest.raises(PoseError, match="waypoint 1"):
+        plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(1.5, 0.5)])
+    result = plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(2.5, 0.5)])
+    assert result.status == "unreachable"
+    assert result.note == "no path leads to waypoint 1"
+
+
+@pytest.mark.parametrize("planner", ["grid", "any-angle"])
+def test_the_plan_beside_the_shortest_costs_no_more(planner):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        grid = OccupancyGrid(random_rooms((50, 50), seed, blocks=6), 1.0)
+        u = rng.random(grid.shape)
+        density = np.where(grid.free, 1 + 4 * u, np.inf)
+        costs = dataclasses.replace(
+            Costmap.blank(grid, robot=0.0), density=density, u=u, e=u + 0.1, weight=4.0
+        )
+        free = np.argwhere(grid.free)
+        ends = [grid.position(*map(int, free[index])) for index in (0, -1)]
+        plans = plan_beside_shortest(costs, *ends, planner=planner)
+        if plans["shortest"].path:
+            shortest, aware = (one.metrics for one in plans.values())
+            assert aware.cost <= shortest.cost
+            assert shortest.length <= aware.length
+
+
+def test_the_registry_says_what_the_planners_say():
+    for name, entry in PLANNERS.items():
+        planner = planner_for(name)
+        assert isinstance(planner, Planner)
+        assert (planner.name, planner.minimises) == (name, entry.minimises)
+        assert planner.space == entry.spaces[0]
+        assert set(entry.options()) | {"name"} >= {
+            field.name for field in dataclasses.fields(planner)
+        }
+        for space in entry.spaces[1:]:
+            curved = {} if space == "SE2" else {"turning_radius": 1.0}
+            assert planner_for(name, {"space": space, **curved}).space == space
+    assert PLANNERS["grid"].options() == {"allow_corner_cutting": False}
+
+
+def test_the_registry_imports_nothing_heavy():
+    code = (
+        "import sys; from locplan.planning.registry import names; assert 'PRM' in names();"
+        "print({'numpy', 'numba', 'ompl', 'cv2', 'scipy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.strip() == "set()", done.stderr
+
+
+def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
+    monkeypatch.setitem(PLANNERS, "toy", Entry("toy_planner:ToyPlanner", minimises=None))
+    costs = costs_from(np.ones((6, 9)))
+    result = plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", rows_first=True)
+    assert result.path.xy.tolist() == [[0.5, 0.5], [0.5, 5.5], [8.5, 5.5]]
+    assert (result.planner, result.minimises) == ("toy", False)
+    assert result.metrics.cost == pytest.approx(13.0)
+    with pytest.raises(ConfigError, match="it has: rows_first, seed"):
+        plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", columns_first=True)
+    with pytest.raises(ConfigError, match="rows_first must be"):
+        planner_for("toy", {"rows_first": 3})
+    planners = ["toy:rows_first=true", ToyPlanner(rows_first=True, seed=7), "grid"]
+    queries, execution = RandomQueries(2, min_distance=3.0), Execution(workers=1)
+    runs = compare({"mine": costs}, planners, queries, seeds=[1, 2], execution=execution).runs
+    assert {run.status for run in runs} == {"solved"}
+    seeds = {}
+    for run in runs:
+        seeds.setdefault(run.task.planner, set()).add(run.note)
+    assert seeds["toy:rows_first=true"] == {"seed 1", "seed 2"}
+    assert seeds["toy:rows_first=True,seed=7"] == {"seed 7"}
+
+
+def test_planners_are_named_functions_or_objects():
+    costs = costs_from(random_density((30, 40), 1, blocked=0.1))
+    ends = (0.5, 0.5), (39.5, 29.5)
+
+    def mine(costs, start, goal, *, accuracy):
+        return plan(costs, start, goal, accuracy=accuracy).path
+
+    named = plan(costs, *ends, accuracy="high")
+    assert named.planner == "any-angle"
+    for planner, options in (
+        ("any-angle", {"accuracy": "high"}),
+        (AnyAngle(accuracy="high"), {}),
+        (AnyAngle(), {"accuracy": "high"}),
+        (mine, {"accuracy": "high"}),
+        (lambda *query: Found(plan(*query, accuracy="high").path), {}),
+        (lambda *query: plan(*query, accuracy="high"), {}),
+    ):
+        result = plan(costs, *ends, planner=planner, **options)
+        np.testing.assert_array_equal(result.path.xy, named.path.xy)
+        assert result.metrics.cost == named.metrics.cost
+    assert result.planner == "<lambda>"
+    np.testing.assert_array_equal(
+        plan(costs, *ends, planner=GridPlanner()).path.xy,
+        plan(costs, *ends, planner="grid").path.xy,
+    )
+    via = plan(costs, *ends, planner=mine, via=[ends[1]], accuracy="normal")
+    np.testing.assert_array_equal(via.path.xy[-1], ends[1])
+
+
+@pytest.mark.parametrize(
+    ("planner", "options", "message"),
+    [
+        (AnyAngle(accuracy="perfect"), {}, "accuracy must be one of"),
+        (AnyAngle(), {"patience": 3}, "it has: accuracy, allow_corner_cutting"),
+        (Ompl("AORRTC"), {}, "OMPL's planners are"),
+        (lambda costs, start, goal: None, {"patience": 3}, "no option 'patience'; it has: none"),
+        (AnyAngle, {}, "planner must be a name, a function"),
+        (3, {}, "planner must be a name, a function"),
+        (lambda *query: None, {}, "not NoneType"),
+        (lambda *query: Path([(0.5, 0.5), (0.5, 1.5)]), {}, "does not lead from start to goal"),
+        (lambda *query: Found(status="solved"), {}, "returned no path"),
+        (lambda *query: Found(status="lost"), {}, "with a status of solved, unreachable"),
+        (lambda *query: Path(query[1:]), {}, "enters cells where the robot cannot be"),
+    ],
+)
+def test_wrong_planners_are_told(planner, options, message):
+    costs = costs_from(np.array([[1.0, np.inf, 1.0], [1.0, 1.0, 1.0]]))
+    with pytest.raises(LocplanError, match=message):
+        plan(costs, (0.5, 0.5), (2.5, 0.5), planner=planner, **options)
+
+
+def test_limits_are_kept_by_functions_too():
+    costs = dataclasses.replace(costs_from(np.ones((9, 9))), e=np.indices((9, 9))[0] / 10)
+    ends = (0.5, 0.5), (8.5, 0.5)
+
+    def upwards(costs, start, goal):
+        return Path([start, (4.5, 4.5), goal])
+
+    assert plan(costs, *ends, planner=upwards, max_e=0.45).status == "solved"
+    with pytest.raises(LocplanError, match="cannot be"):
+        plan(costs, *ends, planner=upwards, max_e=0.35)
+
+
+def test_the_time_that_a_function_tells_counts_where_it_can_be():
+    costs = costs_from(np.ones((3, 3)))
+    ends = (0.5, 0.5), (2.5, 2.5)
+
+    def told(seconds):
+        def mine(costs, start, goal):
+            return Plan("solved", "mine", start, goal, Path([start, goal]), None, seconds)
+
+        return plan(costs, *ends, planner=mine).solve_time
+
+    assert told(1e-9) == 1e-9
+    assert 0 < told(99.0) < 99.0
+    assert told(math.nan) > 0

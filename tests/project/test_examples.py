@@ -1,0 +1,155 @@
+import functools
+import importlib.util
+import json
+import math
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import SHARED_DATA
+
+import locplan
+from locplan.recordings import Recording
+from locplan.simulation.levels import REVERSAL, STANDSTILL
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.py"))
+
+MAP = str(EXAMPLES[0].parent.parent / "maps" / "two_corridors.yaml")
+QUICKLY = {
+    "animation": (10.0, 4),
+    "compare": (0.05,),
+    "evidence": ((MAP,), 2, 1),
+    "gallery": (MAP, "turtlebot4", "info.png", "paper_e.png"),
+    "explorer_picture": ("two_corridors",),
+    "paper": (0.1, 1, ("paper",)),
+    "places": ((MAP,), 4, 2),
+}
+"""Arguments with which a program is done soon."""
+LONG = (
+    *("animation", "api", "cluster", "compare", "estimators", "evidence", "explorer_picture"),
+    *("gallery", "lasers", "navigation", "ompl_program", "paper", "places", "recorded_drive"),
+)
+"""What these do has tests of its own."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.long] * (path.stem in LONG)) for path in EXAMPLES],
+    ids=lambda path: path.stem,
+)
+def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, path.stem, module)  # dataclasses look for their module
+    spec.loader.exec_module(module)
+    if path.stem == "lasers" and not (SHARED_DATA / "carmen").is_dir():
+        pytest.skip("the laser logs (../shared/data/carmen) are not here")
+    if path.stem == "explorer_picture":
+        pytest.importorskip("starlette", reason="the explorer's server is not installed")
+        pytest.importorskip("playwright", reason="playwright is not installed")
+        if module.browser_file() is None:
+            pytest.skip("no chromium on this machine")
+    monkeypatch.setattr(locplan, "choose", functools.partial(locplan.choose, drives=4))
+    data = (str(SHARED_DATA),) if path.stem == "lasers" else ()
+    module.main(*data, str(tmp_path / "out"), *QUICKLY.get(path.stem, ()))
+    assert capsys.readouterr().out
+    assert any((tmp_path / "out").iterdir())
+
+
+def load_example(name, monkeypatch):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES[0].parent / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, name, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def gallery(monkeypatch):
+    """The gallery as a module."""
+    return load_example("gallery", monkeypatch)
+
+
+@pytest.fixture
+def evidence(monkeypatch):
+    """The program that measures the evidence as a module."""
+    return load_example("evidence", monkeypatch)
+
+
+def test_the_gallery_takes_a_map_whose_path_needs_quotes(gallery):
+    file = "/my maps/it's.yaml"
+    given = dict.fromkeys(("lidar", "start", "goal", "middle"), "1,2")
+    files = dict.fromkeys(("map", "driven", "drive", "examples"), shlex.quote(file))
+    programs = 0
+    for entry in gallery.ENTRIES:
+        words = shlex.split(entry.command.format(**given, **files))
+        if words[:2] == ["python", "-c"]:
+            programs += 1
+            compile(words[2], entry.title, "exec")
+            assert ("sys.argv[1]" in words[2]) == (words[3:] == [file])
+        elif "{map}" in entry.command:
+            assert file in words
+    assert programs >= 3
+
+
+@pytest.mark.long
+def test_the_gallery_shows_each_picture_with_its_command(gallery, tmp_path, capsys):
+    module = gallery
+    module.main(str(tmp_path), MAP, "turtlebot4", "info.png", "paper_e.png")
+    page = (tmp_path / "index.html").read_text()
+    assert page.count("<section>") == page.count("<img") == 2
+    assert "<pre>locplan info two_corridors.yaml -o info.png</pre>" in page
+    assert "drew paper_e.png" in capsys.readouterr().out
+    pictures = [entry.picture for entry in module.ENTRIES]
+    assert len(set(pictures)) == len(pictures)
+
+
+def make_case(evidence, settings, log_error, off_at_end, place="hall"):
+    lost = [True] * len(off_at_end)
+    return evidence.Case("simulation", place, "usual", settings, log_error, lost, off_at_end)
+
+
+def test_evidence_levels_weigh_maps_equally(evidence):
+    cases = [
+        make_case(evidence, settings, [math.log(error)] * len(off), off, place)
+        for settings in evidence.SETTINGS
+        for place, error, off in (("hall", 0.1, [True] * 6), ("lab", 0.4, [False] * 18))
+    ]
+    row = evidence.levels_table(cases).splitlines()[-1]
+    assert row.split(" | ")[:2] == ["| simulation, usual (2)", "0.200 m, 100%, 50%"]
+    assert len(evidence.levels_figure(cases).axes) == 2
+
+
+def test_evidence_reversal_goes_back_and_on(evidence):
+    """Otherwise no route of the check could show lost signs."""
+    straight = locplan.Path([[0.0, 0.0], [30.0, 0.0]])
+    path = evidence.back_up(straight)
+    assert path.length == pytest.approx(straight.length + 2 * evidence.REVERSE, abs=0.1)
+    assert REVERSAL.can_affect(path, locplan.load_map(MAP))
+    assert np.ptp(path.heading) == 0
+
+
+def test_evidence_disturbs_what_recordings_can_show(evidence):
+    x = np.r_[0:20:0.25, 20:18.9:-0.25, 19:60:0.25]
+    poses = np.column_stack([x, np.zeros((len(x), 2))])
+    lidar = locplan.Lidar(range=5.0, beams=5)
+    recording = Recording(np.full((len(x), 5), 1.0), lidar, poses, odometry=poses)
+    assert evidence.disturb(recording, REVERSAL) is None  # it reverses over 1 m only
+    disturbed = evidence.disturb(recording, STANDSTILL)
+    ways = (np.abs(np.diff(each[:, 0])).sum() for each in (poses, disturbed.odometry))
+    assert next(ways) - next(ways) == pytest.approx(2.0, abs=0.6)
+
+
+@pytest.mark.long
+def test_evidence_levels_resume(evidence, tmp_path, capsys):
+    for expected in (True, False):
+        evidence.show_levels(str(tmp_path), maps=("two_corridors",), drives=1)
+        assert ("two_corridors, slip, safe:" in capsys.readouterr().out) == expected
+    assert len(json.loads((tmp_path / "levels.json").read_text())) == 18
+    assert (tmp_path / "levels.png").stat().st_size > 10_000
+
+
+def test_there_are_examples():
+    assert EXAMPLES

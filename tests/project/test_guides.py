@@ -1,0 +1,156 @@
+"""The guides' blocks run as they stand, and all links between the pages lead somewhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from urllib.request import HTTPCookieProcessor, build_opener
+
+import pytest
+from app.test_explorer_command import AS_IN_A_TERMINAL
+from conftest import GUARD
+from sybil import Example, Sybil
+from sybil.evaluators.python import PythonEvaluator
+from sybil.parsers.markdown import CodeBlockParser
+
+PROJECT = Path(__file__).resolve().parents[2]
+GUIDES = PROJECT / "examples" / "guides"
+PAGES = sorted(set(GUIDES.glob("*.md")) - {GUIDES / "README.md"})
+"""The guides; their blocks are run, and those of the project's README.md."""
+LINKING = (
+    *(PROJECT / name for name in ("README.md", "CONTRIBUTING.md")),
+    *sorted((PROJECT / "examples").rglob("*.md")),
+)
+GIVEN = ("maps", "examples/nav2_params.yaml")
+"""Files that a reader copies to a folder, as the guides' first page says."""
+RUN, SHOWN = ("sh", "python", "console"), ("text", "yaml")
+"""Languages of blocks that are run, and of those that are only shown."""
+SETS_UP = "python3 -m venv"
+"""Beginning of a block that makes an environment; `.ci/run` runs those of README.md."""
+
+
+def run_in_shell(example: Example) -> None:
+    """Run a block as a user's shell would, up to its first failure."""
+    if example.parsed.startswith(SETS_UP):
+        return
+    done = subprocess.run(["sh", "-ec", example.parsed], capture_output=True, text=True)
+    assert done.returncode == 0, f"{example.path}:{example.line}\n{done.stdout}{done.stderr}"
+
+
+def run_in_terminal(example: Example) -> None:
+    """Serve the page of a block that shows a terminal, after what it installs, and end it."""
+    lines = example.parsed.replace("$ ", "").strip().replace("\n", " && ")
+    *installed, command = lines.split(" && ")
+    assert all(line.startswith("pip install") for line in installed)
+    program, *arguments = shlex.split(command)
+    assert program == "locplan"
+    line = [sys.executable, "-c", AS_IN_A_TERMINAL, *arguments, "--no-browser"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as page:
+        try:
+            address = page.stdout.readline().strip()
+            with build_opener(HTTPCookieProcessor()).open(address, timeout=GUARD) as answer:
+                assert b"<title>" in answer.read()
+        finally:
+            page.send_signal(signal.SIGINT)
+    assert page.returncode == 130
+
+
+PARSED = Sybil(
+    [
+        CodeBlockParser("sh", run_in_shell),
+        CodeBlockParser("console", run_in_terminal),
+        CodeBlockParser("python", PythonEvaluator()),
+    ]
+)
+
+
+@pytest.fixture
+def given_folder(tmp_path, monkeypatch):
+    """A reader's folder is the current one, and `locplan` is a command."""
+    for name in GIVEN:
+        source = PROJECT / name
+        copy = shutil.copytree if source.is_dir() else shutil.copy
+        copy(source, tmp_path / source.name)
+    commands = tmp_path.parent / f"{tmp_path.name}_commands"
+    commands.mkdir()
+    command = commands / "locplan"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m locplan "$@"\n', "utf-8")
+    command.chmod(command.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", str(commands), prepend=os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", str(PROJECT), prepend=os.pathsep)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform == "win32", reason="the guides are for the shells of Unix")
+@pytest.mark.parametrize("page", [PROJECT / "README.md", *PAGES], ids=lambda page: page.stem)
+def test_all_blocks_of_a_page_run_in_their_order(page, given_folder, monkeypatch):
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    document = PARSED.parse(page)
+    document.namespace["__name__"] = "__main__"  # functions go to other processes by value
+    for example in document.examples():
+        example.evaluate()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_no_block_of_a_guide_is_skipped(page):
+    text = page.read_text("utf-8")
+    fences = re.findall(r"^ *```(.*)$", text, re.MULTILINE)
+    languages = fences[::2]
+    assert set(fences[1::2]) <= {""}
+    assert set(languages) <= {*RUN, *SHOWN}
+    assert SETS_UP not in text
+    found = len(list(PARSED.parse(page).examples()))
+    assert found == sum(language in RUN for language in languages)
+
+
+def test_every_guide_stands_in_the_index_and_says_what_comes_next():
+    index = (GUIDES / "README.md").read_text("utf-8")
+    for page in PAGES:
+        assert f"]({page.name})" in index
+        assert re.search(r"^Next: .*\]\(", page.read_text("utf-8"), re.MULTILINE), page.name
+
+
+def without_code(text: str) -> str:
+    """Markdown without blocks and spans of code."""
+    return re.sub(r"`[^`\n]*`", "", re.sub(r"^ *```.*?^ *```$", "", text, flags=re.M | re.S))
+
+
+def anchors(text: str) -> set[str]:
+    """Anchors of the headings of a page, made as GitHub does."""
+    count: Counter[str] = Counter()
+    found = set()
+    bare = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    for heading in re.findall(r"^#+ +(.*?)\s*$", bare, re.MULTILINE):
+        words = re.sub(r"\]\([^)]*\)", "", heading).lower()
+        anchor = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+        found.add(f"{anchor}-{count[anchor]}" if count[anchor] else anchor)
+        count[anchor] += 1
+    return found
+
+
+def test_anchors_are_those_that_github_makes():
+    text = "# Two `words`, and: [a](b.md)\n\n```sh\n# no heading\n```\n## A\n## A\n"
+    assert anchors(text) == {"two-words-and-a", "a", "a-1"}
+
+
+@pytest.mark.parametrize("page", LINKING, ids=lambda page: str(page.relative_to(PROJECT)))
+def test_links_between_pages_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text("utf-8"))):
+        if re.match(r"[a-z]+:", link):
+            continue
+        place, _, anchor = link.partition("#")
+        target = (page.parent / place).resolve() if place else page
+        assert target.exists(), f"{page.name}: {link}"
+        assert target.is_relative_to(PROJECT), f"{page.name}: {link}"
+        if anchor:
+            assert anchor in anchors(target.read_text("utf-8")), f"{page.name}: {link}"

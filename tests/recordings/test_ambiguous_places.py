@@ -1,0 +1,166 @@
+"""Ambiguous places: those that one scan cannot tell from another, and safe starts."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import corridor
+
+import locplan
+from locplan import Lidar, LocplanError
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
+from locplan.recordings.ambiguous_places import AmbiguousPlaces, find_ambiguous_places
+from locplan.robots import Robot
+
+LIDAR = Lidar(range=8.0)
+ROOM = 44
+"""Edge of a room [cells of 0.1 m]."""
+GAP = 10
+"""Cells between rooms."""
+
+
+def room(*boxes: tuple[int, int, int, int]) -> np.ndarray:
+    """A room with walls all round and boxes (rows, columns) in it, alike under no turn."""
+    cells = np.full((ROOM, ROOM), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for top, bottom, left, right in boxes or ((1, 9, 1, 5), (20, 26, 34, 43), (36, 43, 8, 14)):
+        cells[top:bottom, left:right] = OCCUPIED
+    return cells
+
+
+def side_by_side(*parts: np.ndarray, origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
+    """Rooms with a metre of unknown space between them, so that walls have nothing behind them."""
+    between = np.full((ROOM, GAP), UNKNOWN, np.uint8)
+    every = [each for part in parts for each in (between, part)][1:]
+    return OccupancyGrid(np.concatenate(every, axis=1), 0.1, origin, "rooms")
+
+
+def two_rooms(origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
+    return side_by_side(room(), room(), origin=origin)
+
+
+@pytest.fixture(scope="module")
+def equal_rooms():
+    return find_ambiguous_places(two_rooms(), Robot(LIDAR))
+
+
+def test_places_of_two_equal_rooms_are_all_ambiguous(equal_rooms):
+    assert len(equal_rooms.places) > 10
+    np.testing.assert_allclose(equal_rooms.excess, 0.0, atol=0.1)
+    np.testing.assert_allclose(equal_rooms.elsewhere, 0.5, atol=0.1)
+    assert equal_rooms.share == 1.0
+    assert equal_rooms.is_ambiguous.all()
+    assert equal_rooms.starts.shape == (0, 2)
+    assert equal_rooms.sentence == (
+        "100 % of the places are ambiguous to one scan, and no start is safe: set the pose"
+    )
+
+
+def test_places_of_one_room_are_not_ambiguous():
+    found = find_ambiguous_places(side_by_side(room()), Robot(LIDAR))
+    assert found.share == 0.0
+    assert found.elsewhere.max() < 0.05
+    assert found.sentence.startswith("0 % of the places are ambiguous to one scan; safe starts: ")
+
+
+def test_places_along_a_corridor_are_ambiguous():
+    grid = corridor(30.0, 2.0, resolution=0.1)
+    found = find_ambiguous_places(grid, Robot(Lidar(range=5.0)))
+    inner = np.abs(found.places[:, 0]) < 9.0
+    assert found.is_ambiguous[inner].all()
+    assert (found.elsewhere[inner] > 0.5).all()
+
+
+def test_starts_lie_in_the_room_that_differs():
+    other = room((1, 5, 1, 20), (30, 33, 20, 36))
+    grid = side_by_side(room(), other, room())
+    found = find_ambiguous_places(grid, Robot(LIDAR), spacing=0.8)
+    assert 0.3 < found.share < 0.9
+    assert len(found.starts) >= 1
+    assert ((found.starts[:, 0] > 5.4) & (found.starts[:, 0] < 9.8)).all()
+
+
+def test_starts_are_apart_and_have_no_ambiguous_neighbour():
+    places = np.column_stack([np.arange(12.0), np.zeros(12)])
+    excess = np.array([9.0, 9, 9, 1, 20, 8, 8, 8, 7, 7, 7, 2.9])
+    row = AmbiguousPlaces(places, excess, np.exp(-excess), 1.0)
+    assert row.starts[:, 0].tolist() == [0.0, 5.0, 8.0]  # 20 stands beside 1
+    assert row.share == pytest.approx(2 / 12)
+    low = dataclasses.replace(row, excess=np.minimum(excess, 3.0))
+    assert low.starts.shape == (0, 2)
+
+
+def test_places_turn_with_the_origins_yaw(equal_rooms):
+    yaw = 0.7
+    found = find_ambiguous_places(two_rooms(origin=(3.0, -2.0, yaw)), Robot(LIDAR))
+    np.testing.assert_array_equal(found.excess, equal_rooms.excess)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turned = equal_rooms.places @ np.array([[cos, sin], [-sin, cos]]) + (3.0, -2.0)
+    np.testing.assert_allclose(found.places, turned, atol=1e-9)
+
+
+def test_the_worst_heading_of_a_lidar_that_looks_ahead_counts():
+    cells = two_rooms().cells.copy()
+    cells[10:20, 80:97] = OCCUPIED  # only one end of the second room differs
+    ahead = Lidar(range=8.0, field_of_view_deg=90.0)
+    found = find_ambiguous_places(OccupancyGrid(cells, 0.1), Robot(ahead))
+    around = find_ambiguous_places(OccupancyGrid(cells, 0.1), Robot(LIDAR))
+    assert found.excess.shape == around.excess.shape
+    assert found.share > around.share
+
+
+def test_threads_change_nothing_and_progress_ends(equal_rooms):
+    told = []
+    again = find_ambiguous_places(
+        two_rooms(), Robot(LIDAR), threads=3, progress=lambda *done: told.append(done)
+    )
+    np.testing.assert_array_equal(again.excess, equal_rooms.excess)
+    assert told == sorted(told)
+    assert told[-1] == (len(again.places),) * 2
+
+
+def test_places_without_returns_are_ambiguous():
+    found = find_ambiguous_places(two_rooms(), Robot(Lidar(range=0.05)))
+    assert (found.elsewhere == 1.0).all()
+    assert found.share == 1.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"spacing": 0.0}, "spacing must be"),
+        ({"spacing": math.nan}, "spacing must be"),
+        ({"spacing": 0.09}, "spacing must be at least a cell of the map"),
+        ({"robot": Robot(LIDAR, footprint=9.0)}, "fits nowhere"),
+        ({"robot": "rplidar-a1"}, "robot must be a Robot"),
+        ({"threads": 0}, "threads"),
+        ({"grid": OccupancyGrid(np.full((20, 20), FREE), 0.1)}, "no occupied cell"),
+    ],
+)
+def test_bad_arguments_are_refused(settings, says):
+    with pytest.raises(LocplanError, match=says):
+        find_ambiguous_places(**({"grid": side_by_side(room()), "robot": Robot(LIDAR)} | settings))
+
+
+def test_info_tells_the_share_and_the_starts(run, tmp_path):
+    save_map(side_by_side(room()), tmp_path / "room.yaml")
+    lidar = "--set", "range=8"
+    code, out, err = run("info", tmp_path / "room.yaml", *lidar)
+    assert code == 0, err
+    found = find_ambiguous_places(locplan.load_map(tmp_path / "room.yaml"), Robot(LIDAR))
+    assert found.sentence in out
+    _, out, _ = run("info", tmp_path / "room.yaml", *lidar, "--json")
+    assert json.loads(out)["ambiguous"] == {"share": found.share, "starts": found.starts.tolist()}
+    _, out, _ = run("info", tmp_path / "room.yaml")
+    assert "ambiguous" not in out
+
+
+def test_info_says_why_nothing_is_known_of_ambiguous_places(run, tmp_path):
+    save_map(OccupancyGrid(np.full((40, 40), FREE, np.uint8), 0.1), tmp_path / "open.yaml")
+    code, out, _ = run("info", tmp_path / "open.yaml", "--set", "range=8")
+    assert code == 0
+    assert "ambiguous places: not known, since open has no occupied cell" in out

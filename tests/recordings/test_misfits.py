@@ -1,0 +1,241 @@
+"""Places where recorded scans do not fit the map: false and missing walls, and wrong ranges."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from conftest import SHARED_DATA
+from support import oracles as naive
+from support.small_drive import FILE, MAP
+
+from locplan import Lidar, load_map
+from locplan._support.kernels.walls import count_scans
+from locplan.errors import RecordingError
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
+from locplan.recordings import Recording, find_misfits, read_recording
+from locplan.recordings.map_fit import range_fit
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return read_recording(FILE)
+
+
+@pytest.fixture(scope="module")
+def office():
+    return load_map(MAP)
+
+
+def without(grid, share=0.5, size=20):
+    """The map without the walls in a share of its blocks of so many cells."""
+    random, cells = np.random.default_rng(0), grid.cells.copy()
+    for row in range(0, cells.shape[0], size):
+        for col in range(0, cells.shape[1], size):
+            block = cells[row : row + size, col : col + size]
+            block[(block == OCCUPIED) & (random.random() < share)] = FREE
+    return replace(grid, cells=cells)
+
+
+def with_ghosts(grid, shift=8):
+    """The map with its walls drawn again in free space, so many cells to the side."""
+    ghosts = (np.roll(grid.cells, shift, axis=1) == OCCUPIED) & (grid.cells == FREE)
+    ghosts[:, : grid.shape[1] // 2] = False
+    return replace(grid, cells=np.where(ghosts, np.uint8(OCCUPIED), grid.cells))
+
+
+def off(drive, far):
+    """The drive with poses that are off by a normal deviation [m]."""
+    random, poses = np.random.default_rng(0), drive.poses.copy()
+    poses[:, :2] += random.normal(0, far / np.sqrt(2), (len(poses), 2))
+    return replace(drive, poses=poses)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scans_are_counted_like_by_plain_loops(seed):
+    random = np.random.default_rng(seed)
+    origins, ends = random.uniform(2, 18, (6, 2)), random.uniform(-4, 26, (6, 9, 2))
+    ends[1, 2:5] = np.nan
+    ends[2, 0] = origins[2]
+    for margin in (0.0, 2.0):
+        for stops in (np.zeros((20, 22), bool), random.random((20, 22)) < 0.05):
+            counts = count_scans(stops, origins, ends, margin)
+            assert np.array_equal(counts, naive.count_scans(stops, origins, ends, margin))
+
+
+def test_missing_walls_lie_at_true_ones(office, drive):
+    half = without(office)
+    misfits = find_misfits(half, [drive])
+    assert misfits.at_walls < 0.7
+    assert misfits.missing.sum() > 500
+    assert (half.cells[misfits.missing] == FREE).all()
+    # By up to a cell.
+    assert office.closer_than(2 * office.resolution)[misfits.missing].mean() > 0.98
+
+
+def test_false_walls_are_those_that_scans_see_through(office, drive):
+    misfits = find_misfits(with_ghosts(office), [drive])
+    assert misfits.seen_through > 0.02
+    assert misfits.false.sum() > 500
+    assert (office.cells[misfits.false] == FREE).mean() > 0.95
+
+
+def test_false_walls_that_are_left_are_out_of_view(office, drive):
+    ghosts = with_ghosts(office, shift=40)  # far from the true walls, behind which none is seen
+    false = (ghosts.cells == OCCUPIED) & (office.cells == FREE)
+    misfits = find_misfits(ghosts, [drive])
+    (x, y, turn), ahead = drive.poses.T[:, :, None], drive.ends_on_robot()
+    sin, cos = np.sin(turn), np.cos(turn)
+    at = (
+        x + cos * ahead[..., 0] - sin * ahead[..., 1],
+        y + sin * ahead[..., 0] + cos * ahead[..., 1],
+    )
+    ends = np.stack(ghosts.world_to_grid(*at), -1)
+    origins = np.stack(ghosts.world_to_grid(*drive.poses.T[:2]), -1)
+    # Beams that pass no true wall.
+    met = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((3, 3))) > 0
+    passed, _ = count_scans(met, origins, ends, 2.0)
+    often = false & (passed >= 3)
+    assert often.sum() > 1000
+    assert misfits.false[often].mean() > 0.9
+    assert (misfits.false & (office.cells == OCCUPIED)).sum() < 0.03 * misfits.false.sum()
+
+
+def standing(*posts):
+    """A room with posts, the cell of each, and a recording of 12 scans from one place in it.
+
+    Of each post: whether the map has it, numbers of the scans that end at it and that pass it, the
+    beam that does, and perhaps how far away it is. The other beams end at the room's walls.
+    """
+    cells = np.full((80, 80), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    grid, lidar = OccupancyGrid(cells, 0.1), Lidar(range=12.0, beams=72)
+    pose, where = np.array([3.05, 3.55, 0.0]), []
+    ways = np.stack([np.cos(lidar.angles), np.sin(lidar.angles)])
+    until = np.where(ways > 0, 7.95 - pose[:2, None], 0.05 - pose[:2, None]) / ways
+    ranges = np.tile(until.min(axis=0), (12, 1))
+    for drawn, ended, passed, beam, *away in posts:
+        far = np.arange(0.0, 0.3, 0.01) + (away or [1.4])[0]
+        at = (pose[:2, None] + far * ways[:, [beam]]) / 0.1
+        best = np.abs(at % 1 - 0.5).max(axis=0).argmin()
+        col, row = at[:, best].astype(int)
+        cells[row, col] = OCCUPIED if drawn else FREE
+        ranges[:ended, beam] = far[best]
+        ranges[ended + passed :, beam] = np.inf
+        where.append((row, col))
+    grid = replace(grid, cells=cells)
+    return grid, tuple(np.transpose(where)), Recording(ranges, lidar, np.tile(pose, (12, 1)))
+
+
+def test_a_wall_is_false_if_over_three_times_as_many_scans_pass_as_end():
+    posts = [(True, 2, 7, 3), (True, 2, 6, 9), (True, 3, 9, 15), (True, 0, 3, 21), (True, 0, 2, 27)]
+    grid, where, drive = standing(*posts)
+    assert find_misfits(grid, [drive]).false[where].tolist() == [True, False, False, True, False]
+
+
+def test_a_wall_is_missing_where_three_scans_end_and_few_pass():
+    posts = [(False, 3, 9, 3), (False, 2, 0, 9), (False, 2, 7, 15), (False, 3, 0, 21)]
+    grid, where, drive = standing(*posts)
+    assert find_misfits(grid, [drive]).missing[where].tolist() == [True, False, False, True]
+
+
+def test_what_is_seen_once_goes_with_what_touches_it_by_a_corner():
+    grid, where, drive = standing((True, 0, 3, 45), (True, 0, 1, 46))
+    assert np.abs(np.diff(where)).ravel().tolist() == [1, 1]
+    assert find_misfits(grid, [drive]).false[where].all()
+
+
+def test_no_beam_sees_through_a_wall_that_is_missing():
+    grid, where, drive = standing((False, 3, 9, 15), (True, 0, 12, 15, 2.4))
+    assert not find_misfits(grid, [drive]).false[where].any()
+
+
+def test_no_wall_is_drawn_beside_one_unless_five_scans_pass_that():
+    posts = [(True, 0, 5, 3), (False, 3, 0, 4), (True, 0, 4, 15), (False, 3, 0, 16)]
+    grid, where, drive = standing(*posts)
+    assert find_misfits(grid, [drive]).missing[where].tolist() == [False, True, False, False]
+
+
+def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
+    cells = office.cells.copy()
+    cells[140:148, 300:700] = OCCUPIED  # in the corridor
+    grid = replace(office, cells=cells, origin=(3.0, -2.0, 0.0))
+    own = drive.moved(3.6, -1.4, 0.0)
+    (false,) = find_misfits(grid, [own]).faults(grid)
+    assert (false.kind, false.sure) == ("false walls", True)
+    left, right, low, top = false.boxes[0]
+    assert (left, right) == pytest.approx((18.0, 38.0), abs=0.15)
+    assert (low, top) == pytest.approx((5.0, 5.4), abs=0.15)
+    assert "at 28.0,5.2 (20.0 x 0.4 m)" in false.sentence
+    found = [*find_misfits(without(office), [drive]).faults(office)]
+    assert [each.kind for each in found] == ["missing walls"]
+    assert not [*find_misfits(office, [drive]).faults(office)]
+
+
+@pytest.mark.parametrize("far", [0.1, 0.2])
+def test_poses_that_are_off_are_refused(office, drive, far):
+    for grid in (office, without(office)):
+        with pytest.raises(RecordingError, match="too much to tell false walls by"):
+            find_misfits(grid, [off(drive, far)])
+    for side in ([far / 2, 0, 0], [0, far, 0]):
+        with pytest.raises(RecordingError, match="too much"):
+            find_misfits(office, [replace(drive, poses=drive.poses + side)])
+    with pytest.raises(RecordingError, match="too much"):  # of several drives the worst counts
+        find_misfits(office, [drive, off(drive, far)])
+
+
+def test_a_drive_of_another_map_is_refused(drive):
+    with pytest.raises(RecordingError, match="no scan fits two_corridors"):
+        find_misfits(environments.make("two_corridors"), [drive])
+
+
+def scaled(grid, drive, ratio):
+    """The map with another resolution than the true one, and the drive's poses on it."""
+    x, y, yaw = grid.origin
+    poses = drive.poses.copy()
+    poses[:, :2] *= ratio
+    resolution = ratio * grid.resolution
+    made = replace(grid, resolution=resolution, origin=(ratio * x, ratio * y, yaw))
+    return made, replace(drive, poses=poses)
+
+
+@pytest.mark.parametrize("ratio", [0.96, 1.0, 1.02])
+def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
+    grid, own = scaled(office, drive, ratio)
+    found = range_fit(grid, [own])
+    assert found.factor.value == pytest.approx(1 / ratio, abs=0.002)
+    assert found.factor.low < found.factor.value < found.factor.high
+    assert abs(found.depth.value) < 0.2 * grid.resolution
+    assert [each.kind for each in found.faults(grid)] == ["resolution"] * (ratio != 1)
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3])
+def test_walls_that_are_inflated_are_deep(office, drive, cells):
+    around = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((2 * cells + 1,) * 2))
+    grid = replace(office, cells=np.where(around > 0, np.uint8(OCCUPIED), office.cells))
+    found = range_fit(grid, [drive])
+    assert found.depth.value == pytest.approx(cells * grid.resolution, abs=0.5 * grid.resolution)
+    assert found.factor.value == pytest.approx(1, abs=0.005)
+    assert [each.kind for each in found.faults(grid)] == ["deep walls"] * (cells > 1)
+
+
+def test_a_drive_that_is_too_short_tells_no_fault_of_the_ranges(office, drive):
+    grid, own = scaled(office, drive, 0.9)
+    assert not [*range_fit(grid, [own[:40]]).faults(grid)]
+    assert np.isnan(range_fit(without(office, share=1.0), [drive]).factor.value)
+
+
+def test_poses_may_be_off_by_a_little(office, drive):
+    assert [*find_misfits(without(office), [off(drive, 0.03)]).faults(office)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["fhw", "intel"])
+def test_misfits_of_real_logs_are_those_made_in_their_maps(name):
+    if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
+        pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")
+    log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz", every=3)
+    true = load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_even")
+    assert not [*find_misfits(true, [log]).faults(true)]
+    for grid, kind in ((without(true), "missing walls"), (with_ghosts(true), "false walls")):
+        assert [each.kind for each in find_misfits(grid, [log]).faults(grid)] == [kind]

@@ -1,0 +1,76 @@
+"""Warnings about AMCL's parameters."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import drawn
+
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.robots import Amcl, Disturbances, Lidar, Robot
+from locplan.simulation import Simulator
+from locplan.simulation.amcl_parameters import BeamsLeft, filter_warnings
+
+LIDAR = Lidar(range=12.0, range_sigma=0.03)
+CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
+
+
+@pytest.mark.parametrize("lidar", [LIDAR, Lidar(range=200.0)])
+def test_nav2s_defaults_have_no_warnings(lidar):
+    assert filter_warnings(Amcl(), lidar) == []
+    assert (
+        filter_warnings(Amcl(), lidar, {"z_short": 0.05, "z_max": 0.05, "use_sim_time": True}) == []
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"z_hit": 0.9}, "z_hit and z_rand add up to 1.4"),
+        (dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4"), 0.0), "are all 0"),
+        ({"laser_max_range": 20.0}, r"laser_max_range \(20 m\) is beyond .* 12 m"),
+        ({"laser_min_range": 12.0}, r"laser_min_range \(12 m\) is not below the range of 12 m"),
+        ({"laser_max_range": 3.0, "laser_min_range": 3.5}, "not below the range of 3 m"),
+        ({"sigma_hit": 0.6}, "sigma_hit .* is wide"),
+        ({"sigma_hit": 0.02}, "below the lidar's own noise of 0.03 m"),
+        ({"laser_likelihood_max_dist": 0.3}, "below twice sigma_hit"),
+    ],
+)
+def test_each_fault_has_one_warning(changes, words):
+    (found,) = filter_warnings(Amcl(**changes), LIDAR)
+    assert re.search(words, found)
+    assert "\n" not in found
+
+
+def test_weights_that_add_up_to_1_with_those_of_the_beam_model_are_fine():
+    amcl = Amcl(z_hit=0.85, z_rand=0.05)
+    assert filter_warnings(amcl, LIDAR, {"z_short": 0.05, "z_max": 0.05}) == []
+    assert len(filter_warnings(amcl, LIDAR, {"z_short": 0.5, "z_max": "much"})) == 1
+
+
+def hall(size: float) -> OccupancyGrid:
+    cells = np.full((int(size / 0.1),) * 2, FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(cells, 0.1)
+
+
+def test_all_beams_return_in_a_small_room():
+    simulator = Simulator(hall(4.0), robot=Robot(LIDAR, disturbances=CLEAN))
+    left = BeamsLeft.on_map(simulator)
+    assert left.compared == 60  # every sixth of 360
+    assert left.returned == 60
+    assert left.warnings() == []
+
+
+def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
+    lidar = Lidar(range=4.0)
+    left = BeamsLeft.on_map(Simulator(hall(30.0), robot=Robot(lidar, filter=Amcl(max_beams=30))))
+    assert 0 < left.returned < 0.5 * left.compared
+    (warning,) = left.warnings()
+    assert str(left) in warning
+    assert f"of {left.compared} beams compared, {left.returned:.0f} return on this map" in warning
+
+
+def test_beams_are_counted_also_where_the_robot_fits_nowhere():
+    grid = drawn("####", "#..#", "####", resolution=0.1)
+    assert BeamsLeft.on_map(Simulator(grid, robot=Robot(LIDAR))).compared == 60

@@ -1,0 +1,377 @@
+"""Closed-loop drives: steered by the filter's pose, does the robot arrive?"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from conftest import few_of
+from support import oracles as naive
+
+from locplan import Footprint, Lidar, OccupancyGrid, Path, Robot
+from locplan._support.intervals import random_of
+from locplan.errors import ConfigError, LocplanError
+from locplan.maps import FREE, OCCUPIED
+from locplan.robots import Disturbances, Kinematics
+from locplan.simulation import Arrivals, Closed, Simulator, drive_closed, simulate
+from locplan.simulation.arrivals import Arrival
+from locplan.simulation.driver import route_key
+
+QUIET = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
+OUTLINE = Footprint([(0.35, 0.15), (0.35, -0.15), (-0.2, -0.15), (-0.2, 0.15)])
+CLOSED = 6
+"""Stream of random numbers of closed-loop drives."""
+
+
+def room(*, wall=None, door=(0, 0), origin=(0.0, 0.0, 0.0), resolution=0.1):
+    """A room of 8 x 5 m, in which a wall at x = 4 m may have a door between two heights [m]."""
+    cells = np.full((round(5 / resolution), round(8 / resolution)), FREE)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    cells[15:17, 10:13] = OCCUPIED
+    if wall:
+        cells[:, round(4 / resolution)] = OCCUPIED
+        low, high = (round(each / resolution) for each in door)
+        cells[low:high, round(4 / resolution)] = FREE
+    return OccupancyGrid(cells, resolution, origin=origin, name="room")
+
+
+def line(*xy, grid=None):
+    points = np.array(xy)
+    if grid is not None:
+        points = np.column_stack(grid.grid_to_world(*(points[:, ::-1] / grid.resolution).T))
+    return Path(points)
+
+
+def driven(grid, path, robot, drives=8, seed=1, **options):
+    simulator = Simulator(grid, robot, seed=seed)
+    return drive_closed(simulator, {"path": path}, range(drives), **options)["path"]
+
+
+def ends(found):
+    return [each.outcome for each in found.drives]
+
+
+ROBOTS = {
+    "round": Robot(Lidar(range=5.0, beams=60)),
+    "outlined": Robot(Lidar(range=5.0, beams=60), footprint=OUTLINE),
+    "sideways": Robot(
+        Lidar(range=5.0, beams=60), kinematics=Kinematics(drive="omnidirectional", speed=0.4)
+    ),
+    "car": Robot(
+        Lidar(range=5.0, beams=60),
+        footprint=OUTLINE,
+        kinematics=Kinematics(drive="car-like", turning_radius=0.8),
+    ),
+}
+BENT = ((1.5, 1.0), (3.0, 3.5), (6.5, 1.5))
+AHEAD = 2.5
+"""Length of the first stretch of `there_and_back` [m]."""
+
+
+def there_and_back():
+    """A path with headings: straight ahead, and then in reverse along an arc."""
+    turn = np.linspace(0.0, 1.4, 60)
+    back = np.column_stack([4.0 - np.sin(turn), 0.7 + 1 - np.cos(turn)])
+    xy = np.concatenate([[(4.0 - AHEAD, 0.7)], back])
+    return Path(xy, np.concatenate([[0.0], -turn]))
+
+
+@pytest.mark.parametrize("name", few_of(["round", "sideways", "car", "outlined"], 2))
+def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
+    grid, robot = room(), ROBOTS[name].changed({"boundary_noise": 0.0})
+    path = there_and_back() if name == "car" else line(*BENT)
+    (found,) = driven(grid, path, robot, 1, seed=3, perfect=True).drives
+    corners = OUTLINE.vertices
+    discs = [(0.0, 0.0, 0.2)]
+    if robot.outline:
+        sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        discs = [
+            (*(a + step * 0.05 / math.dist(a, b) * (b - a)), 0.025)
+            for a, b in sides
+            for step in range(math.ceil(math.dist(a, b) / 0.05 - 1e-9))
+        ]
+    even = path.resampled(0.05, even=True)
+    gears = [-1 if name == "car" and at > AHEAD + 0.025 else 1 for at in even.distance]
+    way = np.column_stack([even.xy, gears])
+    first = (*even.xy[0], math.atan2(*(even.xy[6] - even.xy[0])[::-1]))
+    stops = grid.cells == OCCUPIED
+    truth = naive.follow(
+        random_of(3, CLOSED, route_key(path), 0),
+        *(way.tolist(), stops, 0.1, robot, discs, first, 1000),
+    )
+    assert found.outcome == "arrived"
+    assert found.truth == pytest.approx(truth, abs=1e-9)
+    assert found.believed == pytest.approx(found.truth)
+
+
+def test_a_robot_whose_filter_is_good_arrives_at_its_goal():
+    grid = room(origin=(-3.0, 2.0, 0.7))
+    found = driven(grid, line(*BENT, grid=grid), ROBOTS["round"])
+    assert ends(found) == ["arrived"] * 8
+    goal = line(*BENT, grid=grid).xy[-1]
+    assert all(math.dist(each.truth[-1, :2], goal) < 0.5 for each in found.drives)
+    assert all(math.dist(each.believed[-1, :2], goal) <= 0.25 for each in found.drives)
+    assert found.arrived.low == pytest.approx(0.676, abs=1e-3)
+
+
+class Shifted:
+    """A filter that believes odometry from a pose that is off by some metres in x."""
+
+    title, settings = "shifted", "Shifted()"
+
+    def __init__(self, shift, stands=False):
+        self.shift, self.stands = shift, stands
+
+    def start(self, grid, lidar, pose, deviation, random):
+        self.pose = np.add(pose, (self.shift, 0.0, 0.0))
+        self.last = None
+        return self
+
+    def motion(self, odometry):
+        if self.last is not None and not self.stands:
+            turn = self.pose[2] - self.last[2]
+            dx, dy = odometry[:2] - self.last[:2]
+            cos, sin = math.cos(turn), math.sin(turn)
+            step = [cos * dx - sin * dy, sin * dx + cos * dy, odometry[2] - self.last[2]]
+            self.pose = self.pose + step
+        self.last = np.array(odometry)
+
+    def scan(self, ranges):
+        pass
+
+    def estimate(self):
+        return self.pose
+
+    def covariance(self):
+        return np.eye(3)
+
+
+STILL = dict.fromkeys(
+    ("distance_drift", "heading_drift_deg", "turn_drift_deg", "distance_bias", "heading_bias_deg"),
+    0.0,
+)
+STILL |= {"turn_bias": 0.0, "start_sigma": 0.0, "start_sigma_deg": 0.0}
+
+
+def exact(filter):
+    robot = Robot(Lidar(range=5.0, beams=20), filter=filter, disturbances=QUIET)
+    return robot.changed(STILL)
+
+
+def test_a_robot_that_is_off_believes_to_be_at_the_goal_and_is_elsewhere():
+    path = line((2.0, 2.5), (6.0, 2.5))
+    (found,) = driven(room(), path, exact(Shifted(0.8)), 1).drives
+    assert found.outcome == "elsewhere"
+    assert not found.fault
+    assert found.believed[-1] - found.truth[-1] == pytest.approx([0.8, 0.0, 0.0], abs=1e-6)
+    (near,) = driven(room(), path, exact(Shifted(0.2)), 1).drives
+    assert near.outcome == "arrived"
+
+
+class Jumping(Shifted):
+    """A filter whose estimate jumps sideways by some metres after 4 s of perfect odometry."""
+
+    def __init__(self, jump):
+        super().__init__(0.0)
+        self.jump, self.updates = jump, 0
+
+    def scan(self, ranges):
+        self.updates += 1
+        if self.updates == 40:
+            self.pose = np.add(self.pose, (0.0, self.jump, 0.0))
+
+
+@pytest.mark.parametrize(("jump", "is_aborted"), [(1.6, True), (1.4, False)])
+def test_drive_is_aborted_if_estimate_leaves_local_costmap(jump, is_aborted):
+    """RPP cuts the plan at half the local costmap, 1.5 m; without poses it aborts the goal."""
+    path = line((1.5, 2.0), (6.5, 2.0))
+    (found,) = driven(room(), path, exact(Jumping(jump)), 1).drives
+    assert (found.outcome == "aborted") == is_aborted
+    assert (found.seconds == pytest.approx(3.9)) == is_aborted
+    assert is_aborted or found.seconds > 10
+
+
+def test_robot_stands_still_if_arc_meets_wall():
+    """It tries as often as Nav2's default tree: seven failures, each after one clearing."""
+    grid, path = room(wall=True, door=(2.3, 2.5)), line((2.0, 2.4), (6.5, 2.4))
+    (found,) = driven(grid, path, exact(Shifted(0.0)), 1).drives
+    assert (found.outcome, found.standstills) == ("aborted", 14)
+    arrivals = Arrivals((found, dataclasses.replace(found, outcome="arrived", standstills=0)))
+    assert arrivals.standstills == 7.0
+    assert arrivals.aborted.value == 0.5
+    step, heading = np.diff(found.truth, axis=0), found.truth[:-1, 2]
+    ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
+    # Two spins by 90 deg, and one retreat by 0.3 m.
+    assert (step[:, 2] > math.pi / 2 / 16 - 1e-9).sum() >= 32
+    assert ahead[ahead < 0].sum() == pytest.approx(-0.3, abs=0.01)
+
+
+def test_robot_stands_still_where_arc_cuts_corner():
+    """The path keeps off the walls, and the arc to a point 0.6 m ahead does not."""
+    grid = room(wall=True, door=(2.2, 2.8))
+    path = line((3.65, 0.8), (3.65, 2.5), (6.5, 2.5))
+    (found,) = driven(grid, path, exact(Shifted(0.0)), 1).drives
+    assert found.standstills > 0
+    wide = room(wall=True, door=(1.9, 3.1))
+    (found,) = driven(wide, path, exact(Shifted(0.0)), 1).drives
+    assert (found.outcome, found.standstills) == ("arrived", 0)
+
+
+def test_robot_whose_estimate_stands_runs_out_of_time():
+    (found,) = driven(
+        room(), line((2.0, 2.5), (6.0, 2.5)), exact(Shifted(0.0, stands=True)), 1
+    ).drives
+    assert found.outcome == "timed out"
+
+
+def test_what_is_not_on_the_path_s_map_is_driven_around():
+    path = line((2.0, 2.5), (6.5, 2.5))
+    grid = room(wall=True, door=(3.2, 4.2))
+    robot = ROBOTS["round"].changed({"boundary_noise": 0.0})
+    found = driven(grid, path, robot, 4)
+    assert ends(found) == ["arrived"] * 4
+    crossed = [each.truth[np.argmin(abs(each.truth[:, 0] - 4.05))] for each in found.drives]
+    assert all(3.3 < y < 4.1 for _, y, _ in crossed)
+
+
+@pytest.mark.parametrize(("door", "fault"), [((2.2, 2.6), "follower"), ((2.3, 2.5), "world")])
+def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_one_is_not(
+    door, fault
+):
+    grid, path = room(wall=True, door=door), line((2.0, 2.4), (6.5, 2.4))
+    robot = Robot(Lidar(range=5.0, beams=60)).changed({"boundary_noise": 0.0})
+    found = driven(grid, path, robot, 3)
+    assert set(ends(found)) == {"aborted"}
+    assert {each.fault for each in found.drives} == {fault}
+    assert found.rate("follower").value == float(fault == "follower")
+    assert found.rate("world").value == float(fault == "world")
+    assert all(each.truth[:, 0].max() < 4.0 for each in found.drives)
+
+
+def test_drives_are_those_of_their_numbers_on_any_number_of_threads():
+    grid, path = room(), line(*BENT)
+
+    def made(threads, drives):
+        simulator = Simulator(grid, ROBOTS["round"], seed=2, threads=threads)
+        return drive_closed(simulator, {"a": path, "b": path}, drives)
+
+    whole, part = made(2, range(6)), made(1, range(3, 6))
+    for one, other in zip(whole["a"].drives[3:], part["b"].drives, strict=True):
+        assert one.outcome == other.outcome
+        assert np.array_equal(one.truth, other.truth)
+    assert not np.array_equal(whole["a"].drives[0].truth[-1], whole["a"].drives[1].truth[-1])
+
+
+def test_a_plan_now_and_then_leads_to_the_goal_too():
+    found = driven(room(), line(*BENT), ROBOTS["round"], 4, replan=1.0)
+    assert ends(found) == ["arrived"] * 4
+
+
+def test_a_lap_is_driven_though_it_begins_at_its_goal():
+    lap = line((1.5, 1.0), (6.5, 1.0), (6.5, 3.0), (1.5, 3.0), (1.5, 1.0))
+    (found,) = driven(room(), lap, ROBOTS["round"], 1, perfect=True).drives
+    assert found.outcome == "arrived"
+    assert found.truth[:, 0].max() > 6.0
+    assert found.truth[-1, 2] > math.pi
+    assert found.end == pytest.approx((*found.truth[-1, :2], found.truth[-1, 2] - 2 * math.pi))
+    assert found.seconds > 0.9 * lap.length / ROBOTS["round"].kinematics.speed
+
+
+def test_plans_are_made_once_a_command_at_most():
+    often, each = (
+        driven(room(), line(*BENT), ROBOTS["round"], 1, replan=seconds).drives[0]
+        for seconds in (0.04, 0.1)
+    )
+    assert np.array_equal(often.truth, each.truth)
+
+
+def test_a_new_plan_leaves_the_goal_where_it_is():
+    grid, goal = room(resolution=0.25), (6.49, 1.74)  # 0.16 m from the centre of its cell
+    path = line((1.5, 1.6), goal)
+    (found,) = driven(grid, path, ROBOTS["round"], 1, replan=0.5, perfect=True).drives
+    assert found.outcome == "arrived"
+    assert math.dist(found.end[:2], goal) <= ROBOTS["round"].goal_tolerance
+
+
+def test_a_car_keeps_its_radius_and_changes_gear_only_where_its_path_does():
+    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).changed(STILL)
+    (found,) = driven(room(), there_and_back(), robot, 1).drives
+    assert found.outcome == "arrived"
+    turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)
+    assert (abs(turn) * 0.8 <= np.hypot(*step.T) * (1 + 1e-6) + 1e-9).all()
+    middle = found.truth[:-1, 2] + turn / 2
+    ahead = step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle)
+    assert (np.diff(np.sign(ahead[ahead != 0])) != 0).sum() == 1
+
+
+def test_a_car_whose_outline_does_not_fit_along_its_path_has_no_way():
+    robot = ROBOTS["car"].changed({"boundary_noise": 0.0})
+    grid = room(wall=True, door=(2.3, 2.6))  # a disc within its outline fits, 0.3 m wide as it is
+    (found,) = driven(grid, line((2.0, 2.45), (6.5, 2.45)), robot, 1).drives
+    assert (found.outcome, found.fault) == ("aborted", "world")
+
+
+def test_a_car_drives_round_what_stands_in_its_path():
+    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).changed(STILL)
+    grid = room(wall=True, door=(2.4, 4.5))
+    path = line((1.5, 2.1), (6.5, 2.1))
+    (found,) = driven(grid, path, robot, 1, perfect=True).drives
+    assert found.outcome == "arrived"
+    turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)
+    assert (abs(turn) * 0.8 <= np.hypot(*step.T) * (1 + 1e-6) + 1e-9).all()
+
+
+def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
+    grid, robot = room(wall=True, door=(2.3, 2.5)), Robot(Lidar(range=5.0, beams=60))
+    paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
+    found = simulate(grid, paths, robot, drives=2, closed=Closed(drives=3), seed=4)
+    assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
+    about = found.summary()["arrivals"]
+    assert about["through"]["aborted"][0] == about["through"]["no_way"][0] == 1.0
+    assert about["away"]["drives"] == 3
+    assert about["away"]["arrived"][0] == 1.0
+    (through, away) = found.table().records()
+    assert (through["arrived"], away["arrived"]) == (0.0, 1.0)
+    legend = [each.get_text() for each in found.figure().legends[0].get_texts()]
+    assert "0 of 3 [0, 56 %] arrive (3 have no way)" in " ".join(legend[0].split())
+    assert "3 of 3 [44, 100 %] arrive" in " ".join(legend[1].split())
+    assert {"a robot stops", "a robot ends"} <= set(legend)
+    found.save(tmp_path / "out")
+    with (tmp_path / "out" / "arrivals.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["outcome"] for row in rows] == ["aborted"] * 3 + ["arrived"] * 3
+    assert float(rows[0]["x"]) < 4.0 < 6.5
+    assert [int(row["standstills"]) for row in rows] == [14] * 3 + [0] * 3
+    assert (through["standstills"], away["standstills"]) == (14.0, 0.0)
+    with pytest.raises(LocplanError, match="drives"):
+        Closed(drives=1)
+    with pytest.raises(ConfigError, match="replan must be"):
+        Closed(replan=0.0)
+
+
+def test_drives_say_where_robots_stop_end_and_leave_the_path():
+    grid = room(wall=True, door=(2.2, 2.6))
+    robot = Robot(Lidar(range=5.0, beams=60)).changed({"boundary_noise": 0.0})
+    (stuck,) = driven(grid, line((2.0, 2.4), (6.5, 2.4)), robot, 1).drives
+    places = Arrivals((stuck,)).places().records()
+    assert {each["what"] for each in places} == {"stops", "ends"}
+    (end,) = (each for each in places if each["what"] == "ends")
+    assert (end["x"], end["y"], end["drive"]) == (*stuck.truth[-1, :2], 0)
+    stops = np.array([(each["x"], each["y"]) for each in places if each["what"] == "stops"])
+    still = (stuck.truth[20:] == stuck.truth[:-20]).all(axis=1)
+    at = stuck.truth[:-20][still, :2]
+    assert np.hypot(*(at[:, None] - stops).T).min(axis=0).max() <= 0.5
+    assert np.hypot(*(at[:, None] - stops).T).min(axis=1).max() == 0.0
+
+    truth = np.zeros((40, 3))
+    truth[:, 0] = np.arange(40) * 0.1
+    truth[10:20, 1] = truth[30:35, 1] = 0.7
+    path = line((0.0, 0.0), (4.0, 0.0))
+    found = Arrivals((Arrival.of("arrived", truth, truth, path),))
+    assert [(each["what"], each["x"]) for each in found.places().records()] == [
+        ("leaves the path by 0.5 m", pytest.approx(1.0)),
+        ("leaves the path by 0.5 m", pytest.approx(3.0)),
+    ]

@@ -1,0 +1,267 @@
+"""Drives of paths: which random numbers each has, and that all commands report the same drives."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import few_of
+
+from locplan import Costmap, Lidar, OccupancyGrid, Path, Robot, check, choose, plan
+from locplan.advice import Pole
+from locplan.advice.landmark_objects import with_objects
+from locplan.errors import ConfigError
+from locplan.maps import FREE, OCCUPIED, environments
+from locplan.robots import Amcl, Disturbances, Odometry
+from locplan.simulation import (
+    Arrivals,
+    Closed,
+    Drives,
+    Simulator,
+    drive_closed,
+    drive_open,
+    simulate,
+)
+from locplan.simulation.arrivals import Arrival
+from locplan.simulation.driver import CHOOSING, FRESH, route_key
+from locplan.simulation.verdict import DriveSet, compare
+
+LIDAR = Lidar(range=5.0, beams=60)
+ROBOT = Robot(LIDAR, filter=Amcl(min_particles=60, max_particles=60), footprint=0.2)
+MASK = 2**64 - 1
+
+
+def room(rows: int = 60, cols: int = 90) -> OccupancyGrid:
+    """Return a room with two pillars, of 0.1 m cells."""
+    walls = np.full((rows, cols), FREE, np.uint8)
+    walls[[0, -1]] = walls[:, [0, -1]] = OCCUPIED
+    walls[20:26, 30:34] = walls[38:42, 60:70] = OCCUPIED
+    return OccupancyGrid(walls, 0.1, name="room")
+
+
+def path(*xy: tuple[float, float]) -> Path:
+    return Path(np.array(xy, float))
+
+
+LONG = path((1.0, 1.0), (8.0, 1.0))
+BENT = path((1.0, 1.0), (4.5, 1.5), (8.0, 1.0))
+OTHER = path((1.0, 5.0), (8.0, 5.0))
+
+
+def splitmix64(counter: int) -> int:
+    """Return the hash of a number, in exact integers."""
+    bits = counter & MASK
+    bits = (bits ^ bits >> 30) * 0xBF58476D1CE4E5B9 & MASK
+    bits = (bits ^ bits >> 27) * 0x94D049BB133111EB & MASK
+    return bits ^ bits >> 31
+
+
+# Worlds
+
+
+def test_flipped_cells_equal_those_of_plain_loops():
+    from locplan.simulation.kernels.worlds import flip_cells
+
+    random = np.random.default_rng(1)
+    stops, seed, row, col = random.random((20, 30)) < 0.5, int(MASK - 5), 1000, 70_000
+    cells = np.argwhere(random.random(stops.shape) < 0.7)
+    expected = stops.copy()
+    for i, j in cells.tolist():
+        number = ((row + i) << 32 | col + j) + 1
+        share = (splitmix64(seed + number * 0x9E3779B97F4A7C15) >> 11) / 2**53
+        expected[i, j] ^= share < 0.3
+    flip_cells(stops, cells, row, col, 0.3, np.uint64(seed))
+    assert (stops == expected).all()
+
+
+def test_splitmix64_gives_the_published_numbers():
+    numbers = [splitmix64(1234567 + n * 0x9E3779B97F4A7C15) for n in (1, 2, 3)]
+    assert numbers == [6457827717110365317, 3203168211198807973, 9817491932198370423]
+
+
+@pytest.mark.parametrize("noise", few_of([0.1, 0.0, 0.5, 1.0], 2))
+def test_world_flips_the_share_of_boundary_cells(noise):
+    robot = dataclasses.replace(ROBOT, disturbances=Disturbances(boundary_noise=noise))
+    simulator = Simulator(room(200, 300), robot)
+    boundary, stops = simulator.boundary, simulator.stops
+    flips = np.array([simulator.stage().stops_in(7, n) != stops for n in range(40)])
+    assert not flips[:, ~boundary].any()
+    count = 40 * boundary.sum()
+    share = flips[:, boundary].mean()
+    assert abs(share - noise) <= 4 * np.sqrt(noise * (1 - noise) / count)
+    if noise == 0.1:  # cells, numbers, routes and seeds are independent
+        cells = flips[:, boundary].astype(float)
+        assert abs(np.corrcoef(cells[0], cells[1])[0, 1]) < 4 / np.sqrt(cells.shape[1])
+        assert abs((cells[:, 1:] * cells[:, :-1]).mean() - noise**2) < 0.005
+        assert (simulator.stage().stops_in(8, 0) != (flips[0] ^ stops)).any()
+        other = Simulator(room(200, 300), robot, seed=2).stage()
+        assert (other.stops_in(7, 0) != (flips[0] ^ stops)).any()
+
+
+def test_world_does_not_depend_on_the_part():
+    simulator = Simulator(room(200, 300), ROBOT)
+    far = simulator.line(np.array([[22.0, 14.0, 0.0], [24.0, 14.0, 0.0]]))
+    whole, part = simulator.stage(), simulator.stage([far])
+    assert min(each.start for each in part.window) > 0
+    assert part.stops.shape != whole.stops.shape
+    for number in (0, CHOOSING):
+        world = whole.stops_in(3, number)
+        assert (part.stops_in(3, number) == world[part.window]).all()
+
+
+def test_world_has_the_same_noise_beside_an_object():
+    grid = room(200, 300)
+    with_pole = with_objects(grid, Pole(0.2), np.array([[4.0, 3.0, 0.0]]))
+    one, other = (Simulator(each, ROBOT).stage().stops_in(3, 0) for each in (grid, with_pole))
+    rows, cols = np.nonzero(one != other)
+    assert rows.size
+    assert (np.hypot(rows * 0.1 - 3.0, cols * 0.1 - 4.0) < 0.5).all()
+
+
+# Random numbers
+
+
+def test_drives_do_not_depend_on_other_paths():
+    simulator = Simulator(room(), ROBOT)
+    alone = drive_open(simulator, {"a": LONG}, range(4))["a"]
+    together = drive_open(simulator, {"b": BENT, "c": OTHER, "a": LONG}, range(2, 4))
+    assert [*together] == ["b", "c", "a"]
+    np.testing.assert_allclose(together["a"].errors, alone.errors[2:], atol=1e-9)
+
+
+@pytest.mark.parametrize("numbers", [range(3), range(1)])
+def test_drives_are_equal_on_any_number_of_threads(numbers):
+    paths = {"a": LONG, "b": BENT, "c": OTHER}
+    one, three = (Simulator(room(), ROBOT, threads=threads) for threads in (1, 3))
+    calls = []
+    before = drive_open(one, paths, numbers, progress=lambda *step: calls.append(step))
+    after = drive_open(three, paths, numbers)
+    assert all((before[name].errors == after[name].errors).all() for name in paths)
+    assert calls == [(n + 1, 3 * len(numbers)) for n in range(3 * len(numbers))]
+    ends = (drive_closed(each, paths, numbers) for each in (one, three))
+    for first, second in zip(*(each.values() for each in ends), strict=True):
+        for arrival, again in zip(first.drives, second.drives, strict=True):
+            assert (arrival.truth == again.truth).all()
+
+
+class Odometer:
+    """A filter that believes odometry, so that its errors are those of odometry alone."""
+
+    title, settings = "odometer", "Odometer()"
+
+    def start(self, grid, lidar, pose, deviation, random):
+        return Odometer()
+
+    def motion(self, odometry):
+        self.pose = odometry
+
+    def scan(self, ranges):
+        pass
+
+    def estimate(self):
+        return self.pose
+
+
+def correlate_ends(one: Drives, other: Drives) -> float:
+    """Return the correlation of the errors in x at the end, which the biased wheels make."""
+    return float(np.corrcoef(one.errors[:, -1, 0], other.errors[:, -1, 0])[0, 1])
+
+
+def test_drives_of_one_route_are_pairs_and_of_others_are_not():
+    near = path((1.0, 1.0), (8.0, 1.002))
+    paths = {"long": LONG, "bent": BENT, "near": near, "other": OTHER}
+    wheels = Odometry(distance_bias=0.1)
+    lidar = Lidar(range=5.0, beams=4)
+    simulator = Simulator(room(), Robot(lidar, filter=Odometer(), odometry=wheels))
+    drives = drive_open(simulator, paths, range(24))
+    assert correlate_ends(drives["long"], drives["bent"]) > 0.9
+    for name in ("near", "other"):
+        assert abs(correlate_ends(drives["long"], drives[name])) < 0.5
+    paired = drive_open(simulator, {"long": LONG, "near": near}, range(24), route=route_key(LONG))
+    assert correlate_ends(paired["long"], paired["near"]) > 0.99
+    assert (paired["long"].errors == drives["long"].errors).all()
+
+
+def test_closed_loop_drives_of_one_route_are_pairs_and_of_others_are_not():
+    """The error with which the filter starts is a random number of the drive alone."""
+    paths = {"long": LONG, "bent": BENT, "near": path((1.0, 1.0), (8.0, 1.002))}
+    arrivals = drive_closed(Simulator(room(), ROBOT), paths, range(3))
+    starts = {
+        name: np.array([drive.believed[0, :2] - drive.truth[0, :2] for drive in each.drives])
+        for name, each in arrivals.items()
+    }
+    assert abs(starts["long"] - starts["bent"]).max() < 0.02
+    assert abs(starts["long"] - starts["near"]).min(axis=1).max() > 0.02
+
+
+def test_route_key_counts_in_millimetres():
+    assert route_key(LONG) == route_key(BENT) == route_key([(1.0002, 1.0), (8, 0.9996)])
+    others = [OTHER, path((8.0, 1.0), (1.0, 1.0)), path((1.0, 1.0), (8.0, 1.001))]
+    assert len({route_key(LONG), *map(route_key, others)}) == 4
+
+
+def test_bases_of_numbers_leave_room_for_the_drives_that_are_reported():
+    assert 1024 < CHOOSING < FRESH - 1024
+    assert Closed().drives == 16
+
+
+def test_stretched_world_moves_what_the_lidar_sees():
+    grid = room()
+    calm = Robot(LIDAR, disturbances=Disturbances(boundary_noise=0.0, start_sigma=0.0))
+    right, wrong = (
+        drive_open(Simulator(grid, calm, stretch=stretch), {"a": LONG}, range(4))["a"]
+        for stretch in (1.0, 1.3)
+    )
+    assert wrong.rmse.value > 2 * right.rmse.value
+    with pytest.raises(ConfigError, match="closed-loop drives need stretch=1"):
+        drive_closed(Simulator(grid, calm, stretch=1.3), {"a": LONG}, range(1))
+    with pytest.raises(ConfigError, match="stretch must be positive"):
+        Simulator(grid, stretch=0.0)
+
+
+# What is reported
+
+
+def test_verdict_compares_rates_of_reached_goals():
+    drives = Drives(LONG.poses, np.zeros((4, len(LONG.poses), 3)))
+    place = (0.0, 0.0, 0.0)
+
+    def arrivals(*outcomes: str) -> Arrivals:
+        return Arrivals(tuple(Arrival(outcome, 1.0, place, place) for outcome in outcomes))
+
+    one = DriveSet.from_drives([drives], [arrivals("arrived", "aborted")])
+    two = DriveSet.from_drives([drives], [arrivals("arrived"), arrivals("arrived")])
+    reached = compare(one, two).reached
+    assert (reached.baseline.value, reached.alternative.value) == (0.5, 1.0)
+    assert compare(one, DriveSet.from_drives([drives])).reached is None
+
+
+@pytest.mark.long
+def test_commands_report_the_same_rates_of_one_route():
+    """`simulate`, `check` and `choose` drive one route of a corridor in which robots get lost."""
+    grid = environments.make("two_corridors", resolution=0.1)
+    robot = Robot(
+        Lidar(range=4.0, beams=60), filter=Amcl(min_particles=100, max_particles=100), footprint=0.2
+    )
+    start, goal = (4.0, 3.0), (34.0, 3.0)
+    costs = Costmap.blank(grid, robot=robot)
+    shortest = plan(costs, start, goal).path
+    report = check(grid, robot, {"a": start, "b": goal}, effort="quick", seed=3)
+    (route,) = report.routes
+    assert route.path.xy.tolist() == shortest.xy.tolist()
+    choice = choose(grid, start, goal, robot, costs=costs, drives=32, seed=3, rival=None)
+    shown = choice.shortest
+    assert shown.driven.numbers == range(len(shown.driven.numbers))
+    count = len(shown.driven.numbers)
+    for drives in {count, route.rates.n_drives}:
+        closed = Closed(drives=16)
+        result = simulate(grid, {"a": shortest}, robot, drives=drives, closed=closed, seed=3)
+        if drives == count:
+            assert result.drives["a"].lost_rate == shown.driven.lost_rate
+            assert result.drives["a"].off_at_end_rate == shown.driven.off_at_end_rate
+        if drives == route.rates.n_drives:
+            assert result.drives["a"].lost_rate == route.rates.lost
+            assert 0 < route.rates.lost.value < 1
+        assert result.arrivals["a"].arrived == shown.arrivals.arrived
+    assert (route.rates.n_closed, route.rates.reached.value) == (16, shown.arrivals.arrived.value)

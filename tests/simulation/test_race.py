@@ -1,0 +1,167 @@
+"""Race, confirmation and guard: how often paths are recommended, whatever drives them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from locplan.simulation.driver import CHOOSING
+from locplan.simulation.race import Scores, judged
+from locplan.simulation.verdict import BETTER, UNDECIDED, WORDS
+
+
+class Paths:
+    """Paths with known errors: ln RMSE is normal about the logarithm of the ratio.
+
+    Drives of one number have a part in common, and a drive is lost where its error is large.
+    """
+
+    def __init__(self, ratios, seed, deviation=0.35, losing=()):
+        self.means = np.log(ratios)
+        random = np.random.default_rng(seed)
+        common, own = random.normal(size=72), random.normal(size=(len(ratios), 72))
+        self.errors = self.means[:, None] + 0.4 * common + deviation / math.sqrt(2) * own
+        self.losing = losing
+        self.driven = Counter()
+
+    def __call__(self, paths, numbers):
+        for path in paths:
+            self.driven[path] += len(numbers)
+        rows = [[self.drive(path, number) for number in numbers] for path in paths]
+        return Scores(
+            *(np.array(rows)[..., n].astype(kind) for n, kind in enumerate((float, bool)))
+        )
+
+    def drive(self, path, number):
+        if number >= CHOOSING:  # no drive of the confirmation
+            number += 64 - CHOOSING
+        error = self.errors[path, number]
+        return error, error > 0.8 or (path in self.losing and number % 3 == 0)
+
+    def judged(self, **more):
+        asked = {"price_of_loss": 1.0, "drives": 64, **more}
+        return judged(self, np.zeros(len(self.means)), **asked)
+
+
+def verdicts(ratios, count=300, **more):
+    made = [Paths(ratios, seed, **more).judged() for seed in range(count)]
+    return made, Counter(each.verdict for each in made)
+
+
+def test_of_paths_alike_hardly_one_is_recommended():
+    made, said = verdicts([1.0] * 10, count=500)
+    assert said[BETTER] <= 0.025 * len(made)
+
+
+def test_a_path_of_four_fifths_of_the_error_is_found():
+    made, said = verdicts([1.0, 1.1, 1.2, 0.8, 1.1, 1.3], count=200, deviation=0.25)
+    assert said[BETTER] >= 0.9 * len(made)
+    assert {each.leader for each in made if each.verdict == BETTER} == {3}
+
+
+def test_a_path_that_is_hardly_better_is_hardly_recommended():
+    made, _ = verdicts([1.0, 0.96, 1.1, 1.2], count=200)
+    assert np.mean([each.takes(bold=False) for each in made]) <= 0.06
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.85, 0.6])
+def test_intervals_shown_cover_the_truth_whenever_the_drives_end(ratio):
+    made, _ = verdicts([1.0, ratio, 1.05, 1.1])
+    held = [
+        low <= math.exp(math.log([1.0, ratio, 1.05, 1.1][each.leader])) <= high
+        for each in made
+        if each.leader
+        for _, low, high in [each.ratio]
+    ]
+    assert np.mean(held) >= 0.95
+
+
+def test_confirming_drives_are_fresh_and_paired():
+    paths = Paths([1.0, 0.4, 2.0], 1)
+    found = paths.judged()
+    assert (found.leader, found.verdict, found.drives) == (1, BETTER, range(8))
+    assert paths.driven == {0: 16, 1: 16, 2: 4}
+    assert found.ratio.low < found.ratio.value < found.ratio.high < 1
+
+
+def test_the_first_rounds_keep_the_shortest_and_four_others():
+    paths = Paths([1.0, *[0.99] * 6, 9.0], 3)
+    paths.judged(drives=2)
+    assert sorted(paths.driven.values())[:3] == [4, 4, 4]
+    assert paths.driven[7] == 4
+    assert sum(count >= 8 for count in paths.driven.values()) == 5
+
+
+def test_at_most_three_that_beat_the_shortest_are_confirmed():
+    paths = Paths([1.0, *[0.6] * 8, 1.5], 3, deviation=0.05)
+    found = paths.judged()
+    assert found.verdict == BETTER
+    assert sorted(paths.driven.values())[-4:] == [16, 16, 16, 16]
+    assert sum(count > 8 for count in paths.driven.values()) == 4
+
+
+def test_a_finalist_that_is_surely_worse_stays_behind():
+    made = [Paths([1.0, 0.91, 0.98], seed, deviation=0.1) for seed in range(20)]
+    for paths in made:
+        paths.judged()
+    assert any(paths.driven[1] > paths.driven[2] > 8 for paths in made)
+
+
+def test_the_best_of_several_finalists_is_held_by_its_interval():
+    made, _ = verdicts([1.0, *[0.9] * 5], deviation=0.5)
+    held = [each.ratio.low <= 0.9 <= each.ratio.high for each in made if each.leader]
+    assert np.mean(held) >= 0.95
+
+
+def test_a_path_that_is_clearly_better_is_taken_before_one_that_loses_more():
+    paths = Paths([1.0, 0.5, 0.51], 1, deviation=0.2, losing=(1,))
+    found = paths.judged(price_of_loss=0.0)
+    assert (found.leader, found.verdict, found.more_lost) == (2, BETTER, False)
+
+
+def test_drives_double_until_they_decide_or_time_is_up():
+    for seed in range(20):
+        paths = Paths([1.0, 0.9], seed)
+        found = paths.judged()
+        if found.leader:
+            assert len(found.drives) in (8, 16, 32, 64)
+            assert found.verdict in WORDS
+    for seed in range(20):
+        found = Paths([1.0, 0.93], seed, deviation=0.5).judged(enough=lambda: True)
+        assert len(found.drives) == 8
+
+
+def test_a_path_that_loses_more_drives_is_never_recommended():
+    paths = Paths([1.0, 0.5], 1, losing=(1,))
+    found = paths.judged(price_of_loss=0.0)
+    assert (found.leader, found.more_lost) == (1, True)
+    assert not found.takes(bold=True)
+    assert found.ratio.high < 0.8
+
+
+def test_a_lost_drive_and_the_handicap_count_in_the_race():
+    assert Paths([1.0, 0.5], 1, losing=(1,)).judged(price_of_loss=9.0).leader == 0
+    paths = Paths([1.0, 0.8, 0.7], 1, deviation=0.1)
+    assert judged(paths, np.array([0.0, 0.0, 0.5]), 1.0, 8).leader == 1
+
+
+def test_price_of_length_decides_between_finalists():
+    handicaps = np.array([0.0, 0.0, 0.5])
+    leaders = [
+        judged(Paths([1.0, 0.2, 0.16], seed, deviation=0.6), handicaps, 1.0, 8).leader
+        for seed in range(20)
+    ]
+    assert leaders.count(1) >= 16
+
+
+def test_without_a_leader_nothing_is_confirmed():
+    paths = Paths([1.0, 2.0], 1)
+    found = paths.judged()
+    assert (found.leader, found.verdict, found.drives) == (0, UNDECIDED, range(8))
+    assert math.isnan(found.ratio.value)
+    assert paths.driven == {0: 16, 1: 4}
+    alone = Paths([1.0], 1)
+    assert (alone.judged().leader, alone.driven) == (0, {0: 16})

@@ -1,0 +1,257 @@
+"""The simulated choice for many queries, here and on executors."""
+
+import math
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from conftest import drawn, few_of
+
+import locplan
+from locplan import Costmap, Lidar
+from locplan.errors import ConfigError, LocplanError, PoseError
+from locplan.field import FieldConfig, Fisher
+from locplan.maps import environments
+from locplan.planning import Query
+from locplan.robots import Amcl, Robot
+from locplan.simulation import choose, choose_many, recommendations as module
+from locplan.simulation.recommendations import Choices, read_choices
+
+LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60)
+AMCL = Amcl(min_particles=100, max_particles=300)
+QUERIES = (
+    Query("far", (2.0, 3.0), (14.0, 3.0)),
+    Query("near", (2.0, 3.0), (5.0, 10.0)),
+    Query("back", (14.0, 3.0), (3.0, 10.0)),
+)
+ROBOT = Robot(filter=AMCL)
+QUICK = {"robot": ROBOT, "drives": 2}
+
+
+@pytest.fixture(scope="module")
+def costs():
+    grid = environments.make("two_corridors", resolution=0.1)
+    field = locplan.covariance_field(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
+    return Costmap.from_field(grid, field)
+
+
+@pytest.fixture(scope="module")
+def made(costs):
+    return choose_many(costs, QUERIES, **QUICK)
+
+
+class Late(Executor):
+    """An executor whose last task is done first."""
+
+    def __init__(self):
+        self.tasks = []
+
+    def submit(self, call, *arguments):
+        task = Future()
+        self.tasks.append((task, call, arguments))
+        if len(self.tasks) == len(QUERIES):
+            for each, made, given in reversed(self.tasks):
+                each.set_result(made(*given))
+        return task
+
+
+def test_each_choice_is_that_of_choose(costs, made):
+    for seed, (query, each) in enumerate(zip(QUERIES, made, strict=True), 1):
+        asked = {"costs": costs, "seed": seed, "threads": 1, **QUICK}
+        single = choose(costs.grid, query.start, query.goal, **asked)
+        assert (each.map, each.query) == ("two_corridors", query)
+        assert each.choice.summary() == single.summary()
+        assert each.choice.robot.lidar == LIDAR
+
+
+def test_saved_choices_are_read_back(made, tmp_path):
+    made.save(tmp_path / "planned")
+    read = read_choices(tmp_path / "planned")
+    assert read == {each.query.name: each.choice for each in made}
+    header, *rows = (tmp_path / "planned" / "choices.csv").read_text().splitlines()
+    assert header.startswith("map,query,")
+    assert len(rows) == len(QUERIES)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "choices.csv").write_text("mine")
+    with pytest.raises(LocplanError, match=r"choices\.csv: is no earlier result"):
+        made.save(tmp_path / "mine")
+    same = Choices((made[0], made[0]))
+    with pytest.raises(ConfigError, match="two choices would be saved as far"):
+        same.save(tmp_path / "same")
+
+
+@pytest.mark.parametrize("kind", few_of(["processes", "late", "threads"]))
+def test_choices_do_not_depend_on_the_executor(costs, made, kind):
+    pools = {
+        "late": Late,
+        "threads": lambda: ThreadPoolExecutor(2),
+        "processes": lambda: ProcessPoolExecutor(1, mp_context=get_context("spawn")),
+    }
+    done = []
+    with pools[kind]() as executor:
+        other = choose_many(
+            costs, QUERIES, executor=executor, **QUICK, progress=lambda *each: done.append(each)
+        )
+    assert [each.choice for each in other] == [each.choice for each in made]
+    assert done == [(1, 3), (2, 3), (3, 3)]
+    assert all(each.choice.costs is costs for each in other)
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("default")  # of dask's own shutting down
+def test_a_cluster_chooses_the_same(costs, made):
+    distributed = pytest.importorskip("distributed", reason="locplan[dask] is not installed")
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        other = choose_many(costs, QUERIES, executor=client.get_executor(), **QUICK)
+    assert [each.choice for each in other] == [each.choice for each in made]
+
+
+def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeypatch):
+    threads = []
+
+    def note(*arguments, **options):
+        threads.append(options["threads"])
+        return choose(*arguments, **options)
+
+    monkeypatch.setattr(module, "choose", note)
+    case = module._Case("map", costs, QUERIES[1], 2)
+    found = module.chosen(locplan.__version__, case, QUICK)
+    assert (found.costs, threads) == (None, [1])
+    choose_many(costs, QUERIES[1:2], **QUICK, threads=2)
+    assert threads == [1, 2]
+
+
+def test_at_most_some_tasks_are_at_the_executor_at_once(costs, monkeypatch):
+    monkeypatch.setattr(module, "IN_FLIGHT", 1)
+    held, most = [], []
+
+    class Held(Future):
+        def result(self, timeout=None):
+            held.remove(self)
+            return super().result(timeout)
+
+    class Counting(Executor):
+        def submit(self, call, *arguments):
+            task = Held()
+            task.set_result(call(*arguments))
+            held.append(task)
+            most.append(len(held))
+            return task
+
+    choose_many(costs, QUERIES[:2], executor=Counting(), **QUICK)
+    assert most == [1, 1]
+
+
+def test_workers_with_another_locplan_are_refused(costs, monkeypatch):
+    monkeypatch.setattr(module, "__version__", "99.0")
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        monkeypatch.setattr("locplan.__version__", "99.0")
+        with pytest.raises(ConfigError, match=r"'far': a worker has locplan .*, not 99\.0"):
+            choose_many(costs, QUERIES[:1], executor=executor, **QUICK)
+
+
+def test_an_executor_that_fails_is_one_line(costs):
+    class Broken(Executor):
+        def submit(self, *_):
+            raise OSError("no\nworkers")
+
+    with pytest.raises(LocplanError, match=r"'far': the executor failed \(OSError: no"):
+        choose_many(costs, QUERIES, executor=Broken(), **QUICK)
+
+
+def test_what_choices_bring_is_told_for_all_queries(made):
+    ratios = [
+        each.choice.chosen.driven.error.value / each.choice.shortest.driven.error.value
+        for each in made
+    ]
+    assert made.error_ratio.value == pytest.approx(math.exp(np.log(ratios).mean()))
+    assert made.left == sum(each.choice.best > 0 for each in made)
+    lost = [[e.driven.lost.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
+    assert made.lost == pytest.approx(np.mean(lost, axis=0))
+    off = [[e.driven.off_at_end.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
+    assert made.off_at_end == pytest.approx(np.mean(off, axis=0))
+    rows = made.table().records()
+    assert [row["query"] for row in rows] == ["far", "near", "back"]
+    far = rows[0]
+    assert (far["start_x"], far["goal_y"]) == (QUERIES[0].start[0], QUERIES[0].goal[1])
+    assert far["length_chosen"] == made[0].choice.path.length
+    assert far["error_shortest"] == pytest.approx(made[0].choice.shortest.driven.error.value)
+    text = " ".join(made.report().split())
+    assert f"two_corridors 3 of 3 {made.left} " in text
+    assert f"{made.error_ratio.value:.2f}" in text
+    assert f"{made.lost[0]:.0%} -> {made.lost[1]:.0%}" in text
+
+
+def test_maps_have_their_own_queries(costs):
+    hall = environments.make("hall", resolution=0.1)
+    maps = {"corridors": costs, "hall": Costmap.blank(hall)}
+    found = choose_many(maps, {"hall": 1, "corridors": QUERIES[1:2]}, **QUICK, query_seed=4)
+    assert [(each.map, each.query.name) for each in found] == [
+        ("corridors", "near"),
+        ("hall", "random 1"),
+    ]
+    assert math.dist(found[1].query.start, found[1].query.goal) >= 10.0
+    assert found[1].choice.robot.lidar.range == 6.0  # the default
+    assert "all maps" in found.report()
+    assert len([each for each in found if each.map == "hall"]) == 1
+    with pytest.raises(ConfigError, match="no queries for map 'hall'"):
+        choose_many(maps, {"corridors": QUERIES[:1]}, **QUICK)
+
+
+def test_queries_without_a_path_count_as_such():
+    parted = drawn(*["....#...."] * 4, resolution=0.5)
+    ends = [((0.75, 0.75), (3.75, 0.75)), ((0.75, 0.75), (1.25, 1.25))]
+    found = choose_many(Costmap.blank(parted), ends, **QUICK)
+    assert [each.choice.status for each in found] == ["unreachable", "solved"]
+    assert (len(found.solved), found.left) == (1, 0)
+    assert "1 of 2" in found.report()
+    assert found.table().records()[0]["chosen"] == ""
+    assert found.error_ratio.value == 1.0
+    only = choose_many(Costmap.blank(parted), ends[:1], **QUICK)
+    assert "0 of 1" in only.report()
+
+
+@pytest.mark.long
+def test_fields_are_those_of_the_lidar(monkeypatch):
+    asked = []
+
+    def field_of(grid, config, **options):
+        asked.append((grid.name, config, options["threads"]))
+        return locplan.covariance_field(grid, FieldConfig(config, stride=1.0))
+
+    monkeypatch.setattr(module, "load_or_compute", field_of)
+    grid = environments.make("hall", resolution=0.1)
+    found = choose_many(grid, 2, robot=Robot(LIDAR, footprint=0.4, margin=0.0), drives=2, threads=1)
+    assert asked == [("hall", locplan.Fused(LIDAR), 1)]
+    assert {each.choice.costs.robot_radius for each in found} == {0.4}
+
+
+@pytest.mark.parametrize(
+    ("maps", "queries", "options", "message"),
+    [
+        (None, QUERIES, {}, "a map must be a file"),
+        ([], QUERIES, {}, "at least one map"),
+        ({}, QUERIES, {}, "at least one map"),
+        ("costs", [], {}, "no query; give at least one"),
+        ("costs", "missing.csv", {}, r"missing\.csv"),
+        ("costs", [3], {}, "queries must be"),
+        ("costs", QUERIES, {"drives": 1}, "drives"),
+        ("costs", QUERIES, {"minimise": "all"}, "minimise"),
+        ("costs", QUERIES, {"price": -1}, "price"),
+        ("costs", QUERIES, {"longest": 0.5}, "longest"),
+        ("costs", [((2.0, 3.0), (2.0, 3.0))], {}, "query 'query 1': start and goal are one place"),
+        ("costs", [((2.0, 3.0), (-9.0, 0.0))], {}, r"query 'query 1': goal .* outside the map"),
+    ],
+)
+def test_wrong_input_is_one_line(costs, maps, queries, options, message, monkeypatch):
+    given = costs if maps == "costs" else [maps] if maps is None else maps
+    monkeypatch.setattr(module, "choose", None)  # before any choice
+    kind = PoseError if "outside" in message else LocplanError
+    with pytest.raises(kind, match=message):
+        choose_many(given, queries, **(QUICK | options))

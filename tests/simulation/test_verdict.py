@@ -1,0 +1,484 @@
+"""The verdict on paired drives: how often each caller errs, and how often it finds a gain.
+
+Errors are drawn, not simulated: their logarithms deviate by 0.45 in pairs about the logarithm of a
+known ratio, and a tenth of the drives is lost. Drives are lost together in most pairs, as they are
+in one world.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from maps.test_map_faults import blocks
+
+from locplan import Lidar, OccupancyGrid, Robot, mend, place_landmarks
+from locplan.advice import Pole, verify_landmarks
+from locplan.advice.landmarks import Outcome as LandmarkDrives, Verification
+from locplan.advice.preset_choice import OWN, Case, choose_preset
+from locplan.advice.trials import Outcome, confirm_fixes, contrast, select_fixes, try_fix
+from locplan.maps import FREE, OCCUPIED
+from locplan.robots import Amcl
+from locplan.robots.presets import amcl_presets
+from locplan.simulation import Drives
+from locplan.simulation.driver import CHOOSING
+from locplan.simulation.race import Scores, judged
+from locplan.simulation.verdict import (
+    BETTER,
+    NO_DIFFERENCE,
+    UNDECIDED,
+    WORSE,
+    DriveSet,
+    compare,
+    confirm,
+    look,
+    plan_looks,
+)
+
+DEVIATION, LOST = 0.45, 0.1
+LINE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+
+
+def draw_pairs(ratios, n_drives, seed, lost=(LOST, LOST)):
+    """Draw (baseline, alternative) log errors and lost flags of some ratios, (ratios, n_drives)."""
+    random = np.random.default_rng(seed)
+    shape = len(ratios), n_drives
+    common, *own = random.normal(size=(3, *shape))
+    errors = [0.4 * common + DEVIATION / math.sqrt(2) * each for each in own]
+    errors[1] += np.log(ratios)[:, None]
+    ranks = random.uniform(size=shape)
+    again = random.uniform(size=shape)
+    # Half of the pairs share their rank, and are lost together.
+    others = np.where(random.uniform(size=shape) < 0.5, ranks, again)
+    return errors, [ranks < lost[0], others < lost[1]]
+
+
+def look_at(ratio, n_drives=64, count=4000, seed=1, lost=(LOST, LOST), **more):
+    (before, after), flags = draw_pairs([ratio] * count, n_drives, seed, lost)
+    return look(after - before, *flags, **more)
+
+
+def words_at_looks(ratio, count=4000, limit=64, **more):
+    """Return the words of drives that double until they are decided."""
+    (before, after), (lost, others) = draw_pairs([ratio] * count, limit, 7, **more)
+    words = np.full(count, UNDECIDED, object)
+    counts = plan_looks(limit)
+    for left, n in zip(reversed(range(len(counts))), counts, strict=True):
+        shown = look(after[:, :n] - before[:, :n], lost[:, :n], others[:, :n], looks_left=left)
+        words = np.where(words == UNDECIDED, shown.words, words)
+    return Counter(words.tolist())
+
+
+def drive_set(errors, lost):
+    return DriveSet(np.asarray(errors, float), np.asarray(lost, bool))
+
+
+# The rule
+
+
+@pytest.mark.parametrize("lost", [(0.0, 0.0), (0.1, 0.1), (0.4, 0.4)])
+def test_verdict_rarely_prefers_one_of_two_equals(lost):
+    count = 4000
+    words = words_at_looks(1.0, count, lost=lost)
+    for word in (BETTER, WORSE):
+        assert words[word] <= (0.025 + 2 * math.sqrt(0.025 / count)) * count
+    assert 2 * words[WORSE] >= words[BETTER] - 20
+
+
+def test_verdict_finds_a_ratio_of_four_fifths():
+    assert np.mean(look_at(0.8).is_better) >= 0.9
+    words = words_at_looks(0.8)
+    assert words[BETTER] >= 0.9 * sum(words.values())
+    assert words[WORSE] <= 0.001 * sum(words.values())
+
+
+def test_verdict_finds_fewer_lost_drives():
+    shown = look_at(1.0, lost=(0.4, 0.1))
+    assert np.mean(shown.fewer_lost & shown.is_better) >= 0.9
+
+
+def test_verdict_is_its_own_mirror_image():
+    (before, after), (lost, others) = draw_pairs([0.85] * 500, 32, 3, (0.3, 0.1))
+    one, other = look(after - before, lost, others), look(before - after, others, lost)
+    mirror = {BETTER: WORSE, WORSE: BETTER}
+    assert other.words == [mirror.get(word, word) for word in one.words]
+    assert len({*one.words}) > 1
+
+
+def test_verdict_is_undecided_if_errors_and_losses_contradict():
+    errors = np.linspace(-0.1, 0.1, 64)
+    lost = np.arange(64) < 20
+    verdict = compare(drive_set(errors, ~lost & lost), drive_set(errors * 1.1 - 0.5, lost))
+    assert (verdict.word, verdict.more_lost) == (UNDECIDED, True)
+    assert verdict.ratio.high < 1
+
+
+def test_verdict_of_narrow_interval_is_no_difference():
+    errors = np.linspace(-0.3, 0.3, 64)
+    alike = drive_set(errors[::-1] * 0.1 + errors, errors > 9)
+    assert compare(drive_set(errors, errors > 9), alike).word == NO_DIFFERENCE
+    assert compare(drive_set(errors, errors > 9), drive_set(errors, errors > 9)).ratio.value == 1
+    assert compare(
+        drive_set(errors[:4], [False] * 4), drive_set(errors[-4:], [False] * 4)
+    ).word in (
+        WORSE,
+        UNDECIDED,
+    )
+
+
+def test_verdict_intervals_cover_the_truth():
+    shown = look_at(0.8, looks_left=0)
+    assert np.mean((shown.low <= math.log(0.8)) & (math.log(0.8) <= shown.high)) >= 0.975
+    verdict = compare(drive_set([0.0] * 8, [True] * 4 + [False] * 4), drive_set([1.0] * 8, [0] * 8))
+    assert verdict.lost.baseline.value == 0.5
+    assert verdict.lost.baseline.low < 0.5 < verdict.lost.baseline.high
+    assert verdict.lost.alternative.value == 0.0
+    assert (verdict.off_at_end, verdict.reached, verdict.n_drives) == (None, None, 8)
+
+
+def test_drive_set_joins_lines_and_knows_the_end():
+    errors = np.zeros((3, 5, 3))
+    errors[0, 2, 0], errors[1, -1, 1], errors[2, -1, 0] = 1.5, 1.1, 0.9
+    drives = Drives(np.zeros((5, 3)), errors)
+    joined = DriveSet.from_drives([drives, drives])
+    assert joined.lost.tolist() == [True, True, False] * 2
+    assert joined.off_at_end.tolist() == [False, True, False] * 2
+    assert joined.log_error[0] == pytest.approx(0.5 * math.log(1.5**2 / 5), abs=1e-5)
+    verdict = compare(joined, joined)
+    assert verdict.off_at_end.alternative.value == pytest.approx(1 / 3)
+
+
+# The confirmation
+
+
+def confirmation(ratio, seed, limit=64):
+    """Return a function that drives pairs of a known ratio, and the counts that it drove."""
+    (before, after), (lost, others) = draw_pairs([ratio], limit, seed)
+    counts = []
+
+    def drive(numbers):
+        counts.append(len(numbers))
+        at = [*numbers]
+        return drive_set(before[0, at], lost[0, at]), drive_set(after[0, at], others[0, at])
+
+    return drive, counts
+
+
+def test_confirm_ends_as_soon_as_it_is_decided():
+    drive, counts = confirmation(0.2, 1)
+    assert confirm(drive, range(64)).word == BETTER
+    assert counts == [8]
+    drive, counts = confirmation(0.9, 1)
+    verdict = confirm(drive, range(64))
+    assert sum(counts) == verdict.n_drives in (16, 32, 64)
+    drive, counts = confirmation(0.9, 1)
+    assert confirm(drive, range(64), is_time_up=lambda: True).n_drives == counts[0] == 8
+    drive, counts = confirmation(0.2, 1)
+    assert confirm(drive, range(64), looks=[64]).n_drives == counts[0] == 64
+
+
+def test_confirm_rarely_prefers_one_of_two_equals():
+    words = Counter(confirm(confirmation(1.0, n)[0], range(64)).word for n in range(1000))
+    assert words[BETTER] <= 30
+
+
+# The callers
+
+
+def place_of(numbers, drives):
+    """Return the places of drives in arrays: first those that judge, then those that choose."""
+    return [number if number < CHOOSING else number - CHOOSING + drives for number in numbers]
+
+
+def choose_among(ratios, seed, drives=64):
+    """Return the judgement of `choose` on paths of known ratios, the shortest first."""
+    random = np.random.default_rng(seed)
+    shape = len(ratios), drives + 8
+    errors = 0.4 * random.normal(size=shape[1]) + random.normal(0, DEVIATION / math.sqrt(2), shape)
+    errors += np.log(ratios)[:, None]
+    lost = random.uniform(size=shape) < LOST
+
+    def drive(paths, numbers):
+        at = np.ix_([*paths], place_of(numbers, drives))
+        return Scores(errors[at], lost[at])
+
+    return judged(drive, np.zeros(len(ratios)), 1.0, drives)
+
+
+def test_choose_rarely_recommends_one_of_eight_equals():
+    taken = [choose_among([1.0] * 9, seed).takes(bold=False) for seed in range(400)]
+    assert np.mean(taken) <= 0.025
+
+
+def test_choose_agrees_with_the_verdict_on_its_drives():
+    for seed in range(30):
+        (before, after), (lost, others) = draw_pairs([0.7], 16, seed, (0.1, 0.1))
+
+        def drive(paths, numbers, pairs=((before, lost), (after, others))):
+            at = place_of(numbers, 8)
+            rows = [(errors[0, at], flags[0, at]) for errors, flags in (pairs[n] for n in paths)]
+            return Scores(*(np.array(part) for part in zip(*rows, strict=True)))
+
+        found = judged(drive, np.zeros(2), 1.0, 8)
+        if found.leader:
+            both = drive_set(before[0, :8], lost[0, :8]), drive_set(after[0, :8], others[0, :8])
+            verdict = compare(*both)
+            assert (verdict.word, verdict.ratio) == (found.verdict, found.ratio)
+
+
+class DrawnSite:
+    """A check's site of three routes, on which each fix has a known ratio of errors."""
+
+    few, many, fresh = range(8), range(8, 40), range(40, 72)
+
+    def __init__(self, ratios, seed, lost=None):
+        random = np.random.default_rng(seed)
+        shape = len(ratios) + 1, 3, 72
+        spread = DEVIATION / math.sqrt(2)
+        self.errors = 0.4 * random.normal(size=shape[1:]) + spread * random.normal(size=shape)
+        self.errors[1:] += np.log(ratios)[:, None, None]
+        rates = np.array(lost or [LOST] * shape[0])[:, None, None]
+        # The same drives are lost, so that no fix of the same rate loses more by count.
+        self.lost = random.uniform(size=shape[1:]) < rates
+
+    def drive(self, kinds, numbers):
+        """Drive with the best of some fixes, since they do not add up."""
+        row = min((int(kind) for kind in kinds), key=lambda n: self.errors[n].mean(), default=0)
+        errors, lost = (each[row][:, numbers] for each in (self.errors, self.lost))
+        return Outcome(errors, lost, np.where(lost, 0.0, np.nan), lost)
+
+    def recommend(self):
+        """Return the fixes that a check recommends."""
+        known = [(numbers, self.drive((), numbers)) for numbers in (self.few, self.many)]
+        trials = {
+            f"{n}": try_fix(lambda numbers, kind=f"{n}": self.drive((kind,), numbers), *known)
+            for n in range(1, len(self.errors))
+        }
+        better = [kind for kind, trial in trials.items() if trial.contrast.verdict.word == BETTER]
+        order = sorted(better, key=lambda kind: trials[kind].contrast.score)
+        selected = select_fixes((), order, self.drive, self.many)
+        return confirm_fixes((), selected, self.drive, self.fresh).kinds
+
+
+def test_check_rarely_recommends_one_of_eight_equals():
+    recommended = [DrawnSite([1.0] * 8, seed).recommend() for seed in range(300)]
+    assert np.mean([bool(kinds) for kinds in recommended]) <= 0.025
+
+
+def test_check_finds_the_fix_of_four_fifths():
+    recommended = [DrawnSite([1.0, 0.8, 1.0, 1.1], seed).recommend() for seed in range(150)]
+    assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
+
+
+def test_check_finds_the_fix_that_loses_fewer_drives():
+    lost = [0.4, 0.4, 0.05]
+    recommended = [DrawnSite([1.0, 1.0], seed, lost).recommend() for seed in range(60)]
+    assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
+
+
+def test_check_recommends_no_fix_that_loses_more_drives():
+    """Its error is a third, and it loses more drives, but not significantly."""
+    recommended = [DrawnSite([0.3], seed, [0.0, 0.06]).recommend() for seed in range(60)]
+    assert np.mean([bool(kinds) for kinds in recommended]) <= 0.1
+
+
+class AdditiveSite(DrawnSite):
+    """A check's site on which the fixes add up, each with its known ratio of errors."""
+
+    def drive(self, kinds, numbers):
+        rows = [int(kind) for kind in kinds]
+        effect = (self.errors[rows] - self.errors[0]).mean(axis=(1, 2)).sum()
+        row = max(rows, default=0)
+        lost = self.lost[row][:, numbers]
+        errors = self.errors[row] - self.errors[row].mean() + self.errors[0].mean() + effect
+        return Outcome(errors[:, numbers], lost, np.where(lost, 0.0, np.nan), lost)
+
+
+def test_check_combines_fixes_that_add_up():
+    recommended = [{*AdditiveSite([0.5, 0.6, 1.0, 1.1], seed).recommend()} for seed in range(100)]
+    assert np.mean([kinds >= {"1", "2"} for kinds in recommended]) >= 0.9
+    assert np.mean([bool(kinds - {"1", "2"}) for kinds in recommended]) <= 0.05
+
+
+def test_check_leaves_out_fix_that_adds_nothing():
+    """On a `DrawnSite` fixes do not add up: the better one alone is as good as both."""
+    sites = [DrawnSite([0.5, 0.3], seed) for seed in range(60)]
+    selected = [select_fixes((), ["1", "2"], site.drive, site.many) for site in sites]
+    assert np.mean([kinds == ("2",) for kinds in selected]) >= 0.95
+
+
+def test_check_lets_fresh_drives_alone_decide():
+    """A fix that only seemed better in the drives that chose it is not recommended."""
+    site = DrawnSite([0.5], 1)
+    assert site.recommend() == ("1",)
+    site.errors[1][:, 40:] = site.errors[0][:, 40:]
+    site.lost[1][:, 40:] = site.lost[0][:, 40:]
+    assert site.recommend() == ()
+
+
+def drives_of(log_errors, lost, n_poses=400):
+    """Return Drives of these errors; lost ones are off by more than 1 m at one pose."""
+    errors = np.zeros((len(lost), n_poses, 3))
+    errors[..., 0] = np.minimum(np.exp(log_errors), 0.9)[:, None]
+    errors[lost, n_poses // 2, 0] = 1.1
+    return Drives(np.zeros((n_poses, 3)), errors)
+
+
+class DrawnDriver:
+    """A driver whose calls in turn return drives of a baseline and of an alternative."""
+
+    def __init__(self, ratio, seed):
+        self.ratio, self.seed, self.calls = ratio, seed, 0
+
+    def __call__(self, simulator, paths, numbers, **options):
+        pair, side = divmod(self.calls, 2)
+        self.calls += 1
+        draws = draw_pairs([self.ratio] * len(paths), len(numbers), self.seed + 1000 * pair)
+        errors, lost = (both[side] for both in draws)
+        return {
+            name: drives_of(errors[n] - 2.0, lost[n], n_poses=200) for n, name in enumerate(paths)
+        }
+
+
+def words_of_landmarks(monkeypatch, ratio, count, drives):
+    """Return the verdicts on the same landmarks, on drives of a known ratio."""
+    cells = np.full((40, 60), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    line = {"a": [[1.0, 2.0], [5.0, 2.0]], "b": [[1.0, 1.0], [5.0, 1.0]]}
+    paths = {name: np.array(xy) for name, xy in line.items()}
+    robot = Robot(Lidar(range=2.0))
+    landmarks = place_landmarks(OccupancyGrid(cells, 0.1), Pole(0.2), 1, paths=paths, robot=robot)
+    words = []
+    for seed in range(count):
+        monkeypatch.setattr(VERIFYING, DrawnDriver(ratio, seed))
+        words.append(verify_landmarks(landmarks, drives, random_sets=1).word)
+    return Counter(words)
+
+
+def words_of_mend(monkeypatch, ratio, count, drives):
+    """Return the verdicts on a mended map, on drives of a known ratio."""
+    words = []
+    for seed in range(count):
+        monkeypatch.setattr(MENDING, DrawnDriver(ratio, seed))
+        words += [each.verdict for each in mend(blocks(), paths=2, drives=drives).verdicts]
+    return Counter(words)
+
+
+VERIFYING = "locplan.advice.landmarks.drive_open"
+MENDING = "locplan.advice.repair.drive_open"
+
+
+@pytest.mark.parametrize(
+    ("words_of", "count"),
+    [
+        (words_of_landmarks, 400),
+        (words_of_mend, 80),  # a call plans its routes, which takes 30 ms
+        pytest.param(words_of_mend, 800, marks=pytest.mark.long),
+    ],
+)
+def test_landmarks_and_mend_err_as_rarely_as_the_verdict(monkeypatch, words_of, count):
+    words = words_of(monkeypatch, 1.0, count, 32)
+    assert words[BETTER] <= 0.025 * count
+    assert words[BETTER] + words[WORSE] <= 0.05 * count
+    count //= 4
+    words = words_of(monkeypatch, 0.75, count, 32)
+    assert words[BETTER] >= 0.9 * count
+
+
+def test_callers_agree_on_the_same_drives():
+    """`check` and `landmarks` read the same pairs, and return the words of the verdict."""
+    seen = set()
+    for seed, ratio in enumerate([1.0, 0.9, 0.8, 0.7, 0.5, 1.5] * 3):
+        (before, after), flags = draw_pairs([ratio], 48, seed, (0.2, 0.1))
+        both = [
+            drives_of(errors[0] - 2.5, lost[0])
+            for errors, lost in zip((before, after), flags, strict=True)
+        ]
+        sets = [DriveSet.from_drives([drives]) for drives in both]
+        word = compare(*sets).word
+        landmarks = Verification(*(LandmarkDrives((drives,)) for drives in both), None, {}, 1)
+        outcomes = [
+            Outcome(
+                each.log_error.reshape(3, 16),
+                each.lost.reshape(3, 16),
+                np.empty((3, 16)),
+                each.lost.reshape(3, 16),
+            )
+            for each in sets
+        ]
+        assert landmarks.word == contrast(*outcomes).verdict.word == word
+        seen.add(word)
+    assert {BETTER, UNDECIDED} <= seen
+
+
+def drawn_tuning(ratios, seed):
+    """Return what `tune` recommends of presets with known ratios of errors.
+
+    The ratios are those of the user's settings, of the precise and of the safe preset.
+    """
+    user_settings = Amcl()
+    settings = [user_settings, *amcl_presets(user_settings).values()]
+    random = np.random.default_rng(seed)
+    shape = len(settings), 64
+    errors = 0.4 * random.normal(size=64) + random.normal(0, DEVIATION / math.sqrt(2), shape)
+    errors += np.log(ratios)[:, None] - 2
+    lost = random.uniform(size=64) < LOST  # the same drives, so that no preset loses more
+
+    def drive(amcl, numbers):
+        row = settings.index(amcl)
+        return DriveSet(errors[row, numbers], lost[numbers], lost[numbers])
+
+    return choose_preset(user_settings, [Case("usual", drive, (64,))], [LINE]).name
+
+
+def test_tune_rarely_recommends_one_of_three_equals():
+    """Both presets equal the user's settings."""
+    recommended = [drawn_tuning([1.0] * 3, seed) for seed in range(400)]
+    assert np.mean([name != OWN for name in recommended]) <= 0.025
+
+
+def test_tune_finds_the_preset_of_four_fifths():
+    recommended = [drawn_tuning([1.0, 1.0, 0.8], seed) for seed in range(200)]
+    assert np.mean([name == "safe" for name in recommended]) >= 0.9
+
+
+def test_verdict_finds_drives_off_at_end_more_often():
+    """Seven more that are off suffice, six do not, nor do equally many others that return."""
+    errors, none = np.zeros(64), np.zeros(64, bool)
+
+    def has_more(n_harmed, n_returned=0):
+        baseline, alternative = none.copy(), none.copy()
+        alternative[:n_harmed] = True
+        baseline[n_harmed : n_harmed + n_returned] = True
+        sets = [DriveSet(errors, none, off) for off in (baseline, alternative)]
+        return compare(*sets).more_off
+
+    assert [has_more(6), has_more(7), has_more(8, 6), has_more(22, 8)] == [False, True, False, True]
+    assert not compare(DriveSet(errors, none), DriveSet(errors, none)).more_off
+
+
+def test_drives_are_rarely_off_if_few_are():
+    """At least a fifth would be off in all of so few drives with 3 % at most."""
+
+    def drives_with(n_off, n_drives):
+        is_off = np.arange(n_drives) < n_off
+        return DriveSet(np.zeros(n_drives), is_off, is_off)
+
+    few = [(0, 16), (1, 32), (6, 64)]
+    assert all(drives_with(*counts).is_rarely_off for counts in few)
+    assert not any(drives_with(n_off + 1, n).is_rarely_off for n_off, n in few)
+    assert drives_with(6, 16).can_be_rarely_off(64)
+    assert not drives_with(7, 16).can_be_rarely_off(64)
+
+
+def test_verdict_recommends_nothing_that_loses_more_drives():
+    baseline, alternative = np.zeros((2, 64), bool)
+    alternative[0] = True
+    errors = np.linspace(-0.1, 0.1, 64)
+    sets = DriveSet(errors, baseline), DriveSet(errors - 0.5, alternative)
+    verdict = compare(*sets)
+    assert (verdict.word, verdict.loses_more, verdict.is_recommendable) == (BETTER, True, False)
+    baseline[1] = True
+    assert compare(*sets).is_recommendable

@@ -1,0 +1,1 @@
+"""Helpers that tests import: maps, recordings, oracles, ROS readers, and a browser."""
