@@ -28,6 +28,7 @@ from locplan.planning.requests import (
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import needs_lattice
 from locplan.robots.robot import Robot
+from locplan.simulation.recommend import SimulatedChoice
 
 
 @dataclass(frozen=True)
@@ -223,9 +224,8 @@ def _parsed(text: str) -> PlannerSpec:
     squeezed = ",".join("=".join(word.strip() for word in part.split("=", 1)) for part in parts)
     label = f"{name}:{squeezed}" if parts else name
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
-    home = "locplan.simulation.recommend:SimulatedChoice"
     # Only comparisons know it by name, since it needs more than a costmap.
-    known = PLANNERS | {"simulated choice": Entry(home, "simulated error")}
+    known = PLANNERS | {"simulated choice": Entry(SimulatedChoice, "simulated error")}
     try:
         if name:
             name = known_name(name, known)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from locplan._support.checks import number
-from locplan._support.public import called
 from locplan.errors import ConfigError
 from locplan.export.registry import ExportJob, ExportSummary, Format, InDistro, InFrame, NoOptions
 from locplan.robots.parameters import read_parameters
@@ -72,18 +70,22 @@ class SpeedOptions(Nav2Options):
         number("speed_lead", self.speed_lead or 0.0, 0)
 
 
-def by(
-    function: str, given: str = "costs", *, paths: bool = False
-) -> Callable[[Path, ExportJob, NoOptions], ExportSummary]:
-    """The writer of a format by a public function of a target, parts of the job, and options."""
+def write_keepout(target: Path, job: ExportJob, options: ChargedOptions) -> ExportSummary:
+    """Write a mask for the keepout filter, of a recommendation or of costs and paths."""
+    from locplan.export.nav2 import nav2_keepout
 
-    def write(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
-        home = f"locplan.export.{function}"
-        own = vars(options) | ({"paths": job.paths} if paths else {}) | {"force": job.force}
-        found = called(home, target, (job.choice if paths else None) or getattr(job, given), **own)
-        return ExportSummary() if found is None else found.facts()
+    mask = nav2_keepout(
+        target, job.choice or job.costs, paths=job.paths, force=job.force, **vars(options)
+    )
+    return mask.facts()
 
-    return write
+
+def write_map(target: Path, job: ExportJob, options: NoOptions) -> ExportSummary:
+    """Write u in per cent as a map."""
+    from locplan.export.values import ros_map
+
+    ros_map(target, job.costs, force=job.force, **vars(options))
+    return ExportSummary()
 
 
 def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSummary:
@@ -165,8 +167,6 @@ def write_path(target: Path, job: ExportJob, options: PathOptions) -> ExportSumm
     return ExportSummary({"length": route.length}, (("length", f"{route.length:.2f} m"),))
 
 
-write_keepout = by("_nav2:nav2_keepout", paths=True)
-write_map = by("_values:ros_map")
 FORMATS = (
     Format(
         *("nav2-keepout", "a mask for Nav2's KeepoutFilter", write_keepout, ChargedOptions),

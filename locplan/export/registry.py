@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
     from locplan.robots.robot import Robot
     from locplan.simulation.recommendation import Choice
 
-MODULES = ["locplan.export.formats"]
-"""Modules that have FORMATS, a tuple of `Format`, and import heavy libraries when they write."""
 ABOUT = "export.json"
 """The file of a folder that says what it was made of."""
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
@@ -196,8 +193,9 @@ class Format:
 
 def formats() -> dict[str, Format]:
     """All formats by name."""
-    every = [each for module in MODULES for each in import_module(module).FORMATS]
-    return {each.name: each for each in every}
+    from locplan.export.formats import FORMATS
+
+    return {known.name: known for known in FORMATS}
 
 
 @contextmanager

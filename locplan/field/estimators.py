@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING
-
 from locplan._support.checks import one_of
+from locplan.field.estimator import Estimator
+from locplan.field.fisher import Fisher, Fused
+from locplan.field.sad import Sad
+from locplan.field.scan import Scan
 
-if TYPE_CHECKING:
-    from locplan.field.estimator import Estimator
-
-ESTIMATORS: dict[str, str] = {
-    "sad": "locplan.field.sad:Sad",
-    "fisher": "locplan.field.fisher:Fisher",
-    "scan": "locplan.field.scan:Scan",
-    "fused": "locplan.field.fisher:Fused",
+ESTIMATORS: dict[str, type[Estimator]] = {
+    "sad": Sad,
+    "fisher": Fisher,
+    "scan": Scan,
+    "fused": Fused,
 }
-"""Module and class of each estimator; imported when first used."""
+"""The estimators by name."""
 
 
 def estimator_class(name: str) -> type[Estimator]:
@@ -33,6 +31,4 @@ def estimator_class(name: str) -> type[Estimator]:
         If no estimator has this name.
     """
     one_of("estimator", name, ESTIMATORS)
-    module, _, attribute = ESTIMATORS[name].partition(":")
-    found: type[Estimator] = getattr(import_module(module), attribute)
-    return found
+    return ESTIMATORS[name]

@@ -1,6 +1,6 @@
 """The planners that have a name, with what each minimises, its spaces and its options.
 
-A new planner needs a module and a line in `PLANNERS`. Nothing heavy is imported before it is used.
+A new planner needs a module and a line in `PLANNERS`.
 """
 
 from __future__ import annotations
@@ -10,12 +10,15 @@ import inspect
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 from locplan._support.checks import shown, suggestion
 from locplan.errors import ConfigError
+from locplan.planning.any_angle import AnyAngle
+from locplan.planning.grid import AStar, Dijkstra, GridPlanner
+from locplan.planning.lattice import Lattice
 from locplan.planning.ompl.kinds import KINDS
+from locplan.planning.ompl.planner import Ompl
 from locplan.planning.protocol import LATTICE, Planner
 
 DEFAULT = "any-angle"
@@ -26,22 +29,16 @@ DEFAULT = "any-angle"
 class Entry:
     """A planner that is known by a name."""
 
-    place: str
-    """The planner's class as "module:Class"; if it has a field `name`, it is given the name."""
+    kind: type[Any]
+    """The planner's class; if it has a field `name`, it is given the name."""
     minimises: str | None = "J"
     """The quantity that its paths minimise; None if it stops at any path."""
     spaces: tuple[str, ...] = ("R2",)
     """The spaces in which it can plan."""
 
-    def kind(self) -> type[Any]:
-        """The planner's class, imported now."""
-        module, _, name = self.place.partition(":")
-        found: type[Any] = getattr(import_module(module), name)
-        return found
-
     def options(self) -> dict[str, Any]:
         """The names of the planner's options with their defaults."""
-        return defaults_of(self.kind())
+        return defaults_of(self.kind)
 
     def typed_options(self) -> list[str]:
         """Return the names of the options that can be typed in a text."""
@@ -49,15 +46,13 @@ class Entry:
 
 
 PLANNERS: dict[str, Entry] = {
-    "grid": Entry("locplan.planning.grid:GridPlanner"),
-    "astar": Entry("locplan.planning.grid:AStar"),
-    "dijkstra": Entry("locplan.planning.grid:Dijkstra"),
-    "any-angle": Entry("locplan.planning.any_angle:AnyAngle"),
-    "lattice": Entry("locplan.planning.lattice:Lattice", spaces=(LATTICE,)),
+    "grid": Entry(GridPlanner),
+    "astar": Entry(AStar),
+    "dijkstra": Entry(Dijkstra),
+    "any-angle": Entry(AnyAngle),
+    "lattice": Entry(Lattice, spaces=(LATTICE,)),
     **{
-        name: Entry(
-            "locplan.planning.ompl.planner:Ompl", "J" if kind.minimises else None, kind.spaces
-        )
+        name: Entry(Ompl, "J" if kind.minimises else None, kind.spaces)
         for name, kind in KINDS.items()
     },
 }
@@ -90,7 +85,7 @@ def named_planner(
     """
     entries = PLANNERS if entries is None else entries
     name = known_name(name, entries)
-    entry, kind = entries[name], entries[name].kind()
+    entry, kind = entries[name], entries[name].kind
     own_settings = getattr(kind, "setting_names", None)
     other = {option: options[option] for option in options if option not in entry.options()}
     if other and own_settings:

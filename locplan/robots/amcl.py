@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
 from locplan._support.checks import Settings, differing, positive, setting
-from locplan._support.public import called
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -237,9 +236,9 @@ class Amcl(Settings):
         random : numpy.random.Generator
             The only source of random numbers.
         """
-        particles = "locplan.robots.particles:Particles"
-        tracker: Tracker = called(particles, self, grid, lidar, pose, deviation, random)
-        return tracker
+        from locplan.robots.particles import Particles
+
+        return Particles(self, grid, lidar, pose, deviation, random)
 
     def reach(self, lidar: Lidar) -> float:
         """Range beyond which a beam counts as without a return [m].

@@ -20,7 +20,6 @@ from locplan._support.checks import (
     setting,
     shown,
 )
-from locplan._support.public import called
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -254,9 +253,9 @@ class Lidar(Settings):
         ParameterWarning
             If the file does not say where the link of the sensor is.
         """
-        reads = "locplan.robots.descriptions:lidar_in"
-        lidar: Lidar = called(reads, file_path("a robot's description", path))
-        return lidar
+        from locplan.robots.descriptions import lidar_in
+
+        return lidar_in(file_path("a robot's description", path))
 
     @property
     def title(self) -> str:

@@ -9,9 +9,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Any, Literal
+from typing import Any
 
-from locplan._support.public import called
 from locplan._support.tables import finite
 from locplan.app.explorer.requests import MAX_WEIGHT, Ask, Cancel, Work
 from locplan.app.explorer.scene import Opening, Scene, Texture, stops_of, textures_of
@@ -38,52 +37,6 @@ class Download:
     """What is in it."""
     media_type: str
     """Its kind, such as text/html."""
-
-
-Lane = Literal["look", "plan", "slow", "edit", "work", "long"]
-"""Kinds of work; each has a thread, so that none waits for another kind."""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A kind of questions."""
-
-    handler: str
-    """Module and function of (session, ask, work) that answers; imported when first asked for.
-    What it returns is fit for JSON, but for NaN and infinity, for which the page gets null."""
-    lane: Lane
-    """The lane that answers one question after the other, and never waits for another lane."""
-    each: bool = False
-    """True if each question is answered; otherwise the newest one waiting wins."""
-    slow: str = ""
-    """Module and function that say whether a question is to be answered in a lane of its own."""
-
-    def answer(self, session: Session, ask: Ask, work: Work) -> dict[str, Any]:
-        """The answer to a question."""
-        return dict(called(self.handler, session, ask, work))
-
-    def lane_of(self, session: Session, ask: Ask) -> str:
-        """The lane of a question."""
-        return "slow" if self.slow and called(self.slow, session, ask) else self.lane
-
-
-ASKS: dict[str, Entry] = {
-    "plan": Entry(
-        "locplan.app.explorer.plans:plan", "plan", slow="locplan.app.explorer.plans:is_slow"
-    ),
-    "at": Entry("locplan.app.explorer.state:at", "look"),
-    "idle": Entry("locplan.app.explorer.plans:idle", "slow"),
-    "configure": Entry("locplan.app.explorer.edits:configure", "work"),
-    "edit": Entry("locplan.app.explorer.edits:edit", "edit", each=True),
-    "undo": Entry("locplan.app.explorer.edits:step", "edit", each=True),
-    "redo": Entry("locplan.app.explorer.edits:step", "edit", each=True),
-    "save": Entry("locplan.app.explorer.edits:save", "edit", each=True),
-    "simulate": Entry("locplan.app.explorer.simulations:simulate", "long"),
-    "checked": Entry("locplan.app.explorer.check_reports:checked", "long"),
-    "export": Entry("locplan.app.explorer.sharing:export", "long"),
-    "share": Entry("locplan.app.explorer.sharing:share", "long"),
-}
-"""All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
 
 
 class Session(Upkeep):
@@ -266,4 +219,6 @@ class Session(Upkeep):
             If a value is out of its range.
         """
         work = Work(progress or (lambda *_: None), Cancel())
-        return finite(ASKS[do].answer(self, Ask(do, 0, values), work))
+        from locplan.app.explorer.questions import QUESTIONS
+
+        return finite(QUESTIONS[do].answer(self, Ask(do, 0, values), work))

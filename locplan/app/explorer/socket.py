@@ -14,6 +14,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from locplan._support.checks import whole
 from locplan._support.tables import finite
+from locplan.app.explorer.questions import QUESTIONS
 from locplan.app.explorer.requests import (
     MAX_ID,
     Ask,
@@ -23,7 +24,7 @@ from locplan.app.explorer.requests import (
     Work,
     read_ask,
 )
-from locplan.app.explorer.session import ASKS, Session
+from locplan.app.explorer.session import Session
 from locplan.errors import LocplanError, one_line
 
 
@@ -65,7 +66,7 @@ class Link:
     async def _take(self, text: str) -> None:
         """Begin to answer a message."""
         try:
-            ask = read_ask(text, [*ASKS, "cancel"])
+            ask = read_ask(text, [*QUESTIONS, "cancel"])
             if ask.do == "cancel":
                 await self._send(self._cancelled(ask))
                 return
@@ -78,7 +79,7 @@ class Link:
             return
         cancel, turn = Cancel(), next(self._turns)
         self._under_way[ask.id] = cancel
-        if not ASKS[ask.do].each:
+        if not QUESTIONS[ask.do].each:
             self._newest[ask.do] = turn
         self._begin(self._answer(ask, cancel, turn))
 
@@ -98,7 +99,7 @@ class Link:
         either = Cancel(lambda: cancel.cancelled or self._newest.get(ask.do, turn) != turn)
         work = Work(self._progress(ask.id, either), either)
         try:
-            lane = self._lanes[ASKS[ask.do].lane_of(self._session, ask)]
+            lane = self._lanes[QUESTIONS[ask.do].lane_of(self._session, ask)]
             answer = await self._loop.run_in_executor(lane, self._work, ask, work)
         except Cancelled:
             answer = {"cancelled": True} if cancel.cancelled else {"stale": True}
@@ -114,7 +115,7 @@ class Link:
 
     def _work(self, ask: Ask, work: Work) -> dict[str, Any]:
         work.cancel.check()
-        return ASKS[ask.do].answer(self._session, ask, work)
+        return QUESTIONS[ask.do].answer(self._session, ask, work)
 
     def _progress(self, number: int, cancel: Cancel) -> Any:
         def progress(done: int, total: int, doing: str = "") -> None:

@@ -1,3 +1,5 @@
+"""The planners of OMPL by name, with the abilities of each."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
