@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.kernels.search import bordered_half
-from locplan.export.kernels.route import line_costs
 from locplan.export.route_graph import Pairs, Positions, space_of
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -41,6 +39,8 @@ class Lines:
     """
 
     def __init__(self, costs: Costmap, aside: float = 0.0) -> None:
+        from locplan._support.kernels.search import bordered_half
+
         self.resolution = costs.grid.resolution
         self.aside = aside * self.resolution
         _, *self.frame = space_of(costs)
@@ -52,6 +52,8 @@ class Lines:
 
     def costs(self, xy: Positions, pairs: Pairs) -> Floats:
         """J of the lines between pairs of positions [m]; infinite through what is blocked."""
+        from locplan.export.kernels.route import line_costs
+
         within = line_costs(self.blocked, *self.frame, xy, pairs)
         # A twentieth of a cell counts as none: planned paths touch the corners of blocked cells,
         # and Nav2 keeps positions in single precision.
@@ -72,6 +74,9 @@ class Lines:
 
     def integrals(self, layer: Floats, xy: Positions, pairs: Pairs) -> Floats:
         """Integral of a layer along the lines between pairs of positions; NaN without a layer."""
+        from locplan._support.kernels.search import bordered_half
+        from locplan.export.kernels.route import line_costs
+
         if np.isnan(layer).all():
             return np.full(len(pairs), np.nan)
         half = bordered_half(np.nan_to_num(layer), 1)

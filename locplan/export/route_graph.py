@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.kernels.search import bordered_half
 from locplan._support.tables import collection, feature, write_geojson
 from locplan.errors import ConfigError
 from locplan.export.parameters import Robot, parameter_files
@@ -21,6 +19,9 @@ from locplan.export.servers import Server, write_servers
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
 from locplan.robots.parameters import Nav2Parameters
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 Positions = Floats
 """World positions (n, 2) [m]."""
@@ -62,6 +63,8 @@ class RouteGraph:
     @property
     def matrix(self) -> csr_array:
         """Cost between nodes, (n, n), for `scipy.sparse.csgraph`."""
+        from scipy.sparse import coo_array, csr_array
+
         count = len(self.nodes)
         return csr_array(coo_array((self.cost, tuple(self.edges.T)), shape=(count, count)))
 
@@ -74,6 +77,8 @@ def space_of(costs: Costmap) -> Space:
     ConfigError
         If the map is too far from the world's origin for Nav2's single precision.
     """
+    from locplan._support.kernels.search import bordered_half
+
     grid = costs.grid
     check_precision(grid)
     x, y, yaw = grid.origin

@@ -19,7 +19,7 @@ from locplan.maps import OccupancyGrid
 from locplan.maps.environments import make
 from locplan.robots import Lidar
 
-STATIC = Path(locplan.__file__).parent / "explorer" / "static"
+STATIC = Path(locplan.__file__).parent / "app" / "explorer" / "static"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 WAIT = 300_000

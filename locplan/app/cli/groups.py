@@ -19,7 +19,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.checks import check_threads, shown, suggestion
+from locplan._support.checks import check_threads, one_of, shown, suggestion
 from locplan._support.files import keep_input
 from locplan._support.progress import progress_bar, working
 from locplan._support.runs import note_robot, take_written
@@ -28,7 +28,6 @@ from locplan.app.cli.application import COMPUTATION, OUTPUT, ROBOT
 from locplan.app.cli.arguments import INPUT, WHOLE, Switch, check_with
 from locplan.app.cli.wording import options_as_typed
 from locplan.errors import ConfigError, LocplanError, RecordingError, one_line
-from locplan.robots.lidar import PRESETS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -54,6 +53,13 @@ def _keep_robot_file(file: Path) -> None:
 
 
 @Parameter(name="*", group=ROBOT)
+def _check_lidar(name: str) -> None:
+    """Raise a ConfigError unless a lidar has the name."""
+    from locplan.robots.lidar import PRESETS
+
+    one_of("--lidar", name, PRESETS)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
     """The robot of a command."""
@@ -62,9 +68,7 @@ class RobotOptions:
         tuple[Path, ...], Parameter(metavar="FILE[:NAMESPACE]"), check_with(_keep_robot_file)
     ] = ()
     """Nav2 parameters, robot file, URDF or SDF. Later files win."""
-    lidar: Annotated[
-        str | None, Parameter(metavar="NAME", choices=tuple(PRESETS), show_choices=False)
-    ] = None
+    lidar: Annotated[str | None, Parameter(metavar="NAME"), check_with(_check_lidar)] = None
     """Lidar or robot, such as turtlebot4. See `locplan info`."""
     set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """Setting, such as range=8. See `locplan info --settings`."""
@@ -91,6 +95,8 @@ class RobotOptions:
         if is_recorded or robot.lidar is None:
             robot = dataclasses.replace(robot, lidar=lidar)
         robot = robot.changed(settings)
+        from locplan.robots.lidar import PRESETS
+
         # Ten times the range of the data sheet was hardly meant in metres.
         if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:
             raise ConfigError(

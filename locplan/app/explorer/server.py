@@ -25,8 +25,9 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
+from locplan.app.explorer.questions import Lane
 from locplan.app.explorer.requests import MAX_MESSAGE
-from locplan.app.explorer.session import Lane, Session
+from locplan.app.explorer.session import Session
 from locplan.app.explorer.socket import Link
 from locplan.app.explorer.state import cells_of
 from locplan.errors import ConfigError
