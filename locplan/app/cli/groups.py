@@ -52,7 +52,6 @@ def _keep_robot_file(file: Path) -> None:
     keep_input(file_and_robot(file)[0])
 
 
-@Parameter(name="*", group=ROBOT)
 def _check_lidar(name: str) -> None:
     """Raise a ConfigError unless a lidar has the name."""
     from locplan.robots.lidar import PRESETS
@@ -60,6 +59,7 @@ def _check_lidar(name: str) -> None:
     one_of("--lidar", name, PRESETS)
 
 
+@Parameter(name="*", group=ROBOT)
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
     """The robot of a command."""
