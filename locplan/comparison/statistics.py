@@ -17,6 +17,7 @@ from locplan._support.intervals import Interval, wilson
 from locplan._support.records import Column
 from locplan.errors import LocplanError
 from locplan.field.covariance import DEGENERATE
+from locplan.planning.metrics import METRICS
 
 Key = TypeVar("Key")
 Record = TypeVar("Record")
@@ -27,22 +28,35 @@ STATUSES = (
 """Outcomes of a run: the first five are the planner's own, the others are failures."""
 
 HIGH_U = f"with u > {DEGENERATE:g}"
+RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
+COMPARED: Mapping[str, tuple[str, str, str]] = {
+    "length": (RATIO, "shorter", "longer"),
+    "cost": (RATIO, "cheaper", "costlier"),
+    "integrated_u": (SUMS, "fewer degenerate metres", "more degenerate metres"),
+    "integrated_e": (SUMS, "less ∫e ds", "more ∫e ds"),
+    "max_e": (SUMS, "lower in max e", "higher in max e"),
+    "degenerate_share": (DIFFERENCE, f"less {HIGH_U}", f"more {HIGH_U}"),
+    "longest_degenerate": (SUMS, f"shorter at a stretch {HIGH_U}", f"longer at a stretch {HIGH_U}"),
+    "clearance": (SUMS, "less clearance", "more clearance"),
+    "turning": (SUMS, "less turning", "more turning"),
+    "seconds": (RATIO, "less planning time", "more planning time"),
+}
+"""Kind of the comparison with the baseline by measure, with the words for less and more of it.
+
+Measures that are never 0 have ratios: their geometric mean counts every query alike. The others
+may be 0, where a ratio is undefined: a ratio of sums is defined if any query is above 0, and a
+query with a tenth of a metre counts as little as it matters. Shares have the mean difference.
+"""
 MEASURES: Mapping[str, Column] = {
     column.name: column
     for column in (
-        Column("length", "m", "length"),
-        Column("cost", "m", "cost J"),
-        Column("integrated_u", "m", "degenerate metres (∫u ds)"),
-        Column("integrated_e", "m² rad m", "∫e ds"),
-        Column("max_e", "m² rad", "max e"),
-        Column("degenerate_share", "", f"share {HIGH_U}"),
-        Column("longest_degenerate", "m", f"longest {HIGH_U}"),
-        Column("clearance", "m", "least clearance"),
+        *(column for column in METRICS if column.name in COMPARED),
         Column("turning", "rad", "turning"),
         Column("seconds", "s", "planning time"),
     )
 }
-"""The measures of a solved run by name, with title and unit."""
+"""The measures of a solved run by name, with title and unit: those of `PathMetrics` that are
+compared, and two of the comparison's own."""
 
 
 @dataclass(frozen=True, order=True)
@@ -256,26 +270,6 @@ def best_so_far(run: Run) -> list[tuple[float, float]]:
 
 ENOUGH = 5
 """Number of queries with which 95 % intervals held the truth in 80-95 % of trials."""
-RATIO, SUMS, DIFFERENCE = "ratio", "ratio of sums", "difference"
-
-COMPARED: Mapping[str, tuple[str, str, str]] = {
-    "length": (RATIO, "shorter", "longer"),
-    "cost": (RATIO, "cheaper", "costlier"),
-    "integrated_u": (SUMS, "fewer degenerate metres", "more degenerate metres"),
-    "integrated_e": (SUMS, "less ∫e ds", "more ∫e ds"),
-    "max_e": (SUMS, "lower in max e", "higher in max e"),
-    "degenerate_share": (DIFFERENCE, f"less {HIGH_U}", f"more {HIGH_U}"),
-    "longest_degenerate": (SUMS, f"shorter at a stretch {HIGH_U}", f"longer at a stretch {HIGH_U}"),
-    "clearance": (SUMS, "less clearance", "more clearance"),
-    "turning": (SUMS, "less turning", "more turning"),
-    "seconds": (RATIO, "less planning time", "more planning time"),
-}
-"""Kind of the comparison with the baseline by measure, with the words for less and more of it.
-
-Measures that are never 0 have ratios: their geometric mean counts every query alike. The others
-may be 0, where a ratio is undefined: a ratio of sums is defined if any query is above 0, and a
-query with a tenth of a metre counts as little as it matters. Shares have the mean difference.
-"""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from locplan._support.checks import Settings, instance, keep, positive, reach, setting, shown
 from locplan._support.kernels.arrays import Array, Floats
 from locplan.errors import ConfigError
-from locplan.field.estimator import TILE_CELLS, Estimator, MapPart, Values
+from locplan.field.estimator import TILE_CELLS, Estimator, MapPart, Values, settings_of
 from locplan.field.search_window import OffsetLattice, SearchWindow
 from locplan.field.templates import disc
 from locplan.maps.occupancy import FREE, OCCUPIED
@@ -45,6 +45,15 @@ class Exponential(Settings):
         if self.tau is not None:
             keep(self, tau=positive("tau", self.tau, "m^2"))
 
+    def weigh(self, area: Floats, cell_area: float, template: str) -> Floats:
+        """Return the weights, 0..1, of offsets with mismatch areas [m^2]."""
+        area /= -self.scale(template)
+        return np.asarray(np.exp(area, out=area))
+
+    def scale(self, template: str) -> float:
+        """Return the mismatch area at which the weight falls to 1/e [m^2]."""
+        return TAU[template] if self.tau is None else self.tau
+
 
 @dataclass(frozen=True, repr=False)
 class InverseSquare(Settings):
@@ -57,6 +66,16 @@ class InverseSquare(Settings):
     def __post_init__(self) -> None:
         if self.floor is not None:
             keep(self, floor=positive("floor", self.floor, "m^2"))
+
+    def weigh(self, area: Floats, cell_area: float, template: str) -> Floats:
+        """Return the weights, 0..1, of offsets with mismatch areas [m^2]."""
+        floor = cell_area / 2 if self.floor is None else self.floor
+        return (floor / np.maximum(area, floor)) ** 2  # a common factor has no effect
+
+
+WeightLaw = Exponential | InverseSquare
+"""A law that gives the weight of an offset from its mismatch; a new one is a class with `name` and
+`weigh`, and its name here."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -97,7 +116,7 @@ class Sad(Estimator):
 
     "visible" does not look through walls, in several times the time.
     """
-    weights: Exponential | InverseSquare = Exponential()
+    weights: WeightLaw = Exponential()
     """Law that gives the weight of an offset from its mismatch; `InverseSquare` is the paper's."""
 
     lidar: Lidar | None = field(default=None, compare=False)
@@ -110,7 +129,7 @@ class Sad(Estimator):
             raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")
         if self.lidar is not None:
             instance("lidar", self.lidar, Lidar)
-        if not isinstance(self.weights, InverseSquare):
+        if not isinstance(self.weights, WeightLaw):
             instance("weights", self.weights, Exponential)
 
     @classmethod
@@ -173,17 +192,16 @@ class Sad(Estimator):
     @property
     def tau(self) -> float:
         """Scale of the exponential weights [m^2]; infinite with other weights."""
-        if isinstance(self.weights, InverseSquare):
-            return math.inf
-        return TAU[self.template] if self.weights.tau is None else self.weights.tau
+        law = self.weights
+        return law.scale(self.template) if isinstance(law, Exponential) else math.inf
 
     def identity(self) -> dict[str, object]:
         """All settings but the lidar's name, with the scale that the weights have by default."""
         settings = super().identity()
         del settings["lidar"]
-        if isinstance(self.weights, InverseSquare):
+        if not isinstance(self.weights, Exponential):
             return settings
-        return {**settings, "weights": {"name": "exponential", "tau": self.tau}}
+        return {**settings, "weights": settings_of(replace(self.weights, tau=self.tau))}
 
     def covariances(self, part: MapPart) -> Values:
         """Weighted covariance of the offsets about their mean, times k (Eq. 8).
@@ -216,7 +234,7 @@ class Sad(Estimator):
             Edge of a cell of the map [m].
         """
         if (
-            isinstance(self.weights, InverseSquare)
+            not isinstance(self.weights, Exponential)
             or self.template != "disc"
             or self.range < max(10.0, 60 * resolution)
         ):
@@ -249,11 +267,7 @@ class Sad(Estimator):
         cell_area = resolution**2
         area = mismatch / (FREE - OCCUPIED)
         area *= cell_area
-        if isinstance(self.weights, Exponential):
-            area /= -self.tau
-            return np.asarray(np.exp(area, out=area))
-        floor = cell_area / 2 if self.weights.floor is None else self.weights.floor
-        return (floor / np.maximum(area, floor)) ** 2  # a common factor has no effect
+        return self.weights.weigh(area, cell_area, self.template)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         window = self.lattice(resolution).counted

@@ -158,6 +158,20 @@ class PathMetrics(Valued):
         )
 
 
+METRICS: tuple[Column, ...] = (
+    Column("length", "m", "length"),
+    Column("cost", "m", "cost J"),
+    Column("integrated_u", "m", "degenerate metres (∫u ds)"),
+    Column("integrated_e", "m² rad m", "∫e ds", 4),
+    Column("mean_e", "m² rad", "mean e", 5),
+    Column("max_e", "m² rad", "max e", 5),
+    Column("degenerate_share", "", f"share with u > {DEGENERATE:g}", 0, "%"),
+    Column("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
+    Column("clearance", "m", "least clearance"),
+)
+"""Columns of the metrics of a path: its title, unit and digits by the name of the field."""
+
+
 def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
     """Measure a path on a costmap, in the path's headings if it and the costmap have headings.
 

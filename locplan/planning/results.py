@@ -16,10 +16,9 @@ from locplan._support.records import Column, Result, Table
 from locplan._support.saved import Stored
 from locplan._support.tables import finite, rounded_up, table, write_csv
 from locplan.errors import ConfigError
-from locplan.field.covariance import DEGENERATE
 from locplan.planning.costmap import Costmap, about_costs
 from locplan.planning.grid import through_centres
-from locplan.planning.metrics import PathMetrics, path_metrics
+from locplan.planning.metrics import METRICS, PathMetrics, path_metrics
 from locplan.planning.path import Path
 from locplan.planning.protocol import Found, Position, Status
 from locplan.planning.robot_fit import unfit_note
@@ -30,18 +29,6 @@ if TYPE_CHECKING:
 
 NO_DEGENERATE = 0.05
 """Degenerate metres below which a path has none for people [m]."""
-METRICS = (
-    Column("length", "m", "length"),
-    Column("cost", "m", "cost J"),
-    Column("integrated_u", "m", "degenerate metres (∫u ds)"),
-    Column("integrated_e", "m² rad m", "∫e ds", 4),
-    Column("mean_e", "m² rad", "mean e", 5),
-    Column("max_e", "m² rad", "max e", 5),
-    Column("degenerate_share", "", f"share with u > {DEGENERATE:g}", 0, "%"),
-    Column("longest_degenerate", "m", f"longest with u > {DEGENERATE:g}"),
-    Column("clearance", "m", "least clearance"),
-)
-"""Columns of the metrics of a path."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""The two presets of AMCL's settings that `check` and `tune` try."""
+"""The presets of AMCL's settings that `check` and `tune` try; a new one is a line in `CHANGES`."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ UPDATES: Final = {"update_min_d": 0.1, "update_min_a": 0.1}
 """Motions after which the filter updates with the safe preset [m, rad]."""
 ALPHA: Final = 0.05
 """Noise of odometry that the precise preset assumes."""
+ALPHAS: Final = {f"alpha{n}": ALPHA for n in range(1, 6)}
+"""Parameters of the odometry's noise with the precise preset."""
 CHANGES: Final[dict[str, dict[str, Any]]] = {
-    PRECISE: {
-        **dict.fromkeys([f"alpha{n}" for n in range(1, 6)], ALPHA),
-        "laser_model_type": MODELS[1],
-    },
+    PRECISE: {**ALPHAS, "laser_model_type": MODELS[1]},
     SAFE: dict(UPDATES),
 }
 """Values of AMCL's parameters by preset, in the order in which the presets are tried.
@@ -36,8 +35,8 @@ def with_preset(amcl: Amcl, name: str) -> Amcl:
     ----------
     amcl : Amcl
         The robot's settings.
-    name : {"safe", "precise"}
-        The preset.
+    name : str
+        A name in `CHANGES`.
     """
     changes = CHANGES[name]
     if name == SAFE:  # a filter that updates more often than that keeps its own values
@@ -69,14 +68,19 @@ def describe_preset(name: str) -> str:
 
     Parameters
     ----------
-    name : {"safe", "precise"}
-        The preset.
+    name : str
+        A name in `CHANGES`.
 
     Examples
     --------
     >>> describe_preset("safe"), describe_preset("precise")
     ('update_min_d 0.1, update_min_a 0.1', 'alphas 0.05, likelihood_field_prob')
     """
-    if name == PRECISE:
-        return f"alphas {ALPHA:g}, {MODELS[1]}"
-    return ", ".join(f"{name} {value:g}" for name, value in UPDATES.items())
+    changes = CHANGES[name]
+    words = [f"alphas {ALPHA:g}"] if changes.items() >= ALPHAS.items() else []
+    for parameter, value in changes.items():
+        if isinstance(value, str):
+            words.append(value)
+        elif not (words and parameter in ALPHAS):
+            words.append(f"{parameter} {value:g}")
+    return ", ".join(words)

@@ -17,7 +17,7 @@ from locplan._support.poses import Poses
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column
 from locplan._support.saved import Valued
-from locplan.planning.metrics import PathMetrics
+from locplan.planning.metrics import METRICS, PathMetrics
 from locplan.planning.path import Path
 from locplan.simulation.arrivals import ARRIVING, Arrivals
 from locplan.simulation.driver import CHOOSING, drive_closed, drive_open, route_key
@@ -354,7 +354,8 @@ class Candidate(Valued):
 NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
-def _of_metrics(name: str, unit: str, title: str | None = None, digits: int = 2) -> Column:
+def _of_metrics(name: str, title: str | None = None, digits: int = 2) -> Column:
+    unit = next(column.unit for column in METRICS if column.name == name)
     return Column(name, unit, title, digits, value=lambda each: getattr(each.metrics, name))
 
 
@@ -377,20 +378,18 @@ def _of_arrivals(column: Column) -> Column:
     return dataclasses.replace(column, title=None, value=value)
 
 
-_NAMED = (Column("name", title="path"), _of_metrics("length", "m", "length", 1))
-_E = (
-    _of_metrics("mean_e", "m² rad"),
-    _of_metrics("max_e", "m² rad"),
-    _of_metrics("degenerate_share", ""),
-    _of_metrics("longest_degenerate", "m"),
-    _of_metrics("clearance", "m"),
+_NAMED = (Column("name", title="path"), _of_metrics("length", "length", 1))
+_OTHER_METRICS = tuple(
+    _of_metrics(column.name)
+    for column in METRICS
+    if column.name not in ("length", "cost", "integrated_u", "integrated_e")
 )
 PLANNED: tuple[Column, ...] = (
     *_NAMED,
-    _of_metrics("cost", "m"),
-    _of_metrics("integrated_u", "m", "degenerate", 1),
-    _of_metrics("integrated_e", "m² rad m", "∫e ds", 3),
-    *_E,
+    _of_metrics("cost"),
+    _of_metrics("integrated_u", "degenerate", 1),
+    _of_metrics("integrated_e", "∫e ds", 3),
+    *_OTHER_METRICS,
     Column("position_std", "m", "mean std", 1, "cm", value=lambda each: each.deviation[0]),
     Column("max_position_std", "m", "max std", 1, "cm", value=lambda each: each.deviation[1]),
 )
@@ -401,10 +400,10 @@ DRIVEN: tuple[Column, ...] = (
     _of_drives("ratio", "", "ratio"),
     *map(_of_rate, RATES),
     Column("drives", value=lambda each: len(each.driven.numbers)),
-    _of_metrics("cost", "m"),
-    _of_metrics("integrated_u", "m"),
-    _of_metrics("integrated_e", "m² rad m"),
-    *_E,
+    _of_metrics("cost"),
+    _of_metrics("integrated_u"),
+    _of_metrics("integrated_e"),
+    *_OTHER_METRICS,
     *map(_of_arrivals, ARRIVING),
 )
 """Columns of candidates that were driven."""
