@@ -1,4 +1,4 @@
-"""What is new is one file and one line: CONTRIBUTING's table, done in a copy of the package."""
+"""The recipes of CONTRIBUTING: one of each kind is added to a copy of the package."""
 
 import os
 import shutil
@@ -13,181 +13,225 @@ import locplan
 from locplan import save_map
 
 ESTIMATOR = '''
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import ClassVar
+
 import numpy as np
-from locplan.field import Estimator
-from locplan.field import SearchWindow
+
+from locplan.field.estimator import Estimator
+from locplan.field.search_window import SearchWindow
+
 
 @dataclass(frozen=True, kw_only=True)
-class Everywhere(Estimator):
-    """The same everywhere."""
-    name: ClassVar[str] = "everywhere"
-    remedy: ClassVar[str] = "none"
-    weight: ClassVar[float] = 3.0
+class Uniform(Estimator):
+    """The same covariance everywhere."""
+
+    name: ClassVar[str] = "uniform"
     reach = 1.0
     title = "the same everywhere"
+
     def lattice(self, resolution):
         return SearchWindow().on(resolution)
+
     def covariances(self, part):
         q = self.q(self.lattice(part.resolution))
         return {"covariance": np.tile(0.01 * np.eye(3) + q, (len(part.cols), 1, 1))}
+
     def halo(self, resolution, map_shape):
         return 0
 '''
 PLANNER = '''
 from dataclasses import dataclass
-from locplan.planning import Path
-from locplan.planning import Found
+
+from locplan.planning.path import Path
+from locplan.planning.protocol import Found
+
 
 @dataclass(frozen=True)
-class Crow:
-    """As the crow flies."""
-    name = "crow"
+class Straight:
+    """The straight line."""
+
+    name = "straight"
     minimises = None
     space = "R2"
-    def check(self): pass
-    def prepare(self): pass
+
+    def check(self): ...
+
+    def prepare(self): ...
+
     def solve(self, costs, start, goal):
         return Found(Path([start, goal]))
 '''
 FORMAT = '''
-from locplan.export.registry import ExportSummary, Format, NoOptions
+from locplan.export.registry import ExportSummary
 
-def write(target, job, options):
+
+def write_name(target, job, options):
     """Write the name of the map."""
     target.write_text(job.costs.grid.name)
     return ExportSummary()
-
-FORMATS = (Format("name", "the map's name", write, suffixes=(".txt",)),)
 '''
 COMMAND = '''
 from locplan.app.cli.application import command
+
 
 @command("hello you")
 def hello(name: str) -> int:
     """Greet somebody."""
     print("hello", name)
-    return 3
+    return 0
 '''
-FIGURE = '''
-from locplan.maps.figures import draw_map, map_axes
+WEIGHT_LAW = '''
+@dataclass(frozen=True, repr=False)
+class Gaussian(Settings):
+    """Weights exp(-(S / width)^2)."""
 
-def bare_figure(grid):
-    """Draw a map and nothing else."""
-    figure, axes = map_axes(grid)
-    draw_map(axes, grid)
-    return figure
-'''
-RESULT = '''
-from dataclasses import dataclass
-from typing import ClassVar
-from locplan._support.records import Column, Result, Table
-from locplan._support.output import Results
-from locplan._support.saved import Stored
-from locplan.maps import OccupancyGrid
+    name: ClassVar[str] = "gaussian"
+    width: float = 0.5
+    """Mismatch area at which the weight falls to 1/e [m^2]."""
 
-@dataclass(frozen=True, eq=False)
-class Shape(Result, Stored):
-    """How large a map is."""
-    kind: ClassVar[str] = "shape"
-    files: ClassVar[Results] = Results("shape", ("shape.json", "shape.png", "shape.npz"))
-    _drawn_by: ClassVar[str] = "locplan.planning:bare_figure"
-    grid: OccupancyGrid
-    def summary(self):
-        return {"rows": self.grid.shape[0]}
-    def table(self):
-        return Table.of([Column("rows", value=lambda grid: grid.shape[0])], [self.grid])
-    def report(self):
-        return str(self.table())
-    def figure(self):
-        from locplan.plotting import bare_figure
-        return bare_figure(self.grid)
-    def _write(self, folder):
-        self.write(folder / "shape.npz")
-        self.table().write_csv(folder / "shape.csv")
+    def weigh(self, area, cell_area, template):
+        return np.exp(-((area / self.width) ** 2))
+
+
 '''
-ADDED = {
-    "field/estimators/_everywhere.py": (
-        *(ESTIMATOR, "field/estimators/__init__.py", '    "sad":'),
-        '    "everywhere": "locplan.field.estimators._everywhere:Everywhere",',
-    ),
-    "planners/_crow.py": (
-        *(PLANNER, "planners/_registry.py", '    "grid":'),
-        '    "crow": Entry("locplan.planning._crow:Crow", None),',
-    ),
-    "export/_name.py": (
-        *(FORMAT, "export/_registry.py", '"""Modules that have FORMATS'),
-        'MODULES.append("locplan.export._name")',
-    ),
-    "cli/hello.py": (COMMAND, "cli/application.py", '    "info":', '    "hello": "Start",'),
-    "plotting/_bare.py": (
-        *(FIGURE, "plotting/__init__.pyi", "from ._cells"),
-        "from ._bare import bare_figure as bare_figure",
-    ),
-    "planners/_shape.py": (
-        *(RESULT, "planners/__init__.pyi", "from ._registry"),
-        "from ._shape import Shape as Shape",
-    ),
+NEW_FILES = {
+    "field/uniform.py": ESTIMATOR,
+    "planning/straight.py": PLANNER,
+    "export/name.py": FORMAT,
+    "app/cli/hello.py": COMMAND,
 }
-"""A file of each kind, its text, and the registry with the line that goes before another one."""
-USED = """
-from locplan import Costmap, load_map, plan, planners, plotting
-grid = load_map("bay.yaml")
-costs = Costmap.blank(grid, robot=0.1)
-assert plan(costs, (1, 1), (2, 1), planner="crow").path.length == 1
-assert plotting.bare_figure(grid).axes
-made = planners.Shape(grid)
-made.save("shaped")
-assert planners.Shape.load("shaped") == made
-print(made.summary())
+"""The new files with their texts."""
+NEW_LINES = [
+    # estimator
+    (
+        "field/estimators.py",
+        "from locplan.field.sad",
+        "from locplan.field.uniform import Uniform\n",
+    ),
+    ("field/estimators.py", '    "sad":', '    "uniform": Uniform,\n'),
+    # planner
+    (
+        "planning/registry.py",
+        "from locplan.planning.protocol",
+        "from locplan.planning.straight import Straight\n",
+    ),
+    ("planning/registry.py", '    "grid":', '    "straight": Entry(Straight, None),\n'),
+    # export format
+    ("export/formats.py", "from locplan.robots", "from locplan.export.name import write_name\n"),
+    (
+        "export/formats.py",
+        '    Format("nav2-speed"',
+        '    Format("name", "the name of the map", write_name, suffixes=(".txt",)),\n',
+    ),
+    # command
+    ("app/cli/application.py", '    "info":', '    "hello": "Start",\n'),
+    # measure: its field, its value, its column, and the words that compare planners by it
+    ("planning/metrics.py", "    cost: float\n", "    corners: int\n"),
+    ("planning/metrics.py", "        cost=float(", "        corners=len(path.xy) - 2,\n"),
+    ("planning/metrics.py", '    Column("cost"', '    Column("corners", "", "corners", 0),\n'),
+    (
+        "comparison/statistics.py",
+        '    "cost": (RATIO',
+        '    "corners": (SUMS, "fewer corners", "more corners"),\n',
+    ),
+    # preset
+    ("robots/presets.py", "    SAFE: dict(", '    "keen": {"z_hit": 0.8},\n'),
+    # weight law
+    ("field/sad.py", "\nWeightLaw = ", WEIGHT_LAW),
+    ("field/sad.py", "Exponential | InverseSquare\n", "Gaussian | "),
+    # column
+    (
+        "planning/metrics.py",
+        '        Column("range", "m", value',
+        '        Column("beams", title="beams", value=lambda share: share.lidar.beams),\n',
+    ),
+]
+"""The existing files that change: the text before which new text stands, and the new text."""
+USE_ALL = """
+import numpy as np
+import locplan
+from locplan.comparison.runs import run_of
+from locplan.comparison.statistics import RUN_COLUMNS, Task
+from locplan.field.config import FieldConfig
+from locplan.field.sad import Gaussian
+from locplan.planning.metrics import LidarShare, lidars_table
+from locplan.robots.presets import amcl_presets, describe_preset
+from locplan.simulation.race import DRIVEN
+
+grid = locplan.load_map("bay.yaml")
+costs = locplan.Costmap.blank(grid, robot=0.1)
+plan = locplan.plan(costs, (1, 1), (2, 1), planner="straight")
+assert plan.path.length == 1
+
+assert plan.metrics.corners == 0, plan.path.xy
+assert "corners" in plan.table().names
+assert "corners" in [column.name for column in RUN_COLUMNS]
+assert "corners" in [column.name for column in DRIVEN]
+run = run_of(Task("bay", "none", "ab", 4.0, "straight", 1), plan)
+assert run.measure("corners") == 0
+
+assert amcl_presets(locplan.robots.Amcl())["keen"].z_hit == 0.8
+assert describe_preset("keen") == "z_hit 0.8"
+
+config = FieldConfig(locplan.Sad(weights=Gaussian(0.4)))
+assert FieldConfig.from_json(config.to_json()) == config
+assert "gaussian" in config.title and "Gaussian(width=0.4)" in repr(config)
+weights = config.estimator.offset_weights(np.array([0, 254, 254000]), 0.05)
+assert 1 == weights[0] > weights[1] > 0.99 and weights[2] < 1e-10
+
+assert "beams" in str(lidars_table([LidarShare(locplan.Lidar.preset("turtlebot4"), 0.1)]))
 """
 
 
 @pytest.fixture(scope="module")
-def grown(tmp_path_factory):
-    """A function that runs Python in a folder with a map, by a copy with one more of each kind."""
-    home = tmp_path_factory.mktemp("grown")
+def run_copy(tmp_path_factory):
+    """A function that runs Python in a folder with a map, with a copy that has one more of each."""
+    home = tmp_path_factory.mktemp("copy")
     package = home / "locplan"
     shutil.copytree(
         Path(locplan.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
     )
-    for name, (text, registry, before, line) in ADDED.items():
-        (package / name).write_text(f"from __future__ import annotations\n{text}")
-        lines = (package / registry).read_text().splitlines()
-        place = next(n for n, each in enumerate(lines) if each.startswith(before))
-        (package / registry).write_text("\n".join([*lines[:place], line, *lines[place:]]) + "\n")
+    for name, text in NEW_FILES.items():
+        (package / name).write_text(text)
+    for name, before, line in NEW_LINES:
+        text = (package / name).read_text()
+        assert text.count(before) == 1, (name, before)
+        (package / name).write_text(text.replace(before, line + before))
     save_map(drawn("######", "#....#", "#....#", "######", resolution=0.5), home / "bay.yaml")
-    # Kernels that are compiled anew would take a minute; on this map plain Python will do.
-    own = {"PYTHONPATH": str(home), "NUMBA_DISABLE_JIT": "1", "LOCPLAN_CACHE": str(home / "cache")}
+    # Compiling the kernels again would take a minute; on this map plain Python is fast enough.
+    variables = {
+        "PYTHONPATH": str(home),
+        "NUMBA_DISABLE_JIT": "1",
+        "LOCPLAN_CACHE": str(home / "cache"),
+    }
 
-    def run(*words: object) -> str:
-        words = (sys.executable, *map(str, words))
-        done = subprocess.run(
-            words, cwd=home, env=os.environ | own, capture_output=True, text=True, check=False
+    def run(*words: str) -> str:
+        process = subprocess.run(
+            (sys.executable, *words),
+            cwd=home,
+            env=os.environ | variables,
+            capture_output=True,
+            text=True,
+            check=False,
         )
-        assert done.returncode in (0, 3), done.stderr
-        return done.stdout
+        assert process.returncode == 0, process.stderr
+        return process.stdout
 
     return run
 
 
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("field bay.yaml --field everywhere", "the same everywhere"),
-        ("export bay.yaml --to name --field everywhere --json", '"name"'),
-        ("hello you", "hello you"),
-    ],
-)
-def test_one_file_and_one_line_add_what_commands_know(grown, line, said):
-    assert said in grown("-m", "locplan", *line.split())
+def test_recipes_add_one_of_each(run_copy):
+    run_copy("-c", USE_ALL)
 
 
-def test_one_file_and_one_line_add_a_figure_and_a_result(grown):
-    assert "{'rows': 4}" in grown("-c", USED)
+def test_added_estimator_and_format_work_in_commands(run_copy):
+    line = "export bay.yaml --to name --field uniform --json"
+    assert '"name"' in run_copy("-m", "locplan", *line.split())
 
 
-def test_help_lists_the_added_command(grown):
-    out = grown("-m", "locplan", "--help")
-    assert "Greet somebody." in out
+def test_help_lists_added_command(run_copy):
+    assert "Greet somebody." in run_copy("-m", "locplan", "--help")
+    assert run_copy("-m", "locplan", "hello", "you") == "hello you\n"
