@@ -21,7 +21,7 @@ from locplan.planning import describe_map
 EXAMPLES = Path(__file__).resolve().parent
 PROJECT = EXAMPLES.parent
 MAP = PROJECT / "maps" / "two_corridors.yaml"
-DRIVE = PROJECT / "tests" / "small_drive.npz"
+DRIVE = PROJECT / "tests" / "data" / "small_drive.npz"
 DRIVEN = PROJECT / "maps" / "office.yaml"
 """A recorded drive, and its map."""
 QUERY_OF_OUR_MAP = (2.0, 3.0), (38.0, 3.0)

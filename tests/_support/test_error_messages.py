@@ -5,8 +5,8 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import refused
-from support.bag_files import BEGIN, writing
+from support.bag_files import BEGIN, open_bag
+from support.command_line import check_refusal
 
 from locplan._support import checks
 from locplan.app.cli.wording import options_as_typed
@@ -143,19 +143,19 @@ def test_unlike_name_suggests_nothing():
 )
 def test_command_line_names_options_as_typed(run, tmp_path, options, said):
     lidar = Lidar(range=5.0, beams=7, field_of_view_deg=180.0)
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         bag.tf(BEGIN, bag.transform(BEGIN, "odom", "base_link", (0, 0, 0)))
         bag.tf(BEGIN, bag.transform(BEGIN, "base_link", "laser", (0, 0, 0)), topic="/tf_static")
         bag.scan(BEGIN, lidar, np.ones(7))
     room = OccupancyGrid(np.full((20, 20), 254), resolution=0.1)
     save_map(room, tmp_path / "room.yaml")
-    assert said in refused(run("recording", path, tmp_path / "room.yaml", *options))
+    assert said in check_refusal(run("recording", path, tmp_path / "room.yaml", *options))
 
 
 def test_command_line_names_lidar_option_if_urdf_has_no_sensor(run, tmp_path):
     (tmp_path / "bot.urdf").write_text("<robot><link name='base_link'/></robot>")
     save_map(OccupancyGrid([[254]], resolution=0.1), tmp_path / "room.yaml")
-    error = refused(run("info", tmp_path / "room.yaml", "--robot", tmp_path / "bot.urdf"))
+    error = check_refusal(run("info", tmp_path / "room.yaml", "--robot", tmp_path / "bot.urdf"))
     assert "has no planar lidar; name the robot's, such as --lidar turtlebot4" in error
 
 

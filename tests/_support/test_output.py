@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 import yaml
-from conftest import drawn
+from support.maps import ascii_map
 
 from locplan._support import output
 from locplan._support.drawing import Picture
@@ -316,7 +316,7 @@ def test_abandoned_folder_of_others_moves_nothing_outside(tmp_path):
 
 @pytest.fixture
 def room(tmp_path):
-    grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
+    grid = ascii_map("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     for name in ("room", "other"):
         save_map(grid, tmp_path / f"{name}.yaml")
     return tmp_path / "room.yaml"

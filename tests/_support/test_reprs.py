@@ -7,8 +7,8 @@ import io
 
 import numpy as np
 import pytest
-from conftest import drawn
 from PIL import Image
+from support.maps import ascii_map
 
 import locplan
 from locplan import Costmap, CovarianceField, Path
@@ -86,7 +86,7 @@ def test_settings_name_what_is_not_by_default():
 
 
 def test_a_plan_without_a_path_says_why(grid):
-    walled = drawn("..#..", resolution=1.0)
+    walled = ascii_map("..#..", resolution=1.0)
     found = locplan.plan(Costmap.blank(walled), (0.5, 0.5), (4.5, 0.5))
     assert repr(found).startswith("Plan(unreachable, any-angle, 0.5,0.5 to 4.5,0.5: no path joins")
     field = locplan.covariance_field(walled, locplan.Sad(range=2.0, window=WINDOW))

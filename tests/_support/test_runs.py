@@ -2,7 +2,7 @@
 
 import pytest
 import yaml
-from conftest import drawn
+from support.maps import ascii_map
 
 import locplan
 from locplan import save_map
@@ -15,7 +15,7 @@ ENDS = "--start=1,2.5", "--goal=8,1"
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """A folder with a map, which is the current one."""
-    grid = drawn(*["#" * 20, *["#" + "." * 18 + "#"] * 6, "#" * 20], resolution=0.5)
+    grid = ascii_map(*["#" * 20, *["#" + "." * 18 + "#"] * 6, "#" * 20], resolution=0.5)
     save_map(grid, tmp_path / "hall.yaml")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "made").mkdir()

@@ -8,7 +8,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 import yaml
-from conftest import drawn
+from support.maps import ascii_map
 
 import locplan
 from locplan import (
@@ -26,7 +26,9 @@ from locplan.errors import LocplanError
 from locplan.field import SearchWindow
 from locplan.planning import ParetoFront
 
-DRAWN = drawn("##########", "#...#....#", "#........#", "#....#...#", "##########", resolution=0.5)
+DRAWN = ascii_map(
+    "##########", "#...#....#", "#........#", "#....#...#", "##########", resolution=0.5
+)
 ROOM = OccupancyGrid(DRAWN.cells, 0.5, (1e-3, -2 / 3, 0.0), name="a room")
 ENDS = (0.75, 0.1), (4.25, 1.1)
 SEEDS = range(6)
@@ -123,7 +125,7 @@ def test_fronts_come_back_as_they_were(tmp_path, objective):
 
 
 def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
-    walls = drawn("###########", "#...###...#", "###########", resolution=0.5)
+    walls = ascii_map("###########", "#...###...#", "###########", resolution=0.5)
     field = locplan.covariance_field(walls, FIELD.config)
     front = locplan.pareto_front(
         Costmap.from_field(walls, field, robot=0.0), (0.75, 0.75), (4.25, 0.75)

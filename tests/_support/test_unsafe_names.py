@@ -5,7 +5,8 @@ import re
 
 import numpy as np
 import pytest
-from conftest import drawn, few_of
+from support.cases import sample_cases
+from support.maps import ascii_map
 
 import locplan
 from locplan._support.drawing import Picture
@@ -24,7 +25,7 @@ NAMES = ("[red]$x$\\", "a$b$c", "$\\frac{", "x^2_3\\", "r\udcffm", "\U0001f600\x
 
 
 def named(name: str) -> OccupancyGrid:
-    grid = drawn("##########", *["#........#"] * 6, "##########", resolution=1.0)
+    grid = ascii_map("##########", *["#........#"] * 6, "##########", resolution=1.0)
     return OccupancyGrid(grid.cells, 1.0, grid.origin, name)
 
 
@@ -61,7 +62,7 @@ def test_names_are_shown_as_they_are(name):
     assert shown in texts_of(map_figure(named(name))).replace("?", "\ufffd")
 
 
-@pytest.mark.parametrize("name", few_of(NAMES[:3]), ids=ascii)
+@pytest.mark.parametrize("name", sample_cases(NAMES[:3]), ids=ascii)
 def test_names_are_shown_as_they_are_in_every_picture(name):
     shown = "".join(c if c.isprintable() else "\ufffd" for c in name)
     for kind, figure in figures_of(name):

@@ -5,7 +5,8 @@ import json
 
 import numpy as np
 import pytest
-from advice.test_checkup import CORNERS, ROBOT, room
+from support.check_cases import CORNERS, ROBOT
+from support.maps import furnished_room
 
 import locplan
 from locplan import check, save_map
@@ -17,7 +18,7 @@ ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
 @pytest.mark.long
 def test_threshold_helps_if_unknown_grey_is_free(tmp_path):
     cells = np.full((160, 200), UNKNOWN, np.uint8)
-    cells[20:140, 20:180] = room().cells
+    cells[20:140, 20:180] = furnished_room().cells
     meant = OccupancyGrid(cells, 0.05, (-1.0, -1.0, 0.0), name="room")
     save_map(meant, tmp_path / "room.yaml")
     file = tmp_path / "room.yaml"
@@ -35,12 +36,12 @@ def driven_round(factor=1.0):
     """A drive of some 70 m about the room, on a map whose lengths are so many times the true."""
     corners = [(7, 1), (7, 2), (1, 2.2), (1, 5), (4, 4), (7, 4), (7, 1.5), (4.5, 1), (1, 1)]
     path = locplan.Path([(1, 1), *corners * 3])
-    drive = locplan.recordings.record_drive(room(), path, ROBOT, seed=3)
+    drive = locplan.recordings.record_drive(furnished_room(), path, ROBOT, seed=3)
     return dataclasses.replace(drive, poses=drive.poses * [factor, factor, 1.0])
 
 
 def test_recorded_drives_calibrate_the_robot_and_give_a_wrong_resolution(tmp_path):
-    wrong = dataclasses.replace(room(), resolution=0.05 * 1.04)
+    wrong = dataclasses.replace(furnished_room(), resolution=0.05 * 1.04)
     drive = driven_round(1.04)
     found = check(wrong, ROBOT, {"a": (1.0, 1.0), "b": (7.0, 1.0)}, [drive, drive], effort="quick")
     assert found.recommended == ("walls",)

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from advice.test_checkup import CORNERS, ROBOT, room
-from conftest import few_of
+from support.cases import sample_cases
+from support.check_cases import CORNERS, ROBOT
+from support.maps import furnished_room
 
 from locplan import check
 
@@ -15,13 +16,15 @@ from locplan import check
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    check(room(), ROBOT, CORNERS, effort="quick").save(folder)
+    check(furnished_room(), ROBOT, CORNERS, effort="quick").save(folder)
     return folder / "report.html"
 
 
 @pytest.mark.parametrize(
     ("width", "scheme"),
-    few_of([(390, "light"), (1200, "dark"), (390, "dark"), (1200, "light")], 2, are_rows=True),
+    sample_cases(
+        [(390, "light"), (1200, "dark"), (390, "dark"), (1200, "light")], 2, are_rows=True
+    ),
 )
 def test_the_page_needs_nothing_else_and_fits_its_window(
     browser: Any, report: Path, width: int, scheme: str

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from maps.test_map_faults import blocks
+from support.check_cases import CORNERS, FEW_PARTICLES, LIDAR, ROBOT, TUNED_FILTER
+from support.maps import blocks, furnished_room
+from support.small_drive import FILE
 
 import locplan
 from locplan import check, save_map
@@ -18,26 +20,8 @@ from locplan.advice.limits import Limit
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.robots.presets import UPDATES
 
-TUNED = {
-    **{f"alpha{n}": 0.05 for n in range(1, 6)},
-    "laser_model_type": "likelihood_field_prob",
-}
-LIDAR = locplan.Lidar(range=6.0, beams=120)
-FEW = {"min_particles": 200, "max_particles": 400}
-ROBOT = locplan.Robot(LIDAR).changed({**TUNED, **FEW})
-
-
-def room():
-    """A room with a pillar and a niche, in which a tuned filter keeps its place."""
-    cells = np.full((120, 160), FREE, np.uint8)
-    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
-    cells[50:60, 40:50] = cells[:20, 120:122] = cells[90:92, 100:160] = OCCUPIED
-    return OccupancyGrid(cells, 0.05, name="room")
-
-
-UNTUNED = locplan.Robot(LIDAR).changed(FEW)
+UNTUNED = locplan.Robot(LIDAR).changed(FEW_PARTICLES)
 AISLES = [((14.05, 15.05), (16.35, 2.95)), ((1.1, 18.9), (13.3, 18.9))]
-CORNERS = {"door": (1.0, 1.0), "desk": (7.0, 1.0), "shelf": (1.0, 5.0)}
 
 
 class Watched:
@@ -46,7 +30,7 @@ class Watched:
     def __init__(self):
         self.findings, self.steps = [], []
         self.report = check(
-            *(room(), ROBOT.changed(UPDATES), CORNERS),
+            *(furnished_room(), ROBOT.changed(UPDATES), CORNERS),
             effort="quick",
             found=self.findings.append,
             progress=lambda *step: self.steps.append((len(self.findings), *step)),
@@ -128,8 +112,8 @@ def test_cheaper_fix_comes_first_if_losses_are_equal(solid):
 @pytest.mark.long
 def test_lower_error_alone_is_an_option_if_error_is_small():
     """A robot with an error below 0.1 m needs no other settings."""
-    changes = {name: 0.2 for name in TUNED if name.startswith("alpha")}
-    found = check(room(), ROBOT.changed(changes), CORNERS, effort="quick")
+    changes = {name: 0.2 for name in TUNED_FILTER if name.startswith("alpha")}
+    found = check(furnished_room(), ROBOT.changed(changes), CORNERS, effort="quick")
     assert found.recommended == ()
     (settings,) = (fix for fix in found.fixes if fix.kind == "settings")
     assert settings.verdict == "better"
@@ -147,7 +131,7 @@ def test_settings_help_against_scattered_particles(two_corridors_at_its_worst):
 @pytest.fixture(scope="module")
 def two_corridors_at_its_worst():
     grid = environments.make("two_corridors", resolution=0.1)
-    robot = ROBOT.changed({name: 1.0 for name in TUNED if name.startswith("alpha")})
+    robot = ROBOT.changed({name: 1.0 for name in TUNED_FILTER if name.startswith("alpha")})
     return check(grid, robot, [((2.0, 3.0), (24.0, 3.0))], effort="quick")
 
 
@@ -210,7 +194,7 @@ def test_weak_spots_lie_where_routes_can_pass():
 @pytest.mark.long
 def test_fixes_that_do_not_lead_are_stopped():
     robot = ROBOT.changed({**UPDATES, "laser_max_range": 5.9})
-    found = check(room(), robot, CORNERS, effort="quick")
+    found = check(furnished_room(), robot, CORNERS, effort="quick")
     (longer_range,) = found.fixes
     assert longer_range.kind == "range"
     assert longer_range.rates.n_drives < found.baseline.n_drives
@@ -221,28 +205,28 @@ def test_fixes_that_do_not_lead_are_stopped():
 @pytest.mark.long
 def test_full_range_helps_against_limited_one():
     grid = environments.make("two_corridors", resolution=0.1)
-    robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).changed(TUNED)
+    robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).changed(TUNED_FILTER)
     found = check(grid, robot.changed({"laser_max_range": 1.5}), effort="quick")
     assert "range" in found.recommended
     assert found.fixed_site.robot.amcl.laser_max_range >= 12.0
 
 
 def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
-    save_map(room(), tmp_path / "room.yaml")
+    save_map(furnished_room(), tmp_path / "room.yaml")
     image = tmp_path / "room.pgm"
     image.write_bytes(image.read_bytes().replace(b"\x00", b"\x70"))
     found = check(tmp_path / "room.yaml", ROBOT, CORNERS, effort="quick")
-    assert (found.site.world.cells == OCCUPIED).sum() == (room().cells == OCCUPIED).sum()
+    assert (found.site.world.cells == OCCUPIED).sum() == (furnished_room().cells == OCCUPIED).sum()
     assert found.recommended[0] == "walls"
     found.save(tmp_path / "report")
     written = locplan.load_map(tmp_path / "report" / "map.yaml")
-    assert np.array_equal(written.cells, room().cells)
+    assert np.array_equal(written.cells, furnished_room().cells)
 
 
 @pytest.mark.long
 def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
-    again = check(room(), ROBOT.changed(UPDATES), CORNERS, effort="quick", threads=1)
+    again = check(furnished_room(), ROBOT.changed(UPDATES), CORNERS, effort="quick", threads=1)
     assert again.summary() == fine.summary()
 
 
@@ -375,7 +359,7 @@ def test_check_writes_and_names_files_of_fixes(solid, tmp_path):
 def test_the_commands_put_all_that_is_recommended_in_force(two_corridors_at_its_worst, tmp_path):
     params = tmp_path / "mine.yaml"
     params.write_text("amcl: {ros__parameters: {alpha1: 2.0, laser_max_range: 6.0}}\n")
-    save_map(room(), tmp_path / "lab.yaml")
+    save_map(furnished_room(), tmp_path / "lab.yaml")
     source = locplan.maps.read_map(tmp_path / "lab.yaml")[1]
     found = dataclasses.replace(two_corridors_at_its_worst, source=source)
     whole = found.summary(tmp_path / "out", params)["next"]
@@ -410,10 +394,10 @@ def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, 
 
 def test_masks_stations_in_walls_and_unknown_efforts_are_refused(tmp_path):
     with pytest.raises(locplan.LocplanError, match=r"station|route 'a to b'|blocked|occupied"):
-        check(room(), ROBOT, {"a": (1.0, 1.0), "b": (2.2, 2.7)}, effort="quick")
+        check(furnished_room(), ROBOT, {"a": (1.0, 1.0), "b": (2.2, 2.7)}, effort="quick")
     with pytest.raises(locplan.LocplanError, match="quick, usual, thorough"):
-        check(room(), ROBOT, effort="slow")
-    save_map(room(), tmp_path / "keepout_mask.yaml")
+        check(furnished_room(), ROBOT, effort="slow")
+    save_map(furnished_room(), tmp_path / "keepout_mask.yaml")
     with pytest.raises(locplan.LocplanError, match="mask for a costmap filter"):
         check(tmp_path / "keepout_mask.yaml", ROBOT)
 
@@ -437,7 +421,7 @@ def test_a_limit_fails_where_the_whole_interval_is_beyond_it(fine):
 
 
 def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
-    save_map(room(), tmp_path / "room.yaml")
+    save_map(furnished_room(), tmp_path / "room.yaml")
     (tmp_path / "stations.csv").write_text("name,x,y\ndoor,1,1\ndesk,7,1\n")
     command = [sys.executable, "-m", "locplan", "check", "room.yaml", "--effort=quick"]
     options = ["--stations", "stations.csv", "--set", "range=6", "-o", "report"]
@@ -452,19 +436,16 @@ def test_the_command_ends_in_exit_code_4_beyond_a_limit(tmp_path):
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder refuses root")
 def test_a_folder_that_takes_no_file_is_refused_before_the_first_drive(tmp_path):
-    save_map(room(), tmp_path / "room.yaml")
+    save_map(furnished_room(), tmp_path / "room.yaml")
     command = [sys.executable, "-m", "locplan", "check", "room.yaml", "-o", "/proc/report"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "locplan: error: /proc: cannot be written; choose another folder\n"
 
 
-SMALL_DRIVE = Path(__file__).parents[1] / "small_drive.npz"
-
-
 @pytest.mark.long
 def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
-    drive = locplan.recordings.read_recording(SMALL_DRIVE)
+    drive = locplan.recordings.read_recording(FILE)
     office = locplan.load_map(Path(__file__).parents[2] / "maps" / "office.yaml")
     cells = office.cells.copy()
     cells[140:148, 540:640] = OCCUPIED  # in the corridor
@@ -488,8 +469,10 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
 
 @pytest.mark.long
 def test_check_runs_no_filter_if_map_does_not_fit_recorded_drive():
-    drive = locplan.recordings.read_recording(SMALL_DRIVE)
-    found = check(room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick")
+    drive = locplan.recordings.read_recording(FILE)
+    found = check(
+        furnished_room(), drive.robot(ROBOT), [((1.0, 1.0), (7.0, 1.0))], [drive], effort="quick"
+    )
     said, hidden = found.recorded
     assert "cannot show motion along corridors" in hidden
     assert "does not fit" in said

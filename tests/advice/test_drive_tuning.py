@@ -6,7 +6,7 @@ import dataclasses
 import json
 
 import pytest
-from support.recordings import recorded
+from support.recordings import simulate_recording
 
 from locplan import Costmap, plan, save_map
 from locplan.advice.preset_choice import OWN
@@ -33,7 +33,7 @@ def drive(grid):
     """A drive of 34 m, with a scan every 0.1 m."""
     costs = Costmap.blank(grid, robot=0.3)
     path = plan(costs, (2.0, 3.0), (36.0, 3.0)).path
-    return recorded(grid, poses_along(path, grid)[::2])
+    return simulate_recording(grid, poses_along(path, grid)[::2])
 
 
 @pytest.fixture(scope="module")

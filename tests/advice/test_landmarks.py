@@ -10,8 +10,10 @@ import math
 
 import numpy as np
 import pytest
-from conftest import corridor, drawn, few_of, refused
 from support import oracles as naive
+from support.cases import sample_cases
+from support.command_line import check_refusal
+from support.maps import ascii_map, corridor
 
 import locplan
 from locplan import LocplanError, Path, place_landmarks, save_map
@@ -129,7 +131,7 @@ def tried(grid, kind, route, robot=DRIVEN, keep_out=None):
 
 @pytest.mark.parametrize(
     ("angle", "kind"),
-    few_of(
+    sample_cases(
         [(0.6, Box(0.8, 0.3)), (0.0, Box(0.8, 0.3)), (0.0, Pole(0.3)), (0.6, Pole(0.3))],
         are_rows=True,
     ),
@@ -183,7 +185,7 @@ def test_places_beside_routes_are_as_near_as_allowed(turn, corners):
     assert (aside[on_the_way] >= near[on_the_way] - 0.11).all()
 
 
-DOOR = drawn(
+DOOR = ascii_map(
     "####################",
     *["#.........#........#"] * 4,
     *["#..................#"] * 2,
@@ -294,7 +296,7 @@ def test_rectangles_that_are_kept_out_lie_in_the_world(hallway):
 
 def small_scene(least=0.0, view=360.0):
     """A small map with poses, and an object kind; few rays, so that the oracle takes no time."""
-    grid = drawn(
+    grid = ascii_map(
         "############",
         "#..........#",
         "#...#......#",
@@ -795,11 +797,11 @@ def test_the_command_takes_places(run, map_file, tmp_path):
     ],
 )
 def test_the_command_refuses_in_one_line(run, map_file, options):
-    refused(run("landmarks", map_file, *options))
+    check_refusal(run("landmarks", map_file, *options))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", few_of([3]))
+@pytest.mark.parametrize("count", sample_cases([3]))
 def test_three_poles_keep_the_robot_in_a_bare_corridor(count):
     grid = locplan.maps.environments.make("two_corridors")
     route = {"straight": np.array([[2.0, 3.0], [38.0, 3.0]])}

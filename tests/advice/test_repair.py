@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 import yaml
-from conftest import drawn, refused
-from maps.test_map_faults import blocks
 from PIL import Image
+from support.command_line import check_refusal
+from support.maps import ascii_map, blocks
 
 import locplan
 from locplan import load_map, mend, save_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, faults, hollowed
 from locplan.maps.files import as_meant, meant_header, read_map
 
-ROOM = drawn("########", *["#......#"] * 4, "########", resolution=0.5)
+ROOM = ascii_map("########", *["#......#"] * 4, "########", resolution=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -90,16 +90,16 @@ def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended
     beam = tmp_path / "beam.yaml"
     beam.write_text(yaml.safe_dump({"amcl": {"ros__parameters": {"laser_model_type": "beam"}}}))
     words = "repair", tmp_path / "blocks.yaml", "--robot", beam, "--lidar", "turtlebot3"
-    assert "not concerned" in refused(run(*words))
+    assert "not concerned" in check_refusal(run(*words))
 
 
 def test_wrong_numbers_are_refused(tmp_path, run):
     save_map(ROOM, tmp_path / "room.yaml")
-    assert "drives" in refused(run("repair", tmp_path / "room.yaml", "--drives", "1"))
-    assert "paths" in refused(run("repair", tmp_path / "room.yaml", "--paths", "0"))
+    assert "drives" in check_refusal(run("repair", tmp_path / "room.yaml", "--drives", "1"))
+    assert "paths" in check_refusal(run("repair", tmp_path / "room.yaml", "--paths", "0"))
     save_map(ROOM, tmp_path / "speed_mask.yaml")
     mask = "repair", tmp_path / "speed_mask.yaml", "-o", tmp_path / "mended"
-    assert "plan on the map that it belongs to" in refused(run(*mask))
+    assert "plan on the map that it belongs to" in check_refusal(run(*mask))
     assert not (tmp_path / "mended").exists()
 
 

@@ -7,8 +7,8 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms
 from matplotlib.path import Path
+from support.maps import ascii_map, random_rooms
 
 import locplan
 from locplan.advice.weak_spots import degenerate_areas, meeting
@@ -303,7 +303,7 @@ def test_the_default_is_half_of_a_corridor_without_features(corridors):
 
 
 def test_areas_without_rotation_have_no_heading():
-    grid = drawn(*["." * 30] * 20, resolution=0.2)
+    grid = ascii_map(*["." * 30] * 20, resolution=0.2)
     window = SearchWindow(half_rotation_deg=0)
     covariance = np.tile(np.diag([0.04, 0.3]), (20, 30, 1, 1))
     field = CovarianceField(covariance, grid, FieldConfig(Sad(window=window)))

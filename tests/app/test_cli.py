@@ -10,7 +10,10 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, drawn, few_of, refused
+from support.cases import sample_cases
+from support.command_line import check_refusal
+from support.machine import SHARED_DATA
+from support.maps import ascii_map
 
 import locplan
 from locplan import CovarianceField, FieldConfig, Lidar, LocplanError, Scan, load_map, save_map
@@ -24,7 +27,7 @@ ENDS = "--start", "1,1", "--goal", "2,2"
 
 @pytest.fixture
 def room(tmp_path):
-    grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
+    grid = ascii_map("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     save_map(grid, tmp_path / "room.yaml")
     return tmp_path / "room.yaml"
 
@@ -93,7 +96,7 @@ def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(ru
 
 def test_usage_errors_are_one_line(run, room):
     for arguments in (("plan", room), ("field",), ("field", room, "--stride", "6m"), ("fly",)):
-        assert "--help" in refused(run(*arguments))
+        assert "--help" in check_refusal(run(*arguments))
 
 
 def test_interrupting_says_so(run, room, monkeypatch):
@@ -107,7 +110,7 @@ def test_interrupting_says_so(run, room, monkeypatch):
 
 
 def test_an_unreachable_goal_is_a_result(run, tmp_path):
-    save_map(drawn("...#...", resolution=1.0), tmp_path / "parted.yaml")
+    save_map(ascii_map("...#...", resolution=1.0), tmp_path / "parted.yaml")
     ends = "--start", "0.5,0.5", "--goal", "6.5,0.5"
     code, out, _ = run("plan", tmp_path / "parted.yaml", *ends, "-o", tmp_path / "out")
     assert code == 0
@@ -130,7 +133,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
 )
 def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, message):
     arguments = "--start", start, "--goal", "4,3.5", "--set", "footprint=0.35", "-o", tmp_path / "o"
-    assert message in refused(run("plan", room, *arguments))
+    assert message in check_refusal(run("plan", room, *arguments))
     assert not (tmp_path / "o").exists()
 
 
@@ -159,13 +162,13 @@ def test_impossible_starts_are_refused_in_one_line(run, room, tmp_path, start, m
     ],
 )
 def test_bad_options_are_refused_in_one_line(run, room, arguments, message):
-    assert message in refused(run("field", room, *arguments))
+    assert message in check_refusal(run("field", room, *arguments))
 
 
 def test_bad_planner_and_weight_are_refused(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5"
-    assert "planner" in refused(run("plan", room, *ends, "--planner", "magic"))
-    assert "weight" in refused(run("plan", room, *ends, "--weight", "-2"))
+    assert "planner" in check_refusal(run("plan", room, *ends, "--planner", "magic"))
+    assert "weight" in check_refusal(run("plan", room, *ends, "--weight", "-2"))
 
 
 def test_info_writes_files_of_built_in_map(run, tmp_path):
@@ -174,12 +177,12 @@ def test_info_writes_files_of_built_in_map(run, tmp_path):
     written = tmp_path / "maps" / "two_corridors.yaml"
     assert f"wrote {written}: the map, for ROS and all commands" in out
     assert f"wrote {tmp_path / 'maps'}: 1 more file" in out
-    drawn = environments.make("two_corridors")
-    assert load_map(tmp_path / "maps" / "two_corridors.yaml").digest == drawn.digest
-    assert ".png" in refused(run("info", tmp_path / "maps", "-o", tmp_path / "others"))
+    ascii_map = environments.make("two_corridors")
+    assert load_map(tmp_path / "maps" / "two_corridors.yaml").digest == ascii_map.digest
+    assert ".png" in check_refusal(run("info", tmp_path / "maps", "-o", tmp_path / "others"))
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "hall.yaml").write_text("mine")
-    refused(run("info", "hall", "-o", tmp_path / "mine"))
+    check_refusal(run("info", "hall", "-o", tmp_path / "mine"))
     assert (tmp_path / "mine" / "hall.yaml").read_text() == "mine"
 
 
@@ -191,9 +194,9 @@ def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch, small_
     ends = "--start", "2,3", "--goal", "38,3", "--field", small_field
     assert run("plan", "two_corridors", *ends, "--stride", "1", "-o", "planned")[0] == 0
     assert "map: two_corridors\n" in (tmp_path / "planned" / "run.yaml").read_text()
-    assert "did you mean two_corridors?" in refused(run("plan", "two_coridors", *ends))
+    assert "did you mean two_corridors?" in check_refusal(run("plan", "two_coridors", *ends))
     built_in = ", ".join(environments.names())
-    assert f"a built-in map: {built_in}" in refused(run("field", "moon"))
+    assert f"a built-in map: {built_in}" in check_refusal(run("field", "moon"))
 
 
 def test_field_draws_any_scalar(run, room, tmp_path):
@@ -222,7 +225,7 @@ def test_field_draws_many_maps_into_folder(run, room, tmp_path):
 
 
 def test_warnings_are_one_line(run, tmp_path):
-    cells = drawn("....", "....")
+    cells = ascii_map("....", "....")
     save_map(cells, tmp_path / "grey.yaml")
     image = tmp_path / "grey.pgm"
     image.write_bytes(image.read_bytes().replace(b"\xfe", b"\xcd"))
@@ -244,7 +247,7 @@ def test_malformed_maps_never_end_in_a_traceback(run):
     for case in sorted(folder.glob("bad_*")):
         result = run("field", case / "map.yaml")
         if result[0] or expected[case.name] == "clear-error":
-            refused(result)
+            check_refusal(result)
 
 
 def test_version_and_usage_errors():
@@ -282,7 +285,7 @@ def test_maps_of_one_name_would_collide(run, room, tmp_path):
     (tmp_path / "other").mkdir()
     save_map(load_map(room), tmp_path / "other" / "room.yaml")
     arguments = "field", room, tmp_path / "other"
-    assert "have one name" in refused(run(*arguments, "-o", tmp_path / "fields"))
+    assert "have one name" in check_refusal(run(*arguments, "-o", tmp_path / "fields"))
     assert run(*arguments)[0] == 0
 
 
@@ -293,11 +296,11 @@ def test_a_folder_of_one_map_is_that_map(run, room, tmp_path):
 
 def test_of_several_maps_outputs_are_folders(run, room, tmp_path):
     save_map(load_map(room), tmp_path / "other.yaml")
-    assert "name a folder" in refused(run("field", tmp_path, "-o", tmp_path / "f.npz"))
+    assert "name a folder" in check_refusal(run("field", tmp_path, "-o", tmp_path / "f.npz"))
 
 
 def test_a_folder_without_maps_is_refused(run, tmp_path):
-    assert "is a folder without any map" in refused(run("field", tmp_path))
+    assert "is a folder without any map" in check_refusal(run("field", tmp_path))
 
 
 def test_the_cache_can_be_listed_and_cleared(run, room, tmp_path, monkeypatch, small_field):
@@ -345,7 +348,7 @@ def test_a_footprint_sets_the_radius(run, room):
     assert code == 0
     assert "shortest" in out
     for bad in ("0.3,0.1", "[[0,0],[1,1]]", "-1"):
-        assert "footprint" in refused(run("plan", room, *ends[:-1], f"footprint={bad}"))
+        assert "footprint" in check_refusal(run("plan", room, *ends[:-1], f"footprint={bad}"))
 
 
 def test_plan_front_prints_and_writes_front(run, room, tmp_path):
@@ -382,7 +385,7 @@ def test_plan_front_prints_and_writes_front(run, room, tmp_path):
 )
 def test_plan_front_refuses_wrong_options(run, room, arguments, told):
     ends = ("--start", "1,2") + (() if "--goal" in arguments else ("--goal", "4,3.5"))
-    assert told in refused(run("plan", room, *ends, "--front", *arguments))
+    assert told in check_refusal(run("plan", room, *ends, "--front", *arguments))
 
 
 def test_ompls_planners_are_at_hand(run, room, tmp_path):
@@ -459,14 +462,14 @@ def test_plan_takes_function_of_file(run, room, my_planner):
 def test_wrong_function_of_file_is_one_line(run, room, my_planner, name, message):
     (my_planner.parent / "bad.py").write_text("1 / 0")
     words = "--start", "1,1", "--goal", "4,3.5", "--planner", f"{my_planner.parent}/{name}"
-    assert message in refused(run("plan", room, *words))
+    assert message in check_refusal(run("plan", room, *words))
 
 
 def test_compare_names_missing_cloudpickle(run, room, tmp_path, my_planner, monkeypatch):
     monkeypatch.setattr("locplan._support.public.find_spec", lambda name: None)
     words = "--planner", f"{my_planner}:mine", "-o", tmp_path / "out"
     message = "one of your own, needs cloudpickle: pip install 'locplan[functions]'"
-    assert message in refused(run("compare", room, *words))
+    assert message in check_refusal(run("compare", room, *words))
 
 
 def test_planners_that_take_any_path_say_so(run, room):
@@ -492,7 +495,7 @@ def test_planners_that_take_any_path_say_so(run, room):
 )
 def test_what_ompls_planners_cannot_do_is_one_line(run, room, planner, message):
     ends = "--start", "1,1", "--goal", "4,3.5"
-    assert message in refused(run("plan", room, *ends, "--planner", planner))
+    assert message in check_refusal(run("plan", room, *ends, "--planner", planner))
 
 
 def test_plan_gives_seed_to_random_planner(run, room):
@@ -542,7 +545,7 @@ def test_the_lidar_is_named_once_for_estimators_and_simulator(run, room, tmp_pat
 @pytest.mark.long
 def test_a_map_without_weak_spots_says_so(run, tmp_path, monkeypatch):
     lines = ["#" * 16, *["#" + "." * 14 + "#"] * 14, "#" * 16]
-    save_map(drawn(*lines, resolution=0.1), tmp_path / "small.yaml")
+    save_map(ascii_map(*lines, resolution=0.1), tmp_path / "small.yaml")
     ends = "--start", "0.75,0.75", "--goal", "0.95,0.85", "--set", "footprint=0.05"
     said = "no weak spot for this lidar"
     for lidar, none in (("tim571", True), ("turtlebot4", False)):
@@ -586,7 +589,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     ],
 )
 def test_impossible_sensors_are_refused(run, room, options, message):
-    assert message in refused(run("field", room, *options))
+    assert message in check_refusal(run("field", room, *options))
 
 
 @pytest.mark.parametrize(
@@ -646,14 +649,14 @@ def test_export_takes_planner_of_nav2(run, room, tmp_path, small_field):
 def test_export_refuses_before_it_computes(run, room, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("locplan.field.store.load_or_compute", None)  # would end in a traceback
-    assert message in refused(run("export", room, *arguments))
+    assert message in check_refusal(run("export", room, *arguments))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["room.pgm", "room.yaml"]
 
 
 def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
     assert run("info", tmp_path)[0] == 0
     save_map(load_map(room), tmp_path / "other.yaml")
-    assert "holds 2 maps; name one" in refused(run("info", tmp_path))
+    assert "holds 2 maps; name one" in check_refusal(run("info", tmp_path))
 
 
 def test_the_help_of_every_command_has_headings_and_an_example(run):
@@ -672,13 +675,15 @@ def test_the_help_of_every_command_has_headings_and_an_example(run):
 
 def test_slips_get_a_hint(run, room):
     way = "--start", "1,1", "--goal"
-    assert "unexpected: 2; write positions as X,Y with a comma" in refused(run("info", room, "2"))
-    assert "--goal must be X,Y in metres, such as 2.0,3.5" in refused(
+    assert "unexpected: 2; write positions as X,Y with a comma" in check_refusal(
+        run("info", room, "2")
+    )
+    assert "--goal must be X,Y in metres, such as 2.0,3.5" in check_refusal(
         run("plan", room, *way, "1", "2")
     )
-    assert "unexpected: map (--help" in refused(run("info", room, "map"))
+    assert "unexpected: map (--help" in check_refusal(run("info", room, "map"))
     lidar = "--lidar", "rplidar-a1", "--set", "range=1200"
-    assert "the data sheet of rplidar-a1 names 12, not 1200" in refused(
+    assert "the data sheet of rplidar-a1 names 12, not 1200" in check_refusal(
         run("plan", room, *way, "2,2", *lidar)
     )
 
@@ -747,7 +752,7 @@ def test_the_package_runs_as_a_module():
     )
 
 
-@pytest.mark.parametrize("shell", few_of(["bash", "zsh", "fish"]))
+@pytest.mark.parametrize("shell", sample_cases(["bash", "zsh", "fish"]))
 def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
@@ -757,7 +762,7 @@ def test_install_completion_writes_script(run, tmp_path, monkeypatch, shell):
     script = (tmp_path / "plan").read_text()
     for word in (*COMMANDS, "robot", "nav2-planner", "smac-hybrid"):
         assert word in script
-    assert "csh" in refused(run("--install-completion", "--shell", "csh"))
+    assert "csh" in check_refusal(run("--install-completion", "--shell", "csh"))
 
 
 def test_the_log_is_shown_when_asked_for(run, room):
@@ -772,7 +777,7 @@ def test_the_log_is_shown_when_asked_for(run, room):
 
 @pytest.mark.parametrize("start", [("--start", "-2,3"), ("--start=-2,3",)])
 def test_values_may_begin_with_a_minus_sign(run, room, start):
-    assert "lies outside the map" in refused(run("plan", room, *start, "--goal", "4,3.5"))
+    assert "lies outside the map" in check_refusal(run("plan", room, *start, "--goal", "4,3.5"))
 
 
 @pytest.mark.parametrize(
@@ -789,7 +794,7 @@ def test_values_may_begin_with_a_minus_sign(run, room, start):
     ],
 )
 def test_usage_errors_say_what_would_be_right(run, words, message):
-    err = refused(run(*words))
+    err = check_refusal(run(*words))
     assert message in err
     assert err.endswith(" (--help shows how)\n")
 
@@ -821,13 +826,13 @@ def test_the_weight_and_the_radius_are_those_asked_for(run, room, tmp_path):
         assert plan["planner"] == "any-angle"
     wide = "--start", "0.77,2", "--goal", "4,3.5"
     assert run("plan", room, *wide)[0] == 0
-    assert "robot's radius" in refused(run("plan", room, *wide, "--set", "footprint=0.25"))
+    assert "robot's radius" in check_refusal(run("plan", room, *wide, "--set", "footprint=0.25"))
 
 
 @pytest.mark.parametrize("command", ["compare", "plan", "simulate"])
 def test_what_fails_leaves_no_folder(run, tmp_path, command):
     ends = () if command == "compare" else ("--start", "1,1", "--goal", "2,2")
-    refused(run(command, tmp_path / "none.yaml", *ends, "-o", tmp_path / "out"))
+    check_refusal(run(command, tmp_path / "none.yaml", *ends, "-o", tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 
@@ -847,7 +852,7 @@ def test_what_fails_leaves_no_folder(run, tmp_path, command):
 def test_no_result_is_written_over_an_input(run, room, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     room.with_suffix(".pgm").unlink()
-    grid = drawn("##########", *["#........#"] * 6, "##########", resolution=0.5)
+    grid = ascii_map("##########", *["#........#"] * 6, "##########", resolution=0.5)
     for name in ("room", "choice"):
         save_map(grid, f"{name}.yaml", image_format="png")
     (tmp_path / "link").symlink_to(tmp_path)
@@ -902,12 +907,12 @@ def test_the_lidar_that_is_assumed_is_said(run, room):
     ],
 )
 def test_a_message_names_the_option_as_it_is_typed(run, room, command, more, message):
-    assert message in refused(run(command, room, *more))
+    assert message in check_refusal(run(command, room, *more))
 
 
 def test_a_line_of_a_path_that_is_not_finite_is_named(run, room, tmp_path):
     (tmp_path / "mine.csv").write_text("x,y\n1,2\n\n1,nan\n")
-    found = refused(run("simulate", room, "--path", tmp_path / "mine.csv"))
+    found = check_refusal(run("simulate", room, "--path", tmp_path / "mine.csv"))
     assert "mine.csv: line 4 has x, y that are not all finite" in found
 
 
@@ -922,7 +927,7 @@ def test_paths_of_one_name_are_called_by_their_folders(run, room, tmp_path):
     assert code == 0
     assert "a/01-shortest" in out
     assert "b/01-shortest" in out
-    twice = refused(run("simulate", room, *given, "--path", files[0], *arguments))
+    twice = check_refusal(run("simulate", room, *given, "--path", files[0], *arguments))
     assert "two --path files are called a/01-shortest; rename one" in twice
 
 
@@ -934,12 +939,12 @@ def test_field_option_takes_computed_field(run, room, tmp_path, monkeypatch):
     option = "--field", tmp_path / "lab.npz"
     about = json.loads(run("plan", room, "--start", "1,2", "--goal", "4,3.5", *option, "--json")[1])
     assert about["about"]["config"]["estimator"]["range"] == 1.0
-    wide = drawn("#" * 12, *["#" + "." * 10 + "#"] * 8, "#" * 12, resolution=0.5)
+    wide = ascii_map("#" * 12, *["#" + "." * 10 + "#"] * 8, "#" * 12, resolution=0.5)
     save_map(wide, tmp_path / "wide.yaml")
     mask = "--to", "ros-map", "-o", tmp_path / "mask"
-    error = refused(run("export", tmp_path / "wide.yaml", *mask, *option))
+    error = check_refusal(run("export", tmp_path / "wide.yaml", *mask, *option))
     assert "lab.npz is of another map (room); compute it of wide with locplan field" in error
-    error = refused(run("field", room, *option, "--stride", "0.3"))
+    error = check_refusal(run("field", room, *option, "--stride", "0.3"))
     assert "--stride is not read with a computed field" in error
 
 
@@ -947,7 +952,9 @@ def test_field_option_rejects_field_of_other_lidar(run, room, tmp_path):
     config = FieldConfig(Scan(Lidar(range=3.0, beams=30, model="mine")), stride=1.0)
     locplan.covariance_field(load_map(room), config).save(tmp_path / "lab.npz")
     plan = "plan", room, "--start", "1,2", "--goal", "4,3.5", "--field", tmp_path / "lab.npz"
-    assert "lab.npz is of another lidar (mine, 3 m" in refused(run(*plan, "--lidar", "turtlebot4"))
+    assert "lab.npz is of another lidar (mine, 3 m" in check_refusal(
+        run(*plan, "--lidar", "turtlebot4")
+    )
     code, out, err = run(*plan, "--drives", "0", "--json")
     assert code == 0, err
     assert json.loads(out)["robot"]["lidar"]["model"] == "mine"
@@ -972,7 +979,7 @@ def test_info_lists_settings_of_robot(run, tmp_path):
     rows = json.loads(run("info", "--settings", *files, "--json")[1])
     changed = {row["setting"]: row["value"] for row in rows}
     assert (changed["alpha1"], changed["max_particles"]) == ("0.05", "900")
-    assert "no setting 'alpha9'" in refused(run("info", "--settings", "--set", "alpha9=1"))
+    assert "no setting 'alpha9'" in check_refusal(run("info", "--settings", "--set", "alpha9=1"))
 
 
 def test_info_settings_fit_on_narrow_terminal(run, monkeypatch):
@@ -992,7 +999,7 @@ def test_info_lists_names_without_map(run):
     for name in ("two_corridors", "turtlebot4", "any-angle", "BITstar", "locplan info --settings"):
         assert name in out
     assert "turtlebot4" in json.loads(run("info", "--json")[1])["lidars"]
-    assert "name a map" in refused(run("info", "--lidars"))
+    assert "name a map" in check_refusal(run("info", "--lidars"))
 
 
 def test_settings_that_info_lists_can_be_set(run):

@@ -9,11 +9,10 @@ import sys
 
 import numpy as np
 import pytest
-from app.test_explorer_page import server, visit  # noqa: F401
-from conftest import refused
-from maps.test_map_faults import blocks
-from support.explorer_page import browser_file, served
-from support.explorer_views import answered
+from support.command_line import check_refusal
+from support.explorer_page import browser_file, serve
+from support.explorer_views import ask_session
+from support.maps import blocks
 
 import locplan
 from locplan.app.explorer.check_reports import CheckReport
@@ -63,7 +62,7 @@ def session_on(folder) -> Session:
 
 
 def test_report_is_read_with_routes_and_fixes(checked):
-    told = answered(session_on(checked), "checked")
+    told = ask_session(session_on(checked), "checked")
     about = json.loads((checked / "check.json").read_text())
     assert [each["letter"] for each in told["spots"]] == [
         each["letter"] for each in about["weak_spots"]
@@ -101,7 +100,7 @@ def test_a_path_that_the_check_recommends_is_shown(checked, tmp_path):
     route = about["routes"][0]
     path = locplan.Path([route["start"], [1.0, 2.0], route["goal"]])
     path.save(folder / f"{route['name'].replace(' ', '-')}.csv")
-    first, *others = answered(session_on(folder), "checked")["routes"]
+    first, *others = ask_session(session_on(folder), "checked")["routes"]
     assert np.allclose(first["chosen"], path.xy, atol=1e-3)
     assert all(each["chosen"] is None for each in others)
 
@@ -124,7 +123,7 @@ def test_a_path_that_the_check_recommends_is_shown(checked, tmp_path):
 def test_a_bad_report_gets_one_line(checked, tmp_path, run, damage, fault):
     shutil.copytree(checked.parent, tmp_path / "copy")
     damage(tmp_path / "copy" / "report")
-    err = refused(run("explore", "--check", tmp_path / "copy" / "report", "--no-browser"))
+    err = check_refusal(run("explore", "--check", tmp_path / "copy" / "report", "--no-browser"))
     assert fault in err
 
 
@@ -138,18 +137,18 @@ def test_a_bad_report_gets_one_line(checked, tmp_path, run, damage, fault):
     ],
 )
 def test_a_map_or_a_report_is_named_and_not_both(run, arguments, fault):
-    assert fault in refused(run("explore", *arguments))
+    assert fault in check_refusal(run("explore", *arguments))
 
 
 # The page
 
 
 @in_browser
-def test_clicked_route_becomes_start_and_goal(visit, checked):  # noqa: F811
+def test_clicked_route_becomes_start_and_goal(visit, checked):
     report = CheckReport.read(checked)
     grid, config = load_map(report.map_file), config_of(report.robot)
     field = load_or_compute(grid, config)
-    with served(grid, field, robot=report.robot, report=report, **report.ends) as explorer:
+    with serve(grid, field, robot=report.robot, report=report, **report.ends) as explorer:
         seen = visit(explorer.address)
         seen.wait("#checked-group", "visible")
         assert seen.text("#checked-next") == " ".join(report.about["next"]["sentence"].split())

@@ -14,7 +14,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import GUARD, random_rooms, refused
+from support.command_line import TERMINAL_CODE, check_refusal
+from support.machine import TIMEOUT
+from support.maps import random_rooms
 
 import locplan
 from locplan.app.explorer.explorer import Explorer
@@ -22,13 +24,6 @@ from locplan.errors import LocplanError
 from locplan.maps import OCCUPIED, OccupancyGrid
 
 ARGUMENTS = ("--stride", "0.4", "--no-browser")
-
-
-AS_IN_A_TERMINAL = (
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    "from locplan.__main__ import main; main()"
-)
-"""The command; a process in the background may have inherited that SIGINT is ignored."""
 
 
 @contextmanager
@@ -58,7 +53,7 @@ def map_file(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT")
 def test_the_command_serves_until_ctrl_c(map_file):
-    command = [sys.executable, "-c", AS_IN_A_TERMINAL, "explore", str(map_file), *ARGUMENTS]
+    command = [sys.executable, "-c", TERMINAL_CODE, "explore", str(map_file), *ARGUMENTS]
     with (
         subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ}
@@ -69,14 +64,14 @@ def test_the_command_serves_until_ctrl_c(map_file):
         begin, _, token = address.partition("/?token=")
         port = int(begin.rpartition(":")[2])
         assert begin == f"http://127.0.0.1:{port}"
-        link = http.client.HTTPConnection("127.0.0.1", port, timeout=GUARD)
+        link = http.client.HTTPConnection("127.0.0.1", port, timeout=TIMEOUT)
         link.request("GET", "/about", headers={"Cookie": f"locplan-{port}={token}"})
         response = link.getresponse()
         assert response.read()
         assert response.status == 200
         link.close()
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=GUARD)
+        out, err = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 130
     assert out == ""
     assert err.splitlines() == [
@@ -125,13 +120,13 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     ],
 )
 def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):
-    assert fault in refused(run("explore", map_file, *ARGUMENTS, *arguments))
+    assert fault in check_refusal(run("explore", map_file, *ARGUMENTS, *arguments))
 
 
 def test_without_the_extra_one_line_tells_what_to_install(run, map_file, monkeypatch):
     found = "locplan._support.public.find_spec"
     monkeypatch.setattr(found, lambda name: None if name == "uvicorn" else True)
-    err = refused(run("explore", map_file, *ARGUMENTS))
+    err = check_refusal(run("explore", map_file, *ARGUMENTS))
     assert "the explorer needs uvicorn: pip install 'locplan[explore]'" in err
     with pytest.raises(LocplanError, match=r"locplan\[explore\]"):
         locplan.explore(room(), open_browser=False)

@@ -7,8 +7,8 @@ import math
 import re
 
 import pytest
-from conftest import few_of
-from support.explorer_page import STATIC, Seen, browser_file, corridors, served
+from support.cases import sample_cases
+from support.explorer_page import STATIC, Seen, browser_file, corridors, serve
 
 from locplan.field import load_or_compute
 from locplan.maps import OccupancyGrid
@@ -19,39 +19,6 @@ pytestmark = pytest.mark.skipif(browser_file() is None, reason="no chromium on t
 
 TEAL, RED = (8, 122, 126), (178, 20, 66)
 """Colours of the aware path, and of the simulated path with the greatest error, on a light page."""
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOCPLAN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
-        with served(*corridors(), folder=tmp_path_factory.mktemp("written")) as explorer:
-            yield explorer
-
-
-@pytest.fixture
-def visit(browser, server):
-    """Open the page in a window of its own; at the end nothing may have gone wrong."""
-    contexts, pages = [], []
-
-    def opened(address=None, permissions=(), **options) -> Seen:
-        options = {"viewport": {"width": 1200, "height": 800}} | options
-        contexts.append(browser.new_context(**options))
-        contexts[-1].grant_permissions(list(permissions))
-        pages.append(Seen(contexts[-1].new_page()))
-        return pages[-1].open(address or server.address)
-
-    yield opened
-    faults = [fault for seen in pages for fault in seen.faults]
-    foreign = [url for seen in pages for url in seen.addresses if not is_ours(url)]
-    for context in contexts:
-        context.close()
-    assert faults == []
-    assert foreign == []
-
-
-def is_ours(url: str) -> bool:
-    return re.match(r"(http|ws)://127\.0\.0\.1:|file:|blob:|data:", url) is not None
 
 
 def test_the_paths_follow_while_the_goal_is_dragged(visit):
@@ -370,11 +337,11 @@ def test_a_server_started_anew_is_told_apart_from_one_that_is_silent(browser):
     grid, field = corridors()
     context = browser.new_context()
     seen = Seen(context.new_page())
-    with served(grid, field) as first:
+    with serve(grid, field) as first:
         seen.open(first.address)
         port = int(re.search(r":(\d+)/", first.address).group(1))
     seen.page.locator("#status", has_text="does not answer").wait_for()
-    with served(grid, field, port=port) as second:
+    with serve(grid, field, port=port) as second:
         seen.page.locator("#status", has_text="open the address that it printed").wait_for()
         seen.open(second.address)
         assert seen.page.locator("#status").is_hidden()
@@ -462,12 +429,13 @@ def tall_server(server):
     wide, field = corridors()
     grid = OccupancyGrid(wide.cells.T.copy(), wide.resolution, name="tall")
     ends = {"start": (3.0, 41.0), "goal": (3.0, 1.0)}
-    with served(grid, load_or_compute(grid, field.config), **ends) as explorer:
+    with serve(grid, load_or_compute(grid, field.config), **ends) as explorer:
         yield explorer
 
 
 @pytest.mark.parametrize(
-    ("width", "height"), few_of([(390, 844), (320, 640), (760, 450), (1280, 720)], are_rows=True)
+    ("width", "height"),
+    sample_cases([(390, 844), (320, 640), (760, 450), (1280, 720)], are_rows=True),
 )
 def test_the_map_lies_beside_all_cards(visit, tall_server, width, height):
     seen = visit(tall_server.address, viewport={"width": width, "height": height})
@@ -487,7 +455,7 @@ def test_the_map_lies_beside_all_cards(visit, tall_server, width, height):
 @pytest.mark.long
 def test_a_turned_map_is_drawn_along_its_own_axes(visit, tmp_path):
     yaw = 0.5
-    with served(*corridors(yaw)) as turned:
+    with serve(*corridors(yaw)) as turned:
         seen = visit(turned.address)
         seen.page.locator(".marker.start").focus()
         x, y = seen.place("start")
@@ -502,7 +470,7 @@ def test_a_turned_map_is_drawn_along_its_own_axes(visit, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("distro", "minds"), few_of([("kilted", True), ("humble", False)], are_rows=True)
+    ("distro", "minds"), sample_cases([("kilted", True), ("humble", False)], are_rows=True)
 )
 def test_an_export_says_where_it_went_and_what_to_mind(visit, distro, minds):
     seen = visit()

@@ -5,20 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import GUARD
 from support.explorer_views import (
     GOAL,
     MIDDLE,
     ROBOT,
     START,
     WAY,
-    Ended,
+    Interrupted,
     Session,
-    answered,
+    ask_session,
     corridors,
-    ending_after,
-    session_of,
+    interrupt_after,
+    open_session,
 )
+from support.machine import TIMEOUT
 
 from locplan.app.explorer.scene import Opening
 from locplan.errors import ConfigError, LocplanError
@@ -28,13 +28,15 @@ LONG = ("simulate", "export")
 
 @pytest.fixture(scope="module")
 def session():
-    made = session_of()
+    made = open_session()
     yield made
     made.close()
 
 
 def test_a_simulation_is_answered_with_intervals_and_profiles(session):
-    told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=3)
+    told = ask_session(
+        session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=3
+    )
     assert told["taken"] in {each["name"] for each in told["candidates"]}
     for each in told["candidates"]:
         assert len(each["driven"]["error"]) == len(each["driven"]["lost_rate"]) == 3
@@ -44,17 +46,19 @@ def test_a_simulation_is_answered_with_intervals_and_profiles(session):
 
 
 def test_the_robot_of_the_command_line_is_simulated():
-    session = session_of(robot=ROBOT.changed({"laser_model_type": "likelihood_field_prob"}))
-    told = answered(session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=2)
+    session = open_session(robot=ROBOT.changed({"laser_model_type": "likelihood_field_prob"}))
+    told = ask_session(
+        session, "simulate", **{**WAY, "via": [list(MIDDLE)], "weight": 12}, drives=2
+    )
     assert "likelihood_field_prob" in told["driven"]
     session.close()
 
 
 def test_exports_go_to_the_folder_of_the_command_line_only(session, tmp_path):
     with pytest.raises(ConfigError, match="folder"):
-        answered(session, "export", **WAY)
-    with_folder = session_of(folder=tmp_path)
-    told = answered(with_folder, "export", **WAY, to="path")
+        ask_session(session, "export", **WAY)
+    with_folder = open_session(folder=tmp_path)
+    told = ask_session(with_folder, "export", **WAY, to="path")
     (file,) = told["files"]
     assert {each.name for each in tmp_path.iterdir()} == {file, f"{file}.run.yaml"}
     with_folder.close()
@@ -80,7 +84,7 @@ def test_exports_go_to_the_folder_of_the_command_line_only(session, tmp_path):
 )
 def test_malformed_ways_are_refused_in_one_line(session, do, wrong):
     with pytest.raises(LocplanError) as error:
-        answered(session, do, **{**WAY, **wrong})
+        ask_session(session, do, **{**WAY, **wrong})
     assert "\n" not in str(error.value)
 
 
@@ -100,7 +104,7 @@ def test_malformed_settings_are_refused_in_one_line(tmp_path, session, do, wrong
     session.opening = dataclasses.replace(before, folder=tmp_path)
     try:
         with pytest.raises(LocplanError) as error:
-            answered(session, do, **{**WAY, **wrong})
+            ask_session(session, do, **{**WAY, **wrong})
         assert "\n" not in str(error.value)
         assert not list(tmp_path.iterdir())
     finally:
@@ -109,17 +113,17 @@ def test_malformed_settings_are_refused_in_one_line(tmp_path, session, do, wrong
 
 @pytest.mark.parametrize("do", [*LONG, "share"])
 def test_without_a_field_every_long_ask_says_so(do, tmp_path):
-    bare = session_of(with_field=False, folder=tmp_path)
+    bare = open_session(with_field=False, folder=tmp_path)
     with pytest.raises(ConfigError, match="field"):
-        answered(bare, do, **WAY, view=WAY)
+        ask_session(bare, do, **WAY, view=WAY)
     bare.close()
 
 
 @pytest.mark.parametrize("do", ["simulate", "share", "export"])
 def test_a_cancelled_ask_goes_no_further(session, do, tmp_path):
-    progress, seen = ending_after(1)
-    with pytest.raises(Ended):
-        answered(session, do, progress=progress, **WAY, view=WAY)
+    progress, seen = interrupt_after(1)
+    with pytest.raises(Interrupted):
+        ask_session(session, do, progress=progress, **WAY, view=WAY)
     assert len(seen) == 1
     assert not list(tmp_path.iterdir())
 
@@ -127,7 +131,7 @@ def test_a_cancelled_ask_goes_no_further(session, do, tmp_path):
 @pytest.fixture
 def own():
     """A session whose map may be changed."""
-    made = session_of()
+    made = open_session()
     yield made
     made.close()
 
@@ -137,7 +141,7 @@ def own():
 
 def shared_file(session: Session, folder: Path) -> Path:
     """A shared page on the disk."""
-    told = answered(session, "share", view={**WAY, "layer": "sigma"})
+    told = ask_session(session, "share", view={**WAY, "layer": "sigma"})
     found = session.download(told["download"])
     assert (found.name, len(found.content)) == (told["name"], told["bytes"])
     assert found.media_type == "text/html"
@@ -147,7 +151,7 @@ def shared_file(session: Session, folder: Path) -> Path:
 
 
 def test_a_shared_page_tells_no_folder_of_the_machine(tmp_path):
-    session = session_of(folder=tmp_path / "secret-place")
+    session = open_session(folder=tmp_path / "secret-place")
     text = shared_file(session, tmp_path).read_text()
     assert "secret-place" not in text
     assert '"aware":{"xy":' in text.replace('"aware":{"length"', '"aware":{"xy":')
@@ -160,7 +164,7 @@ def test_a_view_that_changes_while_it_is_packed_is_not_shared(own, monkeypatch):
 
     monkeypatch.setattr("locplan.app.explorer.sharing.plan", edited)
     with pytest.raises(ConfigError, match="share the view again"):
-        answered(own, "share", view={"start": list(START), "goal": list(GOAL)})
+        ask_session(own, "share", view={"start": list(START), "goal": list(GOAL)})
 
 
 @pytest.mark.long
@@ -185,7 +189,7 @@ def test_a_shared_page_opens_from_the_disk_and_paints(tmp_path):
         page.on("console", lambda said: said.type == "error" and faults.append(said.text))
         page.on("dialog", lambda dialog: faults.append("a dialog"))
         page.goto(file.as_uri())
-        page.locator("html[data-state=ready]").wait_for(timeout=1000 * GUARD)
+        page.locator("html[data-state=ready]").wait_for(timeout=1000 * TIMEOUT)
         page.locator("canvas").first.wait_for()
         shot = page.locator("#stage").screenshot()
         browser.close()

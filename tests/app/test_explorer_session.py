@@ -16,8 +16,9 @@ from contextlib import suppress
 import numba
 import numpy as np
 import pytest
-from conftest import GUARD, drawn, random_rooms
-from support.explorer_views import Ended, Session, ending_after
+from support.explorer_views import Interrupted, Session, interrupt_after
+from support.machine import TIMEOUT
+from support.maps import ascii_map, random_rooms
 
 import locplan
 from locplan.app.explorer.scene import Limits, Opening
@@ -230,12 +231,12 @@ def test_idle_searches_from_the_stops_that_a_drag_leaves_at_rest(session, monkey
 
 def test_idle_ends_where_one_of_its_searches_is_ended(session, monkeypatch):
     def ended(*_, **__):
-        raise Ended
+        raise Interrupted
 
     start, goal = free_places(session, 2, seed=9)
     session.kept.forget()
     monkeypatch.setattr("locplan._support.kernels.search.search", ended)
-    with pytest.raises(Ended):
+    with pytest.raises(Interrupted):
         answer(session, "idle", start=start, goal=goal, weight=4.0)
 
 
@@ -334,7 +335,7 @@ def test_drafts_cost_what_they_would_at_the_weight_of_the_aware_path(session, mo
 
 
 def test_positions_in_walls_move_to_the_nearest_cell_of_the_same_part():
-    grid = drawn(
+    grid = ascii_map(
         "..........",
         "##########",
         "##########",
@@ -357,7 +358,7 @@ def test_positions_in_walls_move_to_the_nearest_cell_of_the_same_part():
 
 
 def test_positions_far_from_free_cells_are_refused():
-    session = bare(drawn(".....###########"))
+    session = bare(ascii_map(".....###########"))
     assert planned(session, [(0.5, 0.5), (4.5 + 3.0, 0.5)], 4.0)["goal"] == [4.5, 0.5]
     with pytest.raises(LocplanError, match=r"the goal .* no free cell within 3 m"):
         planned(session, [(0.5, 0.5), (4.6 + 3.0, 0.5)], 4.0)
@@ -384,7 +385,7 @@ def test_snapping_finds_what_a_search_of_all_cells_finds(seed):
 
 
 def test_unreachable_goals_have_no_path_and_a_reason():
-    grid = drawn("......#......", "......#......", resolution=0.5)
+    grid = ascii_map("......#......", "......#......", resolution=0.5)
     session = session_of(grid)
     found = planned(session, [(0.3, 0.3), (5.0, 0.3)], 4.0)
     assert found["aware"] is found["shortest"] is None
@@ -665,8 +666,8 @@ def test_other_settings_give_the_field_of_the_library():
 
 def test_cancelled_settings_leave_the_old_field():
     session = session_of(rooms())
-    before, (progress, _) = session.scene, ending_after(1)
-    with pytest.raises(Ended):
+    before, (progress, _) = session.scene, interrupt_after(1)
+    with pytest.raises(Interrupted):
         answer(session, "configure", progress, range=2.0)
     session.latest.result()
     assert session.config == SAD
@@ -677,8 +678,8 @@ def test_cancelled_settings_leave_the_old_field():
 def test_settings_hear_of_their_own_field_only(tmp_path):
     session = session_of(rooms(), cache_dir=tmp_path)
     for cancelled in (False, True):
-        progress, told = ending_after(1 if cancelled else 10**6)
-        with suppress(Ended):
+        progress, told = interrupt_after(1 if cancelled else 10**6)
+        with suppress(Interrupted):
             answer(session, "configure", progress, range=2.0 if cancelled else 1.2)
         assert told
         told.clear()
@@ -699,9 +700,9 @@ def test_settings_end_with_the_session(tmp_path):
 
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(answer, session, "configure", progress, range=2.0)
-        assert begun.wait(GUARD)
+        assert begun.wait(TIMEOUT)
         session.close()
-        assert type(asked.exception(GUARD)).__name__ == "Cancelled"
+        assert type(asked.exception(TIMEOUT)).__name__ == "Cancelled"
 
 
 def test_released_plans_end_within_their_searches(session, monkeypatch):
@@ -715,7 +716,7 @@ def test_released_plans_end_within_their_searches(session, monkeypatch):
 
         def check(cancel):
             if next(left) > most:
-                raise Ended
+                raise Interrupted
 
         monkeypatch.setattr("locplan.app.explorer.requests.Cancel.check", check)
         return planned(session, [start, goal], 4.0), next(left) - 1
@@ -726,7 +727,7 @@ def test_released_plans_end_within_their_searches(session, monkeypatch):
     plans = plan_beside_shortest(session.costs(4.0), start, goal)
     assert is_path(found["aware"], plans[AWARE].path)
     for most in range(0, many, 5):
-        with pytest.raises(Ended):
+        with pytest.raises(Interrupted):
             looks(10, most)
         assert not any(key[0] == "flood" for key in session.kept.keys)
 

@@ -10,13 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.explorer_views import (
-    MIDDLE,
-    WAY,
-    answered,
-    corridors,
-    session_of,
-)
+from support.explorer_views import MIDDLE, WAY, ask_session, corridors, open_session
 
 import locplan
 from locplan.errors import ConfigError, LocplanError
@@ -34,13 +28,13 @@ PAGE_FORMATS = ("nav2-keepout", "nav2-speed", "path")
 def exported(folder, *, force=False, grid=None, progress=lambda *_: None, **asked):
     """What the page gets of an export into a folder."""
     with contextlib.ExitStack() as ends:
-        session = session_of(with_field=grid is None, folder=folder, force=force)
+        session = open_session(with_field=grid is None, folder=folder, force=force)
         ends.callback(session.close)
         if grid is not None:
             session.original = session.grid = grid
             own = dataclasses.replace(corridors()[1], grid=grid)
             session.begin(own).result()
-        return answered(session, "export", progress=progress, **(WAY | asked))
+        return ask_session(session, "export", progress=progress, **(WAY | asked))
 
 
 def test_an_export_is_that_of_the_library(tmp_path):
@@ -144,9 +138,9 @@ def page_of(monkeypatch=None, static=None, **named) -> str:
     """A page of the corridors that is handed on, of the files in another folder perhaps."""
     if static is not None:
         monkeypatch.setattr("locplan.app.explorer.sharing.STATIC", static)
-    session = session_of()
+    session = open_session()
     session.original = dataclasses.replace(session.original, **named)
-    told = answered(session, "share", view={**WAY, "layer": "sigma"})
+    told = ask_session(session, "share", view={**WAY, "layer": "sigma"})
     content = session.download(told["download"]).content
     assert told["bytes"] == len(content)
     session.close()

@@ -9,8 +9,9 @@ import random
 import threading
 
 import pytest
-from conftest import GUARD, random_rooms
-from support.explorer_server import Page, fetched, linked, served
+from support.explorer_server import Page, connect_socket, fetch, serve
+from support.machine import TIMEOUT
+from support.maps import random_rooms
 
 import locplan
 from locplan.app.explorer.scene import Limits
@@ -36,13 +37,13 @@ def server(tmp_path_factory):
         "folder": folder / "out",
         "robot": locplan.Robot(footprint=0.1, margin=0.0),
     }
-    with served(room(), CONFIG, **given) as server:
+    with serve(room(), CONFIG, **given) as server:
         yield server
 
 
 @pytest.fixture
 def page(server):
-    with linked(server) as link:
+    with connect_socket(server) as link:
         yield Page(link)
 
 
@@ -53,7 +54,7 @@ def held(monkeypatch):
 
     def wait(session, ask, work):
         begun.release()
-        assert let_go.wait(GUARD)
+        assert let_go.wait(TIMEOUT)
         work.cancel.check()
         return {"n": ask.whole("n", 0, 100, 0)}
 
@@ -95,7 +96,7 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
 
     def work_on(session, ask, work):
         begun.release()
-        assert let_go.wait(GUARD)
+        assert let_go.wait(TIMEOUT)
         work.progress(1, 2)
         return {"n": ask.whole("n", 0, 100, 0)}
 
@@ -120,7 +121,7 @@ def test_every_edit_is_answered_though_newer_ones_wait(page, held):
 
 def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, held):
     begun, let_go = held
-    with linked(server) as link:
+    with connect_socket(server) as link:
         other = Page(link)
         one, two = page.send("simulate", n=1), other.send("simulate", n=2)
         begun.acquire()
@@ -145,22 +146,22 @@ def test_a_page_that_goes_ends_its_work(server, monkeypatch):
 
     def wait(session, ask, work):
         begun.release()
-        assert let_go.wait(GUARD)
+        assert let_go.wait(TIMEOUT)
         if work.cancel.cancelled:
             seen.set()
         return {}
 
     monkeypatch.setattr("locplan.app.explorer.simulations.simulate", wait)
     before = len(server.session.listeners)
-    with linked(server) as link:
+    with connect_socket(server) as link:
         page = Page(link)
         page.send("simulate")
         begun.acquire()
-    with linked(server) as link:
+    with connect_socket(server) as link:
         while len(server.session.listeners) > before + 1:
             Page(link).ask("at", x=0.0, y=0.0)
     let_go.set()
-    assert seen.wait(GUARD)
+    assert seen.wait(TIMEOUT)
 
 
 def test_too_many_waiting_questions_are_refused(server, page, held, monkeypatch):
@@ -195,7 +196,7 @@ def test_a_fault_within_an_answer_is_one_line(page, monkeypatch):
 
 
 def test_an_edit_is_seen_by_all_pages_and_undone_by_any(server):
-    with linked(server) as one, linked(server) as other:
+    with connect_socket(server) as one, connect_socket(server) as other:
         first, second = Page(one), Page(other)
         before = first.state
         x, y = before["start"]
@@ -210,7 +211,7 @@ def test_an_edit_is_seen_by_all_pages_and_undone_by_any(server):
         assert seen[0]["map"] == seen[1]["map"]
         assert seen[0]["map"]["can_undo"]
         assert seen[0]["map"]["edited"]
-        assert fetched(server, f"/data/cells/{seen[0]['map']['digest']}")[0] == 200
+        assert fetch(server, f"/data/cells/{seen[0]['map']['digest']}")[0] == 200
         second.ask("undo")
         for page in (first, second):
             page.state_when(lambda state: state["field"]["digest"] == before["field"]["digest"])
@@ -250,9 +251,9 @@ def test_states_come_in_their_order(page, server, monkeypatch):
 
 
 def test_a_page_that_comes_back_finds_the_session_as_it_is(server):
-    with linked(server) as link:
+    with connect_socket(server) as link:
         before = Page(link).state
-    with linked(server) as link:
+    with connect_socket(server) as link:
         assert Page(link).state == before
 
 
@@ -306,7 +307,7 @@ def test_malformed_bytes_do_not_end_the_page(page):
 
 def test_random_questions_are_answered_by_a_result_or_one_line(server):
     chance, start = random.Random(SEED), None
-    with linked(server) as link:
+    with connect_socket(server) as link:
         page = Page(link)
         start, goal = page.state["start"], page.state["goal"]
         for _ in range(300):

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import random_rooms
+from support.maps import random_rooms
 
 import locplan
 from locplan.app.explorer.scene import Opening

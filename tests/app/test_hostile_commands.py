@@ -10,7 +10,8 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from conftest import drawn, refused
+from support.command_line import check_refusal
+from support.maps import ascii_map
 
 from locplan import Lidar, save_map
 from locplan.app.cli.application import COMMANDS, application
@@ -61,7 +62,9 @@ def takes(argument: Any, kind: type) -> bool:
 def room(tmp_path, monkeypatch) -> str:
     """A map in the folder here, where there is no file `absent`, and a folder `empty`."""
     monkeypatch.chdir(tmp_path)
-    save_map(drawn("#" * 12, *["#" + "." * 10 + "#"] * 8, "#" * 12, resolution=0.25), "room.yaml")
+    save_map(
+        ascii_map("#" * 12, *["#" + "." * 10 + "#"] * 8, "#" * 12, resolution=0.25), "room.yaml"
+    )
     Path("empty").mkdir()
     Recording(np.ones((3, 4)), Lidar(range=10.0, beams=4), np.zeros((3, 3))).save("drive.npz")
     return "room.yaml"
@@ -79,7 +82,7 @@ def test_command_refuses_missing_file_folder_and_nan(run, room, command):
             bad = ["absent", "empty"] * takes(argument, Path) + ["nan"] * takes(argument, float)
             words = [(first, *given, name, each) for each in bad]
         for line in words:
-            refused(run(command, *line))
+            check_refusal(run(command, *line))
 
 
 @pytest.mark.skipif(

@@ -8,7 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import GUARD, drawn, few_of
+from support.cases import sample_cases
+from support.machine import TIMEOUT
+from support.maps import ascii_map
 
 from locplan import save_map
 from locplan._support.output import temporary_folder
@@ -58,14 +60,14 @@ def begun(folder: Path, code: str, disposition: str = "default_int_handler") -> 
             "LOCPLAN_CACHE": str(folder / "cache"),
         },
     )
-    assert process.stdout.readline() == "stuck\n", process.communicate(timeout=GUARD)[1]
+    assert process.stdout.readline() == "stuck\n", process.communicate(timeout=TIMEOUT)[1]
     return process
 
 
 def ended(process: subprocess.Popen, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
     """Exit code and standard error of a process group that got a signal."""
     os.killpg(process.pid, number)
-    _, err = process.communicate(timeout=GUARD)
+    _, err = process.communicate(timeout=TIMEOUT)
     with pytest.raises(ProcessLookupError):  # nobody of the group is left
         os.killpg(process.pid, 0)
     return process.returncode, err
@@ -169,7 +171,7 @@ with replacing("new.txt") as file, temporary_folder():
         with temporary_folder(folder) as own:
             assert len(list(folder.glob(".locplan-tmp-*"))) == 2  # the process lives
     process.kill()
-    process.communicate(timeout=GUARD)
+    process.communicate(timeout=TIMEOUT)
     for folder in (tmp_path, tmp_path / "temporary"):
         with temporary_folder(folder) as own:
             assert list(folder.glob(".locplan-tmp-*")) == [own]
@@ -186,7 +188,7 @@ def test_other_signals_end_a_command(tmp_path, number, expected):
 def test_a_signal_to_the_first_process_alone_reaches_the_second(tmp_path):
     process = begun(tmp_path, supervised("stuck()"))
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=GUARD)[1] == "locplan: interrupted\n"
+    assert process.communicate(timeout=TIMEOUT)[1] == "locplan: interrupted\n"
     assert process.returncode == 130
 
 
@@ -194,7 +196,7 @@ def test_a_signal_to_the_first_process_alone_reaches_the_second(tmp_path):
 def test_the_second_process_ends_with_the_first(tmp_path):
     process = begun(tmp_path, supervised("stuck()"))
     process.kill()
-    process.communicate(timeout=GUARD)  # its pipes close when the second process has ended
+    process.communicate(timeout=TIMEOUT)  # its pipes close when the second process has ended
 
 
 def test_exit_codes_are_passed_on_and_a_crash_is_one_line(tmp_path):
@@ -211,7 +213,7 @@ def test_exit_codes_are_passed_on_and_a_crash_is_one_line(tmp_path):
         folder = tmp_path / str(n)
         folder.mkdir()
         process = begun(folder, supervised(work))
-        err = process.communicate(timeout=GUARD)[1]
+        err = process.communicate(timeout=TIMEOUT)[1]
         assert (process.returncode, err) == expected
 
 
@@ -219,7 +221,7 @@ def test_an_interrupt_that_was_ignored_from_the_start_stays_ignored(tmp_path):
     work = "print('stuck', flush=True)\ninput()\nprint('done')"
     process = begun(tmp_path, supervised(work), "SIG_IGN")
     os.killpg(process.pid, signal.SIGINT)
-    assert process.communicate("\n", timeout=GUARD) == ("done\n", "")
+    assert process.communicate("\n", timeout=TIMEOUT) == ("done\n", "")
     assert process.returncode == 0
 
 
@@ -263,13 +265,13 @@ def stops() -> list:
     ]
     numbers = itertools.cycle((signal.SIGINT, signal.SIGTERM))
     signalled = [(*stop, number) for stop, number in zip(each, numbers, strict=False)]
-    return few_of(signalled, 4)  # computing, worker processes, writing and driving
+    return sample_cases(signalled, 4)  # computing, worker processes, writing and driving
 
 
 @pytest.mark.parametrize("stop", stops(), ids=lambda stop: "-".join([stop[1][0], stop[2].name]))
 def test_command_ends_where_it_is_and_leaves_nothing(tmp_path, stop):
     where, arguments, number = stop
-    grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
+    grid = ascii_map("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     save_map(grid, tmp_path / "room.yaml")
     before = sorted(each.name for each in tmp_path.iterdir())
     name, *options = arguments

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from conftest import drawn
+from support.maps import ascii_map
 
 from locplan import save_map
 from locplan._support.output import Output
@@ -96,7 +96,7 @@ def check_is_whole(home: Path, users: dict[str, str], values: tuple[str, ...]) -
 def prepare(home: Path, name: str) -> int:
     """Let a folder have maps, notes, and results that replaced earlier ones; return the steps."""
     command, (first, second) = COMMANDS[name], VALUES.get(name, ("4", "5"))
-    grid = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
+    grid = ascii_map("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=0.5)
     for each in ("room", "other"):
         save_map(grid, home / f"{each}.yaml")
     (home / "notes.txt").write_text("mine")

@@ -7,7 +7,7 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 from locplan import __main__ as program
 from locplan._support import progress
@@ -19,7 +19,7 @@ CONFIG = FieldConfig(Sad(range=0.5))
 
 @pytest.fixture
 def folder(tmp_path):
-    grid = drawn("#" * 40, *["#" + "." * 38 + "#"] * 30, "#" * 40, resolution=0.1)
+    grid = ascii_map("#" * 40, *["#" + "." * 38 + "#"] * 30, "#" * 40, resolution=0.1)
     load_or_compute(grid, CONFIG, cache_dir=tmp_path)
     return SimpleNamespace(grid=grid, cache=tmp_path)
 

@@ -11,7 +11,7 @@ import sys
 import time
 
 import pytest
-from conftest import SHARED_DATA
+from support.machine import SHARED_DATA
 
 import locplan
 from locplan.robots import Robot

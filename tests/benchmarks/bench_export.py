@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from export.test_masks import compare_with_smac, far_apart
+from support.smac import compare_with_smac, find_far_ends
 
 from locplan import load_map
 from locplan.export import nav2_keepout, nav2_speed, plain_files, ros_map
@@ -95,7 +95,7 @@ def test_smac2d_on_our_mask(benchmark, real_maps, tmp_path, name, weight):
 
     def run():
         for seed in range(4):
-            ends = far_apart(costs, seed)
+            ends = find_far_ends(costs, seed)
             theirs, ours, _ = compare_with_smac(tmp_path / f"{seed}", costs, *ends)
             ratios.append(theirs.cost / ours.cost - 1)
 

@@ -11,10 +11,9 @@ import time
 import cv2
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
-from field.test_block_bounds import PlainSad
-from field.test_sad import mismatch_counts
 from numba import njit
+from support.machine import SHARED_DATA
+from support.sad import PlainSad, count_mismatches
 
 from benchmarks.opencv_forms import masked_norm, packed_hamming
 from locplan._support.kernels.simd import LANES, add_matches, add_to, zeros
@@ -92,7 +91,7 @@ def test_kernel_beside_opencv(benchmark, name):
     rows, cols = lattice_tile(grid, config, seed=1)
     compared = np.random.default_rng(2).integers(len(rows), size=3)
     part = MapPart.whole(grid.cells, rows[compared], cols[compared], grid.resolution)
-    by_kernel = sad.LEVEL_STEP * mismatch_counts(Layout.of(part, radius, window))
+    by_kernel = sad.LEVEL_STEP * count_mismatches(Layout.of(part, radius, window))
 
     cv2.setNumThreads(1)
     opencv = {}

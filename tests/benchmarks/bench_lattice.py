@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from planning.test_lattice import LatticeSearch, Prices
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -15,6 +14,7 @@ from benchmarks.bench_planners import best_of, rooms
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, plan
 from locplan.planning.lattice import Lattice
+from locplan.planning.lattice_search import LatticeSearch, Prices
 from locplan.robots import Footprint, Kinematics, Robot
 
 LONG = Footprint([(0.3, 0.15), (0.3, -0.15), (-0.3, -0.15), (-0.3, 0.15)])

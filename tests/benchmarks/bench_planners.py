@@ -8,11 +8,11 @@ import time
 
 import numpy as np
 import pytest
-from planning.test_movingai import map_of, read_all_scenarios, read_map, scenario_files
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
+from support.movingai import find_map_file, find_scenario_files, read_all_scenarios, read_map
 
 from locplan._support.kernels.search import bordered_half, scale_of, search, shortest_costs
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -194,8 +194,8 @@ def test_any_angle(benchmark, size, seed, monkeypatch):
 def test_all_movingai_scenarios(benchmark):
     def solve_all():
         count = worst = 0
-        for path in scenario_files():
-            density = read_map(map_of(path))
+        for path in find_scenario_files():
+            density = read_map(find_map_file(path))
             half, columns = bordered_half(density, 1), density.shape[1] + 2
             for start, goal, optimal in read_all_scenarios(path):
                 source, target = ((row + 1) * columns + col + 1 for row, col in (start, goal))

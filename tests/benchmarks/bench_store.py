@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import random_rooms
+from support.maps import random_rooms
 
 from locplan import load_map, save_map
 from locplan.field import FieldConfig, Fused, Sad, covariance_field, load_or_compute

@@ -12,7 +12,7 @@ from datetime import datetime
 from typing import get_args, get_type_hints
 
 import pytest
-from support.comparison_runs import failed, made_up, solved
+from support.comparison_runs import failed_run, fake_runs, solved_run
 
 from locplan import __version__
 from locplan.comparison.benchmarks import write_ompl_logs
@@ -36,7 +36,7 @@ def rows(database, query):
 
 
 def test_every_run_is_in_the_database(tmp_path):
-    runs = made_up({"any-angle": 1.0, "anytime: range=2": 0.9}, queries=3)
+    runs = fake_runs({"any-angle": 1.0, "anytime: range=2": 0.9}, queries=3)
     moment = datetime(2025, 3, 4, 5, 6, 7)
     logs = write_ompl_logs(
         runs,
@@ -81,8 +81,8 @@ def test_every_run_is_in_the_database(tmp_path):
 
 
 def test_progress_is_the_best_cost_at_equal_steps(tmp_path):
-    runs = made_up({"any-angle": 1.0, "anytime": 0.9}, queries=1, maps=("rooms",), seeds=2)
-    runs.append(failed(Task("rooms", "6 m", "q0", 4.0, "anytime", 3)))
+    runs = fake_runs({"any-angle": 1.0, "anytime": 0.9}, queries=1, maps=("rooms",), seeds=2)
+    runs.append(failed_run(Task("rooms", "6 m", "q0", 4.0, "anytime", 3)))
     logs = write_ompl_logs(runs, tmp_path / "logs", baseline="any-angle")
     with database(logs, tmp_path) as made:
         columns = [column[1] for column in rows(made, "PRAGMA table_info(progress)")]
@@ -104,7 +104,7 @@ def test_progress_is_the_best_cost_at_equal_steps(tmp_path):
 
 def test_a_single_query_is_no_parameter(tmp_path):
     """Planner Arena 1.0's progress page fails on parameters with one value."""
-    runs = made_up({"any-angle": 1.0}, queries=1, maps=("rooms",))
+    runs = fake_runs({"any-angle": 1.0}, queries=1, maps=("rooms",))
     with database(write_ompl_logs(runs, tmp_path / "logs"), tmp_path) as made:
         names = [column[1] for column in rows(made, "PRAGMA table_info(experiments)")]
         assert "query" not in names
@@ -114,7 +114,7 @@ def test_a_single_query_is_no_parameter(tmp_path):
 def test_every_status_has_its_name(tmp_path):
     tasks = [Task("rooms", "6 m", "q", 4.0, "mine", seed) for seed in range(len(STATUSES))]
     runs = [
-        solved(task, 9.0) if status == "solved" else failed(task, status)
+        solved_run(task, 9.0) if status == "solved" else failed_run(task, status)
         for task, status in zip(tasks, STATUSES, strict=True)
     ]
     with database(write_ompl_logs(runs, tmp_path / "logs"), tmp_path) as made:
@@ -135,7 +135,7 @@ def test_our_numbers_are_ompls_own(tmp_path):
 
     kinds = type(base.PlannerStatus.TIMEOUT)
     task = Task("map", "settings", "1", 1.0, "planner", 0)
-    (log,) = write_ompl_logs([solved(task, 9.0)], tmp_path / "logs")
+    (log,) = write_ompl_logs([solved_run(task, 9.0)], tmp_path / "logs")
     _, *names = re.search(r"^status\|.*", log.read_text(), re.M).group().split("|")
     for number in (1, 2, 3, 4, 5, 6, 7):
         assert names[number] == base.PlannerStatus(kinds(number)).asString()
@@ -146,7 +146,7 @@ def test_odd_names_and_numbers_pass(tmp_path):
         Task("büro\n|>>>", "r = 6 m", query, 0.5, "ünder; a|b, c", 0)
         for query in ("1", "a = b", " ", "nan", "ß")
     ]
-    runs = [solved(task, 9.0, max_e=-math.inf, turning=math.nan) for task in tasks]
+    runs = [solved_run(task, 9.0, max_e=-math.inf, turning=math.nan) for task in tasks]
     logs = write_ompl_logs(runs, tmp_path / "logs")
     assert all(log.read_bytes().isascii() for log in logs)
     with database(logs, tmp_path) as made:
@@ -159,7 +159,7 @@ def test_odd_names_and_numbers_pass(tmp_path):
 
 
 def test_they_join_a_database(tmp_path):
-    runs = made_up({"any-angle": 1.0}, queries=2, maps=("rooms",))
+    runs = fake_runs({"any-angle": 1.0}, queries=2, maps=("rooms",))
     logs = write_ompl_logs(runs, tmp_path / "logs")
     with database(logs[:1], tmp_path), database(logs[1:], tmp_path, "--append") as made:
         assert rows(made, "SELECT count(*) FROM experiments") == [(2,)]

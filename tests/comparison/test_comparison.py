@@ -9,7 +9,8 @@ import types
 
 import numpy as np
 import pytest
-from conftest import changed, random_rooms
+from support.fields import change_estimator
+from support.maps import random_rooms
 
 import locplan
 from locplan import save_map
@@ -52,7 +53,7 @@ def compared():
         SMALL,
         weights=[0.0, 4.0],
         seeds=[1, 2],
-        configs={"1 m": QUICK, "2 m": changed(QUICK, range=2.0)},
+        configs={"1 m": QUICK, "2 m": change_estimator(QUICK, range=2.0)},
         execution=Execution(workers=2, time_limit=0.2),
     )
 

@@ -5,22 +5,14 @@ import subprocess
 import sys
 from importlib import import_module
 
-import numpy as np
 import pytest
-from conftest import few_of
+from support.cases import sample_cases
+from support.costmaps import EMPTY_ROOM, ROOM_ENDS, blank_room
 
 import locplan
 from locplan._support.output import clear_abandoned, destination, temporary_folder
 from locplan.comparison import Execution, compare
 from locplan.errors import LocplanError
-from locplan.maps import FREE, OccupancyGrid
-
-ROOM = OccupancyGrid(np.full((30, 30), FREE), 0.1, name="room")
-ENDS = ((0.5, 0.5), (2.5, 2.0))
-
-
-def blank() -> locplan.Costmap:
-    return locplan.Costmap.blank(ROOM, robot=0.1)
 
 
 @pytest.mark.parametrize(
@@ -52,11 +44,12 @@ import sys
 for name in ("ompl", "fcntl", "resource", "cloudpickle"):
     sys.modules[name] = None
 import locplan.comparison
-from comparison.test_platforms import ENDS, blank, locplan
-print(locplan.plan(blank(), *ENDS, planner="any-angle").status)
+import locplan
+from support.costmaps import ROOM_ENDS, blank_room
+print(locplan.plan(blank_room(), *ROOM_ENDS, planner="any-angle").status)
 for planner in ("RRTstar", "PRM"):
     try:
-        locplan.plan(blank(), *ENDS, planner=planner)
+        locplan.plan(blank_room(), *ROOM_ENDS, planner=planner)
     except locplan.LocplanError as error:
         print(error)
 """
@@ -74,9 +67,10 @@ def test_comparison_runs_without_posix_modules(tmp_path):
         (tmp_path / f"{name}.py").write_text(f"raise ModuleNotFoundError('{name}')")
     code = """
 import locplan.comparison
-from comparison.test_platforms import ENDS, Execution, blank, compare
+from locplan.comparison import Execution, compare
+from support.costmaps import ROOM_ENDS, blank_room
 execution = Execution(workers=1, journal="runs.jsonl")
-(run,) = compare({"room": blank()}, "grid", [ENDS], execution=execution).runs
+(run,) = compare({"room": blank_room()}, "grid", [ROOM_ENDS], execution=execution).runs
 print(run.status, run.note)
 """
     env = {**os.environ, "PYTHONPATH": ":".join([str(tmp_path), *filter(None, sys.path)])}
@@ -103,7 +97,7 @@ def test_without_cloudpickle_only_ones_own_planners_are_refused(monkeypatch):
         return locplan.plan(costs, start, goal)
 
     monkeypatch.setitem(sys.modules, "cloudpickle", None)
-    given = {"room": blank()}, [ENDS]
+    given = {"room": blank_room()}, [ROOM_ENDS]
     (run,) = compare(given[0], "grid", given[1], execution=Execution(workers=1)).runs
     assert run.status == "solved"
     with pytest.raises(LocplanError, match=r"pip install 'locplan\[functions\]'"):
@@ -122,9 +116,11 @@ def command(folder, *arguments, env=(), before=None, **streams):
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("backend", few_of(["module://matplotlib_inline.not_there", "nonsense"]))
+@pytest.mark.parametrize(
+    "backend", sample_cases(["module://matplotlib_inline.not_there", "nonsense"])
+)
 def test_pictures_are_drawn_whatever_backend_the_environment_names(tmp_path, backend):
-    locplan.save_map(ROOM, tmp_path / "room.yaml")
+    locplan.save_map(EMPTY_ROOM, tmp_path / "room.yaml")
     env = {"MPLBACKEND": backend, "MPLCONFIGDIR": "/proc/nowhere"}
     said = command(tmp_path, "info", "room.yaml", "-o", "a.png", env=env)
     assert (said[0], said[2]) == (0, "")
@@ -147,7 +143,7 @@ def test_help_ends_however_narrow_the_terminal(tmp_path, columns):
 @pytest.mark.skipif(os.name != "posix", reason="a shell of Unix closes streams")
 @pytest.mark.parametrize("closed", [(1,), (0, 1, 2)])
 def test_closed_streams_lead_nowhere(tmp_path, closed):
-    locplan.save_map(ROOM, tmp_path / "room.yaml")
+    locplan.save_map(EMPTY_ROOM, tmp_path / "room.yaml")
 
     def before():
         for number in closed:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from support.comparison_runs import failed, made_up, solved
+from support.comparison_runs import failed_run, fake_runs, solved_run
 
 from locplan._support import intervals
 from locplan.comparison.result import Comparison
@@ -37,7 +37,7 @@ def pair(ours, theirs, measure="cost"):
     for planner, values in (("mine", ours), ("base", theirs)):
         for query, value in enumerate(values):
             task = Task("rooms", "6 m", f"q{query}", 4.0, planner, 0)
-            runs.append(solved(task, **{"cost": 10.0, measure: value}))
+            runs.append(solved_run(task, **{"cost": 10.0, measure: value}))
     return the(contrasts(runs, "base"), planner="mine", measure=measure)
 
 
@@ -47,7 +47,7 @@ def the(found, **wanted):
 
 
 def test_a_known_ratio_is_found_and_said():
-    runs = made_up({"base": 1.0, "anytime": 0.9, "dear": 3.0, "same": 1.0})
+    runs = fake_runs({"base": 1.0, "anytime": 0.9, "dear": 3.0, "same": 1.0})
     of_cost = [each for each in contrasts(runs, "base", pooled=True) if each.measure == "cost"]
     cheap = the(of_cost, planner="anytime")
     assert cheap.pairs == 24
@@ -91,7 +91,7 @@ def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
 
 def test_seeds_are_one_query_by_their_median():
     runs = [
-        solved(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), cost)
+        solved_run(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), cost)
         for query in range(6)
         for planner, costs in (("base", [10.0]), ("mine", [9.0, 9.5, 90.0]))
         for seed, cost in enumerate(costs)
@@ -103,9 +103,9 @@ def test_seeds_are_one_query_by_their_median():
 
 
 def test_a_bad_planner_changes_no_other_planners_row():
-    runs = made_up({"base": 1.0, "mine": 0.9, "bad": 2.0}, maps=("rooms",))
+    runs = fake_runs({"base": 1.0, "mine": 0.9, "bad": 2.0}, maps=("rooms",))
     late = lambda run: run.task.planner == "bad" and run.task.query != "q3"  # noqa: E731
-    runs = [failed(run.task) if late(run) else run for run in runs]
+    runs = [failed_run(run.task) if late(run) else run for run in runs]
     without = [run for run in runs if run.task.planner != "bad"]
     rows = rows_of(runs, "base")
     assert rows["mine"] == rows_of(without, "base")["mine"]
@@ -118,7 +118,7 @@ def test_a_bad_planner_changes_no_other_planners_row():
 def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
     seeds = {"base": (10.0, 10.0, 10.0), "mine": (9.0, 9.5, 90.0)}
     runs = [
-        solved(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), (query + 1) * cost)
+        solved_run(Task("rooms", "6 m", f"q{query}", 4.0, planner, seed), (query + 1) * cost)
         for query in range(5)
         for planner, costs in seeds.items()
         for seed, cost in enumerate(costs)
@@ -135,16 +135,16 @@ def test_a_rows_medians_ratio_and_verdict_are_of_the_same_values():
 
 def test_a_planner_takes_one_line_of_80_columns(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    runs = made_up({"any-angle": 1.0, "simulated choice": 0.98765}, maps=("rooms",))
+    runs = fake_runs({"any-angle": 1.0, "simulated choice": 0.98765}, maps=("rooms",))
     lines = Comparison(tuple(runs), "any-angle", {}).report().splitlines()
     head, rows = 2, 2
     assert len([line for line in lines if line.startswith("  ")]) == head + rows
 
 
 def test_only_queries_that_both_solved_are_compared():
-    runs = made_up({"base": 1.0, "mine": 0.9}, maps=("rooms",))
+    runs = fake_runs({"base": 1.0, "mine": 0.9}, maps=("rooms",))
     lost = [
-        failed(run.task) if (run.task.planner, run.task.query) == ("mine", "q3") else run
+        failed_run(run.task) if (run.task.planner, run.task.query) == ("mine", "q3") else run
         for run in runs
         if (run.task.planner, run.task.query) != ("base", "q5")
     ]
@@ -181,7 +181,9 @@ def test_shares_differ_by_percentage_points():
 )
 def test_few_pairs_tell_nothing(ours, theirs, pairs, told):
     if not pairs:
-        runs = [failed(Task("rooms", "6 m", "q", 4.0, planner, 0)) for planner in ("base", "mine")]
+        runs = [
+            failed_run(Task("rooms", "6 m", "q", 4.0, planner, 0)) for planner in ("base", "mine")
+        ]
         found = the(contrasts(runs, "base"), planner="mine", measure="cost")
     else:
         found = pair(ours, theirs)
@@ -201,7 +203,7 @@ def test_rounding_is_no_difference():
 
 
 def test_the_baseline_is_one_and_says_nothing():
-    runs = made_up({"base": 1.0, "anytime": 0.9})
+    runs = fake_runs({"base": 1.0, "anytime": 0.9})
     found = the(contrasts(runs, "base", pooled=True), planner="base", measure="cost")
     assert found.estimate == (1, 1, 1)
     assert found.sentence == ""
@@ -211,9 +213,9 @@ def test_the_baseline_is_one_and_says_nothing():
 
 def test_maps_are_strata():
     """What differs between maps does not widen the pooled interval."""
-    runs = made_up({"base": 1.0, "mine": 1.0}, queries=8, noise=0.01)
+    runs = fake_runs({"base": 1.0, "mine": 1.0}, queries=8, noise=0.01)
     apart = [
-        solved(run.task, 0.5 * run.measures["cost"])
+        solved_run(run.task, 0.5 * run.measures["cost"])
         if (run.task.map, run.task.planner) == ("office", "mine")
         else run
         for run in runs
@@ -231,7 +233,7 @@ def test_the_interval_covers_the_truth():
     costs = np.exp(np.median(queries, axis=2))
     planners = [("base", np.ones_like(costs)), ("mine", costs)]
     runs = [
-        solved(Task(str(trial), "6 m", str(query), 4.0, planner, 0), cost)
+        solved_run(Task(str(trial), "6 m", str(query), 4.0, planner, 0), cost)
         for planner, values in planners
         for (trial, query), cost in np.ndenumerate(values)
     ]
@@ -253,8 +255,8 @@ def test_percentile_bootstraps_cover_less():
 
 
 def test_success_counts_queries_not_seeds():
-    runs = made_up({"anytime": 1.0}, queries=10, maps=("rooms",))
-    lost = [failed(run.task) if run.task.query in ("q0", "q1") else run for run in runs]
+    runs = fake_runs({"anytime": 1.0}, queries=10, maps=("rooms",))
+    lost = [failed_run(run.task) if run.task.query in ("q0", "q1") else run for run in runs]
     (summary,) = summaries(lost)
     assert (summary.runs, summary.solved) == (30, 24)
     assert summary.success == pytest.approx(
@@ -266,19 +268,19 @@ def test_success_counts_queries_not_seeds():
 
 def test_quartiles_are_over_what_is_known():
     tasks = [Task("rooms", "6 m", f"q{query}", 4.0, "mine", 0) for query in range(6)]
-    runs = [solved(task, cost) for task, cost in zip(tasks, [1, 2, 3, 4, 5], strict=False)]
-    runs.append(solved(tasks[5], np.inf))
+    runs = [solved_run(task, cost) for task, cost in zip(tasks, [1, 2, 3, 4, 5], strict=False)]
+    runs.append(solved_run(tasks[5], np.inf))
     (summary,) = summaries(runs)
     assert summary.measures["cost"] == (3, 2, 4, 5)
     assert summary.measures["max_e"].known == 0
-    (nothing,) = summaries([failed(task) for task in tasks])
+    (nothing,) = summaries([failed_run(task) for task in tasks])
     assert nothing.success.value == 0
     assert all(np.isnan(each.median) for each in nothing.measures.values())
 
 
 def test_every_measure_of_nine_hundred_runs_is_compared():
     planners = {"base": 1.0, "grid": 1.04, "anytime 1": 0.99, "anytime 2": 1.01, "anytime 3": 1.1}
-    runs = made_up(planners, queries=20, maps=("a", "b"), weights=(4.0, 12.0), seeds=3)
+    runs = fake_runs(planners, queries=20, maps=("a", "b"), weights=(4.0, 12.0), seeds=3)
     assert len(runs) == 880
     assert summaries(runs)
     found = contrasts(runs, "base") + contrasts(runs, "base", pooled=True)
@@ -287,8 +289,11 @@ def test_every_measure_of_nine_hundred_runs_is_compared():
 
 
 def test_tables(tmp_path):
-    runs = [*made_up({"base": 1.0}, queries=3), failed(Task("ü, ß", "6 m", "q", 4.0, "base", 0))]
-    runs += made_up({"=1+1": -1.0}, queries=1, maps=("@x",))
+    runs = [
+        *fake_runs({"base": 1.0}, queries=3),
+        failed_run(Task("ü, ß", "6 m", "q", 4.0, "base", 0)),
+    ]
+    runs += fake_runs({"=1+1": -1.0}, queries=1, maps=("@x",))
     runs.append(replace(runs[0], task=replace(runs[0].task, seed=2**32 - 1, map="\udcff")))
     Comparison(tuple(runs), "base", {}, ABOUT).save(tmp_path / "out")
     with (tmp_path / "out" / "runs.csv").open(encoding="utf-8", newline="") as file:
@@ -302,6 +307,9 @@ def test_tables(tmp_path):
 
 def test_frame_has_every_run():
     pytest.importorskip("pandas")
-    runs = [*made_up({"base": 1.0}, queries=3), failed(Task("rooms", "6 m", "q", 4.0, "base", 0))]
+    runs = [
+        *fake_runs({"base": 1.0}, queries=3),
+        failed_run(Task("rooms", "6 m", "q", 4.0, "base", 0)),
+    ]
     frame = Comparison(tuple(runs), "base", {}, ABOUT).to_frame()
     assert frame.groupby("status").size()["solved"] == 6

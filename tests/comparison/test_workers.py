@@ -12,9 +12,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
 import pytest
-from conftest import GUARD, few_of
 from support.bad_planners import (
     boast,
     counting,
@@ -33,34 +31,19 @@ from support.bad_planners import (
     stray,
     trespass,
 )
+from support.cases import sample_cases
+from support.comparison_runs import QUERIES, room_with_door, run_comparison
+from support.machine import TIMEOUT
 
 import locplan
-from locplan.comparison import Execution, compare
 from locplan.comparison.planners import PlannerSpec
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, Query, plan
 from locplan.planning.grid import GridPlanner
 from locplan.planning.requests import FunctionPlanner
 
 HERE = Path(__file__).parents[1]
 ERRORS = ("fail", "refuse", "depart", "boast", "trespass", "stray", "print_something")
-QUERIES = [Query("there", (1.5, 1.5), (14.5, 10.5)), Query("back", (14.5, 10.5), (1.5, 1.5))]
-
-
-def room(*, door: bool = True) -> Costmap:
-    cells = np.full((12, 16), FREE, np.uint8)
-    cells[: 8 if door else 12, 8] = OCCUPIED
-    u = np.linspace(0.0, 0.9, cells.size).reshape(cells.shape)
-    costs = Costmap.from_density(OccupancyGrid(cells, 1.0, name="room"), 1.0 + u)
-    return dataclasses.replace(costs, u=u, e=u / 10, weight=1.0)
-
-
-def made(planners, queries=QUERIES, *, costs=None, weights=None, seeds=(1,), **execution):
-    """The runs of a comparison in a room."""
-    settings = {"weights": weights, "seeds": seeds, "execution": Execution(**execution)}
-    maps = {"room": room() if costs is None else costs}
-    return list(compare(maps, planners, queries, **settings).runs)
 
 
 def alive(pid: int) -> bool:
@@ -71,7 +54,7 @@ def alive(pid: int) -> bool:
 
 
 def comes_true(condition) -> bool:
-    ends = time.monotonic() + GUARD
+    ends = time.monotonic() + TIMEOUT
     while time.monotonic() < ends:
         if condition():
             return True
@@ -94,7 +77,7 @@ def untimed(run):
 def test_every_failure_costs_one_run(capfd):
     bad = [crash, leave, hog, fail, refuse, depart, boast, trespass, stray, print_something]
     ticks = []
-    runs = made(
+    runs = run_comparison(
         ["grid", *bad, "any-angle"],
         QUERIES[:1],
         workers=2,
@@ -126,7 +109,7 @@ def test_every_failure_costs_one_run(capfd):
 
 
 def test_whoever_gives_no_answer_is_ended():
-    runs = made([spin, sleep], QUERIES[:1], workers=2, patience=0.5)
+    runs = run_comparison([spin, sleep], QUERIES[:1], workers=2, patience=0.5)
     assert [run.status for run in runs] == ["hung", "hung"]
     assert {run.note for run in runs} == {"gave no answer within 0.5 s and was ended"}
     assert all(run.wall_seconds >= 0.5 for run in runs)
@@ -138,12 +121,12 @@ def test_run_after_hung_one_is_solved():
     def unhurried(costs, start, goal, *, time_limit=100.0):
         return plan(costs, start, goal)
 
-    runs = made([spin, unhurried], QUERIES[:1], workers=1, patience=0.5, time_limit=100.0)
+    runs = run_comparison([spin, unhurried], QUERIES[:1], workers=1, patience=0.5, time_limit=100.0)
     assert [run.status for run in runs] == ["hung", "solved"]
 
 
 def test_runs_are_measured_on_the_costmap_of_their_weight():
-    runs = made(["grid", "any-angle"], weights=[0, 5], workers=1)
+    runs = run_comparison(["grid", "any-angle"], weights=[0, 5], workers=1)
     order = [(run.task.weight, run.task.query, run.task.planner) for run in runs]
     assert order == [
         (weight, query.name, planner)
@@ -153,7 +136,7 @@ def test_runs_are_measured_on_the_costmap_of_their_weight():
     ]
     for run in runs:
         query = next(query for query in QUERIES if query.name == run.task.query)
-        costs = room().with_weight(run.task.weight)
+        costs = room_with_door().with_weight(run.task.weight)
         here = plan(costs, query.start, query.goal, planner=run.task.planner)
         assert run.measures["cost"] == here.metrics.cost
         assert run.measures["integrated_e"] == here.metrics.integrated_e
@@ -165,7 +148,7 @@ def test_runs_are_measured_on_the_costmap_of_their_weight():
 
 @pytest.mark.usefixtures("inline_workers")
 def test_without_a_way_there_is_a_result():
-    runs = made(["grid", "RRTstar:iterations=100"], costs=room(door=False))
+    runs = run_comparison(["grid", "RRTstar:iterations=100"], costs=room_with_door(door=False))
     assert {run.status for run in runs} == {"unreachable"}
     assert all("no path joins" in run.note for run in runs)
 
@@ -178,7 +161,7 @@ def test_seeds_are_for_those_who_take_them(tmp_path):
         "RRTstar:iterations=200,seed=9",
         PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(tmp_path)})),
     ]
-    found = by_planner(made(planners, seeds=[3, 4]))
+    found = by_planner(run_comparison(planners, seeds=[3, 4]))
     seeds = {label: sorted({run.task.seed for run in some}) for label, some in found.items()}
     assert list(seeds.values()).count([3, 4]) == 2
     assert seeds["grid"] == [0]
@@ -188,7 +171,7 @@ def test_seeds_are_for_those_who_take_them(tmp_path):
 @pytest.mark.long
 def test_seeded_runs_are_the_same_wherever_they_are_made():
     planners = ["RRTstar:iterations=400", "BITstar:iterations=3000", "PRMstar:iterations=100"]
-    one, two = (made(planners, seeds=[5, 7], workers=workers) for workers in (1, 2))
+    one, two = (run_comparison(planners, seeds=[5, 7], workers=workers) for workers in (1, 2))
     assert list(map(untimed, one)) == list(map(untimed, two))
     for planner in (planners[0], planners[2]):  # which solve them
         xy = {(run.task.query, run.xy) for run in one if run.task.planner == planner}
@@ -199,7 +182,7 @@ def test_functions_that_cannot_be_imported_are_sent():
     def local(costs, start, goal, *, bend=bool):
         return plan(costs, start, goal)
 
-    assert {run.status for run in made(local, workers=1)} == {"solved"}
+    assert {run.status for run in run_comparison(local, workers=1)} == {"solved"}
 
 
 def test_prepare_is_called_before_anything_is_timed(tmp_path):
@@ -211,7 +194,7 @@ def test_prepare_is_called_before_anything_is_timed(tmp_path):
         learner.ready = True
 
     learner.prepare = prepare
-    assert {run.status for run in made(learner, workers=1)} == {"solved"}
+    assert {run.status for run in run_comparison(learner, workers=1)} == {"solved"}
 
 
 def test_a_planner_that_cannot_be_sent_is_an_error():
@@ -224,7 +207,7 @@ def test_a_planner_that_cannot_be_sent_is_an_error():
             return plan(costs, start, goal)
 
     with pytest.raises(LocplanError, match="cannot be sent to a worker process"):
-        made(locked, workers=1)
+        run_comparison(locked, workers=1)
 
 
 def test_a_planner_whose_preparation_fails_is_an_error():
@@ -233,7 +216,7 @@ def test_a_planner_whose_preparation_fails_is_an_error():
 
     broken.prepare = lambda: 1 / 0
     with pytest.raises(LocplanError, match="ZeroDivisionError"):
-        made(broken, workers=1)
+        run_comparison(broken, workers=1)
 
 
 def test_preparation_that_crashes_ends_the_comparison():
@@ -242,7 +225,7 @@ def test_preparation_that_crashes_ends_the_comparison():
 
     broken.prepare = lambda: os._exit(1)
     with pytest.raises(LocplanError, match="before they are ready"):
-        made(broken, workers=1)
+        run_comparison(broken, workers=1)
 
 
 @pytest.mark.long
@@ -261,7 +244,7 @@ def test_starts_that_fail_count_for_each_worker(tmp_path):
             os._exit(1)
 
     fragile.prepare = prepare
-    assert {run.status for run in made(fragile, workers=3)} == {"solved"}
+    assert {run.status for run in run_comparison(fragile, workers=3)} == {"solved"}
 
 
 def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
@@ -274,7 +257,7 @@ def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
 
     queries = [dataclasses.replace(QUERIES[0], name=str(n)) for n in range(6)]
     lazy = PlannerSpec("lazy", FunctionPlanner(first_waits, {"folder": str(tmp_path)}))
-    runs = made(lazy, queries, workers=2, progress=kill)
+    runs = run_comparison(lazy, queries, workers=2, progress=kill)
     statuses = [run.status for run in runs]
     assert statuses.count("crashed") == len(killed) == 1
     assert statuses.count("solved") == 5
@@ -292,7 +275,7 @@ def test_what_is_done_is_not_done_again(tmp_path, monkeypatch, caplog):
     def added(**changes):
         before = len(list(calls.iterdir()))
         arguments = {"weights": [1.0], "seeds": [1, 2], "journal": file} | changes
-        runs = made([mine, fail], **arguments)
+        runs = run_comparison([mine, fail], **arguments)
         return runs, len(list(calls.iterdir())) - before
 
     first, count = added()
@@ -318,35 +301,37 @@ def test_what_is_done_is_not_done_again(tmp_path, monkeypatch, caplog):
         ({"queries": QUERIES[:1]}, "queries"),
         ({"queries": [QUERIES[0], dataclasses.replace(QUERIES[1], goal=(2.5, 1.5))]}, "queries"),
         ({"planners": ["grid"]}, "planners"),
-        ({"costs": dataclasses.replace(room(), u=room().u / 2)}, "maps"),
+        ({"costs": dataclasses.replace(room_with_door(), u=room_with_door().u / 2)}, "maps"),
         ({"planners": ["any-angle"], "weights": [2.0]}, "planners, weights"),
     ],
 )
 @pytest.mark.usefixtures("inline_workers")
 def test_journal_refuses_other_settings(tmp_path, changes, names):
     arguments = {"planners": ["grid", "any-angle"], "weights": [1.0], "journal": tmp_path / "r"}
-    made(**arguments)
+    run_comparison(**arguments)
     before = (tmp_path / "r").read_text()
     with pytest.raises(
         LocplanError, match=rf"other settings \({names}\); name another .*force=True"
     ):
-        made(**arguments | changes)
+        run_comparison(**arguments | changes)
     assert (tmp_path / "r").read_text() == before
-    runs = made(**arguments | changes, force=True)
+    runs = run_comparison(**arguments | changes, force=True)
     assert len((tmp_path / "r").read_text().splitlines()) == 1 + len(runs)
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_journal_refuses_other_versions(tmp_path, monkeypatch):
-    made("grid", journal=tmp_path / "r")
+    run_comparison("grid", journal=tmp_path / "r")
     monkeypatch.setattr("locplan.comparison.settings.__version__", "99")
     with pytest.raises(LocplanError, match=r"other settings \(versions\)"):
-        made("grid", journal=tmp_path / "r")
+        run_comparison("grid", journal=tmp_path / "r")
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_first_line_has_settings_and_versions(tmp_path):
-    made(["grid", "RRTstar:iterations=100"], seeds=[7], weights=[2], journal=tmp_path / "r")
+    run_comparison(
+        ["grid", "RRTstar:iterations=100"], seeds=[7], weights=[2], journal=tmp_path / "r"
+    )
     head = json.loads((tmp_path / "r").read_text().splitlines()[0])
     assert head["versions"]["locplan"] == locplan.__version__
     assert head["planners"]["RRTstar:iterations=100"] == ["RRTstar", {"iterations": 100}]
@@ -357,12 +342,12 @@ def test_first_line_has_settings_and_versions(tmp_path):
 @pytest.mark.usefixtures("inline_workers")
 def test_a_torn_journal_loses_its_last_line(tmp_path):
     file = tmp_path / "runs.jsonl"
-    first = made(["grid", "any-angle"], journal=file)
+    first = run_comparison(["grid", "any-angle"], journal=file)
     whole = file.read_bytes()
     ends = [n for n, byte in enumerate(whole, 1) if byte == ord("\n")]
     for kept in [0, 9, *(end + cut for end in ends[::3] for cut in (-40, -1, 0, 9))]:
         file.write_bytes(whole[:kept])
-        again = made(["grid", "any-angle"], journal=file)
+        again = run_comparison(["grid", "any-angle"], journal=file)
         assert [untimed(run) for run in again] == [untimed(run) for run in first]
         finished = max(0, sum(end <= kept for end in ends) - 1)
         assert [new.seconds == old.seconds for new, old in zip(again, first, strict=True)].count(
@@ -380,15 +365,15 @@ def test_other_files_are_no_journals(tmp_path):
         file.write_text(text)
         for force in (False, True):
             with pytest.raises(LocplanError, match="is no journal"):
-                made("grid", journal=file, force=force)
+                run_comparison("grid", journal=file, force=force)
         assert file.read_text() == text
     with pytest.raises(LocplanError, match="is a file, not a folder"):
-        made("grid", journal=file / "such.jsonl")
-    made("grid", journal=tmp_path / "runs.jsonl")
+        run_comparison("grid", journal=file / "such.jsonl")
+    run_comparison("grid", journal=tmp_path / "runs.jsonl")
     with (tmp_path / "runs.jsonl").open("a") as journal:
         journal.write("{}\n")
     with pytest.raises(LocplanError, match="line 4 is damaged; delete it"):
-        made("grid", journal=tmp_path / "runs.jsonl")
+        run_comparison("grid", journal=tmp_path / "runs.jsonl")
 
 
 @pytest.mark.usefixtures("inline_workers")
@@ -396,8 +381,8 @@ def test_journal_of_older_format_is_refused(tmp_path):
     file = tmp_path / "runs.jsonl"
     file.write_text('{"format": "locplan comparison 1"}\n')
     with pytest.raises(LocplanError, match="other settings"):
-        made("grid", journal=file)
-    assert len(made("grid", journal=file, force=True)) == 2
+        run_comparison("grid", journal=file)
+    assert len(run_comparison("grid", journal=file, force=True)) == 2
 
 
 @pytest.mark.usefixtures("inline_workers")
@@ -406,10 +391,10 @@ def test_a_journal_has_one_writer(tmp_path):
 
     def compare_too(done, total):
         with pytest.raises(LocplanError, match="another comparison writes") as fault:
-            made("grid", journal=file)
+            run_comparison("grid", journal=file)
         faults.append(fault)
 
-    made("grid", journal=file, progress=compare_too)
+    run_comparison("grid", journal=file, progress=compare_too)
     assert len(faults) == 1 + len(QUERIES)
 
 
@@ -418,10 +403,12 @@ import sys
 sys.path[:0] = {path!r}
 import signal
 from support.bad_planners import slow, spawning, spin
-from comparison.test_workers import *
+from support.comparison_runs import run_comparison
+from locplan.comparison.planners import PlannerSpec
+from locplan.planning.requests import FunctionPlanner
 signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
 naps = PlannerSpec("nap", FunctionPlanner({planner}, {{"folder": {folder!r}}}))
-made([naps, spin], workers=2, journal={folder!r} + ".jsonl")
+run_comparison([naps, spin], workers=2, journal={folder!r} + ".jsonl")
 """
 
 
@@ -450,7 +437,7 @@ def descendants(pid: int) -> list[int]:
 
 @pytest.mark.parametrize(
     ("ending", "planner"),
-    few_of(
+    sample_cases(
         [
             (signal.SIGINT, "spawning"),
             (signal.SIGINT, "slow"),
@@ -465,7 +452,7 @@ def test_an_end_leaves_no_processes(tmp_path, ending, planner):
     workers = descendants(process.pid)
     assert len(workers) >= 2
     os.killpg(process.pid, ending)  # as a terminal does; by themselves they would go on and on
-    _, complaints = process.communicate(timeout=GUARD)
+    _, complaints = process.communicate(timeout=TIMEOUT)
     if ending == signal.SIGINT:
         assert complaints.count("Traceback") == 1
         assert complaints.rstrip().endswith("KeyboardInterrupt")
@@ -474,7 +461,7 @@ def test_an_end_leaves_no_processes(tmp_path, ending, planner):
 
 @pytest.mark.parametrize("planner", [spawning, spawn_and_crash])
 def test_processes_of_a_planner_end_with_its_run(tmp_path, planner):
-    (run,) = made(
+    (run,) = run_comparison(
         PlannerSpec("spawns", FunctionPlanner(planner, {"folder": str(tmp_path)})),
         QUERIES[:1],
         workers=1,
@@ -493,11 +480,12 @@ def test_script_without_main_guard_compares(tmp_path):
         f"""
 import sys
 sys.path[:0] = {[str(HERE), *filter(None, sys.path)]!r}
-from comparison.test_workers import *
+from locplan.planning import plan
+from support.comparison_runs import run_comparison
 def mine(costs, start, goal):
     return plan(costs, start, goal)
 
-print([run.status for run in made(mine, workers=2)])
+print([run.status for run in run_comparison(mine, workers=2)])
 """
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
@@ -507,7 +495,7 @@ print([run.status for run in made(mine, workers=2)])
 def test_wrong_input_is_refused_before_any_run(tmp_path):
     def refused(**changes):
         with pytest.raises(LocplanError) as caught:
-            made(**{"planners": ["grid"]} | changes)
+            run_comparison(**{"planners": ["grid"]} | changes)
         assert "\n" not in str(caught.value)
         return str(caught.value)
 
@@ -522,7 +510,7 @@ def test_wrong_input_is_refused_before_any_run(tmp_path):
     assert "workers" in refused(workers=0)
     assert "name of its own" in refused(queries=QUERIES + QUERIES)
     assert "weight" in refused(weights=[-1.0])
-    blank = Costmap.blank(room().grid, robot=0.0)
+    blank = Costmap.blank(room_with_door().grid, robot=0.0)
     assert "no field" in refused(costs=blank, weights=[4.0])
     assert "at least one planner" in refused(planners=[])
 
@@ -567,14 +555,14 @@ def test_time_limits_and_spaces_are_known():
 @pytest.mark.usefixtures("inline_workers")
 def test_headings_are_for_planners_that_have_them():
     posed = [Query("posed", (1.5, 1.5, 0.0), (14.5, 10.5, math.pi / 2))]
-    runs = made(["grid", "RRTConnect:space=SE2,iterations=20000"], posed)
+    runs = run_comparison(["grid", "RRTConnect:space=SE2,iterations=20000"], posed)
     assert {run.status for run in runs} == {"solved"}
 
 
 @pytest.mark.usefixtures("inline_workers")
 def test_a_costmap_without_a_field_has_the_weight_zero():
-    blank = Costmap.blank(room().grid, robot=0.0)
-    (run,) = made("grid", QUERIES[:1], costs=blank, weights=[0])
+    blank = Costmap.blank(room_with_door().grid, robot=0.0)
+    (run,) = run_comparison("grid", QUERIES[:1], costs=blank, weights=[0])
     assert run.measures["cost"] == pytest.approx(run.measures["length"])
     assert math.isnan(run.measures["integrated_u"])
 
@@ -585,5 +573,5 @@ def test_planner_without_version_runs_again(tmp_path):
     calls.mkdir()
     mine = PlannerSpec("mine", FunctionPlanner(counting, {"folder": str(calls)}))
     for _ in range(2):
-        made(mine, weights=[1.0], seeds=[1], journal=file)
+        run_comparison(mine, weights=[1.0], seeds=[1], journal=file)
     assert len(list(calls.iterdir())) == 2 * len(QUERIES)

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from conftest import few_of
+from support.cases import sample_cases
 
 from locplan import plan
 from locplan.errors import ConfigError, LocplanError
@@ -123,7 +123,7 @@ def test_the_folder_says_how_the_planner_is_selected(tmp_path, costs, distro, wo
     )
 
 
-@pytest.mark.parametrize("planner", few_of(["smac2d", "thetastar"]))
+@pytest.mark.parametrize("planner", sample_cases(["smac2d", "thetastar"]))
 @pytest.mark.parametrize("tree", [SELECTING, NAMING])
 def test_the_robots_own_tree_plans_with_our_planner(tmp_path, costs, tree, planner):
     (tmp_path / "own.xml").write_text(tree)
@@ -270,7 +270,7 @@ DECLARED = {
 humble has no use_quadratic_cost_penalty."""
 
 
-@pytest.mark.parametrize("distro", few_of(["jazzy", "humble"]))
+@pytest.mark.parametrize("distro", sample_cases(["jazzy", "humble"]))
 @pytest.mark.parametrize("planner", ["smac2d", "smac-hybrid", "thetastar"])
 def test_parameters_have_the_types_that_nav2_declares(tmp_path, costs, planner, distro):
     """Another type ends a node when it starts."""

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 import yaml
-from conftest import refused
+from support.command_line import check_refusal
 
 from locplan import Choice, FieldConfig, Fisher, Path, choose, covariance_field, save_map
 from locplan.errors import ConfigError
@@ -195,8 +195,8 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
     run(*line, "path", "-o", tmp_path / "path.csv")
     np.testing.assert_allclose(Path.load(tmp_path / "path.csv").xy, taking(driven, AWARE).path.xy)
     words = "--lidar is not read with --choice"
-    assert words in refused(run(*line, "path", "--lidar", "turtlebot4"))
-    assert "--choice is for --to" in refused(run(*line, "nav2-speed"))
+    assert words in check_refusal(run(*line, "path", "--lidar", "turtlebot4"))
+    assert "--choice is for --to" in check_refusal(run(*line, "nav2-speed"))
 
 
 @pytest.mark.long
@@ -222,11 +222,13 @@ def test_command_exports_choices_as_routes(run, tmp_path, driven):
     code, out, _ = run(*routes, there, "--choice", short, "-o", tmp_path / "s", "--json")
     assert code == 0
     two = "--choice", tmp_path / "planned"
-    assert "--to path takes one --choice, not 3" in refused(run(*line, "path", *two))
+    assert "--to path takes one --choice, not 3" in check_refusal(run(*line, "path", *two))
     again = "--choice", there, "--choice", there
-    assert "two folders of choices are called there" in refused(run(*line, "path", *again))
-    assert "has no choice" in refused(run(*line, "path", "--choice", tmp_path))
+    assert "two folders of choices are called there" in check_refusal(run(*line, "path", *again))
+    assert "has no choice" in check_refusal(run(*line, "path", "--choice", tmp_path))
     other = dataclasses.replace(driven, robot=dataclasses.replace(ROBOT, footprint=0.3))
     other.save(tmp_path / "other")
-    refusal = refused(run(*routes, there, "--choice", tmp_path / "other", "-o", tmp_path / "t"))
+    refusal = check_refusal(
+        run(*routes, there, "--choice", tmp_path / "other", "-o", tmp_path / "t")
+    )
     assert "the choices there and other differ in the map, the field or the robot's size" in refusal

@@ -12,8 +12,18 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import yaml
-from conftest import drawn, few_of, random_rooms, refused
 from support import ros_readers as stacks
+from support.cases import sample_cases
+from support.command_line import check_refusal
+from support.maps import ascii_map, random_rooms
+from support.smac import (
+    STACKS,
+    apply_mask,
+    compare_with_smac,
+    find_far_ends,
+    make_roomy,
+    plan_by_smac,
+)
 
 from locplan import load_map, save_map
 from locplan._support.public import field_docs
@@ -27,7 +37,6 @@ from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, l
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
 
-STACKS = ("main", "humble", "ros1")
 PLANNERS = ("smac2d", "smac-hybrid", "thetastar")
 
 
@@ -37,22 +46,6 @@ def costs():
     grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1, (2.0, -1.0, 0.0), name="rooms")
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
     return Costmap.from_field(grid, field, weight=4.0, robot=0.15)
-
-
-def master_costs(costs):
-    """What a costmap holds before the mask: walls, unknown space, and the robot's radius."""
-    levels = np.select([costs.grid.free, costs.grid.cells == 0], [0, 100], -1).astype(np.int8)
-    master = stacks.static_layer(levels, "main", track_unknown_space=True)
-    near = costs.grid.free & (costs.grid.clearance < costs.robot_radius - 1e-9)
-    master[near] = stacks.INSCRIBED
-    return master
-
-
-def with_mask(folder, costs, stack="main"):
-    mask = stacks.load(folder / "mask.yaml", stack)
-    assert mask.origin[:2] == costs.grid.origin[:2]
-    x, y, _ = costs.grid.origin
-    return stacks.keepout(master_costs(costs), mask, mask.resolution, (x, y))
 
 
 @pytest.mark.parametrize("stack", ["main", "humble", "ros1"])
@@ -103,7 +96,7 @@ def test_ros_map_is_valid_for_static_layer(tmp_path, costs):
 @pytest.mark.parametrize("name", PLANNERS)
 def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name, stack):
     conversion = nav2_keepout(tmp_path / "mask", costs, planner=name)
-    master = with_mask(tmp_path / "mask", costs, stack)
+    master = apply_mask(tmp_path / "mask", costs, stack)
     passable = np.isfinite(costs.density)
     assert (master[~passable] >= stacks.INSCRIBED).all()
     assert (master[passable] <= 251).all()
@@ -249,7 +242,7 @@ def test_thetastar_realises_j_too(tmp_path):
     costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.landmarks("two_corridors")
     nav2_keepout(tmp_path / "out", costs, planner="thetastar")
-    master = with_mask(tmp_path / "out", costs)
+    master = apply_mask(tmp_path / "out", costs)
     nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
     fixed = stacks.theta_star_traversal(master, own["w_traversal_cost"])
@@ -258,52 +251,9 @@ def test_thetastar_realises_j_too(tmp_path):
     cells, _ = stacks.grid_path(step, blocked, *ends, fixed)
     path = Path(np.array([grid.position(*cell) for cell in cells]))
     centres = [grid.position(*cell) for cell in ends]
-    costs = roomy(costs)
+    costs = make_roomy(costs)
     ours = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
     assert path_metrics(costs, path).cost <= 1.01 * ours.metrics.cost
-
-
-def roomy(costs):
-    """The costmap that a mask stands for, which has a follower's room."""
-    density = np.where(np.isfinite(costs.density), mask_density(costs), np.inf)
-    return Costmap.from_density(costs.grid, density)
-
-
-def planned_by_smac(folder, costs, start, goal):
-    """SmacPlanner2D's path on the costmap with the mask, in the world."""
-    parameters = yaml.safe_load((folder / "nav2.yaml").read_text())
-    own = parameters["planner_server"]["ros__parameters"]["GridBased"]
-    master = with_mask(folder, costs)
-    cells, _ = stacks.grid_path(
-        stacks.smac2d_multiplier(master, own["cost_travel_multiplier"]),
-        stacks.smac_blocked(master, own["allow_unknown"]),
-        costs.cell_of(start),
-        costs.cell_of(goal),
-    )
-    return Path(np.array([costs.grid.position(*cell) for cell in cells]))
-
-
-def compare_with_smac(folder, costs, start, goal, **settings):
-    """J of Smac2D's path on the mask, and of the grid planner's, by the same measure."""
-    conversion = nav2_keepout(folder, costs, **settings)
-    centres = [costs.grid.position(*costs.cell_of(xy)) for xy in (start, goal)]
-    path = planned_by_smac(folder, costs, start, goal)
-    costs = roomy(costs)
-    own = plan(costs, *centres, planner="grid", allow_corner_cutting=True)
-    return path_metrics(costs, path), own.metrics, conversion
-
-
-def far_apart(costs, seed):
-    """Two positions that are joined, at least half of the map apart."""
-    rng = np.random.default_rng(seed)
-    free = np.argwhere(np.isfinite(costs.density))
-    for _ in range(200):
-        a, b = free[rng.integers(len(free), size=2)]
-        if math.dist(a, b) > 0.5 * max(costs.grid.shape):
-            ends = [costs.grid.position(*map(int, cell)) for cell in (a, b)]
-            if plan(costs, *ends, planner="grid").status == "solved":
-                return ends
-    raise AssertionError("no pair found")
 
 
 @pytest.mark.parametrize("name", ["two_corridors", pytest.param("office", marks=pytest.mark.long)])
@@ -319,14 +269,14 @@ def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
 
 
 @pytest.mark.parametrize(
-    "name", few_of(["aws_small_house", "willow_full_stage", "tuw_warehouse032"])
+    "name", sample_cases(["aws_small_house", "willow_full_stage", "tuw_warehouse032"])
 )
 def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
     (file,) = (real_maps / name).glob("*.yaml")
     grid = load_map(file)
     field = load_or_compute(grid, FieldConfig(stride=0.4))
     costs = Costmap.from_field(grid, field, weight=4.0, robot=0.2)
-    theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, *far_apart(costs, seed=3))
+    theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, *find_far_ends(costs, seed=3))
     assert ours.cost <= theirs.cost * (1 + 1e-9)
     assert theirs.cost <= 1.01 * ours.cost
 
@@ -346,7 +296,7 @@ def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
         field = load_or_compute(grid, FieldConfig(stride=0.4))
         costs = Costmap.from_field(grid, field, robot=0.2)
         for seed in range(4):
-            theirs, ours, _ = compare_with_smac(tmp_path / name, costs, *far_apart(costs, seed))
+            theirs, ours, _ = compare_with_smac(tmp_path / name, costs, *find_far_ends(costs, seed))
             ratios.append(theirs.cost / ours.cost)
     assert abs(np.median(ratios) - 1) < 0.003
 
@@ -356,9 +306,9 @@ def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
     costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.landmarks("two_corridors")
     nav2_keepout(tmp_path / "mask", costs)
-    with_ours = planned_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    with_ours = plan_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
     nav2_keepout(tmp_path / "mask", costs.with_weight(0.0))
-    without = planned_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
+    without = plan_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
     assert without.xy[:, 1].max() < 6
     assert with_ours.xy[:, 1].max() > 9
     assert with_ours.length > without.length + 5
@@ -409,7 +359,7 @@ def test_a_radius_that_blocks_everything_is_told(tmp_path, costs):
 
 
 def test_a_map_without_free_space_gets_no_mask(tmp_path):
-    walls = drawn("###", "###", resolution=0.1)
+    walls = ascii_map("###", "###", resolution=0.1)
     costs = Costmap.from_field(walls, load_or_compute(walls, FieldConfig()))
     for write in (nav2_keepout, nav2_speed):
         with pytest.raises(LocplanError, match="a mask would be empty"):
@@ -477,7 +427,7 @@ def test_only_an_export_of_ours_is_replaced(tmp_path, costs):
     assert (tmp_path / "theirs" / "thesis.tex").read_text() == "years of work"
 
 
-@pytest.mark.parametrize("change", few_of(["edited", "added"]))
+@pytest.mark.parametrize("change", sample_cases(["edited", "added"]))
 def test_an_export_that_was_worked_on_is_not_replaced(tmp_path, costs, change):
     folder = tmp_path / "mask"
     nav2_keepout(folder, costs)
@@ -744,7 +694,7 @@ def test_a_longer_time_for_planning_stays(tmp_path, costs, theirs, then):
     assert server["ros__parameters"]["A"]["max_planning_time"] == then
 
 
-@pytest.mark.parametrize("distro", few_of(["humble", "jazzy", "kilted", "lyrical"], 2))
+@pytest.mark.parametrize("distro", sample_cases(["humble", "jazzy", "kilted", "lyrical"], 2))
 def test_each_distribution_has_what_its_nav2_reads(tmp_path, costs, distro):
     """The lists are those of the branches of ros-navigation/navigation2, main for rolling."""
     unsure = distro in ("kilted", "lyrical", "rolling")
@@ -866,7 +816,7 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     for name in ("locplan.app.cli.export", "toy_format"):
         monkeypatch.setitem(sys.modules, name, None)  # so that it is forgotten at last
         monkeypatch.delitem(sys.modules, name)
-    save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
+    save_map(ascii_map("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     _, out, _ = run("export", "--help")
     assert "ros-map, path, toy]" in " ".join(out.replace("│", " ").split())
     ask = "export", tmp_path / "bay.yaml", "--to", "toy"
@@ -876,11 +826,11 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     assert out.endswith("wrote bay-toy.txt\n")
     most = float(re.search(r"greatest e +(\S+)", out)[1])
     assert int((tmp_path / "bay-toy.txt").read_text()) == round(most / 0.5)
-    assert "step must be above 0" in refused(run(*ask, "--step", 0))
+    assert "step must be above 0" in check_refusal(run(*ask, "--step", 0))
     for extra in (("--frame", "odom"), ("--start", "1,1", "--goal", "1,2")):
-        message = refused(run(*ask, *extra))
+        message = check_refusal(run(*ask, *extra))
         assert re.search(f"{extra[0]} is for --to .*path.*, not for toy", message)
-    assert "must end in .txt" in refused(run(*ask, "-o", "toy.csv"))
+    assert "must end in .txt" in check_refusal(run(*ask, "-o", "toy.csv"))
 
 
 def test_formats_describe_every_option():
@@ -890,11 +840,13 @@ def test_formats_describe_every_option():
 
 
 def test_a_file_in_the_way_is_replaced_with_force_only(run, tmp_path):
-    save_map(drawn("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
+    save_map(ascii_map("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     (tmp_path / "mine.csv").write_text("years of work")
     ask = "export", tmp_path / "bay.yaml", "--to", "path", "--start", "0.8,0.8"
     ask = *ask, "--goal", "1.2,0.8", "-o", tmp_path / "mine.csv"
-    assert "mine.csv: is no earlier result of this command; name another file" in refused(run(*ask))
+    assert "mine.csv: is no earlier result of this command; name another file" in check_refusal(
+        run(*ask)
+    )
     assert (tmp_path / "mine.csv").read_text() == "years of work"
     code, out, _ = run(*ask, "--force")
     assert code == 0

@@ -6,8 +6,8 @@ import warnings
 import numpy as np
 import pytest
 import yaml
-from conftest import random_rooms
 from support import ros_readers as stacks
+from support.maps import random_rooms
 
 from locplan import load_or_compute, plan
 from locplan.export import nav2_keepout, planned_paths as planned

@@ -10,8 +10,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import yaml
-from conftest import drawn, refused
 from scipy.sparse.csgraph import connected_components, dijkstra
+from support.command_line import check_refusal
+from support.maps import ascii_map
 
 from locplan import load_or_compute, save_map
 from locplan.errors import ConfigError
@@ -246,12 +247,12 @@ def test_a_path_along_an_edge_is_exported_in_single_precision():
 
 
 def test_command_writes_paths_as_routes(run, tmp_path):
-    save_map(drawn(*["." * 40] * 12, resolution=0.25), tmp_path / "hall.yaml")
+    save_map(ascii_map(*["." * 40] * 12, resolution=0.25), tmp_path / "hall.yaml")
     for name, rows in (("there", "1,1\n9,1"), ("up", "1,1\n1,2.5"), ("round", "1,1\n9,1\n1,1")):
         (tmp_path / f"{name}.csv").write_text(f"x,y\n{rows}\n")
     ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
-    assert "needs paths: --path CSV or --choice FOLDER" in refused(run(*ask))
-    refusal = refused(run(*ask, "--path", tmp_path / "round.csv"))
+    assert "needs paths: --path CSV or --choice FOLDER" in check_refusal(run(*ask))
+    refusal = check_refusal(run(*ask, "--path", tmp_path / "round.csv"))
     assert "path round ends where it starts" in refusal
     given = "--path", tmp_path / "there.csv", "--path", tmp_path / "up.csv"
     code, out, _ = run(*ask, *given, "--start", "9,1", "--goal", "9,2.5", "--json")

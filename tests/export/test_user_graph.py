@@ -8,8 +8,9 @@ import math
 import numpy as np
 import pytest
 import yaml
-from conftest import drawn, refused
 from scipy.sparse.csgraph import dijkstra
+from support.command_line import check_refusal
+from support.maps import ascii_map
 
 from locplan import save_map
 from locplan.errors import ConfigError, LocplanError
@@ -37,7 +38,7 @@ PAIRS = [(0, 1), (0, 2), (2, 3), (3, 1)]
 
 @pytest.fixture
 def costs():
-    grid = drawn(*HALL)
+    grid = ascii_map(*HALL)
     u = np.where(np.arange(len(HALL))[:, None] <= 2, 1.0, 0.0) * np.ones(grid.shape)
     return Costmap.from_layers(grid, u=u, weight=4.0, robot=0.2)
 
@@ -251,7 +252,7 @@ def test_graph_lies_where_nav2_has_map(costs):
 
 
 def test_command_writes_costs_into_graph(run, tmp_path):
-    save_map(drawn(*HALL), tmp_path / "hall.yaml")
+    save_map(ascii_map(*HALL), tmp_path / "hall.yaml")
     file = tmp_path / "own.geojson"
     file.write_text(json.dumps(swagger_graph()))
     ask = "export", tmp_path / "hall.yaml", "--to", "nav2-routes", "-o", tmp_path / "out"
@@ -276,9 +277,9 @@ def test_command_writes_costs_into_graph(run, tmp_path):
         "gone.geojson: ": ("--graph", tmp_path / "gone.geojson"),
     }
     for message, options in refusals.items():
-        assert message in refused(run(*ask, *options))
+        assert message in check_refusal(run(*ask, *options))
     file.write_text("{")
-    assert "own.geojson: is not JSON" in refused(run(*ask, "--graph", file))
+    assert "own.geojson: is not JSON" in check_refusal(run(*ask, "--graph", file))
 
 
 def test_folder_is_replaced_by_other_graph(tmp_path, costs):

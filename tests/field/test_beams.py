@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from conftest import random_rooms
 from support import oracles as naive
+from support.maps import random_rooms
 
 from locplan._support.kernels.arrays import DONE, STOP
 from locplan._support.kernels.lidar import (

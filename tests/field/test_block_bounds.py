@@ -2,10 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import few_of, random_rooms
-from field.test_sad import mismatch_counts
 from numba import njit
 from support import oracles as naive
+from support.cases import sample_cases
+from support.maps import random_rooms
+from support.sad import PlainSad, count_mismatches
 
 from locplan._support.kernels import simd
 from locplan.field import OffsetLattice, Sad, SearchWindow
@@ -37,7 +38,7 @@ def lay_out(cells, rows, cols, radius, window):
     ("radius", "edges", "step", "half_steps"),
     [(40, (32, 16), 2, 16), (61, (32, 16), 4, 3), (90, (32, 16), 3, 2), (181, (64, 32), 8, 2)],
 )
-@pytest.mark.parametrize("shift", few_of([1, 0]))
+@pytest.mark.parametrize("shift", sample_cases([1, 0]))
 def test_kept_lines_are_those_of_the_plain_loops(
     monkeypatch, radius, edges, step, half_steps, shift
 ):
@@ -45,7 +46,7 @@ def test_kept_lines_are_those_of_the_plain_loops(
     window = OffsetLattice(0.05, step, half_steps, np.radians(25), 1)
     rows, cols = [110, 7, 113], [100, 180, 102]
     layout = lay_out(cells, rows, cols, radius, window)
-    exact = mismatch_counts(layout)
+    exact = count_mismatches(layout)
     limit = int(np.quantile(exact.min(axis=2), 0.15)) >> shift
     monkeypatch.setattr("locplan.field.sad_tiles.scaled", lambda _: (limit, shift))
     found = kept(layout, limit << shift)
@@ -60,18 +61,18 @@ def compare_with_plain_sums(cells, rows, cols, radius, window, negligible):
     """Return the share of lines kept, having held the bound against the sums of all offsets."""
     layout = lay_out(cells, rows, cols, radius, window)
     lines = kept(layout, negligible)
-    exact = mismatch_counts(layout)
+    exact = count_mismatches(layout)
     least = exact.min(axis=2).transpose(2, 0, 1)
     assert (least[~lines] > negligible).all()
     np.testing.assert_array_equal(
-        mismatch_counts(layout, kept=lines),
+        count_mismatches(layout, kept=lines),
         np.where(lines.transpose(1, 2, 0)[:, :, None], exact, -1),
     )
     assert lines[window.half_rotations, :, window.half_steps].all()  # the zero lag's
     return lines.mean()
 
 
-@pytest.mark.parametrize("seed", few_of(range(3)))
+@pytest.mark.parametrize("seed", sample_cases(range(3)))
 @pytest.mark.parametrize(("radius", "step"), [(60, 2), (120, 4), (200, 3)])
 def test_rejected_lines_are_beyond_the_limit_on_random_maps(radius, step, seed):
     cells = random_rooms((300, 260), seed=seed, blocks=40)
@@ -110,13 +111,6 @@ def compare_covariances(estimator, part):
     plain = PlainSad(**{name: getattr(estimator, name) for name in ("range", "window", "weights")})
     expected = plain.covariances(part)["covariance"]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
-
-
-class PlainSad(Sad):
-    """The estimator that compares all offsets."""
-
-    def negligible(self, resolution):
-        return None
 
 
 @pytest.mark.parametrize(

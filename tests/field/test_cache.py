@@ -2,7 +2,7 @@ import os
 import time
 
 import pytest
-from conftest import random_rooms
+from support.maps import random_rooms
 
 from locplan._support.output import temporary_folder
 from locplan.errors import ConfigError, LocplanError

@@ -7,7 +7,7 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from conftest import random_rooms
+from support.maps import random_rooms
 
 from locplan.errors import FieldError
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, load_or_compute

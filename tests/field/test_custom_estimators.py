@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 import locplan
 from locplan.errors import FieldError, LocplanError
@@ -41,7 +41,7 @@ class Own(Estimator):
 @pytest.fixture
 def grid() -> locplan.OccupancyGrid:
     rows = ["#" * 30, *["#" + "." * 28 + "#"] * 8, "#" * 30]
-    return drawn(*rows, resolution=0.25)
+    return ascii_map(*rows, resolution=0.25)
 
 
 def own(change: Callable[[dict[str, np.ndarray], object], object], **members: object) -> Estimator:
@@ -196,7 +196,7 @@ def test_a_halo_is_checked_at_the_last_cells_too(grid):
 
 
 def test_a_halo_is_checked_where_nothing_is_near():
-    assert "beyond the halo of 2 cells" in refused(drawn(*["." * 30] * 30), own(around(3)))
+    assert "beyond the halo of 2 cells" in refused(ascii_map(*["." * 30] * 30), own(around(3)))
 
 
 def test_a_halo_of_an_estimator_that_prepares_the_map_is_checked_too(grid):

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 import locplan
 from locplan.errors import ConfigError
@@ -54,7 +54,7 @@ class FromTheRight(Estimator):
 
 @pytest.fixture
 def grid() -> locplan.OccupancyGrid:
-    return drawn("#" * 40, *["#" + "." * 38 + "#"] * 12, "#" * 40, resolution=0.25)
+    return ascii_map("#" * 40, *["#" + "." * 38 + "#"] * 12, "#" * 40, resolution=0.25)
 
 
 @pytest.fixture(autouse=True)

@@ -9,8 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import corridor, drawn, few_of, random_rooms
 from scipy.linalg import expm, logm
+from support.cases import sample_cases
+from support.maps import ascii_map, corridor, random_rooms
 from support.oracles import rotated
 
 from locplan.errors import ConfigError
@@ -192,7 +193,7 @@ def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
 
 @pytest.mark.parametrize(
     "lidar",
-    few_of(
+    sample_cases(
         [
             Lidar(range=2.5, field_of_view_deg=180.0, beams=361, mount_x=0.15),
             Lidar(range=2.5),
@@ -257,7 +258,7 @@ def test_a_corridor_is_uncertain_along_its_axis(estimator):
 @pytest.mark.parametrize(("yaw", "facing_the_wall"), [(90.0, 0), (-90.0, 2), (0.0, 1)])
 def test_a_lidar_sees_where_it_is_mounted_to(estimator, yaw, facing_the_wall):
     # One wall to the north, in range; who heads east has it on the left.
-    grid = drawn("#" * 61, *["." * 61] * 60, resolution=0.1)
+    grid = ascii_map("#" * 61, *["." * 61] * 60, resolution=0.1)
     lidar = Lidar(range=2.5, field_of_view_deg=120.0, beams=61, mount_yaw_deg=yaw)
     field = covariance_field(grid, config(estimator, lidar, headings=4))
     # The deviation across the wall, for headings east, north, west and south.
@@ -363,7 +364,7 @@ def fishers_share(covariance) -> float:
 
 
 @pytest.mark.filterwarnings("ignore:logm result may be inaccurate")  # by 1e-12
-@pytest.mark.parametrize("half_rotation_deg", few_of([30.0, 0.0]))
+@pytest.mark.parametrize("half_rotation_deg", sample_cases([30.0, 0.0]))
 def test_fused_is_a_mean_of_the_logarithms(rooms, half_rotation_deg):
     sharp = {"window": replace(SMALL, half_rotation_deg=half_rotation_deg), "effective_beams": 120}
     fisher, scan = (made(name, AHEAD, **sharp) for name in ("fisher", "scan"))
@@ -769,7 +770,7 @@ def test_covariances_of_zero_have_a_mean_information():
 
 def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
     for level in "#. ":
-        grid = drawn(*[level * 12] * 9, resolution=0.2)
+        grid = ascii_map(*[level * 12] * 9, resolution=0.2)
         field = covariance_field(grid, config(estimator))
         assert field.evaluated.sum() == (108 if level == "." else 0)
 

@@ -7,8 +7,9 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from conftest import changed, corridor, drawn, random_rooms
 from scipy.linalg import expm, logm
+from support.fields import change_estimator
+from support.maps import ascii_map, corridor, random_rooms
 
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import (
@@ -82,7 +83,7 @@ def test_a_shift_of_the_drawing_hardly_changes_the_field(rooms):
         covariance_field(shifted, QUICK).e[1:, 3:]
     )
     assert np.nanmedian(np.abs(near)) < 0.05
-    still = changed(QUICK, window=STILL)
+    still = change_estimator(QUICK, window=STILL)
     np.testing.assert_array_equal(
         covariance_field(shifted, still).covariance[1:, 3:],
         covariance_field(rooms, still).covariance,
@@ -148,7 +149,7 @@ def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
     cells = random_rooms((70, 80), seed=2, blocks=5)
     cells[np.random.default_rng(3).random(cells.shape) < 0.02] = 0
     grid = OccupancyGrid(cells, 0.05)
-    config = dataclasses.replace(changed(QUICK, template=template), stride=stride)
+    config = dataclasses.replace(change_estimator(QUICK, template=template), stride=stride)
     whole = covariance_field(grid, config)
     monkeypatch.setattr("locplan.field.tiles.TILE", 7)
     np.testing.assert_array_equal(covariance_field(grid, config).covariance, whole.covariance)
@@ -177,14 +178,14 @@ def test_every_free_cell_has_a_lattice_point(seed, stride):
 
 
 def test_stride_of_one_cell_evaluates_the_free_cells_only():
-    grid = drawn("..#", " .#", resolution=0.05)
+    grid = ascii_map("..#", " .#", resolution=0.05)
     field = covariance_field(grid, FieldConfig(Sad(range=0.2), stride=0.05))
     np.testing.assert_array_equal(field.evaluated, grid.free)
     np.testing.assert_allclose(field.e_map()[grid.free], field.e[grid.free])
 
 
 def test_a_map_without_free_cells_has_an_empty_field():
-    field = covariance_field(drawn("##", "  "), FieldConfig())
+    field = covariance_field(ascii_map("##", "  "), FieldConfig())
     assert not field.evaluated.any()
     assert np.isnan(field.e_map()).all()
     assert field.saturated_share == 0.0
@@ -259,7 +260,7 @@ def test_anchors_bound_e(field):
 
 def test_anchors_scale_with_the_noise_level():
     grid = OccupancyGrid(np.full((3, 3), FREE), 0.05)
-    fields = [covariance_field(grid, changed(QUICK, noise_level=k)) for k in (1.0, 4.0)]
+    fields = [covariance_field(grid, change_estimator(QUICK, noise_level=k)) for k in (1.0, 4.0)]
     for name in ("position_std", "heading_std"):
         (low, high), (low4, high4) = (field.anchors(name) for field in fields)
         assert low4 == low
@@ -358,7 +359,7 @@ def test_tiles_are_bounded_by_what_they_cost(estimator, resolution, stride):
 def test_without_rotation_the_covariance_is_positional(rooms):
     field = covariance_field(
         rooms,
-        changed(QUICK, window=STILL),
+        change_estimator(QUICK, window=STILL),
     )
     assert field.covariance.shape[2:] == (2, 2)
     expected = np.sqrt(np.linalg.det(field.covariance[field.evaluated]))
@@ -377,7 +378,7 @@ def edited(grid: OccupancyGrid, at=(60, 60), size=3) -> OccupancyGrid:
 def test_an_update_equals_a_full_run_and_computes_less(template, yaw):
     cells = random_rooms((140, 150), seed=3, blocks=8)
     grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, yaw))
-    config = changed(QUICK, template=template)
+    config = change_estimator(QUICK, template=template)
     before = covariance_field(grid, config)
     for at in (0, 0), (60, 60), (137, 100):
         after = edited(grid, at)

@@ -3,7 +3,8 @@ import os
 
 import numpy as np
 import pytest
-from conftest import changed, random_rooms
+from support.fields import change_estimator
+from support.maps import random_rooms
 
 from locplan.errors import FieldError, LocplanError
 from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow, covariance_field
@@ -58,7 +59,7 @@ def test_fields_without_rotation_and_turned_maps_come_back(tmp_path):
     grid = OccupancyGrid(random_rooms((30, 40), seed=5), 0.1, (0.0, 0.0, 0.3))
     field = covariance_field(
         grid,
-        changed(QUICK, window=SearchWindow(half_rotation_deg=0)),
+        change_estimator(QUICK, window=SearchWindow(half_rotation_deg=0)),
     )
     field.save(tmp_path / "f.npz")
     loaded = CovarianceField.load(tmp_path / "f.npz")
@@ -66,7 +67,7 @@ def test_fields_without_rotation_and_turned_maps_come_back(tmp_path):
 
 
 def test_a_failed_save_leaves_the_old_field(field, saved, monkeypatch):
-    other = covariance_field(field.grid, changed(QUICK, weights=Exponential(0.1)))
+    other = covariance_field(field.grid, change_estimator(QUICK, weights=Exponential(0.1)))
 
     def full(*_, **__):
         raise OSError(28, "No space left on device")

@@ -4,8 +4,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from conftest import few_of, random_rooms
 from support import oracles as naive
+from support.cases import sample_cases
+from support.maps import random_rooms
+from support.sad import count_mismatches
 
 from locplan.field import OffsetLattice, Sad, SearchWindow, sad
 from locplan.field.estimator import MapPart
@@ -17,31 +19,10 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import sad_distribution
 
 
-def mismatch_counts(layout, *, visible=False, kept=None):
-    """S / 127 at all cells of a layout, (n, dx, dy, theta); `kept` is (theta, n, dx)."""
-    offsets, headings = 2 * layout.window.half_steps + 1, layout.window.angles.size
-    kept = np.ones((headings, len(layout.part.rows), offsets), bool) if kept is None else kept
-    result = np.full((kept.shape[1], offsets, offsets, headings), -1)
-    weights = np.ones(2 * np.count_nonzero(disc(layout.radius)) + 1)
-    for group in layout.groups():
-        tile, unused = layout.tile(group), (np.zeros(2, np.int64), np.empty((1, 3, 3)))
-        for n, cell in enumerate(group.cells):
-            per_cell = ("corners", "rests", "places", "sum_places")
-            one = tile._replace(**{name: getattr(tile, name)[n : n + 1] for name in per_cell})
-            sees = layout.sight(group) if visible else None
-            seen = sees and sees._replace(rows=sees.rows[n : n + 1], cols=sees.cols[n : n + 1])
-            scratch = kernel.empty_scratch(offsets, headings, layout.disc, masked=visible)
-            marks, places = kept[:, [cell]], layout.window.places
-            kernel.tile_covariances(one, seen, marks, weights, places, scratch, *unused)
-            found = scratch[0].reshape(offsets, headings, -1)[:, :, :offsets].transpose(0, 2, 1)
-            result[cell] = np.where(kept[:, cell].T[:, None], found, -1)
-    return result
-
-
 def compare(cells, rows, cols, radius, window, *, visible=False):
     rows, cols = np.array(rows), np.array(cols)
     part = MapPart.whole(cells, rows, cols, window.resolution)
-    result = sad.LEVEL_STEP * mismatch_counts(Layout.of(part, radius, window), visible=visible)
+    result = sad.LEVEL_STEP * count_mismatches(Layout.of(part, radius, window), visible=visible)
     for n in range(len(rows)):
         expected = sad_distribution(cells, rows[n], cols[n], radius, window, visible=visible)
         np.testing.assert_array_equal(result[n], expected)
@@ -170,7 +151,7 @@ def e_by_definition(estimator, cells, row, col, resolution):
 @pytest.mark.parametrize(
     "estimator", [Sad(range=3.0), Sad.paper(range=3.0)], ids=["default", "paper"]
 )
-@pytest.mark.parametrize("resolution", [0.089, 0.07, *few_of([0.0333, 0.05, 0.12], 0)])
+@pytest.mark.parametrize("resolution", [0.089, 0.07, *sample_cases([0.0333, 0.05, 0.12], 0)])
 def test_e_is_that_of_the_definition_whatever_the_cells(resolution, estimator):
     shape = round(14 / resolution), round(13 / resolution)
     cells = random_rooms(shape, seed=3, blocks=14)

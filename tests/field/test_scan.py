@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import corridor, few_of, random_rooms
 from scipy import ndimage, stats
 from support import oracles as naive
+from support.cases import sample_cases
+from support.maps import corridor, random_rooms
 
 from locplan._support.kernels import likelihood, posterior as scan
 from locplan._support.kernels.lidar import Lidar, scan_ends
@@ -189,7 +190,7 @@ def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
 
 
 @pytest.mark.parametrize(("headings", "half_steps"), [(1, 1), (1, 16), (3, 5), (13, 10), (5, 20)])
-@pytest.mark.parametrize("share", few_of([0.2, 0.5, 0.1, 1.0], 2))
+@pytest.mark.parametrize("share", sample_cases([0.2, 0.5, 0.1, 1.0], 2))
 def test_central_mode_equals_the_plain_search(headings, half_steps, share):
     rng = np.random.default_rng(headings + half_steps)
     offsets = 2 * half_steps + 1

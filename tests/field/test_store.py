@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import changed, few_of, random_rooms, respects_permissions
+from support.cases import sample_cases
+from support.fields import QUICK_FIELD, change_estimator
+from support.machine import respects_permissions
+from support.maps import random_rooms
 
 from locplan.errors import LocplanError
 from locplan.field import (
     CovarianceField,
     FieldConfig,
     Fisher,
-    Sad,
     Scan,
-    SearchWindow,
     compute as computing,
     covariance_field,
     files,
@@ -28,15 +29,13 @@ from locplan.field.store import field_path
 from locplan.maps import UNKNOWN, OccupancyGrid, save_map
 from locplan.robots import Lidar
 
-QUICK = FieldConfig(Sad(range=0.6, window=SearchWindow(half_width=0.4)))
-"""Two by two tiles of the map below."""
 LIDAR = Lidar(range=3.0, beams=90)
 
 CHILD = """
 import sys
-from locplan.field import _compute as computing, _files as files, _store as store, load_or_compute
+from locplan.field import compute as computing, files, load_or_compute, store
 from locplan.maps import load_map
-from field.test_store import QUICK
+from support.fields import QUICK_FIELD
 
 compute, write = computing.compute, files.write_points
 def when_allowed(*arguments, **task):
@@ -46,7 +45,7 @@ def and_report(*arguments):
     write(*arguments)
     print("written", flush=True)
 computing.compute, files.write_points, store.PART_SECONDS = when_allowed, and_report, 0.0
-load_or_compute(load_map(sys.argv[1]), QUICK, cache_dir=sys.argv[2], threads=1)
+load_or_compute(load_map(sys.argv[1]), QUICK_FIELD, cache_dir=sys.argv[2], threads=1)
 """
 """Another process, which computes a tile for every line that it reads."""
 
@@ -126,7 +125,7 @@ def interrupted(grid, folder, share: float) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        load_or_compute(grid, QUICK, cache_dir=folder, threads=1, progress=interrupt)
+        load_or_compute(grid, QUICK_FIELD, cache_dir=folder, threads=1, progress=interrupt)
 
 
 def edited(grid: OccupancyGrid) -> OccupancyGrid:
@@ -136,44 +135,44 @@ def edited(grid: OccupancyGrid) -> OccupancyGrid:
 
 
 def test_a_field_is_computed_once(grid, tmp_path, computed):
-    first = load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    first = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert sum(computed) == first.evaluated.sum()
-    second = load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    second = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert sum(computed) == first.evaluated.sum()
     np.testing.assert_array_equal(first.covariance, second.covariance)
-    np.testing.assert_array_equal(first.covariance, covariance_field(grid, QUICK).covariance)
+    np.testing.assert_array_equal(first.covariance, covariance_field(grid, QUICK_FIELD).covariance)
 
 
 def test_a_cached_field_is_a_field_like_any_other(grid, tmp_path):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    loaded = CovarianceField.load(field_path(grid, QUICK, tmp_path))
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
+    loaded = CovarianceField.load(field_path(grid, QUICK_FIELD, tmp_path))
     assert loaded.grid.digest == grid.digest
 
 
 @pytest.mark.parametrize(
     "other",
     [
-        changed(QUICK, range=0.7),
-        changed(QUICK, weights=Exponential(0.5)),
-        changed(QUICK, quantisation=False),
-        dataclasses.replace(QUICK, stride=0.3),
+        change_estimator(QUICK_FIELD, range=0.7),
+        change_estimator(QUICK_FIELD, weights=Exponential(0.5)),
+        change_estimator(QUICK_FIELD, quantisation=False),
+        dataclasses.replace(QUICK_FIELD, stride=0.3),
         FieldConfig(Scan(LIDAR)),
         FieldConfig(Scan(dataclasses.replace(LIDAR, mount_yaw_deg=5.0))),
         FieldConfig(Fisher(LIDAR, model="range")),
     ],
 )
 def test_another_config_is_another_field(grid, other):
-    for config in (QUICK, FieldConfig(Fisher(LIDAR))):
+    for config in (QUICK_FIELD, FieldConfig(Fisher(LIDAR))):
         assert field_path(grid, config) != field_path(grid, other)
 
 
 @pytest.mark.parametrize(
     ("config", "other"),
     [
-        (QUICK, dataclasses.replace(QUICK, stride=0.21)),
+        (QUICK_FIELD, dataclasses.replace(QUICK_FIELD, stride=0.21)),
         (FieldConfig(Scan(LIDAR)), FieldConfig(Scan(dataclasses.replace(LIDAR, range_sigma=0.01)))),
         (FieldConfig(Scan(LIDAR)), FieldConfig(Scan(LIDAR), headings=1)),
-        (QUICK, changed(QUICK, weights=Exponential(0.57))),
+        (QUICK_FIELD, change_estimator(QUICK_FIELD, weights=Exponential(0.57))),
     ],
 )
 def test_what_decides_no_value_makes_no_other_field(grid, config, other):
@@ -181,27 +180,27 @@ def test_what_decides_no_value_makes_no_other_field(grid, config, other):
 
 
 def test_another_engine_is_another_field(grid, tmp_path, computed, monkeypatch):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     once = sum(computed)
     monkeypatch.setattr(tiles, "ENGINE", tiles.ENGINE + 1)
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert sum(computed) == 2 * once
 
 
 def test_the_name_of_the_map_is_todays(grid, tmp_path):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     renamed = dataclasses.replace(grid, name="other")
-    assert load_or_compute(renamed, QUICK, cache_dir=tmp_path).grid.name == "other"
+    assert load_or_compute(renamed, QUICK_FIELD, cache_dir=tmp_path).grid.name == "other"
 
 
-@pytest.mark.parametrize("more_tiles", few_of([2, 0]))
+@pytest.mark.parametrize("more_tiles", sample_cases([2, 0]))
 def test_a_killed_run_is_resumed(grid, tmp_path, more_tiles, computed, other):
     for _ in range(more_tiles):
         other.compute_a_tile()
     other.kill()
-    field = load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert len(computed) == 3 - more_tiles
-    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK_FIELD).covariance)
     assert [entry.finished_share for entry in cache_entries(tmp_path)] == [1.0]
 
 
@@ -216,7 +215,7 @@ def test_while_another_process_computes_one_waits_and_sees_how_far_it_is(
         if len(shares) < 4:
             other.compute_a_tile()
 
-    load_or_compute(grid, QUICK, cache_dir=tmp_path, progress=waiting)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path, progress=waiting)
     assert 0 < shares[0] < shares[1] < shares[2] < 1
     assert not computed
 
@@ -228,10 +227,10 @@ def test_whoever_waits_goes_on_where_a_killed_process_was(grid, tmp_path, comput
         seen.append((other.runs, len(computed)))
         other.kill()
 
-    field = load_or_compute(grid, QUICK, cache_dir=tmp_path, progress=waiting)
+    field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path, progress=waiting)
     assert seen[0] == (True, 0)
     assert len(computed) == 3
-    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK).covariance)
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK_FIELD).covariance)
 
 
 def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of_tiles):
@@ -242,16 +241,18 @@ def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of
     assert 0 < entry.finished_share < 1
     done = sum(computed)
     computed.clear()
-    field = load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert 0 < sum(computed) <= field.evaluated.sum() * (1 - entry.finished_share)
     assert done + sum(computed) < 1.6 * field.evaluated.sum()
     assert equals_computed(field)
-    assert [entry.path for entry in cache_entries(tmp_path)] == [field_path(grid, QUICK, tmp_path)]
+    assert [entry.path for entry in cache_entries(tmp_path)] == [
+        field_path(grid, QUICK_FIELD, tmp_path)
+    ]
 
 
 def test_quick_field_writes_no_parts(grid, tmp_path, monkeypatch):
     monkeypatch.setattr("locplan.field.store.make_folder", None)
-    assert load_or_compute(grid, QUICK, cache_dir=tmp_path).evaluated.any()
+    assert load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path).evaluated.any()
 
 
 def test_damaged_part_is_computed_again(grid, tmp_path, computed, parts_of_tiles):
@@ -260,7 +261,7 @@ def test_damaged_part_is_computed_again(grid, tmp_path, computed, parts_of_tiles
     for part in entry.path.iterdir():
         part.write_bytes(part.read_bytes()[:-30])
     computed.clear()
-    field = load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert sum(computed) == field.evaluated.sum()
     assert equals_computed(field)
 
@@ -297,29 +298,29 @@ DAMAGES = [cut, flip_bit, empty, pipe, other_arrays, objects]
 
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_damaged_field_is_computed_again(grid, tmp_path, computed, damage):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    damage(field_path(grid, QUICK, tmp_path))
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
+    damage(field_path(grid, QUICK_FIELD, tmp_path))
     with pytest.warns(CacheWarning, match="computed again") as warned:
-        again = load_or_compute(grid, QUICK, cache_dir=tmp_path)
+        again = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert len(warned) == 1
     assert equals_computed(again)
     computed.clear()
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert not computed
 
 
 def test_file_of_another_field_is_not_believed(grid, tmp_path):
     other = dataclasses.replace(grid, cells=np.where(grid.cells == UNKNOWN, 0, grid.cells))
-    load_or_compute(other, QUICK, cache_dir=tmp_path)
-    os.rename(field_path(other, QUICK, tmp_path), field_path(grid, QUICK, tmp_path))
+    load_or_compute(other, QUICK_FIELD, cache_dir=tmp_path)
+    os.rename(field_path(other, QUICK_FIELD, tmp_path), field_path(grid, QUICK_FIELD, tmp_path))
     with pytest.warns(CacheWarning, match="another field"):
-        assert equals_computed(load_or_compute(grid, QUICK, cache_dir=tmp_path))
+        assert equals_computed(load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path))
 
 
 def test_a_cache_that_cannot_be_written_is_a_warning_not_an_error(grid, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.warns(CacheWarning, match="not cached"):
-        field = load_or_compute(grid, QUICK, cache_dir=tmp_path / "file" / "cache")
+        field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path / "file" / "cache")
     assert field.evaluated.any()
 
 
@@ -336,72 +337,74 @@ def test_full_disk_is_a_warning_and_parts_count(
 
     monkeypatch.setattr(files, "write_points", until_full)
     with pytest.warns(CacheWarning, match="not cached: No space left") as warned:
-        field = load_or_compute(grid, QUICK, cache_dir=tmp_path, threads=1)
+        field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path, threads=1)
     assert len(warned) == 1
     assert equals_computed(field)
     monkeypatch.setattr(files, "write_points", write)
     computed.clear()
-    again = load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    again = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert 0 < sum(computed) < field.evaluated.sum()
     np.testing.assert_array_equal(again.covariance, field.covariance)
 
 
 @respects_permissions
 def test_a_read_only_cache_serves_what_it_holds(grid, tmp_path, computed):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     computed.clear()
     for folder, _, names in os.walk(tmp_path):
         for name in names:
             os.chmod(os.path.join(folder, name), 0o444)
         os.chmod(folder, 0o555)
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert not computed
     with pytest.warns(CacheWarning, match="cannot be written"):
-        load_or_compute(grid, changed(QUICK, weights=Exponential(0.1)), cache_dir=tmp_path)
+        load_or_compute(
+            grid, change_estimator(QUICK_FIELD, weights=Exponential(0.1)), cache_dir=tmp_path
+        )
     for folder, _, _ in os.walk(tmp_path):
         os.chmod(folder, 0o755)
 
 
 def test_an_edited_map_is_computed_only_where_the_change_is_felt(grid, tmp_path, computed):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     after = edited(grid)
     computed.clear()
-    field = load_or_compute(after, QUICK, cache_dir=tmp_path)
+    field = load_or_compute(after, QUICK_FIELD, cache_dir=tmp_path)
     assert 0 < sum(computed) < field.evaluated.sum() / 4
     assert equals_computed(field)
     computed.clear()
-    field_path(grid, QUICK, tmp_path).unlink()  # nothing is borrowed
+    field_path(grid, QUICK_FIELD, tmp_path).unlink()  # nothing is borrowed
     np.testing.assert_array_equal(
-        load_or_compute(after, QUICK, cache_dir=tmp_path).covariance, field.covariance
+        load_or_compute(after, QUICK_FIELD, cache_dir=tmp_path).covariance, field.covariance
     )
     assert not computed
 
 
 def test_edited_map_takes_nothing_from_damaged_field(grid, tmp_path):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    flip_bit(field_path(grid, QUICK, tmp_path))
-    assert equals_computed(load_or_compute(edited(grid), QUICK, cache_dir=tmp_path))
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
+    flip_bit(field_path(grid, QUICK_FIELD, tmp_path))
+    assert equals_computed(load_or_compute(edited(grid), QUICK_FIELD, cache_dir=tmp_path))
 
 
 def test_what_was_read_was_used(grid, tmp_path):
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
-    os.utime(field_path(grid, QUICK, tmp_path), (0, 0))
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
+    os.utime(field_path(grid, QUICK_FIELD, tmp_path), (0, 0))
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert cache_entries(tmp_path)[0].used > 1e9
 
 
 def test_map_without_free_cells_is_cached(tmp_path, monkeypatch):
     nothing = OccupancyGrid(np.zeros((5, 5), np.uint8), 0.1)
-    assert not load_or_compute(nothing, QUICK, cache_dir=tmp_path).evaluated.any()
+    assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).evaluated.any()
     monkeypatch.setattr("locplan.field.store.finished_chunks", None)
-    assert not load_or_compute(nothing, QUICK, cache_dir=tmp_path).evaluated.any()
+    assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).evaluated.any()
 
 
 def test_field_of_earlier_version_is_not_read(grid, tmp_path, computed):
-    path = field_path(grid, QUICK, tmp_path)
+    path = field_path(grid, QUICK_FIELD, tmp_path)
     path.with_suffix(".zarr").mkdir()
     (path.with_suffix(".zarr") / "zarr.json").write_text("{}")
-    load_or_compute(grid, QUICK, cache_dir=tmp_path)
+    load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert computed
     assert sorted(entry.kind for entry in cache_entries(tmp_path)) == [
         "field",

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import few_of
 from numpy.typing import NDArray
 from scipy import ndimage
+from support.cases import sample_cases
 
 from locplan.errors import ConfigError, MapError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments, load_map, save_map
 
 NAMES = environments.names()
 MAPS = Path(__file__).resolve().parents[2] / "maps"
-RESOLUTIONS = few_of([0.05, 0.1, 0.02], 2)
+RESOLUTIONS = sample_cases([0.05, 0.1, 0.02], 2)
 ROBOT_RADIUS = 0.25
 make = functools.cache(environments.make)
 

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import drawn, respects_permissions
 from PIL import Image
+from support.machine import respects_permissions
+from support.maps import ascii_map
 
 from locplan.errors import MapError
 from locplan.maps import (
@@ -87,7 +88,7 @@ def refusal(file: Path) -> str:
 
 
 def test_a_folder_with_one_map_is_that_map(tmp_path):
-    grid = drawn("..#")
+    grid = ascii_map("..#")
     save_map(grid, tmp_path / "hall.yaml")
     assert load_map(tmp_path) == grid
     save_map(grid, tmp_path / "lab.yaml")

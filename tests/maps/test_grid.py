@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 from locplan.errors import MapError, PoseError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -38,7 +38,7 @@ def test_position_of_many_cells_is_that_of_each():
 
 
 def test_row_zero_is_the_lowest_y():
-    grid = drawn(
+    grid = ascii_map(
         "#..",
         "...",
         resolution=0.5,
@@ -82,7 +82,7 @@ def test_clearance_is_the_distance_to_the_nearest_square():
 
 
 def test_without_walls_clearance_is_infinite():
-    assert np.isinf(drawn("..", "..").clearance).all()
+    assert np.isinf(ascii_map("..", "..").clearance).all()
 
 
 def test_digest_depends_on_content_not_on_the_name():

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms
 from PIL import Image
 from support import oracles as naive
+from support.maps import ascii_map, blocks, random_rooms
 
 from locplan._support.kernels.walls import surface_depths
 from locplan.maps import (
@@ -31,18 +31,6 @@ SOLID = {
     "tuw_warehouse032",
     "tuw_warehouse200",
 }
-
-
-def blocks(thick: bool = True) -> OccupancyGrid:
-    """Aisles of 1.5 m between blocks of 3 m, which are black inside, or have walls of one cell."""
-    cells = np.full((200, 200), FREE, np.uint8)
-    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
-    for row in range(15, 165, 45):
-        for col in range(15, 150, 45):
-            cells[row : row + 30, col : col + 30] = OCCUPIED
-            if not thick:
-                cells[row + 1 : row + 29, col + 1 : col + 29] = UNKNOWN
-    return OccupancyGrid(cells, 0.1, name="blocks")
 
 
 def kinds(grid: OccupancyGrid) -> list[str]:
@@ -194,8 +182,8 @@ def test_results_are_written_and_drawn(tmp_path):
     assert {"faults.json", "faults.csv", "faults.png"} <= {each.name for each in tmp_path.iterdir()}
     assert "solid walls: walls are black inside" in found.report()
     assert found.summary()["faults"][0]["sure"] is True
-    assert "no fault" in faults(drawn(" ###", " #.#", " ###", resolution=0.5)).report()
-    assert "coarse cells: cells of 1 m" in faults(drawn(" ###", " #.#", " ###")).report()
+    assert "no fault" in faults(ascii_map(" ###", " #.#", " ###", resolution=0.5)).report()
+    assert "coarse cells: cells of 1 m" in faults(ascii_map(" ###", " #.#", " ###")).report()
 
 
 @pytest.mark.long

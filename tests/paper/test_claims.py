@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 from locplan.field import (
     FieldConfig,
@@ -211,7 +211,7 @@ def test_distributions_show_every_plane_of_the_window(program, rotation):
 
 
 def test_ellipses_have_the_size_and_direction_of_the_covariances(program):
-    grid = drawn(*["." * 30] * 20, resolution=0.2)
+    grid = ascii_map(*["." * 30] * 20, resolution=0.2)
     field = covariance_field(grid, Sad(range=1.0))
     figure = program.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)
     assert [axes.get_title() for axes in figure.axes] == ["six", "again"]

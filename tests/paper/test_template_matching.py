@@ -1,8 +1,8 @@
 import cv2
 import numpy as np
 import pytest
-from conftest import random_rooms
 from support import oracles as naive
+from support.maps import random_rooms
 
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, SearchWindow

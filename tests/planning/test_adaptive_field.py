@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from conftest import random_rooms
+from support.maps import random_rooms
 
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Fisher, covariance_field, load_or_compute

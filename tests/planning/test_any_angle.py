@@ -3,9 +3,9 @@ import math
 
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms
-from planning.test_plans import costs_from, random_density
 from support import oracles as naive
+from support.costmaps import costmap_from_density, random_density
+from support.maps import ascii_map, random_rooms
 
 from locplan._support.kernels.rays import segment_cost
 from locplan._support.kernels.search import bordered_half
@@ -141,7 +141,7 @@ def test_shifting_never_costs_more_and_finds_the_valley():
 @pytest.mark.parametrize("seed", range(8))
 def test_paths_cost_no_more_than_on_the_grid_and_cross_nothing(seed, accuracy):
     density = smooth_density((90, 110), seed)
-    costs = costs_from(density)
+    costs = costmap_from_density(density)
     ends = (0.7, 1.2), (108.6, 88.9)
     on_grid = plan(costs, *ends, planner="grid")
     result = plan(costs, *ends, planner="any-angle", accuracy=accuracy)
@@ -155,7 +155,7 @@ def test_paths_cost_no_more_than_on_the_grid_and_cross_nothing(seed, accuracy):
 @pytest.mark.parametrize("seed", range(6))
 def test_cut_corners_cross_nothing_either(seed):
     density = random_density((40, 50), seed, blocked=0.3)
-    costs = costs_from(density)
+    costs = costmap_from_density(density)
     ends = (0.5, 0.5), (49.5, 39.5)
     options = {"allow_corner_cutting": True}
     on_grid = plan(costs, *ends, planner="grid", **options)
@@ -176,7 +176,7 @@ def test_without_obstacles_the_path_is_the_straight_line():
 
 def test_around_a_corner_it_is_as_short_as_can_be():
     lines = ["." * 30] * 10 + ["." * 15 + "#" * 15] * 10
-    costs = Costmap.blank(drawn(*lines), robot=0.0)
+    costs = Costmap.blank(ascii_map(*lines), robot=0.0)
     start, goal = (14.5, 0.5), (29.5, 10.5)
     result = plan(costs, start, goal, planner="any-angle")
     around = math.dist(start, (15, 10)) + math.dist((15, 10), goal)
@@ -189,13 +189,17 @@ def test_costs_too_far_apart_for_buckets_are_no_obstacle():
     density[5:15, 10:20] = 1e8
     for accuracy in ("normal", "high"):
         result = plan(
-            costs_from(density), (0.5, 10.5), (29.5, 10.5), planner="any-angle", accuracy=accuracy
+            costmap_from_density(density),
+            (0.5, 10.5),
+            (29.5, 10.5),
+            planner="any-angle",
+            accuracy=accuracy,
         )
         assert result.metrics.cost < 40
 
 
 def test_unreachable_goals_and_unknown_accuracies_are_told():
-    costs = costs_from(np.array([[1.0, np.inf, 1.0]]))
+    costs = costmap_from_density(np.array([[1.0, np.inf, 1.0]]))
     for accuracy in ("normal", "high"):
         options = {"planner": "any-angle", "accuracy": accuracy}
         assert plan(costs, (0.5, 0.5), (2.5, 0.5), **options).status == "unreachable"
@@ -204,7 +208,7 @@ def test_unreachable_goals_and_unknown_accuracies_are_told():
 
 
 def test_start_and_goal_may_be_one():
-    costs = costs_from(np.ones((3, 3)))
+    costs = costmap_from_density(np.ones((3, 3)))
     result = plan(costs, (1.2, 1.2), (1.2, 1.2), planner="any-angle")
     assert result.metrics.length == 0.0
     near = plan(costs, (1.2, 1.2), (1.4, 1.3), planner="any-angle")
@@ -233,7 +237,7 @@ def test_small_turned_maps_with_thin_walls_are_no_exception(accuracy):
 
 
 def test_where_straight_lines_cost_more_the_path_before_them_is_kept(monkeypatch):
-    costs = costs_from(np.ones((20, 20)))
+    costs = costmap_from_density(np.ones((20, 20)))
     ends = (0.5, 0.5), (19.5, 9.5)
     on_grid = plan(costs, *ends, planner="grid").path
     around = Path([ends[0], (0.5, 19.5), ends[1]])

@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import corridor, drawn, random_rooms
 from support import oracles as naive
+from support.maps import ascii_map, corridor, random_rooms
 
 from locplan._support.kernels import rays
 from locplan.comparison import runs as orders
@@ -136,7 +136,7 @@ def test_the_robots_radius_blocks_cells_near_walls(field):
 
 def test_a_field_of_another_map_is_refused(field):
     with pytest.raises(FieldError, match="does not belong"):
-        Costmap.from_field(drawn("..", ".."), field, robot=0.0)
+        Costmap.from_field(ascii_map("..", ".."), field, robot=0.0)
 
 
 @pytest.mark.parametrize(
@@ -159,11 +159,11 @@ def test_bad_options_are_named(field, option, message):
 )
 def test_bad_densities_are_refused(density):
     with pytest.raises(ConfigError, match="density"):
-        Costmap.from_density(drawn("..", ".."), density)
+        Costmap.from_density(ascii_map("..", ".."), density)
 
 
 def test_layers_of_ones_own_count_in_free_cells_alone():
-    grid = drawn("..#", "...")
+    grid = ascii_map("..#", "...")
     u = np.array([[0.0, 1.0, 0.5], [0.25, 0.0, np.nan]])  # the row at the lowest y first
     costs = Costmap.from_layers(grid, u=u, weight=2.0, robot=0.0)
     np.testing.assert_array_equal(costs.density, [[1.0, 3.0, 2.0], [1.5, 1.0, np.inf]])
@@ -189,7 +189,7 @@ def test_layers_of_ones_own_count_in_free_cells_alone():
 )
 def test_bad_layers_are_refused(layers, message):
     with pytest.raises(ConfigError, match=message):
-        Costmap.from_layers(drawn("..", ".."), **layers)
+        Costmap.from_layers(ascii_map("..", ".."), **layers)
 
 
 @pytest.mark.parametrize(
@@ -206,25 +206,27 @@ def test_bad_layers_are_refused(layers, message):
     ],
 )
 def test_impossible_positions_are_refused_with_the_nearest_possible(xy, message):
-    costs = Costmap.from_density(drawn("# ..", "...."), np.ones((2, 4)))
+    costs = Costmap.from_density(ascii_map("# ..", "...."), np.ones((2, 4)))
     with pytest.raises(PoseError, match=message):
         costs.cell_of(xy, "start")
 
 
 def test_a_position_within_the_robots_radius_of_a_wall_is_refused():
-    costs = Costmap.from_density(drawn("#....", "....."), np.ones((2, 5)), robot=1.2)
+    costs = Costmap.from_density(ascii_map("#....", "....."), np.ones((2, 5)), robot=1.2)
     with pytest.raises(PoseError, match=r"0\.50 m from a wall, closer than the robot's radius"):
         costs.cell_of((1.5, 1.5), "goal")
 
 
 def test_a_map_without_room_says_so():
-    costs = Costmap.from_density(drawn("##", "##"), np.ones((2, 2)))
+    costs = Costmap.from_density(ascii_map("##", "##"), np.ones((2, 2)))
     with pytest.raises(PoseError, match="no cell of the map is free"):
         costs.cell_of((0.5, 0.5))
 
 
 def test_costmap_at_reads_cells_of_poses():
-    costs = Costmap.from_layers(drawn("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0)
+    costs = Costmap.from_layers(
+        ascii_map("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0
+    )
     inside, wall, outside = (0.9, 0.1), (0.5, 1.5), (-5.0, 0.5)
     values = costs.at([inside, wall, outside])
     np.testing.assert_array_equal(values["u"], [costs.u[0, 0], np.nan, np.nan])
@@ -258,7 +260,9 @@ def test_costmap_at_takes_nearest_heading():
 
 
 def test_path_cost_of_several_paths_is_cost_of_each():
-    costs = Costmap.from_layers(drawn("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0)
+    costs = Costmap.from_layers(
+        ascii_map("#..", "..."), u=[[0.1, 0.2, 0.3], [1, 0.5, 0]], robot=0.0
+    )
     paths = [Path([[0.5, 0.5], [2.5, 0.5]]), Path([[1.5, 0.5], [0.5, 1.5]])]
     alone = [path_cost(costs, path) for path in paths]
     assert alone == [path_metrics(costs, path).cost for path in paths]
@@ -311,7 +315,7 @@ def test_a_path_of_one_position_costs_nothing(field):
 
 
 def test_a_path_outside_costs_infinitely_much():
-    costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
+    costs = Costmap.from_density(ascii_map("..", ".."), np.ones((2, 2)))
     metrics = path_metrics(costs, Path(np.array([[0.5, 0.5], [5.0, 0.5]])))
     assert metrics.cost == np.inf
     assert metrics.clearance == 0.0
@@ -328,7 +332,7 @@ def test_another_weight_keeps_what_is_blocked(field):
 
 
 def two_headings(weight: float) -> Costmap:
-    grid = drawn("..#", "...")
+    grid = ascii_map("..#", "...")
     u = np.array([[[0.0, 0.25, 0.5], [0.75, 1.0, 1.0]], [[0.5] * 3, [0.125] * 3]], np.float32)
     costs = dataclasses.replace(Costmap.blank(grid), u=u.mean(axis=0), e=u[0] / 10, weight=0.0)
     costs = dataclasses.replace(costs, of_heading=HeadingLayers(partial(tuple, (u, u / 10))))
@@ -346,7 +350,7 @@ def test_the_weight_counts_in_each_heading(weight):
 
 
 def test_a_larger_radius_blocks_more_and_is_remembered():
-    grid = drawn("#......", ".......", ".......")
+    grid = ascii_map("#......", ".......", ".......")
     narrow, wide = (Costmap.blank(grid, robot=radius) for radius in (0.5, 2.2))
     widened = narrow.with_robot(2.2)
     assert widened.robot_radius == wide.robot_radius == 2.2

@@ -2,8 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms
 from PIL import Image
+from support.maps import ascii_map, random_rooms
 
 from locplan._support.drawing import save_figure
 from locplan.errors import LocplanError
@@ -32,7 +32,7 @@ def test_field_figure_names_map_scalar_and_unit(field):
 
 
 def test_a_field_of_equal_values_can_be_drawn(tmp_path):
-    field = covariance_field(drawn("##", "  ", resolution=0.1), FieldConfig())
+    field = covariance_field(ascii_map("##", "  ", resolution=0.1), FieldConfig())
     save_figure(field_figure(field), tmp_path / "empty.png")
     assert (tmp_path / "empty.png").stat().st_size > 0
 
@@ -105,7 +105,7 @@ def test_plan_figure_says_what_was_asked(field):
 
 
 def test_fields_of_several_estimators_are_drawn_on_one_scale():
-    grid = drawn("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
+    grid = ascii_map("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
     estimators = Sad(range=2.0), Scan(Lidar(range=2.0))
     fields = {each.name: covariance_field(grid, each) for each in estimators}
     figure = fields_figure([fields], "position_std")

@@ -6,15 +6,16 @@ import json
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
-from planning.test_movingai import map_of, read_map, read_scenarios, scenario_files
 from support import oracles as naive
+from support.machine import SHARED_DATA
+from support.movingai import find_map_file, find_scenario_files, read_map, read_scenarios
 
 import locplan
 from locplan._support.kernels import search, ways
+from locplan._support.kernels.search import bordered_half, shortest_costs
 from locplan.comparison import Execution, RandomQueries, compare
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, Found, pareto_front, plan
 
 
@@ -125,8 +126,8 @@ def test_searches_agree_on_real_maps():
 
 @pytest.mark.parametrize("guided", [False, True])
 def test_scenarios_have_their_optimal_lengths(guided):
-    for path in scenario_files()[::2]:
-        density = read_map(map_of(path))
+    for path in find_scenario_files()[::2]:
+        density = read_map(find_map_file(path))
         half, columns = search.bordered_half(density, 1), density.shape[1] + 2
         scale = search.scale_of(half)
         for start, goal, optimal in read_scenarios(path):
@@ -261,3 +262,27 @@ def test_fronts_say_their_status():
     assert pareto_front(costs, *corners(costs)).status == "solved"
     apart = limited(costs_of([[1.0, np.inf, 1.0]]))
     assert pareto_front(apart, (0.5, 0.5), (2.5, 0.5)).status == "unreachable"
+
+
+def test_lengths_are_optimal():
+    files = find_scenario_files()
+    for path in files:
+        density = read_map(find_map_file(path))
+        width, half = density.shape[1] + 2, bordered_half(density, 1)
+        for start, goal, optimal in read_scenarios(path):
+            source, target = ((row + 1) * width + col + 1 for row, col in (start, goal))
+            cost = shortest_costs(half, width, source, target, False)[target]
+            assert cost == pytest.approx(optimal, abs=0.005), (path.name, start, goal)
+    assert files
+
+
+def test_plans_have_the_optimal_length():
+    path = find_scenario_files()[0]
+    density = read_map(find_map_file(path))
+    cells = np.where(np.isfinite(density), FREE, OCCUPIED)
+    costs = Costmap.blank(OccupancyGrid(cells, 1.0), robot=0.0)
+    for start, goal, optimal in read_scenarios(path):
+        ends = [costs.grid.position(*cell) for cell in (start, goal)]
+        result = plan(costs, *ends, planner="grid")
+        assert result.metrics.length == pytest.approx(optimal, abs=0.005)
+        assert result.metrics.cost == pytest.approx(optimal, abs=0.005)

@@ -8,20 +8,27 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from conftest import drawn, few_of
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order
 from support import oracles as naive
+from support.cases import sample_cases
+from support.maps import ascii_map
 
+from locplan import load_map
 from locplan._support.kernels.outlines import first_hit, sums_of, swept
 from locplan._support.kernels.rays import segment_cost
 from locplan._support.kernels.search import bordered_half
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, Path, check_path, path_cost, plan
+from locplan.planning.kernels import bit_masks, lattice, motions, smoothing
+from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP
 from locplan.planning.lattice import Lattice
 from locplan.planning.lattice_search import (
     LatticeSearch,
     Prices,
     angles_of,
+    centre_cells,
     outline_masks,
     primitives,
 )
@@ -86,8 +93,8 @@ def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
     return edges
 
 
-@pytest.mark.parametrize("kinematics", few_of(DRIVES), ids=NAMES)
-@pytest.mark.parametrize("seed", few_of([1, 0]))
+@pytest.mark.parametrize("kinematics", sample_cases(DRIVES), ids=NAMES)
+@pytest.mark.parametrize("seed", sample_cases([1, 0]))
 def test_no_motions_of_the_lattice_lead_to_the_goal_at_less_cost(kinematics, seed):
     costs = cluttered(seed, kinematics)
     planner = Lattice(
@@ -135,7 +142,7 @@ def cost_of(costs: Costmap, path: Path, planner: Lattice) -> float:
     return total
 
 
-@pytest.mark.parametrize("kinematics", few_of(DRIVES, 2), ids=NAMES)
+@pytest.mark.parametrize("kinematics", sample_cases(DRIVES, 2), ids=NAMES)
 def test_the_bound_is_below_the_cost_everywhere(kinematics):
     costs = cluttered(3, kinematics)
     planner = Lattice(turn_cost=0.2, gear_change=0.1, reverse=1.3)
@@ -209,7 +216,7 @@ def test_turns_keep_the_radius_and_end_on_centres_in_their_heading(headings, spa
 
 def test_a_long_robot_passes_where_only_its_length_fits():
     wall, gap, room = "#" * 20, "#" * 8 + "...." + "#" * 8, "#" + "." * 18 + "#"
-    grid = drawn(wall, *[room] * 13, *[gap] * 4, *[room] * 13, wall, resolution=0.1)
+    grid = ascii_map(wall, *[room] * 13, *[gap] * 4, *[room] * 13, wall, resolution=0.1)
     outline = Footprint([(0.5, 0.12), (0.5, -0.12), (-0.5, -0.12), (-0.5, 0.12)])
     costs = Costmap.blank(grid, robot=Robot(footprint=outline, margin=0.0))
     ends = (0.75, 0.65), (1.35, 2.45)
@@ -221,14 +228,14 @@ def test_a_long_robot_passes_where_only_its_length_fits():
 
 def test_a_gap_that_no_heading_passes_makes_it_infeasible_not_unreachable():
     wall, rooms = "########", "#..##..#"
-    grid = drawn(wall, *[rooms, "#......#", rooms], wall, resolution=0.2)
+    grid = ascii_map(wall, *[rooms, "#......#", rooms], wall, resolution=0.2)
     outline = Footprint([(0.2, 0.12), (0.2, -0.12), (-0.2, -0.12), (-0.2, 0.12)])
     robot = Robot(footprint=outline, margin=0.0)
     costs = dataclasses.replace(Costmap.blank(grid, robot=0.05), robot=robot)
     made = plan(costs, (0.5, 0.5), (1.1, 0.5), planner="lattice")
     assert made.status == "infeasible"
     assert "16 headings" in made.note
-    shut = drawn(wall, *[rooms] * 3, wall, resolution=0.2)
+    shut = ascii_map(wall, *[rooms] * 3, wall, resolution=0.2)
     blank = dataclasses.replace(Costmap.blank(shut, robot=0.05), robot=robot)
     ends = (0.5, 0.5, 0.0), (1.1, 0.5, 1.0)
     assert plan(blank, *ends, planner="lattice").status == "unreachable"
@@ -244,7 +251,7 @@ def test_legs_over_waypoints_go_on_in_the_heading_in_which_they_come():
 
 
 def test_a_footprint_of_the_query_counts_for_the_lattice():
-    grid, ends = drawn(*["." * 30] * 7, resolution=0.1), [(0.75, 0.35), (2.25, 0.35)]
+    grid, ends = ascii_map(*["." * 30] * 7, resolution=0.1), [(0.75, 0.35), (2.25, 0.35)]
     cells = grid.cells.copy()
     cells[0, 15] = cells[6, 15] = OCCUPIED
     costs = Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0)
@@ -255,7 +262,7 @@ def test_a_footprint_of_the_query_counts_for_the_lattice():
 
 def corridor_with_a_dead_end(tolerance: float) -> Costmap:
     """A corridor 0.6 m wide, at whose right end a robot 0.8 m long cannot stand."""
-    grid = drawn("#" * 40, *["." * 39 + "#"] * 6, "#" * 40, resolution=0.1)
+    grid = ascii_map("#" * 40, *["." * 39 + "#"] * 6, "#" * 40, resolution=0.1)
     outline = Footprint([(0.4, 0.2), (0.4, -0.2), (-0.4, -0.2), (-0.4, 0.2)])
     return Costmap.blank(grid, robot=Robot(footprint=outline, goal_tolerance=tolerance))
 
@@ -282,7 +289,7 @@ def test_where_the_goal_cannot_be_reached_the_path_ends_within_the_goal_toleranc
     ("half", "tolerance", "start"), [(0.4, 0.25, (0.95, 1.05)), (1.2, 1.0, (2.05, 0.35, 0.0))]
 )
 def test_a_robot_that_cannot_stand_across_at_the_goal_does_so_beside_it(half, tolerance, start):
-    grid = drawn(*["." * 40] * 30, "#" * 40, resolution=0.1)
+    grid = ascii_map(*["." * 40] * 30, "#" * 40, resolution=0.1)
     outline = Footprint([(half, 0.2), (half, -0.2), (-half, -0.2), (-half, 0.2)])
     sideways = Kinematics(drive="omnidirectional")
     robot = Robot(footprint=outline, margin=0.0, kinematics=sideways, goal_tolerance=tolerance)
@@ -314,7 +321,7 @@ def test_ends_keep_their_headings_within_the_lattices():
         assert abs(math.remainder(pose[2] - asked[2], 2 * math.pi)) <= 0.24
 
 
-@pytest.mark.parametrize("kinematics", few_of(DRIVES, 2), ids=NAMES)
+@pytest.mark.parametrize("kinematics", sample_cases(DRIVES, 2), ids=NAMES)
 def test_smoothed_paths_cost_no_more_keep_the_radius_and_meet_no_wall(kinematics):
     lower = 0
     for seed in range(6):
@@ -382,7 +389,7 @@ def test_options_out_of_their_range_are_refused(options):
 
 
 def test_the_outline_keeps_the_margin_where_it_can_and_else_says_that_it_does_not():
-    grid = drawn("." * 24, *["." * 24] * 14, "#" * 24, resolution=0.1)
+    grid = ascii_map("." * 24, *["." * 24] * 14, "#" * 24, resolution=0.1)
     outline = Footprint([(0.25, 0.15), (0.25, -0.15), (-0.25, -0.15), (-0.25, 0.15)])
     robot = Robot(footprint=outline, margin=0.1, goal_tolerance=0.0)
     costs = Costmap.blank(grid, robot=robot)
@@ -409,3 +416,279 @@ def test_a_turning_radius_beyond_the_map_leaves_only_the_way_ahead():
     assert ahead.path.length == pytest.approx(4.0)
     across = plan(costs, (1.0, 1.0, 0.0), (5.0, 2.0, 0.0), planner="lattice")
     assert across.status == "infeasible"
+
+
+PRICES = Prices(reverse=1.6, gear_change=0.15, turn=0.2)
+
+
+def packed(plane):
+    return np.packbits(plane, axis=1, bitorder="little").view(np.uint64)
+
+
+def unpacked(words):
+    return np.unpackbits(words.view(np.uint8), axis=1, bitorder="little").astype(bool)
+
+
+def test_widened_bits_are_those_of_plain_loops():
+    plane = np.random.default_rng(0).random((3, 192)) < 0.02
+    plane[1, 63:66] = plane[2, 191] = True
+    wide = bit_masks.widened(packed(plane))
+    for level in range(7):
+        assert np.array_equal(unpacked(wide[level]), naive.widened(plane, level))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 63, 64, 100])
+def test_masks_of_runs_are_those_of_plain_loops(count):
+    rng = np.random.default_rng(count)
+    shape, margin = (4, 100), 64
+    plane = np.zeros((shape[0] + 2 * margin, 64 * 3 + 2 * margin), bool)
+    plane[margin : margin + shape[0], margin : margin + shape[1]] = rng.random(shape) < 0.02
+    ends = rng.integers(-20, 20, 6), rng.integers(1, count + 1, 6)
+    runs = np.column_stack([rng.integers(-3, 4, 6), *ends])
+    masks = np.zeros((2, shape[0], 2, 3), np.uint64)
+    bit_masks.add_runs(masks, bit_masks.widened(packed(plane)), runs, np.array([1, 2]), margin)
+    expected = naive.add_runs(plane[:, : shape[1] + 2 * margin], runs, shape)
+    assert np.array_equal(unpacked(masks[1, :, :, 2].copy())[:, : shape[1]], expected)
+    assert masks.sum(axis=(1, 2)).nonzero()[1].tolist() == [2]
+
+
+@pytest.mark.parametrize("kinematics", DRIVES, ids=NAMES)
+def test_a_mask_is_set_just_where_the_outline_or_the_centre_meets_something(kinematics):
+    costs = cluttered(5, kinematics, (9, 70))
+    ground = LatticeSearch(costs, 16, 1, PRICES).graph.ground
+    rows, columns = costs.grid.shape
+    radius = kinematics.turning_radius / costs.grid.resolution
+    found = primitives(16, radius, kinematics is SIDEWAYS)
+    margin, slots = 20, np.zeros(16, int)
+    walls = np.pad(costs.grid.cells == OCCUPIED, margin)
+    shut = np.pad(np.isinf(costs.density), margin, constant_values=True)
+    for each in found[:: max(1, len(found) // 16)]:
+        slots[each.source] = found.index(each) - [p.source for p in found].index(each.source)
+        poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
+        body = np.argwhere(swept(LONG.vertices / costs.grid.resolution, poses, 15)) - 15
+        centre = centre_cells(each)
+        bits = unpacked(ground.masks[each.source, :, :, slots[each.source]].copy())
+        for row, col in itertools.product(range(rows), range(columns)):
+            at = np.array([row, col]) + margin
+            met = any(walls[tuple(at + cell)] for cell in body)
+            met |= any(shut[tuple(at + cell)] for cell in centre)
+            assert bits[row, col] == met
+
+
+SQUARE = Footprint([(0.12, 0.08), (0.12, -0.08), (-0.12, -0.08), (-0.12, 0.08)])
+
+
+@pytest.mark.parametrize("outline", [SQUARE, LONG])
+def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways(outline):
+    costs = cluttered(20, DRIVES[1], (14, 16))
+    costs = dataclasses.replace(costs, robot=dataclasses.replace(costs.robot, footprint=outline))
+    search = LatticeSearch(costs, 16, 1, PRICES)
+    goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
+    bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
+    expected = naive.project(search.graph, goal)
+    assert np.isfinite(bound).sum() == len(expected) > 30
+    assert all(bound[cell] == pytest.approx(cost, rel=1e-5) for cell, cost in expected.items())
+
+
+@pytest.mark.parametrize("headings", [8, 16])
+@pytest.mark.parametrize("kinematics", DRIVES, ids=NAMES)
+def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematics, headings):
+    costs = cluttered(headings, kinematics)
+    search = LatticeSearch(costs, headings, 1, PRICES)
+    graph = search.graph
+    cells = np.random.default_rng(1).permutation(np.argwhere(np.isfinite(costs.density)))[:2]
+    start, goal = map(tuple, cells.tolist())
+    bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
+    projected = np.full(costs.grid.shape, np.inf)
+    for cell, cost in naive.project(graph, goal).items():
+        projected[cell] = cost
+    assert np.allclose(bound, projected, rtol=1e-5)
+    cap = float(bound[start]) if np.isfinite(bound[start]) else 1.0
+    cap *= 1 - lattice.ROUNDING
+    terms = graph.terms._replace(cap=cap, goal_headings=(1 << headings) - 1)
+    flat, whole = bound.ravel(), graph._replace(terms=terms)
+    at = costs.grid.position(*start)
+    cost, last, _ = search.costs_from(at, flat, whole)
+    gears = range(terms.gears)
+    starts = [(*start, h, g) for h in range(headings) for g in gears]
+    reached = naive.explore(graph, starts)
+    ends = [(*goal, h, g) for h in range(headings) for g in gears]
+    least = min(reached.get(end, math.inf) for end in ends)
+    assert (last < 0) == math.isinf(least)
+    for n in np.flatnonzero(cost < 0).tolist():
+        cell, layer = divmod(n, headings * terms.gears)
+        gear, heading = divmod(layer, headings)
+        state = (*divmod(cell, costs.grid.shape[1]), heading, gear)
+        assert -cost[n] - 1 == pytest.approx(reached[state], rel=1e-5, abs=1e-5)
+    if last >= 0:
+        assert abs(cost[last]) - 1 == pytest.approx(least, rel=1e-5)
+        moves = lattice.traced(whole, cost, last)
+        cell = moves[0] // (headings * terms.gears)
+        assert cell == start[0] * costs.grid.shape[1] + start[1]
+
+
+def made_drive(kind, turn, sideways=False):
+    return smoothing.Drive(kind, 1e-4 if turn else 2.5, sideways, 1.7, 0.8, turn)
+
+
+def ground_and_poses(seed, kind, blocked=0.02):
+    """A density on a bordered grid, as the kernels and the loops take it, and poses on it."""
+    rng = np.random.default_rng(seed)
+    density = rng.uniform(1, 5, (24, 24))
+    density[rng.random(density.shape) < blocked] = np.inf
+    half = bordered_half(density, 1)
+    poses = np.column_stack([rng.uniform(6, 20, (8, 2)), rng.uniform(-3, 3, 8)])
+    free = [math.isfinite(density[int(y) - 1, int(x) - 1]) for x, y, _ in poses]
+    ground = motions.Ground(half[None], 26, 0.0, True)
+    return ground, np.pad(density, 1, constant_values=np.inf), poses[free]
+
+
+@pytest.mark.parametrize("kind", [DUBINS, REEDS_SHEPP])
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
+    compared = 0
+    for seed in range(4):
+        ground, density, poses = ground_and_poses(seed, kind)
+        drive = made_drive(kind, turn, sideways=seed % 2 == 0)
+        length = np.random.default_rng(seed).uniform(-2.5, 3, len(poses))
+        to = poses.copy()  # ahead and back, on the spot, and aside by turns
+        to[:, 2] += np.where(np.arange(len(to)) % 3 == 0, 0.6, 0.0)
+        middle = (poses[:, 2] + to[:, 2]) / 2 + (np.arange(len(to)) % 4 == 3) * 1.2
+        away = length * (np.arange(len(to)) % 5 != 0)
+        to[:, :2] += away[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+        for pair in np.stack([poses, to], axis=1):
+            own = smoothing.own_costs(ground, drive, pair)
+            expected = naive.own_costs(density, drive, pair)
+            assert own == pytest.approx(expected, rel=5e-3)
+        ground = ground._replace(corner_cutting=False)
+        for start, end in itertools.pairwise(map(tuple, poses.tolist())):
+            cost = smoothing.curve_cost(ground, drive, start, end)
+            word = motions.word_of(kind, drive.radius, start, end)
+            expected = naive.curve_cost(density, drive, *word, start)
+            if math.isfinite(cost):  # the kernel also refuses what touches a corner
+                assert cost == pytest.approx(expected, rel=5e-3)
+                compared += 1
+            else:
+                assert math.isinf(naive.curve_cost(density, drive, *word, start)) or turn
+    assert compared > 10
+
+
+@pytest.mark.parametrize("kind", [DUBINS, REEDS_SHEPP])
+def test_the_straightest_chain_and_shifted_knots_are_those_of_plain_loops(kind):
+    for seed in range(5):
+        ground, _, knots = ground_and_poses(seed, kind, blocked=0.0)
+        ground, drive = ground._replace(corner_cutting=False), made_drive(kind, 0.0)
+        walls = np.random.default_rng(seed).random((24, 24)) < 0.01
+        body = smoothing.Body(sums_of(walls), LONG.vertices * 5)
+        own = np.full(len(knots) - 1, 90.0)
+
+        def cost_of(start, end, drive=drive, body=body, ground=ground):
+            if not smoothing.is_clear(drive, body, start, end):
+                return math.inf
+            return smoothing.curve_cost(ground, drive, start, end)
+
+        posed = [tuple(knot) for knot in knots.tolist()]
+        chain = smoothing.straightest(ground, drive, body, knots, own, 3)
+        total, at = 0.0, len(knots) - 1
+        while at > 0:
+            before = chain[at] if chain[at] >= 0 else -2 - chain[at]
+            total += own[before] if chain[at] < 0 else cost_of(posed[before], posed[at])
+            at = before
+        expected = naive.straightest(
+            len(knots), lambda i, j, posed=posed, of=cost_of: of(posed[i], posed[j]), own, 3
+        )
+        assert total == pytest.approx(expected)
+        shifted, costs, curved = knots.copy(), own.copy(), np.zeros(len(own), bool)
+        smoothing.shift_knots(ground, drive, body, shifted, costs, curved, (0.7, 0.3))
+        expected, least = naive.shift_knots(knots, own, cost_of, (0.7, 0.3))
+        assert np.allclose(shifted, expected)
+        assert np.allclose(costs, least)
+
+
+def test_a_curve_is_clear_where_no_pose_along_it_meets_a_wall():
+    rng, outcomes = np.random.default_rng(7), set()
+    for _ in range(30):
+        walls = rng.random((24, 24)) < 0.004
+        start, end = ((*rng.uniform(5, 20, 2), rng.uniform(-3, 3)) for _ in range(2))
+        drive, body = made_drive(DUBINS, 0.0), smoothing.Body(sums_of(walls), LONG.vertices * 5)
+        clear = smoothing.is_clear(drive, body, start, end)
+        poses = motions.motion_poses(DUBINS, drive.radius, start, end) - np.array([1, 1, 0])
+        assert clear == (naive.first_hit(walls, LONG.vertices * 5, poses) < 0)
+        outcomes.add(clear)
+    assert outcomes == {True, False}
+
+
+WIDE = Footprint([(0.5, 0.3), (0.5, -0.3), (-0.5, -0.3), (-0.5, 0.3)])
+MAP_DRIVES = {
+    "on the spot": Kinematics(),
+    "car": Kinematics(drive="car-like", turning_radius=0.4),
+    "forward": Kinematics(drive="car-like", turning_radius=0.4, reverse=False),
+}
+
+
+def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
+    """The cells that 16 headings reach from each cell by any motions, from plain shifts of the map.
+
+    The outline must sweep no occupied cell, the centre touch no blocked one.
+    """
+    shape, robot = costs.grid.shape, costs.robot
+    radius = robot.kinematics.turning_radius / costs.grid.resolution
+    found = primitives(16, radius, False)
+    farthest = max(np.abs(np.array(each.poses)[:, :2]).max() for each in found)
+    body = robot.outline.circumscribed_radius / costs.grid.resolution
+    reach = math.ceil(farthest + body) + 2
+    walls = np.pad(costs.grid.cells == OCCUPIED, reach)
+    blocked = np.pad(np.isinf(costs.density), reach, constant_values=True)
+    number, sources, targets = np.arange(costs.density.size).reshape(shape), [], []
+    for each in found:
+        corners = robot.outline.vertices / costs.grid.resolution
+        poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
+        met = np.zeros(shape, bool)
+        for row, col in np.argwhere(swept(corners, poses, reach)):
+            met |= walls[row : row + shape[0], col : col + shape[1]]
+        for row, col in centre_cells(each) + reach:
+            met |= blocked[row : row + shape[0], col : col + shape[1]]
+        free = number[~met]
+        sources.append(free + each.source * number.size)
+        row, col = each.end
+        targets.append(free + row * shape[1] + col + each.target * number.size)
+        if robot.kinematics.reverse and not each.turn:
+            sources, targets = [*sources, targets[-1]], [*targets, sources[-1]]
+    for n, (row, col) in enumerate(starts):  # a node more leads to all headings of a start
+        sources.append(np.full(16, 16 * number.size + n))
+        targets.append(np.arange(16) * number.size + number[row, col])
+    edges, nodes = (np.concatenate(sources), np.concatenate(targets)), 16 * number.size
+    graph = coo_array((np.ones(len(edges[0]), bool), edges), (nodes + len(starts),) * 2).tocsr()
+    reached = []
+    for n in range(len(starts)):
+        states = breadth_first_order(graph, nodes + n, return_predecessors=False)
+        cells = np.zeros(number.size, bool)
+        cells[states[states < nodes] % number.size] = True
+        reached.append(cells.reshape(shape))
+    return reached
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("drive", MAP_DRIVES)
+def test_no_query_is_missed_that_its_motions_solve(real_maps, drive):
+    solved = 0
+    for seed, name in enumerate(["fetch_4_26_15", "aws_small_house"]):
+        grid = load_map(next((real_maps / name).glob("*.yaml")))
+        robot = Robot(footprint=WIDE, margin=0.0, kinematics=MAP_DRIVES[drive], goal_tolerance=0.0)
+        blank = Costmap.blank(grid, robot=robot)
+        density = 1 + 8 * np.exp(-2 * grid.clearance)
+        costs = Costmap.from_density(grid, density, robot=robot)
+        free = np.argwhere(np.isfinite(blank.density))
+        rng = np.random.default_rng(seed)
+        starts, goals = rng.choice(free, (2, 20)).tolist()
+        for start, goal, reached in zip(starts, goals, flooded(costs, starts), strict=True):
+            made = plan(costs, *(grid.position(*at) for at in (start, goal)), planner="lattice")
+            assert (made.path is not None) == reached[*goal], (name, start, goal, made.note)
+            assert made.status in ("solved", "infeasible", "unreachable")
+            if made.path is None:
+                continue
+            solved += 1
+            assert check_path(grid, made.path, robot).drivable
+            assert WIDE.first_collision(grid, made.path) is None
+            assert math.isfinite(made.metrics.cost)
+    assert solved >= 26

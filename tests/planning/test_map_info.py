@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import drawn, few_of, random_rooms, refused
 from PIL import Image
+from support.cases import sample_cases
+from support.command_line import check_refusal
+from support.maps import ascii_map, random_rooms
 
 from locplan import Fused, Lidar, covariance_field
 from locplan._support.drawing import save_figure
@@ -71,7 +73,7 @@ def room_of(info, place):
 
 
 def test_rooms_that_are_not_connected_are_numbered_from_the_largest_on():
-    info = describe_map(drawn(*TWO_ROOMS), robot=0.0)
+    info = describe_map(ascii_map(*TWO_ROOMS), robot=0.0)
     assert [(room.number, room.area) for room in info.rooms] == [(1, 21.0), (2, 12.0)]
     assert info.room_of_cell[2].tolist() == [0, 2, 2, 2, 2, 0, 1, 1, 1, 1, 1, 1, 1, 0]
     assert {place.room for place in info.places} == {1, 2}
@@ -82,13 +84,13 @@ def test_rooms_that_are_not_connected_are_numbered_from_the_largest_on():
 
 
 def test_levels_have_areas_and_shares():
-    info = describe_map(drawn("##.. ", "##...", resolution=0.5), robot=0.0)
+    info = describe_map(ascii_map("##.. ", "##...", resolution=0.5), robot=0.0)
     assert (info.free.area, info.occupied.area, info.unknown.area) == (1.25, 1.0, 0.25)
     assert (info.free.share, info.occupied.share, info.unknown.share) == (0.5, 0.4, 0.1)
 
 
 def test_the_robots_radius_parts_rooms():
-    doors = drawn(*["#" * 13], *["#.....#.....#"] * 2, "#...........#", *["#.....#.....#"] * 2)
+    doors = ascii_map(*["#" * 13], *["#.....#.....#"] * 2, "#...........#", *["#.....#.....#"] * 2)
     assert len(describe_map(doors, robot=0.4).rooms) == 1
     assert len(describe_map(doors, robot=0.6).rooms) == 2
 
@@ -96,14 +98,14 @@ def test_the_robots_radius_parts_rooms():
 @pytest.mark.parametrize(("cells", "rooms"), [(6, 1), (7, 2)])
 def test_a_small_part_is_a_room_from_a_tenth_of_the_largest_on(cells, rooms):
     lines = ["#" * 18, "#........#" + ("." * cells).ljust(8, "#"), *["#........#########"] * 7]
-    info = describe_map(drawn(*lines, "#" * 18, resolution=0.3), robot=0.0)
+    info = describe_map(ascii_map(*lines, "#" * 18, resolution=0.3), robot=0.0)
     assert (len(info.rooms), info.specks) == (rooms, 2 - rooms)
 
 
 def test_specks_are_summed_up():
     lines = ["#" * 14, *["#........#.#.#"] * 8, "#" * 14]
     lines[3] = lines[6] = "#........#####"
-    info = describe_map(drawn(*lines, resolution=0.3), robot=0.0)
+    info = describe_map(ascii_map(*lines, resolution=0.3), robot=0.0)
     assert len(info.rooms) == 1
     assert info.specks == 6
     assert info.specks_area == pytest.approx(12 * 0.09)
@@ -111,7 +113,7 @@ def test_specks_are_summed_up():
 
 
 def test_places_are_far_apart_by_the_way_and_not_by_the_crow():
-    info = describe_map(drawn(*U_TURN), robot=0.0)
+    info = describe_map(ascii_map(*U_TURN), robot=0.0)
     first = info.pairs[0]
     assert (first.start.x, first.goal.x) == (1.5, 9.5)
     assert max(first.start.y, first.goal.y) < 2
@@ -134,7 +136,7 @@ def test_places_can_be_driven_between_and_stand_clear():
 
 
 def test_places_do_not_depend_on_the_origin_but_for_rounding():
-    grid = drawn(*U_TURN, resolution=0.5)
+    grid = ascii_map(*U_TURN, resolution=0.5)
     turned = OccupancyGrid(grid.cells, 0.5, (10.0, -4.0, math.radians(130)))
     infos = [describe_map(each, robot=0.0) for each in (grid, turned)]
     cells = [{info.grid.cell((place.x, place.y)) for place in info.places} for info in infos]
@@ -182,7 +184,7 @@ def test_a_large_map_takes_a_few_bytes_for_each_cell(monkeypatch):
 
 def test_describe_map_skips_surroundings_of_rooms():
     lines = ["............", ".##########.", *[".#........#."] * 3, ".##########.", "............"]
-    info = describe_map(drawn(*lines), robot=0.0)
+    info = describe_map(ascii_map(*lines), robot=0.0)
     assert info.rooms[0].area > info.rooms[1].area
     assert {pair.start.room for pair in info.pairs} == {2}
     assert (info.main_part == (info.room_of_cell == 2)).all()
@@ -224,7 +226,7 @@ def test_a_map_of_one_cell(level, tmp_path):
 
 
 def test_a_map_without_free_cells(tmp_path):
-    info = describe_map(drawn("####", "#  #", "####"))
+    info = describe_map(ascii_map("####", "#  #", "####"))
     assert info.rooms == info.pairs == ()
     assert any("no cell is free" in warning for warning in info.warnings)
     assert "no room for a robot of radius 0.2" in info.report()
@@ -232,7 +234,7 @@ def test_a_map_without_free_cells(tmp_path):
 
 
 def test_a_robot_that_fits_nowhere_and_one_smaller_than_a_cell():
-    grid = drawn("#####", "#...#", "#####", resolution=0.2)
+    grid = ascii_map("#####", "#...#", "#####", resolution=0.2)
     assert any("fits nowhere: the widest" in text for text in describe_map(grid).warnings)
     (text,) = describe_map(grid, robot=0.05).warnings
     assert "a cell of 0.2 m is larger than the robot's radius of 0.05 m" in text
@@ -317,7 +319,7 @@ def test_names_tell_masks_by_whole_words(tmp_path):
 
 
 def test_a_yaw_is_said_to_count_here_and_degrees_are_suspected():
-    grid = drawn("###", "#.#", "###", resolution=0.5)
+    grid = ascii_map("###", "#.#", "###", resolution=0.5)
     turned = replace(grid, origin=(0.0, 0.0, 0.5))
     assert "yaw of 28.65 deg counts" in misleading(turned)[0]
     assert "looks like degrees" in misleading(replace(grid, origin=(0.0, 0.0, 90.0)))[0]
@@ -333,7 +335,7 @@ def test_cells_closer_than_a_distance_are_those_of_less_clearance(resolution):
 
 
 def test_the_picture_has_numbered_lines_rooms_and_places():
-    grid = drawn(*TWO_ROOMS)
+    grid = ascii_map(*TWO_ROOMS)
     info = describe_map(OccupancyGrid(grid.cells, 1.0, (5.0, -2.0, 0.3), "lab"), robot=0.0)
     figure = info_figure(info)
     (axes,) = figure.axes
@@ -365,7 +367,7 @@ def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
 
 @pytest.mark.parametrize("resolution", [0.2, 2.0, 5.0])
 def test_at_most_24_grid_lines_are_drawn_and_no_fewer_than_9(resolution):
-    grid = OccupancyGrid(drawn(*TWO_ROOMS).cells, resolution, (0.0, 0.0, 0.0))
+    grid = OccupancyGrid(ascii_map(*TWO_ROOMS).cells, resolution, (0.0, 0.0, 0.0))
     (axes,) = info_figure(describe_map(grid, robot=0.0)).axes
     spacing = np.diff(axes.get_xticks())[0]
     assert 9 < max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) / spacing <= 24
@@ -399,16 +401,16 @@ def test_what_misleads_is_told_once(run, tmp_path):
 
 def test_wrong_pictures_and_radii_are_refused(run, tmp_path):
     file = image_map(tmp_path, walled(254))
-    assert "must end in .png" in refused(run("info", file, "-o", tmp_path / "info.txt"))
+    assert "must end in .png" in check_refusal(run("info", file, "-o", tmp_path / "info.txt"))
     first = run("info", tmp_path / "no.yaml", "-o", tmp_path / "info.txt")  # before the map is read
-    assert "must end in .png" in refused(first)
-    assert "replaces lab.png" in refused(run("info", file, "-o", tmp_path / "lab.png"))
-    assert "margin must be at least 0" in refused(run("info", file, "--set", "margin=-1"))
+    assert "must end in .png" in check_refusal(first)
+    assert "replaces lab.png" in check_refusal(run("info", file, "-o", tmp_path / "lab.png"))
+    assert "margin must be at least 0" in check_refusal(run("info", file, "--set", "margin=-1"))
 
 
 def test_the_table_sums_up_many_rooms(monkeypatch):
     monkeypatch.setattr("locplan.planning.map_info.LISTED", 1)
-    text = describe_map(drawn(*TWO_ROOMS), robot=0.0).report()
+    text = describe_map(ascii_map(*TWO_ROOMS), robot=0.0).report()
     assert "1 more" in text
     assert "12.0 m²" in text
 
@@ -417,7 +419,7 @@ MASKS = ("nav2_depot_keepout", "nav2_speed_mask", "fetch_3_1_16_limit_raw")
 SOME = ("nav2_depot", "willow_garage_0.10", "aws_small_house", "tb4_depot", *MASKS)
 
 
-@pytest.mark.parametrize("names", few_of([SOME, ("",)]), ids=["some", "all"])
+@pytest.mark.parametrize("names", sample_cases([SOME, ("",)]), ids=["some", "all"])
 def test_real_maps_are_described(real_maps, names):
     said = {}
     for file in (file for name in names for file in find_maps(real_maps / name)):

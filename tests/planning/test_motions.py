@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from conftest import drawn
 from ompl import base
+from support.maps import ascii_map
 from support.oracles import arc_crossings as naive_arc_crossings, motion_cost as naive_motion_cost
 
 from locplan._support.kernels import search
@@ -154,7 +154,7 @@ def test_straight_motions_cost_what_their_line_costs():
 
 def test_a_curve_is_blocked_by_the_cells_it_crosses_and_no_others():
     # A quarter turn about the lower left corner that passes exactly the cells it must.
-    grid = drawn("....", "....", "....", "....")
+    grid = ascii_map("....", "....", "....", "....")
     free = np.ones((4, 4))
     start, end = (3.1, 0.0, math.pi / 2), (0.0, 3.1, math.pi)
     assert Motions(Costmap.from_density(grid, free), "Dubins", 3.1).cost(start, end) == (

@@ -13,8 +13,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import drawn, few_of
 from ompl import base, geometric, util
+from support.cases import sample_cases
+from support.costmaps import two_ways, two_ways_request
+from support.maps import ascii_map
 
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
@@ -35,27 +37,10 @@ def enough(planner: str, space: str = "R2") -> int:
     return 1000 if samples else 20_000 if space == "R2" else 5000
 
 
-def two_ways() -> Costmap:
-    """A short way of great cost and a longer one of small cost around a block, walls between."""
-    cells = np.full((40, 40), FREE, np.uint8)
-    cells[12:30, 10:30] = 0
-    density = np.ones(cells.shape)
-    density[:12] = 8.0
-    return Costmap.from_density(OccupancyGrid(cells, 0.1), density, robot=0.1)
-
-
-def request(space):
-    """Start, goal and options on `two_ways`."""
-    if space == "R2":
-        return (0.55, 1.05), (3.45, 1.05), {}
-    options = {} if space == "SE2" else {"turning_radius": 0.25}
-    return (0.55, 1.05, 1.57), (3.45, 1.05, -1.57), options | {"space": space}
-
-
 @functools.cache
 def found_on_two_ways(planner: str, space: str = "R2"):
     """What a planner finds there; it is frozen, and several tests look at it."""
-    start, goal, options = request(space)
+    start, goal, options = two_ways_request(space)
     iterations = enough(planner, space)
     return plan(two_ways(), start, goal, planner=planner, iterations=iterations, **options)
 
@@ -88,10 +73,10 @@ USUAL = [each for each in TRIED if each[1] == "R2" or each[0] in ("RRTstar", "RR
 
 @pytest.mark.parametrize(
     ("planner", "space"),
-    few_of([*USUAL, *(e for e in TRIED if e not in USUAL)], len(USUAL), are_rows=True),
+    sample_cases([*USUAL, *(e for e in TRIED if e not in USUAL)], len(USUAL), are_rows=True),
 )
 def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, space):
-    start, goal, _ = request(space)
+    start, goal, _ = two_ways_request(space)
     result = found_on_two_ways(planner, space)
     assert result.status == "solved"
     assert result.minimises == KINDS[planner].minimises
@@ -121,7 +106,7 @@ def test_every_planner_finds_a_path_in_every_space_it_is_offered_for(planner, sp
 def test_the_objective_is_really_honoured(planner):
     # Below the block 2.9 m cost eight times as much; above it the way is about 7 m.
     costs = two_ways()
-    start, goal, _ = request("R2")
+    start, goal, _ = two_ways_request("R2")
     if planner in ("FMT", "BFMT"):  # they commit themselves early: better than by length only
         blank = Costmap.from_density(costs.grid, np.where(costs.density < 9, 1.0, np.inf))
         ours, by_length = [], []
@@ -139,7 +124,7 @@ def test_the_objective_is_really_honoured(planner):
 
 
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
-@pytest.mark.parametrize("planner", few_of(["RRTstar", "RRT", "PRMstar", "BITstar"], 2))
+@pytest.mark.parametrize("planner", sample_cases(["RRTstar", "RRT", "PRMstar", "BITstar"], 2))
 def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space):
     path = found_on_two_ways(planner, space).path
     steps = np.diff(path.xy, axis=0)
@@ -156,7 +141,7 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
 
 @pytest.mark.parametrize(
     ("planner", "space"),
-    few_of(
+    sample_cases(
         [
             *[("RRTstar", "R2"), ("RRTConnect", "R2"), ("FMT", "R2"), ("PRM", "SE2")],
             *[("PRMstar", "Dubins"), ("RRTstar", "Dubins"), ("BITstar", "ReedsShepp")],
@@ -167,7 +152,7 @@ def test_curves_keep_the_turning_radius_and_dubins_never_reverses(planner, space
     ),
 )
 def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
-    start, goal, options = request(space)
+    start, goal, options = two_ways_request(space)
     options["iterations"] = 10_000 if planner == "BITstar" else 2500 if "FMT" in planner else 600
     if space in ("Dubins", "ReedsShepp"):
         options["iterations"] //= 2
@@ -182,17 +167,18 @@ def test_the_same_seed_and_iterations_give_the_same_path(planner, space):
 def test_the_same_seed_gives_the_same_path_in_another_process():
     code = """
     import sys; sys.path.insert(0, "tests")
-    from planning.test_ompl import plan, request, two_ways
-    start, goal, _ = request("R2")
+    from support.costmaps import two_ways, two_ways_request
+    from locplan.planning import plan
+    start, goal, _ = two_ways_request("R2")
     result = plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=1500, seed=9)
     print(result.path.xy.tolist())
     """
-    start, goal, _ = request("R2")
+    start, goal, _ = two_ways_request("R2")
     here = plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=1500, seed=9)
     assert json.loads(in_a_process(code)) == here.path.xy.tolist()
 
 
-@pytest.mark.parametrize("planner", few_of(["BITstar", "InformedRRTstar", "SORRTstar"]))
+@pytest.mark.parametrize("planner", sample_cases(["BITstar", "InformedRRTstar", "SORRTstar"]))
 def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     cells = np.full((200, 200), FREE, np.uint8)
     cells[95:106, 98:102] = 0
@@ -222,15 +208,16 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
 
 
 @pytest.mark.parametrize(
-    ("space", "seeds"), few_of([("R2", 1), ("R2", 5), ("SE2", 5)], are_rows=True)
+    ("space", "seeds"), sample_cases([("R2", 1), ("R2", 5), ("SE2", 5)], are_rows=True)
 )
 def test_where_the_straight_line_is_best_the_search_ends(space, seeds):
     # Then the ellipse has no area; informed samplers must not look for samples in it for ever.
     code = f"""
     import sys; sys.path.insert(0, "tests")
-    from planning.test_ompl import Costmap, drawn, plan
+    from support.maps import ascii_map
+    from locplan.planning import Costmap, plan
     heading = () if {space!r} == "R2" else (0.1,)
-    costs = Costmap.blank(drawn(*["." * 50] * 50))
+    costs = Costmap.blank(ascii_map(*["." * 50] * 50))
     for planner in {ANYTIME!r}:
         for seed in range(1, {seeds + 1}):
             for goal in ((40.5, 5.5), (41.3, 33.1), (5.6, 5.5)):
@@ -265,7 +252,7 @@ def test_what_reaches_ompl_is_finite_and_at_least_the_length():
 
 
 def test_an_unreachable_goal_is_told_without_a_search():
-    costs = Costmap.blank(drawn("...#...", "...#...", "...#..."), robot=0.0)
+    costs = Costmap.blank(ascii_map("...#...", "...#...", "...#..."), robot=0.0)
     for planner, space in (("RRTstar", "R2"), ("PRM", "Dubins"), ("RRT", "SE2")):
         heading = () if space == "R2" else (0.0,)
         radius = {"turning_radius": 0.5} if space == "Dubins" else {}
@@ -293,7 +280,7 @@ def test_a_path_not_found_within_the_iterations_is_not_found():
 
 def test_a_start_at_the_goal_is_solved():
     for planner, space in ABLE:
-        start, _, options = request(space)
+        start, _, options = two_ways_request(space)
         result = plan(two_ways(), start, start, planner=planner, iterations=200, **options)
         assert result.status == "solved"
         assert result.metrics.length == pytest.approx(0, abs=1e-6)
@@ -365,7 +352,7 @@ def test_settings_reach_the_planner():
 
 @pytest.mark.parametrize("planner", [name for name, kind in KINDS.items() if kind.from_grid])
 def test_a_search_can_begin_with_the_grid_planners_path(planner):
-    start, goal, _ = request("R2")
+    start, goal, _ = two_ways_request("R2")
     costs = two_ways()
     on_grid = plan(costs, start, goal, planner="grid").metrics.cost
     result = plan(costs, start, goal, planner=planner, from_grid=True, iterations=300)
@@ -374,7 +361,7 @@ def test_a_search_can_begin_with_the_grid_planners_path(planner):
 
 @pytest.mark.parametrize("space", ["Dubins", "ReedsShepp"])
 def test_curves_cost_no_more_than_the_lattices_path_that_they_begin_with(space):
-    start, goal, options = request(space)
+    start, goal, options = two_ways_request(space)
     reverse = space == "ReedsShepp"
     kinematics = Kinematics(drive="car-like", turning_radius=0.25, reverse=reverse)
     costs = two_ways()
@@ -387,10 +374,10 @@ def test_curves_cost_no_more_than_the_lattices_path_that_they_begin_with(space):
 
 
 @pytest.mark.parametrize(
-    "planner", few_of(["RRTConnect", "PRM", "RRT", "KPIECE1", "FMT", "RRTstar"], 2)
+    "planner", sample_cases(["RRTConnect", "PRM", "RRT", "KPIECE1", "FMT", "RRTstar"], 2)
 )
 def test_paths_can_be_improved(planner):
-    start, goal, _ = request("R2")
+    start, goal, _ = two_ways_request("R2")
     costs = two_ways()
     plain, improved = (
         plan(costs, start, goal, planner=planner, iterations=3000, improve=improve)
@@ -402,7 +389,7 @@ def test_paths_can_be_improved(planner):
 
 @pytest.mark.parametrize("planner", ANYTIME)
 def test_a_search_stops_once_its_cost_hardly_falls(planner):
-    start, goal, _ = request("R2")
+    start, goal, _ = two_ways_request("R2")
     told, limits = [], {"convergence": 0.01, "iterations": 200_000}
     limits["progress"] = lambda done, total: told.append(done)
     result = plan(two_ways(), start, goal, planner=planner, **limits)
@@ -414,7 +401,7 @@ def test_a_search_stops_once_its_cost_hardly_falls(planner):
 
 def test_limits_combine_with_the_robots_outline_waypoints_and_max_e():
     costs = two_ways()
-    start, goal, options = request("Dubins")
+    start, goal, options = two_ways_request("Dubins")
     via = [(2.0, 3.4, 0.0)]
     outline = [(0.15, 0.1), (0.15, -0.1), (-0.15, -0.1), (-0.15, 0.1)]
     result = plan(
@@ -458,7 +445,7 @@ def test_what_ompl_says_goes_to_pythons_log(caplog):
 
 
 def test_nothing_is_printed(capfd):
-    start, goal, options = request("Dubins")
+    start, goal, options = two_ways_request("Dubins")
     plan(two_ways(), start, goal, planner="InformedRRTstar", iterations=300, seed=2, **options)
     assert capfd.readouterr() == ("", "")
 
@@ -475,7 +462,7 @@ def slow_clock(monkeypatch):
 def test_a_time_limit_ends_the_search():
     ends = Limits(time_limit=0.25).condition()
     assert 248 <= next(n for n in itertools.count() if ends()) <= 250
-    start, goal, _ = request("R2")
+    start, goal, _ = two_ways_request("R2")
     result = plan(two_ways(), start, goal, planner="RRTstar", time_limit=0.25)
     assert result.status == "solved"
     assert 0.2 < result.history[-2][0] < 0.26
@@ -487,7 +474,7 @@ def test_a_time_limit_ends_the_search():
 @pytest.mark.usefixtures("slow_clock")
 def test_progress_is_told():
     told = []
-    start, goal, _ = request("R2")
+    start, goal, _ = two_ways_request("R2")
     given = {"planner": "RRTstar", "progress": lambda done, total: told.append((done, total))}
     plan(two_ways(), start, goal, time_limit=1.2, **given)
     assert [round(done / 512) for done, _ in told] == [1, 2]
@@ -510,11 +497,12 @@ def test_progress_is_told():
 def test_ctrl_c_ends_a_search(planner):
     code = f"""
     import os, signal, sys; sys.path.insert(0, "tests")
-    from planning.test_ompl import Costmap, drawn, plan
-    from locplan.planners.ompl import _stopping
-    _stopping.TELL_EVERY = 8
+    from support.maps import ascii_map
+    from locplan.planning import Costmap, plan
+    from locplan.planning.ompl import stopping
+    stopping.TELL_EVERY = 8
     wall = "#" * 280 + "." * 20
-    costs = Costmap.blank(drawn(*["." * 300] * 149, wall, *["." * 300] * 150))
+    costs = Costmap.blank(ascii_map(*["." * 300] * 149, wall, *["." * 300] * 150))
     # All is loaded first: numba turns an interrupt of its own loading into another error.
     plan(costs, (5.5, 5.5), (290.5, 290.5), planner={planner!r}, iterations=200)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
@@ -539,13 +527,15 @@ def test_hard_cases_do_not_crash_the_process(planners):
     asked = [(planner, space) for planner in planners for space in KINDS[planner].spaces]
     code = f"""
     import sys; sys.path.insert(0, "tests")
-    from planning.test_ompl import Costmap, FREE, OccupancyGrid, drawn, plan
+    from support.maps import ascii_map
+    from locplan.maps import FREE, OccupancyGrid
+    from locplan.planning import Costmap, plan
     import numpy as np
     rng = np.random.default_rng(1)
     steep = 10 ** rng.uniform(0, 9, (20, 20))
     maps = [
-        (Costmap.blank(drawn("#.#")), (1.2, 0.5), (1.7, 0.5)),
-        (Costmap.blank(drawn("." * 300)), (0.5, 0.5), (299.5, 0.5)),
+        (Costmap.blank(ascii_map("#.#")), (1.2, 0.5), (1.7, 0.5)),
+        (Costmap.blank(ascii_map("." * 300)), (0.5, 0.5), (299.5, 0.5)),
         (Costmap.from_density(OccupancyGrid(np.full((20, 20), FREE), 0.5), steep), (1, 1), (9, 9)),
         (Costmap.blank(OccupancyGrid(np.full((9, 9), FREE), 0.05, (4e5, 5e6, 1.0))),
          (400000.0, 5000000.1), (400000.1, 5000000.3)),
@@ -564,8 +554,9 @@ def test_hard_cases_do_not_crash_the_process(planners):
 def test_many_solves_in_one_process_do_not_grow():
     code = """
     import resource, sys; sys.path.insert(0, "tests")
-    from planning.test_ompl import plan, request, two_ways
-    start, goal, options = request("Dubins")
+    from support.costmaps import two_ways, two_ways_request
+    from locplan.planning import plan
+    start, goal, options = two_ways_request("Dubins")
     costs = two_ways()
     def some(times):
         for n in range(times):

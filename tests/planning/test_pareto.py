@@ -5,8 +5,8 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from conftest import few_of
 from support import oracles as naive
+from support.cases import sample_cases
 
 from locplan.errors import ConfigError, PoseError
 from locplan.field import FieldConfig, Sad, load_or_compute
@@ -386,7 +386,7 @@ MAPS = [
 ]
 
 
-@pytest.mark.parametrize("case", few_of(MAPS, 2), ids=str)
+@pytest.mark.parametrize("case", sample_cases(MAPS, 2), ids=str)
 def test_paths_of_a_maps_front_are_found_by_their_own_integrals(case):
     name, criterion, weight = case
     grid = environments.make(name, resolution=0.1)

@@ -4,7 +4,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import drawn, few_of
+from support.cases import sample_cases
+from support.maps import ascii_map
 
 from locplan.comparison.journal import Journal
 from locplan.errors import LocplanError
@@ -40,7 +41,7 @@ def test_resampling_keeps_turns_on_the_spot():
     np.testing.assert_allclose(np.bincount(heading, lengths), np.bincount(other[0], other[3]))
 
 
-@pytest.mark.parametrize("name", few_of(["tb4_depot", "willow_full_stage", "tuw_cave"]))
+@pytest.mark.parametrize("name", sample_cases(["tb4_depot", "willow_full_stage", "tuw_cave"]))
 def test_resampled_paths_stay_free_and_cost_the_same(real_maps, name):
     costs = Costmap.blank(load_map(real_maps / name), robot=0.25)
     for query in random_queries(costs, 15, 1, min_distance=5.0):
@@ -102,7 +103,7 @@ def test_no_path_takes_endless_steps():
     far = Path([[0.0, 0.0], [1e8, 0.0]])
     with pytest.raises(LocplanError, match="greater spacing"):
         far.resampled(0.001)
-    costs = Costmap.from_density(drawn("...."), np.ones((1, 4)))
+    costs = Costmap.from_density(ascii_map("...."), np.ones((1, 4)))
     with pytest.raises(LocplanError, match="crosses over 10000000 cells"):
         path_metrics(costs, far)
     assert path_metrics(costs, Path([[0.5, 0.5], [1e4, 0.5]])).cost == np.inf

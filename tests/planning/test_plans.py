@@ -5,15 +5,16 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms
 from skimage.graph import MCP_Geometric
+from support.costmaps import costmap_from_density, random_density
+from support.maps import ascii_map, random_rooms
 from support.oracles import shortest_costs as naive_shortest_costs
 from support.toy_planner import ToyPlanner
 
 from locplan._support.kernels import search
 from locplan.comparison import Execution, RandomQueries, compare
 from locplan.errors import ConfigError, LocplanError, PoseError
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import OccupancyGrid
 from locplan.planning import (
     PLANNERS,
     Costmap,
@@ -31,18 +32,6 @@ from locplan.planning.ompl.planner import Ompl
 from locplan.planning.plans import plan_beside_shortest
 from locplan.planning.registry import Entry, names
 from locplan.planning.requests import planner_for
-
-
-def random_density(shape, seed, *, blocked=0.25, greatest=9.0):
-    rng = np.random.default_rng(seed)
-    density = rng.uniform(1.0, greatest, shape)
-    density[rng.random(shape) < blocked] = np.inf
-    density[0, 0], density[-1, -1] = rng.uniform(1.0, greatest, 2)
-    return density
-
-
-def costs_from(density) -> Costmap:
-    return Costmap.from_density(OccupancyGrid(np.full(density.shape, FREE), 1.0), density)
 
 
 def costs_from_corner(density, corner_cutting) -> np.ndarray:
@@ -91,7 +80,7 @@ def test_the_path_costs_what_the_search_found(seed, corner_cutting):
     density = random_density((30, 40), seed, blocked=0.3)
     expected = naive_shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
     options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
-    result = plan(costs_from(density), (0.5, 0.5), (39.5, 29.5), **options)
+    result = plan(costmap_from_density(density), (0.5, 0.5), (39.5, 29.5), **options)
     if np.isinf(expected):
         assert result.status == "unreachable"
         assert result.path is None
@@ -100,7 +89,7 @@ def test_the_path_costs_what_the_search_found(seed, corner_cutting):
 
 
 def test_weight_0_is_the_shortest_path_around_a_wall():
-    grid = drawn(
+    grid = ascii_map(
         ".....",
         ".###.",
         ".....",
@@ -114,7 +103,7 @@ def test_weight_0_is_the_shortest_path_around_a_wall():
 
 
 def test_corners_are_not_cut_unless_allowed():
-    grid = drawn(".#", "..")
+    grid = ascii_map(".#", "..")
     costs = Costmap.from_density(grid, np.ones((2, 2)))
     ends = (0.5, 1.5), (1.5, 0.5)
     assert plan(costs, *ends, planner="grid").metrics.length == pytest.approx(2.0)
@@ -137,7 +126,7 @@ def test_the_path_begins_and_ends_exactly_at_start_and_goal():
 
 
 def test_start_and_goal_in_one_cell():
-    costs = Costmap.from_density(drawn("..", ".."), np.ones((2, 2)))
+    costs = Costmap.from_density(ascii_map("..", ".."), np.ones((2, 2)))
     result = plan(costs, (0.2, 0.2), (0.2, 0.2), planner="grid")
     assert result.status == "solved"
     assert result.metrics.length == result.metrics.cost == 0.0
@@ -148,7 +137,7 @@ def test_start_and_goal_in_one_cell():
 
 
 def test_an_unreachable_goal_is_a_result():
-    costs = Costmap.from_density(drawn(".#."), np.ones((1, 3)))
+    costs = Costmap.from_density(ascii_map(".#."), np.ones((1, 3)))
     result = plan(costs, (0.5, 0.5), (2.5, 0.5))
     assert result.status == "unreachable"
     assert result.path is result.metrics is None
@@ -156,7 +145,7 @@ def test_an_unreachable_goal_is_a_result():
 
 
 def test_impossible_ends_and_unknown_names_are_refused():
-    costs = Costmap.from_density(drawn(".#."), np.ones((1, 3)))
+    costs = Costmap.from_density(ascii_map(".#."), np.ones((1, 3)))
     with pytest.raises(PoseError, match="goal"):
         plan(costs, (0.5, 0.5), (1.5, 0.5))
     with pytest.raises(ConfigError, match="grid"):
@@ -167,14 +156,14 @@ def test_impossible_ends_and_unknown_names_are_refused():
 
 
 def test_paths_have_no_needless_positions():
-    costs = Costmap.from_density(drawn(*["......"] * 6), np.ones((6, 6)))
+    costs = Costmap.from_density(ascii_map(*["......"] * 6), np.ones((6, 6)))
     assert len(plan(costs, (0.5, 0.5), (5.5, 5.5), planner="grid").path.xy) == 2
 
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
 def test_one_field_serves_all_starts(corner_cutting):
     density = random_density((25, 30), 3, blocked=0.3)
-    costs = costs_from(density)
+    costs = costmap_from_density(density)
     to_goal = plan_field(costs, (29.5, 24.5), allow_corner_cutting=corner_cutting)
     expected = naive_shortest_costs(density, (24, 29), corner_cutting)
     np.testing.assert_allclose(to_goal.cost, expected)
@@ -192,7 +181,7 @@ def test_one_field_serves_all_starts(corner_cutting):
 
 
 def test_a_field_for_an_impossible_goal_or_start_is_refused():
-    costs = costs_from(np.array([[1.0, np.inf, 1.0]]))
+    costs = costmap_from_density(np.array([[1.0, np.inf, 1.0]]))
     with pytest.raises(PoseError, match="goal"):
         plan_field(costs, (1.5, 0.5))
     with pytest.raises(PoseError, match="start"):
@@ -201,7 +190,7 @@ def test_a_field_for_an_impossible_goal_or_start_is_refused():
 
 @pytest.mark.parametrize("planner", ["grid", "any-angle"])
 def test_waypoints_are_visited_in_order(planner):
-    costs = costs_from(np.ones((20, 20)))
+    costs = costmap_from_density(np.ones((20, 20)))
     via = [(15.25, 3.5), (2.5, 16.75)]
     result = plan(costs, (1.5, 1.5), (18.5, 18.5), planner=planner, via=via)
     at = [np.flatnonzero((result.path.xy == xy).all(axis=1))[0] for xy in via]
@@ -215,7 +204,7 @@ def test_waypoints_are_visited_in_order(planner):
 
 
 def test_impossible_waypoints_are_told():
-    costs = costs_from(np.array([[1.0, np.inf, 1.0]]))
+    costs = costmap_from_density(np.array([[1.0, np.inf, 1.0]]))
     with pytest.raises(PoseError, match="waypoint 1"):
         plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(1.5, 0.5)])
     result = plan(costs, (0.5, 0.5), (0.6, 0.5), via=[(2.5, 0.5)])
@@ -268,7 +257,7 @@ def test_the_registry_imports_nothing_heavy():
 
 def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
     monkeypatch.setitem(PLANNERS, "toy", Entry("toy_planner:ToyPlanner", minimises=None))
-    costs = costs_from(np.ones((6, 9)))
+    costs = costmap_from_density(np.ones((6, 9)))
     result = plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", rows_first=True)
     assert result.path.xy.tolist() == [[0.5, 0.5], [0.5, 5.5], [8.5, 5.5]]
     assert (result.planner, result.minimises) == ("toy", False)
@@ -289,7 +278,7 @@ def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
 
 
 def test_planners_are_named_functions_or_objects():
-    costs = costs_from(random_density((30, 40), 1, blocked=0.1))
+    costs = costmap_from_density(random_density((30, 40), 1, blocked=0.1))
     ends = (0.5, 0.5), (39.5, 29.5)
 
     def mine(costs, start, goal, *, accuracy):
@@ -334,13 +323,13 @@ def test_planners_are_named_functions_or_objects():
     ],
 )
 def test_wrong_planners_are_told(planner, options, message):
-    costs = costs_from(np.array([[1.0, np.inf, 1.0], [1.0, 1.0, 1.0]]))
+    costs = costmap_from_density(np.array([[1.0, np.inf, 1.0], [1.0, 1.0, 1.0]]))
     with pytest.raises(LocplanError, match=message):
         plan(costs, (0.5, 0.5), (2.5, 0.5), planner=planner, **options)
 
 
 def test_limits_are_kept_by_functions_too():
-    costs = dataclasses.replace(costs_from(np.ones((9, 9))), e=np.indices((9, 9))[0] / 10)
+    costs = dataclasses.replace(costmap_from_density(np.ones((9, 9))), e=np.indices((9, 9))[0] / 10)
     ends = (0.5, 0.5), (8.5, 0.5)
 
     def upwards(costs, start, goal):
@@ -352,7 +341,7 @@ def test_limits_are_kept_by_functions_too():
 
 
 def test_the_time_that_a_function_tells_counts_where_it_can_be():
-    costs = costs_from(np.ones((3, 3)))
+    costs = costmap_from_density(np.ones((3, 3)))
     ends = (0.5, 0.5), (2.5, 2.5)
 
     def told(seconds):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
+from support.machine import SHARED_DATA
 
 from locplan._support.tables import write_rows
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
+from support.machine import SHARED_DATA
 
 import locplan
 from locplan.recordings import Recording

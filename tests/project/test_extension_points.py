@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 import locplan
 from locplan import save_map
@@ -200,7 +200,7 @@ def run_copy(tmp_path_factory):
         text = (package / name).read_text()
         assert text.count(before) == 1, (name, before)
         (package / name).write_text(text.replace(before, line + before))
-    save_map(drawn("######", "#....#", "#....#", "######", resolution=0.5), home / "bay.yaml")
+    save_map(ascii_map("######", "#....#", "#....#", "######", resolution=0.5), home / "bay.yaml")
     # Compiling the kernels again would take a minute; on this map plain Python is fast enough.
     variables = {
         "PYTHONPATH": str(home),

@@ -15,8 +15,8 @@ from pathlib import Path
 from urllib.request import HTTPCookieProcessor, build_opener
 
 import pytest
-from app.test_explorer_command import AS_IN_A_TERMINAL
-from conftest import GUARD
+from support.command_line import TERMINAL_CODE
+from support.machine import TIMEOUT
 from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
@@ -52,11 +52,11 @@ def run_in_terminal(example: Example) -> None:
     assert all(line.startswith("pip install") for line in installed)
     program, *arguments = shlex.split(command)
     assert program == "locplan"
-    line = [sys.executable, "-c", AS_IN_A_TERMINAL, *arguments, "--no-browser"]
+    line = [sys.executable, "-c", TERMINAL_CODE, *arguments, "--no-browser"]
     with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as page:
         try:
             address = page.stdout.readline().strip()
-            with build_opener(HTTPCookieProcessor()).open(address, timeout=GUARD) as answer:
+            with build_opener(HTTPCookieProcessor()).open(address, timeout=TIMEOUT) as answer:
                 assert b"<title>" in answer.read()
         finally:
             page.send_signal(signal.SIGINT)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
-from support.hostile_files import READERS, damaged
+from support.hostile_files import READERS, damage
 
 from locplan.errors import LocplanError
 
@@ -46,7 +46,7 @@ def test_reader_reads_damaged_file_or_refuses_it_in_one_line(tmp_path, name, cou
     assert valid
 
     @settings(max_examples=count, derandomize=True, deadline=None, database=None)
-    @given(damaged(reader.damages, valid))
+    @given(damage(reader.damages, valid))
     def check(damage: tuple[str, bytes]) -> None:
         file, content = damage
         files[file].write_bytes(content)

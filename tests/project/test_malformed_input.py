@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import drawn, refused
-from support.hostile_files import GRID, OPEN, RUN, SMALL, cache_files, made_field
+from support.command_line import check_refusal
+from support.hostile_files import GRID, OPEN, RUN, SMALL, cache_files, make_field
+from support.maps import ascii_map
 
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.comparison.journal import Journal
@@ -158,7 +159,7 @@ def test_names_that_are_no_utf_8_are_replaced(tmp_path):
         folder.mkdir()
     except OSError:
         pytest.skip("this file system has names in UTF-8 only")
-    save_map(drawn("..."), folder / "map.yaml")
+    save_map(ascii_map("..."), folder / "map.yaml")
     assert load_map(folder).name == name_of(folder / "map.yaml") == "h\ufffdall"
     assert OccupancyGrid(np.zeros((1, 1), np.uint8), 1, name="a\nb\udcff").name == "a\ufffdb\ufffd"
 
@@ -166,7 +167,7 @@ def test_names_that_are_no_utf_8_are_replaced(tmp_path):
 @pytest.mark.parametrize("command", ["field", "export"])
 def test_commands_take_maps_whose_names_are_no_utf_8(run, tmp_path, monkeypatch, command):
     file = tmp_path / os.fsdecode(b"h\xffall.yaml")
-    save_map(drawn(*["....."] * 5, resolution=0.5), tmp_path / "a.yaml")
+    save_map(ascii_map(*["....."] * 5, resolution=0.5), tmp_path / "a.yaml")
     try:
         (tmp_path / "a.yaml").rename(file)
     except OSError:
@@ -285,7 +286,7 @@ def test_long_texts_in_a_description_are_cut_in_the_list(tmp_path):
 
 def test_arrays_larger_than_their_limit_are_not_read(tmp_path):
     file = tmp_path / "f.npz"
-    made_field().save(file)
+    make_field().save(file)
     with np.load(file) as arrays:
         content = dict(arrays)
     for name in ("covariance", "about"):
@@ -382,10 +383,10 @@ def test_a_damaged_line_of_a_journal_is_named(tmp_path, changes):
 
 @pytest.mark.parametrize("image", ["~", "null", '""', '"a\\0b"', '"\\ud800"'])
 def test_a_map_without_an_image_is_an_error_not_the_home_folder(run, tmp_path, image):
-    save_map(drawn("..."), tmp_path / "a.yaml")
+    save_map(ascii_map("..."), tmp_path / "a.yaml")
     text = (tmp_path / "a.yaml").read_text().replace("a.pgm", image)
     (tmp_path / "a.yaml").write_text(text)
-    assert "image must be the name of a file" in refused(run("field", tmp_path / "a.yaml"))
+    assert "image must be the name of a file" in check_refusal(run("field", tmp_path / "a.yaml"))
 
 
 def test_an_empty_cache_folder_is_refused():

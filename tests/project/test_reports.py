@@ -5,7 +5,7 @@ import shutil
 import warnings
 
 import pytest
-from conftest import SHARED_DATA
+from support.machine import SHARED_DATA
 
 from locplan import load_map
 from locplan.errors import LocplanError

@@ -5,7 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import drawn, refused
+from support.command_line import check_refusal
+from support.maps import ascii_map
 
 import locplan
 from locplan import FieldConfig, LocplanError, Path, Sad, Scan, compare, covariance_field, save_map
@@ -22,7 +23,7 @@ from locplan.planning.ompl.planner import Ompl
 from locplan.robots import Amcl, Disturbances, Lidar
 from locplan.simulation import Simulator, drive_open, simulate
 
-GRID = drawn("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)
+GRID = ascii_map("##########", *["#........#"] * 6, "#...#    #", "##########", resolution=1.0)
 ENDS = ((1.5, 2.5), (8.5, 6.5))
 
 
@@ -81,7 +82,7 @@ def test_what_the_machine_cannot_bear_is_refused_before_work(call, message, no_w
 def test_a_search_window_that_does_not_fit_into_memory_is_refused(no_work, small_machine):
     wide = SearchWindow(half_width=200.0, step=0.2, half_rotation_deg=180, rotation_step_deg=0.2)
     for estimator in (Sad(window=wide), Scan(Lidar(), window=wide)):
-        fine = drawn("....", "....", resolution=0.1)
+        fine = ascii_map("....", "....", resolution=0.1)
         with pytest.raises(ConfigError, match=r"window of \d+ offsets takes too much"):
             covariance_field(fine, estimator)
 
@@ -129,7 +130,7 @@ def test_commands_refuse_what_is_out_of_bounds_before_work(
 ):
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.rglob("*"))
-    assert message in refused(run(*command.replace("MAP", str(room)).split()))
+    assert message in check_refusal(run(*command.replace("MAP", str(room)).split()))
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -147,13 +148,15 @@ def test_an_empty_argument_is_an_error_and_not_the_folder_here(
     run, room, arguments, named, monkeypatch
 ):
     monkeypatch.chdir(room.parent)
-    assert named in refused(run(*[str(room) if each == "MAP" else each for each in arguments]))
+    assert named in check_refusal(
+        run(*[str(room) if each == "MAP" else each for each in arguments])
+    )
 
 
 def test_brackets_and_long_words_are_refused_in_one_short_line(run, room):
     for word in ("[" * 5000, "x" * 5000, "{" * 5000, "a\nb"):
         for arguments in (("plan", word), ("field", room, "--field", word), (word,)):
-            assert len(refused(run(*arguments))) < 600
+            assert len(check_refusal(run(*arguments))) < 600
 
 
 def test_warnings_of_libraries_are_not_shown_but_logged(run, room, monkeypatch):

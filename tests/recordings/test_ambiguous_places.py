@@ -8,39 +8,14 @@ import math
 
 import numpy as np
 import pytest
-from conftest import corridor
+from support.maps import corridor
+from support.rooms import LIDAR, join_rooms, room_cells, two_rooms
 
 import locplan
 from locplan import Lidar, LocplanError
-from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, save_map
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, save_map
 from locplan.recordings.ambiguous_places import AmbiguousPlaces, find_ambiguous_places
 from locplan.robots import Robot
-
-LIDAR = Lidar(range=8.0)
-ROOM = 44
-"""Edge of a room [cells of 0.1 m]."""
-GAP = 10
-"""Cells between rooms."""
-
-
-def room(*boxes: tuple[int, int, int, int]) -> np.ndarray:
-    """A room with walls all round and boxes (rows, columns) in it, alike under no turn."""
-    cells = np.full((ROOM, ROOM), FREE, np.uint8)
-    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
-    for top, bottom, left, right in boxes or ((1, 9, 1, 5), (20, 26, 34, 43), (36, 43, 8, 14)):
-        cells[top:bottom, left:right] = OCCUPIED
-    return cells
-
-
-def side_by_side(*parts: np.ndarray, origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
-    """Rooms with a metre of unknown space between them, so that walls have nothing behind them."""
-    between = np.full((ROOM, GAP), UNKNOWN, np.uint8)
-    every = [each for part in parts for each in (between, part)][1:]
-    return OccupancyGrid(np.concatenate(every, axis=1), 0.1, origin, "rooms")
-
-
-def two_rooms(origin=(0.0, 0.0, 0.0)) -> OccupancyGrid:
-    return side_by_side(room(), room(), origin=origin)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +36,7 @@ def test_places_of_two_equal_rooms_are_all_ambiguous(equal_rooms):
 
 
 def test_places_of_one_room_are_not_ambiguous():
-    found = find_ambiguous_places(side_by_side(room()), Robot(LIDAR))
+    found = find_ambiguous_places(join_rooms(room_cells()), Robot(LIDAR))
     assert found.share == 0.0
     assert found.elsewhere.max() < 0.05
     assert found.sentence.startswith("0 % of the places are ambiguous to one scan; safe starts: ")
@@ -76,8 +51,8 @@ def test_places_along_a_corridor_are_ambiguous():
 
 
 def test_starts_lie_in_the_room_that_differs():
-    other = room((1, 5, 1, 20), (30, 33, 20, 36))
-    grid = side_by_side(room(), other, room())
+    other = room_cells((1, 5, 1, 20), (30, 33, 20, 36))
+    grid = join_rooms(room_cells(), other, room_cells())
     found = find_ambiguous_places(grid, Robot(LIDAR), spacing=0.8)
     assert 0.3 < found.share < 0.9
     assert len(found.starts) >= 1
@@ -143,11 +118,13 @@ def test_places_without_returns_are_ambiguous():
 )
 def test_bad_arguments_are_refused(settings, says):
     with pytest.raises(LocplanError, match=says):
-        find_ambiguous_places(**({"grid": side_by_side(room()), "robot": Robot(LIDAR)} | settings))
+        find_ambiguous_places(
+            **({"grid": join_rooms(room_cells()), "robot": Robot(LIDAR)} | settings)
+        )
 
 
 def test_info_tells_the_share_and_the_starts(run, tmp_path):
-    save_map(side_by_side(room()), tmp_path / "room.yaml")
+    save_map(join_rooms(room_cells()), tmp_path / "room.yaml")
     lidar = "--set", "range=8"
     code, out, err = run("info", tmp_path / "room.yaml", *lidar)
     assert code == 0, err

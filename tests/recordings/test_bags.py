@@ -9,8 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, few_of
-from support.bag_files import BEGIN, KINDS, back, on, read_with, times_of, write_drive, writing
+from support.bag_files import (
+    BEGIN,
+    KINDS,
+    compose,
+    invert,
+    message_times,
+    open_bag,
+    read_with,
+    write_drive,
+)
+from support.cases import sample_cases
+from support.machine import SHARED_DATA
 from support.small_drive import FILE
 
 from locplan._support import poses
@@ -28,7 +38,7 @@ def drive(lidar=LIDAR, count=8) -> Recording:
     random = np.random.default_rng(5)
     turn = np.linspace(3.0, 3.5, count)  # past pi
     poses = np.column_stack([np.linspace(0, 2, count), np.linspace(1, 1.5, count), turn])
-    reported = [on((0.3, 0.2, 0.1 + 0.01 * n), pose) for n, pose in enumerate(poses)]
+    reported = [compose((0.3, 0.2, 0.1 + 0.01 * n), pose) for n, pose in enumerate(poses)]
     ranges = random.uniform(0.5, 8.5, (count, lidar.beams)).astype(np.float32)
     ranges[2, 1] = np.inf
     return Recording(ranges, lidar, poses, BEGIN + 0.1 * np.arange(count), reported)
@@ -36,7 +46,7 @@ def drive(lidar=LIDAR, count=8) -> Recording:
 
 def same(read: Recording, wanted: Recording, tolerance: float = 1e-9) -> None:
     np.testing.assert_array_equal(read.ranges, wanted.ranges)
-    np.testing.assert_array_equal(read.times, times_of(wanted))
+    np.testing.assert_array_equal(read.times, message_times(wanted))
     for ours, theirs in ((read.poses, wanted.poses), (read.odometry, wanted.odometry)):
         if theirs is None:
             assert ours is None
@@ -110,7 +120,9 @@ def test_the_small_drive_is_the_same_as_a_bag(tmp_path, kind):
     same(read_recording(write_drive(tmp_path, small, kind)), small)
 
 
-@pytest.mark.parametrize("name", few_of(("orebro", "aces", "csail", "fhw", "intel", "seattle"), 2))
+@pytest.mark.parametrize(
+    "name", sample_cases(("orebro", "aces", "csail", "fhw", "intel", "seattle"), 2)
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_real_logs_are_the_same_as_bags(tmp_path, kind, name):
     if not (SHARED_DATA / "carmen").is_dir():
@@ -122,7 +134,7 @@ def test_real_logs_are_the_same_as_bags(tmp_path, kind, name):
 
 
 def test_poses_are_interpolated_at_the_stamps_of_scans(tmp_path):
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         bag.tf(BEGIN, bag.transform(BEGIN, "map", "odom", (1.0, 2.0, math.pi / 2)))  # sent once
         for n in range(6):  # turns through pi
             time = BEGIN + 0.4 * n
@@ -140,7 +152,7 @@ def test_poses_are_interpolated_at_the_stamps_of_scans(tmp_path):
 
 
 def test_poses_are_not_interpolated_over_long_gaps_in_which_the_robot_moved(tmp_path):
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         for time, x in ((0.0, 0.0), (10.0, 0.01), (20.0, 5.0)):
             bag.plain_pose(BEGIN + time, (x, 0.0, 0.0))
         for time in (5.0, 15.0):
@@ -154,7 +166,7 @@ def test_poses_are_not_interpolated_over_long_gaps_in_which_the_robot_moved(tmp_
 def test_a_lidar_that_is_upside_down_has_its_beams_reversed(tmp_path, kind):
     wanted = drive()
     lidar = wanted.lidar
-    with writing(tmp_path, kind) as (path, bag):
+    with open_bag(tmp_path, kind) as (path, bag):
         mount = (lidar.mount_x, 0.0, lidar.mount_yaw)
         fixed = bag.transform(BEGIN, "base_link", "laser", mount, roll=math.pi)
         bag.tf(BEGIN, fixed, topic="/tf_static")
@@ -167,7 +179,7 @@ def test_a_lidar_that_is_upside_down_has_its_beams_reversed(tmp_path, kind):
 def test_clockwise_scans_are_turned_round_and_others_resampled(tmp_path):
     wanted, lidar = drive(), LIDAR
     first, last = float(lidar.angles[0]), float(lidar.angles[-1])
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         mount = (lidar.mount_x, 0.0, lidar.mount_yaw)
         bag.tf(BEGIN, bag.transform(BEGIN, "base_link", "laser", mount), topic="/tf_static")
         for n, time in enumerate(wanted.times):
@@ -187,7 +199,7 @@ def test_clockwise_scans_are_turned_round_and_others_resampled(tmp_path):
 
 
 def test_a_full_circle_with_its_first_beam_twice_has_it_once(tmp_path):
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         bag.plain_pose(BEGIN, (0.0, 0.0, 0.0))
         step = 2 * math.pi / 8
         ends = {"angle_min": 0.0, "angle_max": 2 * math.pi, "angle_increment": step}
@@ -201,7 +213,7 @@ def test_a_full_circle_with_its_first_beam_twice_has_it_once(tmp_path):
 def poses_only(folder, *topics, scan="/scan"):
     """A bag with some topics of poses and no TF."""
     wanted = drive()
-    with writing(folder, "mcap") as (path, bag):
+    with open_bag(folder, "mcap") as (path, bag):
         for n, time in enumerate(wanted.times):
             for topic in topics:
                 pose = wanted.poses[n]
@@ -247,10 +259,10 @@ def test_poses_of_amcl_are_carried_to_the_scans_by_odometry(tmp_path):
     along = np.abs(np.linspace(-1.5, 1.5, count))
     poses = np.column_stack([along, 0.1 * np.arange(count), np.linspace(2.5, 4.0, count)])
     drift = [(0.02 * n, 0.0, 0.3 + 0.001 * n) for n in range(count)]
-    with writing(tmp_path, "sqlite3") as (path, bag):
+    with open_bag(tmp_path, "sqlite3") as (path, bag):
         for n, pose in enumerate(poses):
             time = BEGIN + 0.5 * n
-            bag.odometry(time, on(drift[n], pose))
+            bag.odometry(time, compose(drift[n], pose))
             if n % 6 == 3:  # half way to the next scan
                 bag.amcl_pose(time + 0.25, (pose + poses[n + 1]) / 2)
             bag.scan(time, LIDAR, np.ones(7))
@@ -260,7 +272,7 @@ def test_poses_of_amcl_are_carried_to_the_scans_by_odometry(tmp_path):
     turned = np.abs(np.angle(np.exp(1j * (read.poses[:, 2] - poses[index, 2]))))
     assert turned.max() < 0.01
     assert np.abs(read.poses[:, :2] - poses[index, :2]).max() < 0.15  # the drift of 5 to 10 scans
-    reported = np.array([on(drift[n], poses[n]) for n in index])
+    reported = np.array([compose(drift[n], poses[n]) for n in index])
     np.testing.assert_allclose(read.odometry[:, :2], reported[:, :2], atol=1e-9)
     between = (index > 3) & (index < 27)
     assert np.abs(read.poses[between, :2] - poses[index[between], :2]).max() < 0.005
@@ -279,7 +291,7 @@ def test_several_topics_are_named(tmp_path):
         read_with(path, pose_topic="/c")
     with pytest.raises(RecordingError, match="no scans on /c; scan_topic= can be: /scan"):
         read_with(path, scan_topic="/c")
-    with writing(tmp_path, "ros1") as (path, bag):
+    with open_bag(tmp_path, "ros1") as (path, bag):
         for topic in ("/front", "/rear"):
             bag.scan(BEGIN, LIDAR, np.ones(7), topic=topic)
     with pytest.raises(
@@ -291,7 +303,7 @@ def test_several_topics_are_named(tmp_path):
 @pytest.mark.parametrize("source", ["topic", "TF"])
 def test_odometry_stands_for_missing_poses(tmp_path, source):
     """A drive without localization is what `trajectory` is for."""
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         for n in range(3):
             time, pose = BEGIN + 0.1 * n, (0.1 * n, 0.0, 0.0)
             bag.scan(time, LIDAR, np.ones(7), frame="tb1/laser")
@@ -313,7 +325,7 @@ def test_odometry_stands_for_missing_poses(tmp_path, source):
 
 
 def test_scans_alone_are_read_for_locating(tmp_path):
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         bag.scan(BEGIN, LIDAR, np.ones(7))
     drive = read_with(path, needs_poses=False)
     assert repr(drive).endswith("1 scans of 7 beams, no poses)")
@@ -323,7 +335,7 @@ def test_scans_alone_are_read_for_locating(tmp_path):
 def test_missing_things_are_told(tmp_path):
     def refused(words, kind="mcap", write=lambda bag: None, **options):
         shutil.rmtree(tmp_path / "drive_mcap", ignore_errors=True)
-        with writing(tmp_path, kind) as (path, bag):
+        with open_bag(tmp_path, kind) as (path, bag):
             write(bag)
         with pytest.raises(RecordingError, match=words):
             read_with(path, **options)
@@ -407,7 +419,7 @@ def test_missing_things_are_told(tmp_path):
 
 
 def test_clocks_that_run_backwards_are_refused(tmp_path):
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         for n in range(6):
             time = BEGIN + 0.1 * n
             bag.plain_pose(time, (n, 0.0, 0.0))
@@ -422,7 +434,7 @@ def test_clocks_that_run_backwards_are_refused(tmp_path):
 
 def test_scans_that_overtake_each_other_are_put_in_order(tmp_path):
     wanted = drive()
-    with writing(tmp_path, "mcap") as (path, bag):
+    with open_bag(tmp_path, "mcap") as (path, bag):
         for n in (0, 2, 1, 3, 3, 4, 5, 6, 7):
             time = wanted.times[n]
             bag.plain_pose(time, wanted.poses[n])
@@ -435,7 +447,7 @@ def test_scans_that_overtake_each_other_are_put_in_order(tmp_path):
 
 def test_frames_and_topics_of_a_robot_with_a_name_are_found(tmp_path):
     wanted = drive()
-    with writing(tmp_path, "ros1") as (path, bag):
+    with open_bag(tmp_path, "ros1") as (path, bag):
         for name, shift in (("r1", 0.0), ("r2", 50.0)):
             fixed = bag.transform(BEGIN, f"/{name}/base_link", f"/{name}/laser", (0.2, 0, 0))
             bag.tf(BEGIN, fixed, topic=f"/{name}/tf_static")
@@ -535,15 +547,15 @@ def test_a_transform_and_its_inverse_cancel():
     np.testing.assert_allclose(identity[:, :6], 0.0, atol=1e-12)
     plane = np.array([[1.0, 2.0, 0.0, 0.0, 0.0, math.sin(0.35), math.cos(0.35)]])
     twice = poses.in_plane(poses.composed(plane, plane))[0]
-    np.testing.assert_allclose(twice, on((1, 2, 0.7), (1, 2, 0.7)))
-    np.testing.assert_allclose(poses.in_plane(poses.inverse(plane))[0], back((1, 2, 0.7)))
+    np.testing.assert_allclose(twice, compose((1, 2, 0.7), (1, 2, 0.7)))
+    np.testing.assert_allclose(poses.in_plane(poses.inverse(plane))[0], invert((1, 2, 0.7)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_bag_has_speeds_of_odometry(tmp_path, kind):
     """They lie between those of the messages before and after a scan, as poses do."""
     lidar, times = LIDAR, [BEGIN, BEGIN + 0.2, BEGIN + 0.4]
-    with writing(tmp_path, kind) as (path, bag):
+    with open_bag(tmp_path, kind) as (path, bag):
         fixed = bag.transform(BEGIN, "base_link", "laser", (0.0, 0.0, 0.0))
         bag.tf(BEGIN, fixed, topic="/tf_static")
         for n, time in enumerate(times):

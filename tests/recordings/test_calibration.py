@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from support.recordings import LIDAR, recorded
+from support.recordings import LIDAR, simulate_recording
 from support.small_drive import FILE, MAP
 
 from locplan import Costmap, load_map, plan
@@ -152,7 +152,7 @@ def test_noise_and_outliers_of_ranges_are_found(grid, line, sigma, outliers):
     lidar = dataclasses.replace(LIDAR, range_sigma=sigma, range=12.0)
     made = Disturbances(**EXACT | {"outliers": outliers})
     random = np.random.default_rng(3)
-    drive = recorded(grid, line, lidar=lidar, disturbances=made)
+    drive = simulate_recording(grid, line, lidar=lidar, disturbances=made)
     noise = random.standard_normal(line.shape) * [0.04, 0.04, 0.01]
     found = scan_noise(dataclasses.replace(drive, poses=line + noise), grid, threads=1)
     assert found.range_sigma.value == pytest.approx(sigma, rel=0.2)
@@ -165,7 +165,7 @@ def test_noise_and_outliers_of_ranges_are_found(grid, line, sigma, outliers):
 
 def test_objects_in_view_are_found(grid, line):
     made = Disturbances(**EXACT | {"occlusion": 0.6, "occlusion_deg": 40.0})
-    found = scan_noise(recorded(grid, line, disturbances=made), grid)
+    found = scan_noise(simulate_recording(grid, line, disturbances=made), grid)
     assert found.occlusion.value == pytest.approx(0.6, abs=0.15)
     assert 30 < found.occlusion_deg.value < 42
     assert 0.03 < found.blocked.value < 0.6 * 40 / 270  # walls hide some objects
@@ -205,7 +205,7 @@ def test_walls_that_differ_from_the_map_are_no_objects():
 
 
 def test_runs_of_short_beams_count_from_four_on(grid, line):
-    plain = recorded(grid, line[::4], disturbances=Disturbances(**EXACT))
+    plain = simulate_recording(grid, line[::4], disturbances=Disturbances(**EXACT))
     short = np.array([1, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1, 1, 1, 1], bool)
     for first, count in ((short, 9), (short[:3], 0)):
         ranges = plain.ranges.copy()
@@ -241,7 +241,7 @@ def drive(grid, line):
     """There and back."""
     back = line[::-1] + np.array([0.0, 0.0, np.pi])
     there_and_back = np.concatenate([line, back])
-    return recorded(grid, there_and_back, disturbances=Disturbances(outliers=0.08))
+    return simulate_recording(grid, there_and_back, disturbances=Disturbances(outliers=0.08))
 
 
 @pytest.fixture(scope="module")

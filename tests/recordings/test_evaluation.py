@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
 from matplotlib.collections import LineCollection
 from scipy.stats import spearmanr
 from support import oracles as naive
+from support.machine import SHARED_DATA
 from support.small_drive import FILE, MAP
 
 from locplan import Lidar, Scan, load_map

@@ -9,9 +9,10 @@ import math
 import cv2
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, corridor
-from recordings.test_recording import flaser
-from support.recordings import recorded
+from support.carmen_logs import format_flaser
+from support.machine import SHARED_DATA
+from support.maps import corridor
+from support.recordings import simulate_recording
 
 from locplan import Lidar, load_map
 from locplan._support.poses import after_way, way_between, wrapped
@@ -44,7 +45,7 @@ def straight(*xs, y=7.0, spacing=0.1):
 @pytest.fixture(scope="module")
 def drive(office):
     """A drive of 17 m in a crossing of corridors with doors, of which the robot reverses 3 m."""
-    return recorded(office, straight(7.0, 14.0, 11.0, 18.0), lidar=LIDAR)
+    return simulate_recording(office, straight(7.0, 14.0, 11.0, 18.0), lidar=LIDAR)
 
 
 def with_ways(drive, change):
@@ -158,7 +159,7 @@ def test_faults_say_that_corridor_hides_motion():
     grid = corridor(40.0, 2.0)
     line = straight(-6.0, 6.0, y=0.0)
     exact = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
-    drive = recorded(grid, line, lidar=LIDAR, disturbances=exact)
+    drive = simulate_recording(grid, line, lidar=LIDAR, disturbances=exact)
 
     def slip(ways):
         ways[20:40, :2] *= 0.5
@@ -217,7 +218,7 @@ def carmen(path, speeds, *, stamps=None):
         stamp = float(n) if stamps is None else stamps[n]
         lines += [
             f"ODOM {0.1 * n} 0 0 {speed} 0 0 {stamp} host {stamp}\n",
-            flaser((0.1 * n, 0.5, 0), stamp=stamp),
+            format_flaser((0.1 * n, 0.5, 0), stamp=stamp),
         ]
     path.write_text("".join(lines))
     return read_recording(path)
@@ -273,7 +274,7 @@ def test_steps_equal_plain_loops():
     line = np.array([[1.2, 1.4, 0.3], [1.44, 1.5, 0.35]])
     exact = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
     odometry = np.array([[0.0, 0, 0], [0.5, -0.03, 0.1]])  # off by 0.25 m
-    drive = recorded(room, line, lidar=lidar, disturbances=exact, odometry=odometry)
+    drive = simulate_recording(room, line, lidar=lidar, disturbances=exact, odometry=odometry)
     steps = measure_steps(drive)
     before, after = drive.ends_on_robot()
     low = before.min(axis=0) - 0.05

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
 from scipy.stats import spearmanr
+from support.machine import SHARED_DATA
 
 from locplan.field import Estimator, Fused, Scan, position_axes, scalar
 from locplan.field.estimator import MapPart

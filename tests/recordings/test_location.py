@@ -9,8 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, few_of, refused
 from support import oracles as naive
+from support.cases import sample_cases
+from support.command_line import check_refusal
+from support.machine import SHARED_DATA
 from support.small_drive import FILE, MAP
 
 import locplan
@@ -88,7 +90,7 @@ def different():
     return rooms(differ=True)
 
 
-@pytest.mark.parametrize("kind", few_of(["places", "office"]))
+@pytest.mark.parametrize("kind", sample_cases(["places", "office"]))
 def test_simulated_scans_are_located_within_5_cm_and_1_degree(kind):
     grid = locplan.maps.environments.make(kind, resolution=0.05)
     random = np.random.default_rng(4)
@@ -457,16 +459,16 @@ def test_the_command_takes_the_scan_at_a_time_near_a_path(run, tmp_path):
     assert code == 0
     assert about["recorded"]["x"] == pytest.approx(drive.poses[40, 0])
     assert about["recorded"]["distance"] < 0.3
-    assert "--at must lie within the recording's" in refused(run(*ask, "--at", 1e6))
-    assert "--every is not read with --scan" in refused(run(*ask, "--scan", 1, "--every", 2))
-    assert "--every is not read with --at" in refused(run(*ask, "--at", 1, "--every", 2))
-    assert "--at is not read with --scan" in refused(run(*ask, "--scan", 1, "--at", 2))
-    assert "--within is not read without --near-path" in refused(run(*ask, "--within", 2))
-    assert "--scan must be below the recording's" in refused(run(*ask, "--scan", 99999))
-    assert "name a recording with --recording" in refused(run("locate", MAP))
+    assert "--at must lie within the recording's" in check_refusal(run(*ask, "--at", 1e6))
+    assert "--every is not read with --scan" in check_refusal(run(*ask, "--scan", 1, "--every", 2))
+    assert "--every is not read with --at" in check_refusal(run(*ask, "--at", 1, "--every", 2))
+    assert "--at is not read with --scan" in check_refusal(run(*ask, "--scan", 1, "--at", 2))
+    assert "--within is not read without --near-path" in check_refusal(run(*ask, "--within", 2))
+    assert "--scan must be below the recording's" in check_refusal(run(*ask, "--scan", 99999))
+    assert "name a recording with --recording" in check_refusal(run("locate", MAP))
     replace(drive, times=None).save(tmp_path / "untimed.npz")
     untimed = "locate", MAP, "--recording", tmp_path / "untimed.npz", "--at", 3
-    assert "the recording has no times; choose by --scan" in refused(run(*untimed))
+    assert "the recording has no times; choose by --scan" in check_refusal(run(*untimed))
 
 
 @pytest.mark.long

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA, drawn, few_of
+from support.cases import sample_cases
+from support.machine import SHARED_DATA
+from support.maps import ascii_map
 from support.small_drive import FILE, MAP
 
 from locplan.errors import ConfigError, RecordingError
@@ -50,7 +52,7 @@ def test_a_drive_fits_its_own_map(small, grid):
 
 
 @pytest.mark.parametrize(
-    "move", few_of([(-7.0, 40.0, 2.2), (1.3, -0.6, 0.0), (0.0, 0.0, math.pi / 2)])
+    "move", sample_cases([(-7.0, 40.0, 2.2), (1.3, -0.6, 0.0), (0.0, 0.0, math.pi / 2)])
 )
 def test_shifts_and_turns_are_found(small, grid, move):
     moved = small.moved(*move)
@@ -94,7 +96,7 @@ def test_a_wrong_resolution_is_told(small, grid, coarse_fit):
     assert "multiply resolution and origin in its YAML by 0.900" in fit.sentence
 
 
-@pytest.mark.parametrize("turn", few_of((90, 180, -90)))
+@pytest.mark.parametrize("turn", sample_cases((90, 180, -90)))
 def test_a_wrong_mount_is_told(small, grid, turn, coarse_fit):
     centred = replace(small.lidar, mount_x=0.0)
     wrong = replace(small, lidar=replace(centred, mount_yaw_deg=-turn))
@@ -124,14 +126,14 @@ def test_what_cannot_be_compared_is_refused(small):
     with pytest.raises(ConfigError, match="grid must be an OccupancyGrid"):
         fit_to_map(small, "map")
     with pytest.raises(ConfigError, match="recording must be a Recording"):
-        fit_to_map("drive", drawn("#.#"))
+        fit_to_map("drive", ascii_map("#.#"))
 
 
 def test_one_beam_of_one_scan_is_enough():
     lidar = Lidar(range=9.0, field_of_view_deg=180.0, beams=101)
     ranges = np.full((1, 101), np.inf)
     ranges[0, 1] = 3.0  # none of the evenly spaced beams
-    fit = fit_to_map(Recording(ranges, lidar, [[1.5, 1.5, 0.0]]), drawn("###", "#.#", "###"))
+    fit = fit_to_map(Recording(ranges, lidar, [[1.5, 1.5, 0.0]]), ascii_map("###", "#.#", "###"))
     assert 0.0 <= fit.share <= 1.0
 
 
@@ -170,7 +172,7 @@ def test_check_place_ignores_scans_without_returns(small, grid):
     check_place(replace(without_poses(small), ranges=ranges), grid)
 
 
-@pytest.mark.parametrize("name", few_of(DRIVES, 0))
+@pytest.mark.parametrize("name", sample_cases(DRIVES, 0))
 def test_check_place_tells_real_recordings_apart(name):
     """Killian Court's map has kinks; wean2 is mostly one corridor, as parts of other maps are."""
     folder = SHARED_DATA / "drives"
@@ -187,7 +189,7 @@ def test_check_place_tells_real_recordings_apart(name):
                 check_place(recording, grid)
 
 
-@pytest.mark.parametrize("name", few_of(NAMES, 0)[:3])
+@pytest.mark.parametrize("name", sample_cases(NAMES, 0)[:3])
 def test_real_logs_fit_their_maps_and_no_others(name, request):
     if not all((SHARED_DATA / each).is_dir() for each in ("carmen", "rosmaps_carmen")):
         pytest.skip("the logs of real lasers (../shared/data/carmen) are not here")

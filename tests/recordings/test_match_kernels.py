@@ -7,8 +7,9 @@ import math
 import cv2
 import numpy as np
 import pytest
-from conftest import few_of, random_rooms
 from support import oracles as naive
+from support.cases import sample_cases
+from support.maps import random_rooms
 
 from locplan._support.kernels.lidar import Lidar as Beams
 from locplan._support.kernels.rays import empty_squares
@@ -152,7 +153,7 @@ def almost_equal_rooms(seed):
     return OccupancyGrid(cells, 0.1)
 
 
-@pytest.mark.parametrize("seed", few_of([3, 8, 5, 11], 1))
+@pytest.mark.parametrize("seed", sample_cases([3, 8, 5, 11], 1))
 def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
     """Branch and bound over all poses 0.1 m and 3 deg apart finds none with a lower loss."""
     grid = almost_equal_rooms(seed)

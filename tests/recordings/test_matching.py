@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from recordings.test_ambiguous_places import GAP, LIDAR, ROOM, room, side_by_side, two_rooms
 from support import oracles as naive
+from support.rooms import GAP_CELLS, LIDAR, ROOM_CELLS, join_rooms, room_cells, two_rooms
 
 from locplan import LocplanError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -19,7 +19,7 @@ def test_scans_of_a_part_of_the_view_have_unseen_beams():
     matching = Matching(lidar=Lidar(range=8.0, field_of_view_deg=90.0, mount_yaw_deg=90.0))
     seen = np.degrees(matching.bearings[matching.seen])
     assert (seen.min(), seen.max()) == pytest.approx((45.0, 135.0))
-    database = make_database(side_by_side(room()), matching)
+    database = make_database(join_rooms(room_cells()), matching)
     (scan,) = database.scans_at(np.array([[20.5, 30.5, 0.0]]))
     assert np.isnan(scan[~matching.seen]).all()
     assert not np.isnan(scan[matching.seen]).any()
@@ -45,7 +45,7 @@ def test_modes_without_a_home_are_those_of_a_scan():
     found = ScanOnMap(database, scans[0]).modes()
     assert found.losses[0] <= found.losses[1]
     at = {tuple(np.round(pose[:2] - home[0, :2]).astype(int)) for pose in found.poses[:2]}
-    assert at == {(0, 0), (ROOM + GAP, 0)}
+    assert at == {(0, 0), (ROOM_CELLS + GAP_CELLS, 0)}
     assert ScanOnMap(database, np.full(96, np.inf)).modes().poses.shape == (0, 3)
 
 

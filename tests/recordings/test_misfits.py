@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
 from support import oracles as naive
+from support.machine import SHARED_DATA
 from support.small_drive import FILE, MAP
 
 from locplan import Lidar, load_map

@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
 from support import built_in_recording
 from support.bag_files import read_with
-from support.small_drive import FILE, made
+from support.carmen_logs import format_flaser, format_odom
+from support.machine import SHARED_DATA
+from support.small_drive import FILE, simulate_drive
 
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings import Recording, read_recording
@@ -224,21 +225,13 @@ def test_a_drive_has_a_report_and_a_summary():
     assert "no times" in drive(times=False, odometry=False).report()
 
 
-def flaser(pose, robot=None, stamp=0.0, ranges=(1.0, 2.0, 50.0, 50.0)) -> str:
-    places = " ".join(map(str, (*pose, *(robot or pose))))
-    return f"FLASER {len(ranges)} {' '.join(map(str, ranges))} {places} {stamp} host {stamp}\n"
-
-
-def odom(pose, stamp=0.0) -> str:
-    return f"ODOM {' '.join(map(str, pose))} 0 0 0 {stamp} host {stamp}\n"
-
-
 def test_carmen_is_read_in_the_order_of_its_lines(tmp_path):
     path = tmp_path / "a.log"
     path.write_text(
         "# made up\nPARAM robot_length 1 0 host 0\n"
-        + odom((0.0, 0, 0), 1.0) + flaser((5.0, 5, 0), stamp=1.5) + odom((1.0, 0, 0), 2.0)
-        + odom((2.0, 0, 0), 3.0) + flaser((7.0, 5, 1), stamp=3.0) + "NEFF 3\n"
+        + format_odom((0.0, 0, 0), 1.0) + format_flaser((5.0, 5, 0), stamp=1.5)
+        + format_odom((1.0, 0, 0), 2.0) + format_odom((2.0, 0, 0), 3.0)
+        + format_flaser((7.0, 5, 1), stamp=3.0) + "NEFF 3\n"
     )  # fmt: skip
     read = read_recording(path)
     assert read.poses.tolist() == [[5, 5, 0], [7, 5, 1]]
@@ -253,9 +246,9 @@ def test_carmen_is_read_in_the_order_of_its_lines(tmp_path):
 def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):
     lines, at = "", np.zeros(2)
     for n in range(4):  # a metre ahead from each corrected pose
-        lines += odom((*at, 0.0)) + flaser((at[0] + 0.3, at[1] + 0.1 * n, 0.0))
+        lines += format_odom((*at, 0.0)) + format_flaser((at[0] + 0.3, at[1] + 0.1 * n, 0.0))
         at += [0.3, 0.1 * n]
-        lines += odom((*at, 0.0))
+        lines += format_odom((*at, 0.0))
         at += [1.0, 0.0]
     (tmp_path / "a.log").write_text(lines)
     read = read_recording(tmp_path / "a.log")
@@ -269,10 +262,10 @@ def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):
 def test_odometry_stands_still_between_scans_without_a_line_of_it(tmp_path):
     lines, at = "", np.zeros(2)
     for n in range(5):
-        scan = flaser((at[0] + 0.3, at[1] + 0.1 * n, 0.0))
-        lines += odom((*at, 0.0)) + scan * (2 if n == 2 else 1)
+        scan = format_flaser((at[0] + 0.3, at[1] + 0.1 * n, 0.0))
+        lines += format_odom((*at, 0.0)) + scan * (2 if n == 2 else 1)
         at += [0.3, 0.1 * n]
-        lines += odom((*at, 0.0))
+        lines += format_odom((*at, 0.0))
         at += [1.0, 0.0]
     (tmp_path / "a.log").write_text(lines)
     read = read_recording(tmp_path / "a.log")
@@ -284,13 +277,13 @@ def test_poses_of_carmen_are_the_robots_or_the_corrected_ones(tmp_path):
     path = tmp_path / "a.log"
     lidar = ((0.2, 0.0, 0.0), (1.0, 0.2, math.pi / 2))
     robot = ((0.0, 0.0, 0.0), (1.0, 0.0, math.pi / 2))
-    path.write_text("".join(flaser(*each) for each in zip(lidar, robot, strict=True)))
+    path.write_text("".join(format_flaser(*each) for each in zip(lidar, robot, strict=True)))
     read = read_recording(path)
     np.testing.assert_allclose(read.poses, robot)
     assert (read.lidar.mount_x, read.lidar.mount_y) == (0.2, 0.0)
     assert read.odometry is None
     drifting = ((0.0, 0.0, 0.0), (4.0, 0.0, 1.0))
-    path.write_text("".join(flaser(*each) for each in zip(lidar, drifting, strict=True)))
+    path.write_text("".join(format_flaser(*each) for each in zip(lidar, drifting, strict=True)))
     read = read_recording(path)
     np.testing.assert_allclose(read.poses, lidar)
     np.testing.assert_allclose(read.odometry, drifting)
@@ -313,10 +306,13 @@ def test_robotlaser_tells_its_angles_and_range(tmp_path):
     ("text", "words"),
     [
         ("", "has no scans .* but nothing; is it a log of CARMEN"),
-        (odom((0, 0, 0)) + "NEFF 3\n", "has no scans .* but NEFF"),
-        (flaser((0, 0, 0))[:30] + "\n" + odom((0, 0, 0)), "line 1 is cut off or damaged"),
-        (flaser((0, 0, math.nan)) + odom((0, 0, 0)), "line 1 is cut off or damaged"),
-        (flaser((0, 0, 0), ranges=(0.0, 0.0)), "no beam of 1 scans"),
+        (format_odom((0, 0, 0)) + "NEFF 3\n", "has no scans .* but NEFF"),
+        (
+            format_flaser((0, 0, 0))[:30] + "\n" + format_odom((0, 0, 0)),
+            "line 1 is cut off or damaged",
+        ),
+        (format_flaser((0, 0, math.nan)) + format_odom((0, 0, 0)), "line 1 is cut off or damaged"),
+        (format_flaser((0, 0, 0), ranges=(0.0, 0.0)), "no beam of 1 scans"),
     ],
 )
 def test_damaged_logs_are_refused_in_one_line(tmp_path, text, words):
@@ -326,11 +322,11 @@ def test_damaged_logs_are_refused_in_one_line(tmp_path, text, words):
 
 
 def test_a_log_that_was_stopped_is_read_without_its_last_line(tmp_path):
-    (tmp_path / "a.log").write_text(flaser((0, 0, 0)) + flaser((1, 0, 0))[:20])
+    (tmp_path / "a.log").write_text(format_flaser((0, 0, 0)) + format_flaser((1, 0, 0))[:20])
     read = read_recording(tmp_path / "a.log")
     assert len(read) == 1
     assert re.search("last line, 2, is cut off", read.source.notes[0])
-    packed = gzip.compress(flaser((0, 0, 0)).encode() * 50)
+    packed = gzip.compress(format_flaser((0, 0, 0)).encode() * 50)
     (tmp_path / "b.log.gz").write_bytes(packed[:-12])
     with pytest.raises(RecordingError, match=r"is cut off or damaged \(gzip\)"):
         read_recording(tmp_path / "b.log.gz")
@@ -383,7 +379,7 @@ def test_the_small_drive_suits_the_replay_of_a_filter():
 
 @pytest.mark.long
 def test_the_small_drive_is_what_the_simulator_makes():
-    small, again = Recording.load(FILE), made()
+    small, again = Recording.load(FILE), simulate_drive()
     np.testing.assert_allclose(small.poses, again.poses, atol=2e-5)
     np.testing.assert_allclose(small.odometry, again.odometry, atol=2e-5)
     other = ~np.isclose(small.ranges, again.ranges, rtol=0, atol=2e-3)

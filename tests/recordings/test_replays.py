@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 import pytest
-from conftest import random_rooms
 from support import oracles as naive
-from support.recordings import LIDAR, recorded
+from support.maps import random_rooms
+from support.recordings import LIDAR, simulate_recording
 
 from locplan import Costmap, Lidar, OccupancyGrid, Path, plan, save_map
 from locplan._support.kernels import drives
@@ -45,7 +45,7 @@ def line(grid):
 
 @pytest.fixture(scope="module")
 def drive(grid, line):
-    return recorded(grid, line)
+    return simulate_recording(grid, line)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid,
     quiet = Disturbances(boundary_noise=0.0, outliers=0.0, occlusion=0.0)
     lidar = dataclasses.replace(LIDAR, range_sigma=1e-6)
     amcl = Amcl(laser_model_type=model, max_beams=30, laser_max_range=6.0, laser_min_range=2.5)
-    drive = recorded(grid, line[:20], lidar=lidar, disturbances=quiet)
+    drive = simulate_recording(grid, line[:20], lidar=lidar, disturbances=quiet)
     ends = compared_ends(amcl, drive.lidar, drive.ranges) / RESOLUTION
     here = Simulator(grid, robot=Robot(lidar, filter=amcl, disturbances=quiet))
     expected = naive_ends(here, line[:20])
@@ -130,7 +130,7 @@ def test_replays_err_as_simulated_drives_do(grid, line):
     simulated = drive_open(simulator, {"line": path}, range(30))["line"]
     rms = []
     for seed in range(8):
-        drive = recorded(grid, line, seed=seed)
+        drive = simulate_recording(grid, line, seed=seed)
         rms.append(
             replay(drive, grid, robot=Robot(filter=SHARP), runs=4, seed=seed).drives.mean_squares
         )

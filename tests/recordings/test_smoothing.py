@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
 from support import oracles as naive
+from support.machine import SHARED_DATA
 
 import locplan
 from locplan._support import poses as of_poses

@@ -8,8 +8,9 @@ import math
 
 import numpy as np
 import pytest
-from conftest import drawn, refused
-from support.bag_files import BEGIN, writing
+from support.bag_files import BEGIN, open_bag
+from support.command_line import check_refusal
+from support.maps import ascii_map
 
 import locplan
 from locplan import Lidar, Robot
@@ -28,7 +29,7 @@ def grid() -> locplan.OccupancyGrid:
     for row, column, height, width in ((6, 12, 3, 3), (1, 30, 3, 9), (19, 4, 4, 5), (20, 18, 3, 2)):
         for y in range(row, row + height):
             cells[y][column : column + width] = "#" * width
-    return drawn(*map("".join, cells), resolution=0.25)
+    return ascii_map(*map("".join, cells), resolution=0.25)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +118,7 @@ def test_recording_replaces_files_by_force_alone(run, files):
     target = files / "drive.npz"
     target.write_text("mine")
     command = "recording", files / "monday.npz", "-o", target
-    assert "drive.npz: is no earlier result of this command" in refused(run(*command))
+    assert "drive.npz: is no earlier result of this command" in check_refusal(run(*command))
     assert run(*command, "--force")[0] == 0
     assert run(*command)[0] == 0  # over an earlier result
 
@@ -140,14 +141,14 @@ def test_recording_replaces_files_by_force_alone(run, files):
 )
 def test_recording_refuses_wrong_options(run, files, monkeypatch, options, message):
     monkeypatch.chdir(files)
-    assert message in refused(run("recording", "monday.npz", *options))
+    assert message in check_refusal(run("recording", "monday.npz", *options))
 
 
 def test_recording_refuses_missing_file(run, files):
-    assert "none.npz" in refused(run("recording", files / "none.npz"))
-    assert "FILE is missing" in refused(run("recording"))
+    assert "none.npz" in check_refusal(run("recording", files / "none.npz"))
+    assert "FILE is missing" in check_refusal(run("recording"))
     folder = "recording", files / "monday.npz", files / "none.yaml"
-    assert "none.yaml" in refused(run(*folder))
+    assert "none.yaml" in check_refusal(run(*folder))
 
 
 @pytest.mark.parametrize(
@@ -163,7 +164,7 @@ def test_recording_refuses_missing_file(run, files):
 )
 def test_command_rejects_recording_of_another_building(run, files, monkeypatch, command):
     monkeypatch.chdir(files)
-    error = refused(run(*command))
+    error = check_refusal(run(*command))
     assert "simulated does not fit places: only " in error
     assert error.endswith("name the map of the building where it was taken\n")
 
@@ -176,11 +177,11 @@ def test_built_in_recording_is_written_under_own_name(run, tmp_path, monkeypatch
 
 
 def test_other_commands_point_to_options_of_recording(run, files):
-    with writing(files, "mcap") as (bag, writer):
+    with open_bag(files, "mcap") as (bag, writer):
         writer.tf(BEGIN, writer.transform(BEGIN, "odom", "base_link", (0, 0, 0)))
         writer.scan(BEGIN, LIDAR, np.ones(90), topic="/front")
         writer.scan(BEGIN, LIDAR, np.ones(90), topic="/rear")
-    error = refused(run("simulate", files / "room.yaml", "--recording", bag))
+    error = check_refusal(run("simulate", files / "room.yaml", "--recording", bag))
     assert "choose one with --scan-topic /front; read it with locplan recording" in error
 
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Amcl, Disturbances, Lidar, Robot
@@ -72,5 +72,5 @@ def test_few_beams_return_in_a_hall_wider_than_the_lidar_sees():
 
 
 def test_beams_are_counted_also_where_the_robot_fits_nowhere():
-    grid = drawn("####", "#..#", "####", resolution=0.1)
+    grid = ascii_map("####", "#..#", "####", resolution=0.1)
     assert BeamsLeft.on_map(Simulator(grid, robot=Robot(LIDAR))).compared == 60

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import drawn, random_rooms
+from support.maps import ascii_map, random_rooms
 
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -119,7 +119,7 @@ BOX = [(0.5, 0.3), (0.5, -0.3), (-0.5, -0.3), (-0.5, 0.3)]
 
 def corridor_of(width: int) -> OccupancyGrid:
     """A corridor of so many cells of 0.1 m between walls."""
-    return drawn("#" * 30, *["." * 30] * width, "#" * 30, resolution=0.1)
+    return ascii_map("#" * 30, *["." * 30] * width, "#" * 30, resolution=0.1)
 
 
 def test_the_lattice_finds_a_way_on_which_neither_circle_is_clear():
@@ -193,7 +193,7 @@ def test_no_way_that_is_known_is_called_infeasible():
 
 
 def test_a_wide_room_needs_no_second_search():
-    grid = drawn(*["." * 60] * 60, resolution=0.1)
+    grid = ascii_map(*["." * 60] * 60, resolution=0.1)
     result = plan(Costmap.blank(grid, robot=0.0), (2.0, 2.0), (4.0, 3.0), footprint=LONG)
     assert result.status == "solved"
 

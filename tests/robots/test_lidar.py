@@ -339,9 +339,9 @@ def test_parameters_of_nav2_name_no_lidar(tmp_path):
 
 
 def test_amcl_only_limits_the_lidar():
-    from conftest import drawn
+    from support.maps import ascii_map
 
-    grid, lidar = drawn("###", "#.#", "###"), Lidar(range=10.0, min_range=0.2)
+    grid, lidar = ascii_map("###", "#.#", "###"), Lidar(range=10.0, min_range=0.2)
     for amcl, least, most in (
         (Amcl(), 0.2, 10.0),
         (Amcl(laser_min_range=0.5, laser_max_range=4.0), 0.5, 4.0),

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 import pytest
-from conftest import few_of
 from support import oracles as naive
+from support.cases import sample_cases
 
 from locplan import Footprint, Lidar, OccupancyGrid, Path, Robot
 from locplan._support.intervals import random_of
@@ -79,7 +79,7 @@ def there_and_back():
     return Path(xy, np.concatenate([[0.0], -turn]))
 
 
-@pytest.mark.parametrize("name", few_of(["round", "sideways", "car", "outlined"], 2))
+@pytest.mark.parametrize("name", sample_cases(["round", "sideways", "car", "outlined"], 2))
 def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
     grid, robot = room(), ROBOTS[name].changed({"boundary_noise": 0.0})
     path = there_and_back() if name == "car" else line(*BENT)

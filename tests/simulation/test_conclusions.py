@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 import pytest
-from conftest import refused
 from scipy import stats
+from support.command_line import check_refusal
 
 import locplan
 from locplan import FieldConfig
@@ -228,12 +228,12 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
 )
 def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reason):
     out = tmp_path / "out"
-    assert reason in refused(run("simulate", map_file, *arguments, "-o", out))
+    assert reason in check_refusal(run("simulate", map_file, *arguments, "-o", out))
     assert not out.exists()
 
 
 def test_a_path_of_several_maps_is_refused(run, map_file, tmp_path):
     locplan.save_map(locplan.load_map(map_file), tmp_path / "other.yaml")
     several = map_file, tmp_path / "other.yaml"
-    error = refused(run("simulate", *several, *ENDS))
+    error = check_refusal(run("simulate", *several, *ENDS))
     assert "one path is of one map: name one of these 2, or --random" in error

@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from support.recordings import recorded
+from support.recordings import simulate_recording
 
 from locplan import (
     Costmap,
@@ -77,7 +77,7 @@ def test_amcl_stepped_by_its_protocol_gives_what_a_replay_gives(interval):
     grid = OccupancyGrid(room().cells, 0.125, (3.0, -2.0, 0.5))
     xy = np.column_stack(grid.grid_to_world([30.0, 30.0, 20.0], [12.0, 60.0, 80.0]))
     line = poses_along(Path(xy), grid)[::3]
-    drive = recorded(grid, line)
+    drive = simulate_recording(grid, line)
     amcl = Amcl(resample_interval=interval, max_beams=30, laser_max_range=4.0, **FEW)
     robot = Robot(drive.lidar, filter=amcl)
     whole = replay(drive, grid, robot, runs=2, seed=5)
@@ -309,7 +309,7 @@ def test_whatever_drives_takes_a_filter_map(tmp_path):
 def test_recorded_drives_are_replayed_on_the_filter_map():
     grid, old = room(), shifted_wall()
     back = Path(np.array([[1.5, 4.0], [9.5, 4.0], [9.5, 2.0], [10.5, 4.0], [1.5, 4.2]] * 2))
-    drive = recorded(grid, poses_along(back, grid)[::4])
+    drive = simulate_recording(grid, poses_along(back, grid)[::4])
     runs = [replay(drive, grid, EXACT, runs=4, filter_map=m) for m in (None, grid, old)]
     assert np.array_equal(runs[0].errors, runs[1].errors)
     assert runs[0].drives.rmse.value < runs[2].drives.rmse.value

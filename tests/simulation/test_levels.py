@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import drawn
+from support.maps import ascii_map
 
 from locplan import Lidar, OccupancyGrid, Path, Robot
 from locplan.errors import ConfigError
@@ -150,7 +150,7 @@ def test_levels_for_leaves_out_impossible_faults():
     assert names == ["usual", "slip", "standstill", "reversal", "turns", "kinked map"]
     assert [level.name for level in levels_for([STRAIGHT, BACK], grid)] == names
     assert REVERSAL not in levels_for([STRAIGHT], grid)
-    hall = drawn("##########", *["#........#"] * 6, "##########", resolution=2.0)
+    hall = ascii_map("##########", *["#........#"] * 6, "##########", resolution=2.0)
     assert KINKED_MAP not in levels_for([Path(np.array([[4.0, 7.0], [16.0, 7.0]]))], hall)
 
 
@@ -172,7 +172,7 @@ def test_kink_lies_in_corridor_that_path_crosses_once():
 def test_kink_is_not_in_wide_places_or_doors():
     rows = ["#" * 40, *["#" + "." * 38 + "#"] * 8, "#" * 40]
     rows = [row[:20] + ("#" if n not in (4, 5) else ".") + row[21:] for n, row in enumerate(rows)]
-    grid = drawn(*rows, resolution=0.7)
+    grid = ascii_map(*rows, resolution=0.7)
     assert find_kink(Path(np.array([[2.0, 3.5], [26.0, 3.5]])), grid) is None
 
 

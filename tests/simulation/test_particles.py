@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from conftest import random_rooms
 from support import oracles as naive
+from support.maps import random_rooms
 
 from locplan._support.kernels import drives, lidar as lidars, particles
 from locplan._support.kernels.rays import empty_squares

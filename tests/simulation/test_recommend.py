@@ -11,7 +11,8 @@ import shlex
 
 import numpy as np
 import pytest
-from conftest import few_of, refused
+from support.cases import sample_cases
+from support.command_line import check_refusal
 
 from locplan import (
     Choice,
@@ -545,7 +546,7 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
     assert all(one != two for one, two in first)
 
 
-@pytest.mark.parametrize("minimise", few_of([*MINIMISED], 0))
+@pytest.mark.parametrize("minimise", sample_cases([*MINIMISED], 0))
 def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
     found = two_ways(corridors, minimise=minimise, drives=32)
     if minimise != "heading":
@@ -950,7 +951,9 @@ def test_bad_input_ends_the_command_before_long_work(
     Path([START, (2, 5), (10, 5), GOAL]).save("grid.csv")
     monkeypatch.setattr("locplan.field.load_or_compute", None)
     code, out, err = run("plan", box, *options, "--lidar", "rplidar-a1", "-o", "out")
-    said = refused((code, out, err[err.index("locplan: error: ") :]))  # the walls are black inside
+    said = check_refusal(
+        (code, out, err[err.index("locplan: error: ") :])
+    )  # the walls are black inside
     assert words in said
     assert not (tmp_path / "out").exists()
 

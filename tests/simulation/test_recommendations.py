@@ -6,7 +6,8 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
-from conftest import drawn, few_of
+from support.cases import sample_cases
+from support.maps import ascii_map
 
 import locplan
 from locplan import Costmap, Lidar
@@ -81,7 +82,7 @@ def test_saved_choices_are_read_back(made, tmp_path):
         same.save(tmp_path / "same")
 
 
-@pytest.mark.parametrize("kind", few_of(["processes", "late", "threads"]))
+@pytest.mark.parametrize("kind", sample_cases(["processes", "late", "threads"]))
 def test_choices_do_not_depend_on_the_executor(costs, made, kind):
     pools = {
         "late": Late,
@@ -205,7 +206,7 @@ def test_maps_have_their_own_queries(costs):
 
 
 def test_queries_without_a_path_count_as_such():
-    parted = drawn(*["....#...."] * 4, resolution=0.5)
+    parted = ascii_map(*["....#...."] * 4, resolution=0.5)
     ends = [((0.75, 0.75), (3.75, 0.75)), ((0.75, 0.75), (1.25, 1.25))]
     found = choose_many(Costmap.blank(parted), ends, **QUICK)
     assert [each.choice.status for each in found] == ["unreachable", "solved"]

@@ -9,7 +9,7 @@ import warnings
 
 import numpy as np
 import pytest
-from conftest import corridor
+from support.maps import corridor
 
 import locplan
 from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path

@@ -12,7 +12,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from maps.test_map_faults import blocks
+from support.maps import blocks
 
 from locplan import Lidar, OccupancyGrid, Robot, mend, place_landmarks
 from locplan.advice import Pole, verify_landmarks

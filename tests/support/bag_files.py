@@ -112,7 +112,7 @@ class BagWriter:
 
 
 @contextmanager
-def writing(folder: Path, kind: str, packed: str = "") -> Iterator[tuple[Path, BagWriter]]:
+def open_bag(folder: Path, kind: str, packed: str = "") -> Iterator[tuple[Path, BagWriter]]:
     """A new bag of a kind in a folder, and its path; `packed` names a mode or a format."""
     ros1 = kind == "ros1"
     path = folder / ("drive.bag" if ros1 else f"drive_{kind}")
@@ -132,20 +132,20 @@ def writing(folder: Path, kind: str, packed: str = "") -> Iterator[tuple[Path, B
         yield path, BagWriter(writer, store, ros1)
 
 
-def on(pose, way):
+def compose(pose, way):
     """The pose to which a way leads from another one."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     x, y, turn = way
     return pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y, pose[2] + turn
 
 
-def back(pose):
+def invert(pose):
     """The way from a pose to the origin."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     return -cos * pose[0] - sin * pose[1], sin * pose[0] - cos * pose[1], -pose[2]
 
 
-def times_of(drive: Recording) -> np.ndarray:
+def message_times(drive: Recording) -> np.ndarray:
     """The drive's times as a bag holds them, in whole nanoseconds; made up where it has none."""
     times = BEGIN + 0.25 * np.arange(len(drive)) if drive.times is None else drive.times
     whole = np.floor(times)
@@ -154,8 +154,8 @@ def times_of(drive: Recording) -> np.ndarray:
 
 def write_drive(folder: Path, drive: Recording, kind: str, packed: str = "") -> Path:
     """Write a drive as a robot with Nav2 records it: scans, TF, and odometry if it has some."""
-    with writing(folder, kind, packed) as (path, bag):
-        lidar, times = drive.lidar, times_of(drive)
+    with open_bag(folder, kind, packed) as (path, bag):
+        lidar, times = drive.lidar, message_times(drive)
         mount = (lidar.mount_x, lidar.mount_y, lidar.mount_yaw)
         fixed = bag.transform(times[0], "base_link", "laser", mount)
         bag.tf(times[0], fixed, topic="/tf_static")
@@ -167,7 +167,7 @@ def write_drive(folder: Path, drive: Recording, kind: str, packed: str = "") -> 
                 reported = drive.odometry[n]
                 bag.odometry(time, reported)
                 bag.tf(time, bag.transform(time, "odom", "base_link", reported))
-                bag.tf(time, bag.transform(time, "map", "odom", on(pose, back(reported))))
+                bag.tf(time, bag.transform(time, "map", "odom", compose(pose, invert(reported))))
             bag.scan(time, lidar, drive.ranges[n])
     return path
 

@@ -167,7 +167,7 @@ class Seen:
 
 
 @contextmanager
-def served(
+def serve(
     grid: OccupancyGrid, field: CovarianceField, *, port: int = 0, **options: Any
 ) -> Iterator[Any]:
     """An explorer's server."""
@@ -182,3 +182,8 @@ def _placed(grid: OccupancyGrid, along: float) -> tuple[float, float]:
     x, y, yaw = grid.origin
     cos, sin = math.cos(yaw), math.sin(yaw)
     return x + cos * along - sin * 3.0, y + sin * along + cos * 3.0
+
+
+def is_ours(url: str) -> bool:
+    """True if an address leads to the explorer itself, or to nothing beyond the page."""
+    return re.match(r"(http|ws)://127\.0\.0\.1:|file:|blob:|data:", url) is not None

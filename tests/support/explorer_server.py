@@ -7,11 +7,11 @@ import json
 import re
 from contextlib import contextmanager
 
-from conftest import GUARD
 from websockets.sync.client import ClientConnection, connect
 
 from locplan.app.explorer.explorer import Explorer, opened
 from locplan.app.explorer.scene import Opening
+from support.machine import TIMEOUT
 
 
 class Server:
@@ -24,19 +24,19 @@ class Server:
 
 
 @contextmanager
-def served(grid, config, *, framed=False, **opening):
+def serve(grid, config, *, framed=False, **opening):
     """A server whose field is there."""
     with opened(grid, Opening(config, **opening), framed=framed) as explorer:
         explorer.session.latest.result()
         yield Server(explorer)
 
 
-def fetched(server: Server, path: str, method: str = "GET", *, cookie=True, **headers):
+def fetch(server: Server, path: str, method: str = "GET", *, cookie=True, **headers):
     """Status, headers by lower-case name, and content of a response."""
-    link = http.client.HTTPConnection("127.0.0.1", server.port, timeout=GUARD)
+    link = http.client.HTTPConnection("127.0.0.1", server.port, timeout=TIMEOUT)
     sent = {"Host": f"127.0.0.1:{server.port}"}
     if cookie:
-        sent["Cookie"] = cookie_of(server) if cookie is True else cookie
+        sent["Cookie"] = format_cookie(server) if cookie is True else cookie
     sent |= {name.replace("_", "-"): value for name, value in headers.items()}
     link.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
     for name, value in sent.items():
@@ -52,14 +52,14 @@ def fetched(server: Server, path: str, method: str = "GET", *, cookie=True, **he
     return response.status, found, content
 
 
-def cookie_of(server: Server) -> str:
+def format_cookie(server: Server) -> str:
     return f"other=1; locplan-{server.port}={server.token}; third=x"
 
 
-def linked(server: Server, path: str = "/socket", **headers) -> ClientConnection:
+def connect_socket(server: Server, path: str = "/socket", **headers) -> ClientConnection:
     """A socket of the page; a header of None is left out."""
     origin = headers.pop("origin", f"http://127.0.0.1:{server.port}")
-    cookie = headers.pop("cookie", cookie_of(server))
+    cookie = headers.pop("cookie", format_cookie(server))
     sent = {} if cookie is None else {"Cookie": cookie}
     host = headers.pop("host", None)
     address = f"ws://{host or '127.0.0.1'}:{server.port}{path}"
@@ -69,7 +69,7 @@ def linked(server: Server, path: str = "/socket", **headers) -> ClientConnection
         additional_headers=sent,
         compression=None,
         proxy=None,
-        open_timeout=GUARD,
+        open_timeout=TIMEOUT,
         close_timeout=5,
         max_size=2**24,
     )
@@ -83,7 +83,7 @@ class Page:
         self.state = self._read()
 
     def _read(self):
-        return json.loads(self.link.recv(timeout=GUARD))
+        return json.loads(self.link.recv(timeout=TIMEOUT))
 
     def send(self, do: str, **values) -> int:
         self.number += 1

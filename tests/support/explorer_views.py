@@ -26,21 +26,21 @@ def corridors() -> tuple[OccupancyGrid, CovarianceField]:
     return grid, load_or_compute(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
 
 
-def costs_of(weight: float = 3.0) -> Costmap:
+def make_costmap(weight: float = 3.0) -> Costmap:
     """The costmap of the corridors at a weight that is not the default."""
     return Costmap.from_field(*corridors(), weight=weight)
 
 
-def paths_of(weight: float = 3.0) -> dict[str, Path]:
+def plan_paths(weight: float = 3.0) -> dict[str, Path]:
     """The aware path and the shortest one through the corridors."""
-    plans = plan_beside_shortest(costs_of(weight), START, GOAL)
+    plans = plan_beside_shortest(make_costmap(weight), START, GOAL)
     return {name: plan.path for name, plan in plans.items()}
 
 
 WAY = {"start": list(START), "goal": list(GOAL), "via": [], "weight": 3.0}
 
 
-def session_of(with_field: bool = True, **opening) -> Session:
+def open_session(with_field: bool = True, **opening) -> Session:
     """A session with the corridors' field."""
     grid, field = corridors()
     session = Session(grid, Opening(field.config, **{"robot": ROBOT} | opening))
@@ -49,24 +49,24 @@ def session_of(with_field: bool = True, **opening) -> Session:
     return session
 
 
-def answered(session: Session, do: str, *, progress=lambda *_: None, **values):
+def ask_session(session: Session, do: str, *, progress=lambda *_: None, **values):
     """The answer to a question, through JSON as the page gets it."""
     asked = json.loads(json.dumps(values))
     told = session.answer(do, progress=progress, **asked)
     return json.loads(json.dumps(told, allow_nan=False))
 
 
-class Ended(Exception):
+class Interrupted(Exception):
     """What the progress of a test raises."""
 
 
-def ending_after(calls: int):
+def interrupt_after(calls: int):
     """A progress callback that ends the work at a call, and the list of all calls."""
     seen = []
 
     def note(done: int, total: int, doing: str = "") -> None:
         seen.append((done, total))
         if len(seen) == calls:
-            raise Ended
+            raise Interrupted
 
     return note, seen

@@ -141,7 +141,7 @@ JSON: tuple[Damage, ...] = (edit, change_json, change_json)
 
 
 @st.composite
-def damaged(draw: Draw, damages: tuple[Damage, ...], valid: dict[str, bytes]) -> tuple[str, bytes]:
+def damage(draw: Draw, damages: tuple[Damage, ...], valid: dict[str, bytes]) -> tuple[str, bytes]:
     """The name of one of some files, and its content after one to three kinds of damage."""
     name = draw(st.sampled_from(sorted(valid)))
     content = valid[name]
@@ -251,7 +251,7 @@ def saved(folder: Path) -> None:
     (folder / "run.yaml").write_text(text, encoding="utf-8")
 
 
-def made_field() -> CovarianceField:
+def make_field() -> CovarianceField:
     """A field of values that are made up, which no kernel has to be compiled for."""
     values = tiles.nothing_known(GRID, SMALL)
     values["covariance"][tiles.needed_points(GRID, SMALL)] = 0.01 * np.eye(2)
@@ -259,11 +259,11 @@ def made_field() -> CovarianceField:
 
 
 def field_arrays(folder: Path) -> None:
-    made_field().save(folder / "field.npz")
+    make_field().save(folder / "field.npz")
 
 
 def cache_files(folder: Path) -> None:
-    field, about = made_field(), files.describe(GRID, SMALL)
+    field, about = make_field(), files.describe(GRID, SMALL)
     known = tiles.known_points(field.values)
     for path in (field_path(GRID, SMALL, folder), folder / ("0" * 32 + ".npz")):
         files.write_points(path, field.values, known, about | {"finished_share": 1.0}, GRID.cells)
@@ -289,7 +289,7 @@ def list_cache(file: Path) -> None:
     assert cache_table(found, file.parent).count("\n") >= 3
 
 
-def recorded() -> Recording:
+def make_recording() -> Recording:
     """A drive of a few scans."""
     poses = np.column_stack([0.3 * np.arange(5), np.ones(5), np.linspace(0, 1, 5)])
     ranges = np.round(np.random.default_rng(1).uniform(0.5, 7.5, (5, 6)), 3)
@@ -299,7 +299,7 @@ def recorded() -> Recording:
 
 def drives(folder: Path) -> None:
     """The drive in every format that is read."""
-    drive, lines = recorded(), ["# made up", "PARAM robot_length 1 0 host 0"]
+    drive, lines = make_recording(), ["# made up", "PARAM robot_length 1 0 host 0"]
     for n, (x, y, heading) in enumerate(drive.poses):
         readings = " ".join(map(str, drive.ranges[n]))
         lines.append(f"ODOM {x + 0.1} {y} {heading} 0 0 0 {n} host {n}")

@@ -17,7 +17,9 @@ LIDAR = Lidar(
 )
 
 
-def recorded(grid, line, *, lidar=LIDAR, disturbances=None, seed=1, odometry=None) -> Recording:
+def simulate_recording(
+    grid, line, *, lidar=LIDAR, disturbances=None, seed=1, odometry=None
+) -> Recording:
     """Record a drive along poses (n, 3) in the world, which are the recorded ones.
 
     `odometry` replaces the simulated one, (n, 3).

@@ -1,6 +1,6 @@
-"""A small recorded drive, made by the simulator: the fixture small_drive.npz.
+"""A small recorded drive, made by the simulator: data/small_drive.npz.
 
-`python tests/support/small_drive.py` writes it anew.
+`python tests/support/small_drive.py` writes it again.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from locplan.planning import Path as Route
 from locplan.recordings import Recording, record_drive
 from locplan.robots import Robot
 
-HERE = Path(__file__).resolve().parents[1]
-FILE = HERE / "small_drive.npz"
-MAP = HERE.parent / "maps" / "office.yaml"
+TESTS = Path(__file__).resolve().parents[1]
+FILE = TESTS / "data" / "small_drive.npz"
+MAP = TESTS.parent / "maps" / "office.yaml"
 STOPS = ((7.0, 7.0), (39.0, 7.0), (39.0, 23.0), (20.5, 15.0))
 """Places that the robot drives to, one after the other [m]."""
 LIDAR = Lidar(range=12.0, min_range=0.1, field_of_view_deg=270.0, beams=181, mount_x=0.12)
 SEED = 11
 
 
-def made() -> Recording:
+def simulate_drive() -> Recording:
     """Drive along shortest paths in a world that differs from the map, and record it."""
     grid = load_map(MAP)
     drive = record_drive(grid, route(grid), Robot(LIDAR), spacing=0.2, seed=SEED)
@@ -44,7 +44,7 @@ def route(grid: OccupancyGrid) -> Route:
 
 
 if __name__ == "__main__":
-    drive = made()
+    drive = simulate_drive()
     drive.save(FILE)
     print(drive, f"{FILE.stat().st_size:,} bytes")
     print(drive.report())
