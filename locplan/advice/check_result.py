@@ -220,7 +220,7 @@ class Check(Result):
         write_files(folder, self, (*about, ())[1])
         write_report(folder / "report.html", self, *about)
 
-    def figure(self) -> Figure:
+    def figure(self, *_: Any) -> Figure:
         """Draw the map with its routes, weak spots, and where drives fail.
 
         Parameters

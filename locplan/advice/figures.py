@@ -223,15 +223,13 @@ def drawn_part(grid: OccupancyGrid) -> OccupancyGrid:
     )
 
 
-def check_figure(check: Check, *_: Any) -> Figure:
+def check_figure(check: Check) -> Figure:
     """Draw the map with its routes, weak spots, and where drives fail.
 
     Parameters
     ----------
     check : Check
         The result of `locplan.check`.
-    *_
-        What `save` takes, of which nothing is drawn.
     """
     part = drawn_part(check.site.world)
     figure = Picture(figsize=map_size(part), layout="constrained")

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path as FilePath
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -53,6 +53,9 @@ from locplan.simulation.levels import LEVELS, USUAL, Level, levels_for, select_p
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet
 from locplan.simulation.worlds import about_filter, check_filter_map, check_of_one_map, poses_along
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,15 +131,17 @@ class Tuning(Result):
         """The drives with each settings, a row per case."""
         return self.choice.table()
 
-    def figure(self, *about: Any, **options: Any) -> Any:
-        """The figure of matplotlib that shows it.
+    def figure(self, *_: Any) -> Figure:
+        """Draw the errors with the user's settings and with the preset.
 
         Parameters
         ----------
-        *about, **options
+        *_
             What `save` takes, which the figure does not show.
         """
-        return super().figure()
+        from locplan.advice.figures import tuning_figure
+
+        return tuning_figure(self)
 
     def _write(self, folder: FilePath, *about: Any) -> None:
         write_tuned(folder / "nav2_params.yaml", self.winner, *about)
