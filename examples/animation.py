@@ -14,6 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import locplan
+from locplan.maps.figures import draw_map
+from locplan.planning.figures import draw_ends
 from locplan.simulation import Arrivals, Simulator, drive_closed
 
 MAP = Path(__file__).resolve().parent.parent / "maps" / "hall.yaml"
@@ -35,8 +37,8 @@ def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> 
 
     figure = Figure(figsize=(8.0, 7.0), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(7, 3))
-    locplan.maps.figures.draw_map(above, grid)
-    locplan.planning.figures.draw_ends(above, START, GOAL)
+    draw_map(above, grid)
+    draw_ends(above, START, GOAL)
     moving = [_Moving(name, paths[name], each, above, below) for name, each in driven.items()]
     arrive = [f"{each.count} of {drives}" for each in driven.values()]
     above.set_title(

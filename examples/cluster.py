@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import locplan
+from locplan.maps import environments
 
 try:
     from distributed import Client, LocalCluster
@@ -17,15 +18,14 @@ except ImportError:
 
 
 def main(folder: str = "cluster") -> None:
-    grid = locplan.maps.environments.make("places", resolution=0.1)
+    grid = environments.make("places", resolution=0.1)
     # On machines of your own: Client("tcp://HOST:8786"), with locplan installed on the workers.
     with LocalCluster(n_workers=2, dashboard_address=":0") as cluster, Client(cluster) as client:
         field = locplan.load_or_compute(grid, executor=client.get_executor())
     print(f"{field.evaluated.sum():,} cells, {field.saturated_share:.0%} of them saturated")
     Path(folder).mkdir(parents=True, exist_ok=True)
     field.save(Path(folder) / "places.npz")
-    figure = locplan.field.figures.field_figure(field)
-    locplan._support.drawing.save_figure(figure, Path(folder) / "places.png")
+    field.figure().savefig(Path(folder) / "places.png")
 
 
 if __name__ == "__main__":

@@ -9,11 +9,12 @@ import sys
 
 import locplan
 from locplan.comparison import Execution, RandomQueries
+from locplan.maps import environments
 
 
 def main(folder: str = "comparison", seconds: float = 1.0, *maps: str) -> None:
     result = locplan.compare(
-        maps or [locplan.maps.environments.make("two_corridors", resolution=0.1)],
+        maps or [environments.make("two_corridors", resolution=0.1)],
         ["grid", "any-angle", "InformedRRTstar", "BITstar", "RRTConnect"],
         RandomQueries(6, min_distance=15.0),
         weights=[0.0, 4.0],

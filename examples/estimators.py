@@ -15,6 +15,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 import locplan
+from locplan.field import figures
+from locplan.maps import environments
 
 WINDOW = 18.0
 """Side of the part of each map that is drawn [m]."""
@@ -22,7 +24,7 @@ WINDOW = 18.0
 
 def main(folder: str = "estimators", *maps: str) -> None:
     grids = [locplan.load_map(path) for path in maps] or [
-        locplan.maps.environments.make(name, resolution=0.1) for name in ("places", "warehouse")
+        environments.make(name, resolution=0.1) for name in ("places", "warehouse")
     ]
     lidar = locplan.Lidar(range=30.0)
     estimators = {
@@ -43,8 +45,7 @@ def main(folder: str = "estimators", *maps: str) -> None:
         parts.append(where_they_differ(list(rows[-1].values())))
     target = Path(folder) / "estimators.png"
     target.parent.mkdir(parents=True, exist_ok=True)
-    figure = locplan.field.figures.fields_figure(rows, "position_std", parts)
-    locplan._support.drawing.save_figure(figure, target)
+    figures.fields_figure(rows, "position_std", parts).savefig(target, dpi=130)
     print(f"wrote {target}")
 
 

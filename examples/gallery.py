@@ -46,7 +46,6 @@ class Entry:
 QUERY = "--start {start} --goal {goal} --lidar {lidar}"
 COSTS = """
 import sys, locplan
-from locplan._support.drawing import save_figure
 grid = locplan.load_map(sys.argv[1])
 field = locplan.load_or_compute(grid, locplan.Fused(locplan.Lidar.preset('{lidar}')))
 costs = locplan.Costmap.from_field(grid, field, robot=0.25)
@@ -58,9 +57,7 @@ ENTRIES = (
         "Walls are black, the inside of solid walls is grey, unknown space light grey.",
         """python -c "
 import sys, locplan
-from locplan.maps.figures import map_figure
-from locplan._support.drawing import save_figure
-save_figure(map_figure(locplan.load_map(sys.argv[1])), 'map.png')
+locplan.load_map(sys.argv[1]).figure().savefig('map.png')
 " {map}""",
         "map.png",
     ),
@@ -104,7 +101,7 @@ save_figure(map_figure(locplan.load_map(sys.argv[1])), 'map.png')
         "The degeneracy that planners are charged",
         "Cells without colour are too near to a wall for the robot.",
         f"""python -c "{COSTS}
-save_figure(locplan.planning.figures.costmap_figure(costs), 'costmap.png')
+costs.figure().savefig('costmap.png')
 " {{map}}""",
         "costmap.png",
     ),
@@ -113,7 +110,7 @@ save_figure(locplan.planning.figures.costmap_figure(costs), 'costmap.png')
         "Notebooks show plans like this.",
         f"""python -c "{COSTS}
 plan = locplan.plan(costs, ({{start}}), ({{goal}}))
-save_figure(locplan.planning.figures.path_figure(plan), 'path.png')
+plan.figure().savefig('path.png')
 " {{map}}""",
         "path.png",
     ),

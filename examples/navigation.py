@@ -5,18 +5,17 @@ Run: python examples/navigation.py [FOLDER [MAP.yaml]]
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
 import locplan
 from locplan.export import nav2_keepout, nav2_routes, nav2_speed
-from locplan.export.plain_files import path
+from locplan.maps import environments
 
 
 def main(folder: str = "navigation", map_file: str | None = None) -> None:
-    grid = (
-        locplan.load_map(map_file) if map_file else locplan.maps.environments.make("two_corridors")
-    )
+    grid = locplan.load_map(map_file) if map_file else environments.make("two_corridors")
     field = locplan.load_or_compute(grid, locplan.Sad())
     costs = locplan.Costmap.from_field(grid, field)
     target = Path(folder)
@@ -29,7 +28,8 @@ def main(folder: str = "navigation", map_file: str | None = None) -> None:
     if map_file is None:
         plan = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0))
         if plan.path is not None:
-            path(target / "aware.yaml", plan.path)  # a nav_msgs/Path
+            message = json.dumps(plan.path.to_nav_msgs())  # a nav_msgs/Path; JSON is YAML, too
+            (target / "aware.yaml").write_text(message, encoding="utf-8")
             ways = nav2_routes(target / "routes", costs, {"aware": plan.path})
             print(f"route graph: {len(ways.graph.nodes)} nodes, {len(ways.graph.edges)} edges")
     print(f"wrote {', '.join(sorted(entry.name for entry in target.iterdir()))}")

@@ -11,13 +11,14 @@ from pathlib import Path
 from ompl import base, geometric, tools, util
 
 import locplan
+from locplan.maps import environments
 from locplan.planning import ompl
 
 
 def main(folder: str = "ompl_program") -> None:
     util.setLogLevel(util.LogLevel.LOG_WARN)
-    grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    ends = locplan.maps.environments.landmarks("two_corridors")
+    grid = environments.make("two_corridors", resolution=0.1)
+    ends = environments.landmarks("two_corridors")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
     costs = locplan.Costmap.from_field(grid, field)
     motions = ompl.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car

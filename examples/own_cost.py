@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 import locplan
+from locplan.maps import environments
 
 
 def main(folder: str = "own_cost") -> None:
-    grid = locplan.maps.environments.make("office", resolution=0.1)
-    ends = locplan.maps.environments.landmarks("office")
+    grid = environments.make("office", resolution=0.1)
+    ends = environments.landmarks("office")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
     aware = locplan.Costmap.from_field(grid, field)
     near_walls = np.clip(1.0 - grid.clearance / 0.8, 0.0, 1.0)

@@ -17,7 +17,6 @@ import numpy as np
 import locplan
 from locplan.planning import Path as Route, path_metrics
 from locplan.recordings import evaluate_drive, fit_to_map, read_recording
-from locplan.recordings.figures import drive_figure
 
 LEG = 25.0
 """Length of way between the places that better paths lead over [m]."""
@@ -47,7 +46,7 @@ def main(folder: str = "recorded", map_file: str | None = None, file: str | None
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     drive.save(target / "drive.npz")
-    locplan._support.drawing.save_figure(drive_figure(found), target / "drive.png")
+    found.figure().savefig(target / "drive.png", dpi=130)
     print(f"wrote {target / 'drive.npz'}, {target / 'drive.png'}")
 
 

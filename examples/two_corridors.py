@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import locplan
+from locplan.planning import figures
 
 MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
 
@@ -30,9 +31,7 @@ def main(folder: str = "two_corridors") -> None:
 
     picture = Path(folder) / "plan.png"
     picture.parent.mkdir(parents=True, exist_ok=True)
-    locplan._support.drawing.save_figure(
-        locplan.planning.figures.plan_figure(costs, field, plans), picture
-    )
+    figures.plan_figure(costs, field, plans).savefig(picture, dpi=130)
     print(f"wrote {picture}")
 
 

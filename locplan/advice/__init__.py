@@ -5,6 +5,17 @@ from locplan.advice.checkup import check
 from locplan.advice.landmark_objects import Box, Pole
 from locplan.advice.landmarks import place_landmarks, verify_landmarks
 from locplan.advice.repair import mend
-from locplan.advice.tuning import Tuning
+from locplan.advice.tuning import Tuning, tune, tune_on_drive
 
-__all__ = ["Box", "Check", "Pole", "Tuning", "check", "mend", "place_landmarks", "verify_landmarks"]
+__all__ = [
+    "Box",
+    "Check",
+    "Pole",
+    "Tuning",
+    "check",
+    "mend",
+    "place_landmarks",
+    "tune",
+    "tune_on_drive",
+    "verify_landmarks",
+]

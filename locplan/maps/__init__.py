@@ -1,5 +1,6 @@
 """Occupancy grid maps: read, written, generated, and checked for faults."""
 
+from locplan.maps import environments
 from locplan.maps.files import MapWarning, find_maps, load_map, read_map, save_map
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults, faults, hollowed, solidity
@@ -12,6 +13,7 @@ __all__ = [
     "MapFaults",
     "MapWarning",
     "OccupancyGrid",
+    "environments",
     "faults",
     "find_maps",
     "hollowed",

@@ -1,1 +1,8 @@
-"""OMPL's sampling-based planners on a costmap."""
+"""OMPL's sampling-based planners on a costmap.
+
+Its names load with their first use, because half of them import OMPL.
+"""
+
+from locplan._support.public import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)
