@@ -8,6 +8,7 @@ import re
 import sys
 import warnings
 from contextlib import nullcontext
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -28,7 +29,13 @@ from support.smac import (
 from locplan import load_map, save_map
 from locplan._support.public import field_docs
 from locplan.errors import LocplanError
-from locplan.export import nav2_keepout, nav2_speed, plain_files, registry, ros_map
+from locplan.export import (
+    formats as export_formats,
+    nav2_keepout,
+    nav2_speed,
+    plain_files,
+    ros_map,
+)
 from locplan.export.masks import keepout_mask, mask_density
 from locplan.export.parameters import DistroWarning, ParametersChanged, RobotWarning
 from locplan.export.registry import formats
@@ -812,10 +819,11 @@ FORMATS = (Format("toy", "the greatest e", write, ToyOptions, suffixes=(".txt",)
 def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     (tmp_path / "toy_format.py").write_text(TOY)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(registry, "MODULES", [*registry.MODULES, "toy_format"])
     for name in ("locplan.app.cli.export", "toy_format"):
         monkeypatch.setitem(sys.modules, name, None)  # so that it is forgotten at last
         monkeypatch.delitem(sys.modules, name)
+    toy = import_module("toy_format")
+    monkeypatch.setattr(export_formats, "FORMATS", (*export_formats.FORMATS, *toy.FORMATS))
     save_map(ascii_map("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     _, out, _ = run("export", "--help")
     assert "ros-map, path, toy]" in " ".join(out.replace("│", " ").split())

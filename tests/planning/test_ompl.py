@@ -20,9 +20,17 @@ from support.maps import ascii_map
 
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planning import Costmap, Found, Path, ompl as sampling, path_metrics, plan
+from locplan.planning import Costmap, Found, Path, path_metrics, plan
 from locplan.planning.ompl.kinds import KINDS
+from locplan.planning.ompl.motions import Motions
+from locplan.planning.ompl.roadmap import grow_roadmap
 from locplan.planning.ompl.settings import logged
+from locplan.planning.ompl.setup import (
+    ClearMotionValidator,
+    CostObjective,
+    problem_definition,
+    space_information,
+)
 from locplan.planning.ompl.stopping import Limits
 from locplan.planning.registry import names
 from locplan.robots import Kinematics, Robot
@@ -182,15 +190,15 @@ def test_the_same_seed_gives_the_same_path_in_another_process():
 def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     cells = np.full((200, 200), FREE, np.uint8)
     cells[95:106, 98:102] = 0
-    motions = sampling.Motions(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0))
+    motions = Motions(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0))
     start, goal = (8.0, 10.05), (12.0, 10.05)
-    information = sampling.space_information(motions)
-    problem = sampling.problem_definition(information, motions, start, goal)
+    information = space_information(motions)
+    problem = problem_definition(information, motions, start, goal)
     util.RNG.setSeed(1)
     searching = getattr(geometric, planner)(information)
     samples = []
 
-    class Recorder(sampling.ClearMotionValidator):
+    class Recorder(ClearMotionValidator):
         def checkMotion(self, state, other):
             samples.append((other[0], other[1], searching.bestCost().value()))
             return super().checkMotion(state, other)
@@ -231,10 +239,10 @@ def test_where_the_straight_line_is_best_the_search_ends(space, seeds):
 
 def test_what_reaches_ompl_is_finite_and_at_least_the_length():
     costs = two_ways()
-    motions = sampling.Motions(costs)
-    information = sampling.space_information(motions)
-    objective = sampling.CostObjective(information, motions)
-    validator = sampling.ClearMotionValidator(information, motions)
+    motions = Motions(costs)
+    information = space_information(motions)
+    objective = CostObjective(information, motions)
+    validator = ClearMotionValidator(information, motions)
     rng = np.random.default_rng(1)
     state, other = information.allocState(), information.allocState()
     blocked = 0
@@ -328,7 +336,7 @@ def test_impossible_ends_are_the_same_errors_as_the_grid_planners():
 
 
 def test_roadmaps_refuse_what_they_cannot_do():
-    motions = sampling.Motions(two_ways())
+    motions = Motions(two_ways())
     for given, message in (
         ({"planner": "RRTstar"}, "planner must be one of PRM, PRMstar"),
         ({"seed": 0}, "seed must be a whole number"),
@@ -336,11 +344,11 @@ def test_roadmaps_refuse_what_they_cannot_do():
         ({"settings": ["range"]}, "settings must be a dict"),
     ):
         with pytest.raises(ConfigError, match=message):
-            sampling.grow_roadmap(motions, **given)
+            grow_roadmap(motions, **given)
 
 
 def test_settings_reach_the_planner():
-    information = sampling.space_information(sampling.Motions(two_ways()))
+    information = space_information(Motions(two_ways()))
     from locplan.planning.ompl.settings import planner_of
 
     tree = planner_of("RRTstar", information, {"range": 0.7, "goal_bias": 0.2})
@@ -415,8 +423,8 @@ def test_limits_combine_with_the_robots_outline_waypoints_and_max_e():
 
 def test_a_roadmap_serves_many_queries():
     costs = two_ways()
-    motions = sampling.Motions(costs)
-    roadmap = sampling.grow_roadmap(motions, limits=Limits(iterations=2000))
+    motions = Motions(costs)
+    roadmap = grow_roadmap(motions, limits=Limits(iterations=2000))
     rng = np.random.default_rng(3)
     rows, cols = np.nonzero(np.isfinite(costs.density))
     for _ in range(20):
@@ -588,11 +596,11 @@ def test_no_more_is_said_than_was_searched():
     via = plan(costs, start, goal, via=[(2.05, 3.55)], planner="RRT", iterations=1)
     assert via.status == "not found"
     assert via.note.startswith("no path was found to waypoint 1: no path found within 1 iterations")
-    alone = sampling.grow_roadmap(sampling.Motions(costs), limits=Limits(iterations=1))
+    alone = grow_roadmap(Motions(costs), limits=Limits(iterations=1))
     assert alone.plan(start, goal).status == "not found"
     on_grid = plan(costs, start, goal, planner="grid")
     given = {"limits": Limits(iterations=1), "ahead": on_grid.path.xy}
-    led = sampling.grow_roadmap(sampling.Motions(costs), **given)
+    led = grow_roadmap(Motions(costs), **given)
     assert led.plan(start, goal).metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
     ahead = np.arange(len(led.poses) - len(on_grid.path.xy), len(led.poses))
     for one, other in ((ahead[1:], ahead[:-1]), (ahead[:-1], ahead[1:])):

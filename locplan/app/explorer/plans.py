@@ -13,7 +13,7 @@ from locplan.app.explorer.scene import FACTOR, Scene, stops_of
 from locplan.app.explorer.searches import Flood, Searches
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
-from locplan.planning.metrics import crossed_cells
+from locplan.planning.metrics import crossed_cells, path_cost
 from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
@@ -126,8 +126,7 @@ def path_answer(
     _, *at, lengths = crossed_cells(costs.grid, path)
     rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
     ends, u = np.cumsum(lengths), costs.u[rows, cols]
-    density, degenerate = costs.density[rows, cols], float(u @ lengths)
-    cost = 2 * float(density @ lengths) if np.isfinite(density).all() else float("inf")
+    degenerate, cost = float(u @ lengths), 2 * float(path_cost(costs, path))
     sigma = np.full(len(u), np.nan)
     if scene.field is not None:
         middles = np.column_stack(costs.grid.grid_to_world(rows + 0.5, cols + 0.5))
