@@ -58,7 +58,7 @@ def blame_spots(
     paths : mapping of str to Path
         The routes by name.
     lost_at : sequence of (drives,) array
-        Distance along each route where each drive was first off by more than 1 m [m]; NaN if it
+        Distance along each route where each drive got lost [m]; NaN if it
         never was.
     arrivals : mapping of str to Arrivals
         Closed-loop drives along each route; empty if none were simulated.
@@ -112,7 +112,7 @@ class Failures(NamedTuple):
     lost_near: str
     """Letters of the places that lose a quarter of its lost drives or more."""
     lost_at: Floats
-    """Positions where drives were first off by more than 1 m, (n, 2) [m]."""
+    """Positions where drives got lost, (n, 2) [m]."""
     stopped_near: str
     """Letters of the places where a quarter of its stopped drives or more stop."""
     stopped_at: Floats
@@ -171,7 +171,7 @@ def _blame(
     """Number of the spot that each lost drive of a route left last, else -1, and where it was."""
     distance = np.linspace(0, length, len(line))
     since = lost_at[:, None] - distance
-    # A robot drives up to 10 m from a spot until it is off by over 1 m because of it.
+    # A robot drives up to 10 m from a spot until it is lost because of it.
     near = (since >= -0.5) & (since <= 10.0)
     own = [np.where(near & is_within(each, line), distance, -1.0).max(axis=1) for each in spots]
     owner = np.argmax([np.full(len(lost_at), -0.5), *own], axis=0) - 1

@@ -36,7 +36,7 @@ from locplan.planning.figures import (
     draw_ends,
     draw_path,
 )
-from locplan.simulation.drives import LOST, Drives
+from locplan.simulation.drives import LOST, OFF_SHORT, Drives
 from locplan.simulation.figures import (
     MAP_MARKS,
 )
@@ -84,7 +84,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     off_at_end.set_title("share of the drives, 95 %", fontsize="medium")
     make_logarithmic(errors.yaxis)
     errors.set_ylabel("RMSE of the position [m]")
-    off_at_end.set_ylabel(f"drives off by > {LOST:g} m at the end [%]")
+    off_at_end.set_ylabel(f"drives {OFF_SHORT} at the end [%]")
     off_at_end.set_ylim(bottom=-0.04 * off_at_end.get_ylim()[1])
     figure.key(errors.get_legend_handles_labels()[0], ncols=3)
     figure.title(f"{tuning.conclusion}. {tuning.where}, {tuning.robot.known_lidar.title}")
@@ -104,7 +104,7 @@ def _draw_intervals(
 
 FAILS, WORKS, WEAK, LETTER, MARK = "#d55e00", "#8a929c", "#e69f00", "#7a3b00", "#b00020"
 """Colours of routes with a failure, of the others, of weak spots, of their letters, and of the
-places where drives were first off by more than 1 m, or stopped instead of at the goal."""
+places where drives got lost, or stopped instead of at the goal."""
 N_NAMED = 3
 """Maximum number of routes with a failure that have a label with its rate."""
 SIZE = 0.055
@@ -438,7 +438,7 @@ def _draw_errors_along(axes: Axes, verification: Verification) -> None:
         axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
         right: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": 8}
         at = (1, LOST), (-5, -2), ("axes fraction", "data"), "offset points"
-        axes.annotate("off by > 1 m", *at, **right)
+        axes.annotate(OFF_SHORT, *at, **right)
     make_logarithmic(axes.yaxis)
     axes.set_ylim(bottom=max(style.MIN_ERROR / 2, axes.get_ylim()[0]))
     of_route = f" of {name}" if len(routes) > 1 else ""

@@ -78,7 +78,7 @@ class Outcome(Rated):
 
     @property
     def lost(self) -> Bools:
-        """True for each drive that was lost, off by more than 1 m, at any time, (number,)."""
+        """True for each drive that was lost, (number,)."""
         return np.concatenate([each.lost for each in self.drives])
 
     @property
@@ -88,7 +88,7 @@ class Outcome(Rated):
 
     @property
     def off_at_end(self) -> Bools:
-        """True for each drive that is off by more than 1 m where it ends, (number,)."""
+        """True for each drive that is off at the end, (number,)."""
         return np.concatenate([each.off_at_end for each in self.drives])
 
     def __repr__(self) -> str:

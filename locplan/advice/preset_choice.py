@@ -19,7 +19,7 @@ from locplan._support.records import Column, Table
 from locplan._support.saved import plain
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import PRECISE, amcl_presets, describe_preset
-from locplan.simulation.drives import Drives, rate_column
+from locplan.simulation.drives import OFF, Drives, rate_column
 from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare
 
 OWN, BASELINE = "your settings", "baseline"
@@ -182,12 +182,12 @@ class PresetChoice:
         runs = max((r.n_drives for r in self.results if r.case in self.recordings), default=0)
         if runs:
             return (
-                f"Lost: off by more than 1 m at some time. On a recording: {runs} runs over the"
+                f"Lost: {OFF} at some time. On a recording: {runs} runs over the"
                 f" whole drive (seed {seed}), with the RMSE of all runs against the recorded poses."
                 " The recording decides."
             )
         return (
-            "Lost: off by more than 1 m at some time. The usual level decides. At every other level"
+            f"Lost: {OFF} at some time. The usual level decides. At every other level"
             f" the safe preset must not be off at the end significantly more often than {OWN}, and"
             " the precise one only rarely."
         )

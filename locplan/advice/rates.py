@@ -40,11 +40,11 @@ class DriveRates:
     n_drives: int
     """Number of open-loop drives."""
     lost: Interval
-    """Share of the open-loop drives that were off by more than 1 m at some time, 0..1."""
+    """Share of the open-loop drives that were lost, 0..1."""
     error: Interval
     """Error of a typical open-loop drive: geometric mean of the RMSE of the position [m]."""
     off_at_end: Interval = NOTHING
-    """Share of the open-loop drives that are off by more than 1 m at the end, 0..1."""
+    """Share of the open-loop drives that are off at the end, 0..1."""
     n_closed: int = 0
     """Number of closed-loop drives."""
     reached: Interval = NOTHING
@@ -101,7 +101,7 @@ class RouteResult:
     lost_near: str
     """Letters of the places that lose a quarter of its lost drives or more."""
     lost_at: Floats = field(compare=False)
-    """Positions where open-loop drives were first off by more than 1 m, (n, 2) [m]."""
+    """Positions where open-loop drives got lost, (n, 2) [m]."""
     stopped_near: str = ""
     """Letters of the places where closed-loop drives stop instead of at the goal."""
     stopped_at: Floats = field(default_factory=lambda: np.empty((0, 2)), compare=False)

@@ -53,7 +53,7 @@ class MapVerdict:
     filter: str
     """The filter, in words."""
     lost_as_is: Interval
-    """Share of the drives that were off by over 1 m at some time, with the map as it is."""
+    """Share of the drives that were lost with the map as it is."""
     lost_mended: Interval
     """The same with the mended map."""
     rmse_ratio: Interval

@@ -25,6 +25,7 @@ from locplan.advice.text import (
 )
 from locplan.maps.figures import shrunk
 from locplan.maps.grid import OccupancyGrid
+from locplan.simulation.drives import OFF
 
 GREYS = np.array([40, 190, 255], np.uint8)
 """Shades of occupied, unknown and free."""
@@ -95,6 +96,7 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
     n_routes = len(check.routes)
     text = environment.get_template("report.html").render(
         check=check,
+        off=OFF,
         headline=headline(check),
         spots=[spot_text(spot, n_routes) for spot in check.spots if spot.letter],
         passage=passage_text(check.passage) if check.passage else "",

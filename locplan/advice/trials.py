@@ -31,11 +31,11 @@ class Outcome(NamedTuple):
     log_error: Floats
     """Logarithm of the error of each drive, (routes, drives) [ln m]."""
     lost: Bools
-    """True for the drives that were off by over 1 m at some time, (routes, drives)."""
+    """True for the drives that were lost, (routes, drives)."""
     lost_at: Floats
     """Distance along the route where they first were, else NaN, (routes, drives) [m]."""
     off_at_end: Bools
-    """True for the drives that are off by over 1 m at the end, (routes, drives)."""
+    """True for the drives that are off at the end, (routes, drives)."""
 
     @classmethod
     def join(cls, parts: Sequence[Outcome]) -> Outcome:

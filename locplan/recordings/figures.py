@@ -29,7 +29,7 @@ from locplan.recordings.location import LocatedDrive, Location
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import Replay
 from locplan.recordings.trajectory import Trajectory
-from locplan.simulation.drives import LOST
+from locplan.simulation.drives import LOST, OFF_SHORT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -211,7 +211,7 @@ def replay_figure(replay: Replay) -> Figure:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
         style = {"ha": "left", "va": "bottom", "fontsize": "small", "bbox": box}
-        lower.annotate("off by > 1 m", (0, LOST), (4, 2), textcoords="offset points", **style)
+        lower.annotate(OFF_SHORT, (0, LOST), (4, 2), textcoords="offset points", **style)
     lower.set(xlim=(0, max(way[-1], 1e-3)), ylim=(0, top), ylabel="position [m]")
     style = {"bbox_to_anchor": (0.5, 1.0), "frameon": False, "fontsize": "small"}
     lower.legend(loc="lower center", ncols=3, **style)

@@ -37,6 +37,7 @@ from locplan.robots.robot import Robot
 from locplan.simulation.amcl_parameters import is_untuned
 from locplan.simulation.drives import (
     DRIVEN,
+    OFF,
     PROFILE,
     RATES,
     DriveArguments,
@@ -310,7 +311,7 @@ class Replay(Result):
         if self.is_sparse:
             note = self.notes[0]
             if not drives.lost.any():
-                return f"It was never off by more than 1 m, although {note}."
+                return f"It was never {OFF}, although {note}."
             return (
                 f"This log has too few scans to tell how often the filter is lost: {note}."
                 " Record every scan."
@@ -318,7 +319,7 @@ class Replay(Result):
         if lost < 0.05:
             return self.consistency.sentence
         said = (
-            f"The filter is off by more than 1 m at some time in {lost:.0%} of the runs, and on"
+            f"The filter is {OFF} at some time in {lost:.0%} of the runs, and on"
             f" {drives.lost_way.value:.0%} of the way."
         )
         if math.isfinite(drives.first_loss):

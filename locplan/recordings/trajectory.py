@@ -22,7 +22,7 @@ from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid
 from locplan.recordings.recording import Recording
 from locplan.robots.parts import Odometry
-from locplan.simulation.drives import LOST
+from locplan.simulation.drives import LOST, OFF
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -419,7 +419,7 @@ class Trajectory(Result, Stored):
         found.append(
             f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
             f" median, 95 %: {100 * float(np.quantile(off, 0.95)):.0f} cm"
-            + (f"; they are lost, over 1 m off, at {lost:.0%} of the scans." if lost else ".")
+            + (f"; they are lost, {OFF}, at {lost:.0%} of the scans." if lost else ".")
         )
         return found
 

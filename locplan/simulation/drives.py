@@ -32,6 +32,10 @@ MAX_DRIVES = 100_000
 LOST = 1.0
 """Error of the position above which a robot is lost at any time of a drive, and off at the end
 where the drive ends [m]."""
+OFF = f"off by more than {LOST:g} m"
+"""The definition of lost in sentences."""
+OFF_SHORT = f"off by > {LOST:g} m"
+"""The definition of lost in figures and headings of tables."""
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""
 
@@ -42,7 +46,7 @@ def rate_column(name: str, title: str, value: Callable[[Any], Interval] | None =
 
 
 RATES: tuple[Column, ...] = (
-    rate_column("lost_rate", f"lost (off by > {LOST:g} m)"),
+    rate_column("lost_rate", f"lost ({OFF_SHORT})"),
     rate_column("off_at_end_rate", f"off at the end (> {LOST:g} m)"),
 )
 """Columns of shares of the drives that go wrong, with 95 % intervals."""
@@ -92,12 +96,12 @@ class Rated:
 
     @property
     def lost_rate(self: Any) -> Interval:
-        """Share of the drives that were lost, off by more than 1 m, at any time, 0..1."""
+        """Share of the drives that were lost, 0..1."""
         return wilson(float(self.lost.mean()), len(self.lost))
 
     @property
     def off_at_end_rate(self: Any) -> Interval:
-        """Share of the drives that were off by more than 1 m where they end, 0..1."""
+        """Share of the drives that were off at the end, 0..1."""
         return wilson(float(self.off_at_end.mean()), len(self.off_at_end))
 
     @property
@@ -170,22 +174,22 @@ class Drives(Rated):
 
     @property
     def lost(self) -> Bools:
-        """True for each drive that was lost, off by more than 1 m, at any time, (drives,)."""
+        """True for each drive that was lost, (drives,)."""
         return np.asarray(self.position_error.max(axis=1) > LOST)
 
     @property
     def off_at_end(self) -> Bools:
-        """True for each drive that is off by more than 1 m where it ends, (drives,)."""
+        """True for each drive that is off at the end, (drives,)."""
         return np.asarray(self.position_error[:, -1] > LOST)
 
     @property
     def lost_way(self) -> Interval:
-        """Share of the poses at which the robot was off by more than 1 m, 0..1."""
+        """Share of the poses at which the robot was lost, 0..1."""
         return of_mean((self.position_error > LOST).mean(axis=1))
 
     @property
     def first_loss(self) -> float:
-        """Median distance [m] when first off by more than 1 m; infinite if half never were."""
+        """Median distance [m] until the robot is lost; infinite if half never were."""
         away = self.position_error > LOST
         at = self.distance[away.argmax(axis=1)]
         return float(np.median(np.where(away.any(axis=1), at, np.inf)))

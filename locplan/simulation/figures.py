@@ -37,7 +37,7 @@ from locplan.planning.figures import (
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import ENDS, LEAVES, STOPS, Arrivals, faults_of
-from locplan.simulation.drives import LOST, contrasts, rates_of
+from locplan.simulation.drives import LOST, OFF, OFF_SHORT, contrasts, rates_of
 from locplan.simulation.race import Candidate
 from locplan.simulation.recommendation import Choice
 
@@ -174,7 +174,7 @@ def queries_figure(routes: Routes) -> Figure:
             xlim=(-0.03, 1.03),
             ylim=(-0.03, 1.03),
             aspect="equal",
-            xlabel="lost (off by > 1 m) on the shortest path, share of drives",
+            xlabel=f"lost ({OFF_SHORT}) on the shortest path, share of drives",
             ylabel="the same on the aware path",
         )
     for number, at in enumerate(_beside(np.log(rmse)), 1):
@@ -186,7 +186,7 @@ def queries_figure(routes: Routes) -> Figure:
         f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
         f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
         f" length {_formatted(routes.length_ratio)}",
-        *([] if lost.any() else ["no drive was off by more than 1 m on either path"]),
+        *([] if lost.any() else [f"no drive was {OFF} on either path"]),
     )
     return figure
 

@@ -25,7 +25,7 @@ from locplan.planning.plans import AWARE, SHORTEST, plan_beside_shortest
 from locplan.planning.queries import Query
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import DRIVEN, Drives, check_drives, rmse_ratio
+from locplan.simulation.drives import DRIVEN, OFF_SHORT, Drives, check_drives, rmse_ratio
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.worlds import about_filter
 
@@ -44,9 +44,9 @@ class Route:
     median_error: tuple[float, float]
     """Median error of the position along each path [m]."""
     lost: tuple[float, float]
-    """Share of each path's drives that were off by more than 1 m at some time."""
+    """Share of each path's drives that were lost."""
     off_at_end: tuple[float, float]
-    """Share of each path's drives that were off by more than 1 m where they end."""
+    """Share of each path's drives that were off at the end."""
     kept_rmse: tuple[float, float]
     """RMSE of each path's drives never lost [m]; NaN where all were."""
     rmse: tuple[float, float]
@@ -128,7 +128,7 @@ class Routes(Pictured):
 
     @property
     def off_at_end(self) -> tuple[float, float]:
-        """Share of drives off by more than 1 m at the end along both kinds: means."""
+        """Share of drives off at the end along both kinds: means."""
         return _pair_of(self.pairs("off_at_end").mean(axis=0))
 
     @property
@@ -277,7 +277,7 @@ def routes_report(every: RoutesOnMaps) -> str:
     queries = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     return (
         f"{table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric means;"
-        " errors of the\nposition [m]; lost: off by > 1 m at some time; off at the end: still so;"
+        f" errors of the\nposition [m]; lost: {OFF_SHORT} at some time; off at the end: still so;"
         " kept: those\nnever lost; RMSE: of all drives along the shortest; ratio: of the RMSE,"
         " aware over\nshortest [95 %]"
     )

@@ -276,14 +276,14 @@ class Driven(Valued):
     log_error: Floats
     """Logarithm of the error of each drive, (drives,) [ln m, or ln rad]."""
     lost: Bools
-    """True for each drive that was off by more than 1 m at some time, (drives,)."""
+    """True for each drive that was lost, (drives,)."""
     ratio: Interval
     """Ratio of the error to the shortest path's."""
     profile: Floats
     """Distance along the path, and the median, the 10 % and the 90 % quantile over the drives of
     the error of the position there, (n, 4) [m]."""
     off_at_end: Bools = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
-    """True for each drive that was off by more than 1 m where it ends, (drives,)."""
+    """True for each drive that was off at the end, (drives,)."""
 
     @classmethod
     def of(cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval) -> Driven:
@@ -312,12 +312,12 @@ class Driven(Valued):
 
     @property
     def lost_rate(self) -> Interval:
-        """Share of the drives that were off by more than 1 m at some time."""
+        """Share of the drives that were lost."""
         return wilson(float(self.lost.mean()), len(self.lost))
 
     @property
     def off_at_end_rate(self) -> Interval:
-        """Share of the drives that were off by more than 1 m where they end."""
+        """Share of the drives that were off at the end."""
         if not len(self.off_at_end):  # of a choice that an older locplan saved
             return NOTHING
         return wilson(float(self.off_at_end.mean()), len(self.off_at_end))

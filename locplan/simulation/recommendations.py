@@ -66,7 +66,7 @@ class MapChoice:
 
     @property
     def off_at_end(self) -> tuple[float, float]:
-        """Share of drives of both off by more than 1 m at the end, 0..1; NaN without a path."""
+        """Share of drives of both off at the end, 0..1; NaN without a path."""
         return self._both(
             lambda each: each.driven.off_at_end_rate.value if each.driven else math.nan
         )
@@ -137,7 +137,7 @@ class Choices:
 
     @property
     def off_at_end(self) -> tuple[float, float]:
-        """Share of drives off by more than 1 m at the end along both: means."""
+        """Share of drives off at the end along both: means."""
         return self._means("off_at_end")
 
     def _means(self, name: str) -> tuple[float, float]:
