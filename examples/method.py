@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import locplan
-from locplan.field.figures import draw_field
-from locplan.paper.template_matching import mismatch
-from locplan.planning.figures import draw_ends, draw_path
+from locplan.field import figures as field_figures
+from locplan.paper import template_matching
+from locplan.planning import figures
 
 MAP = Path(__file__).resolve().parent.parent / "maps" / "two_corridors.yaml"
 PLACES = {"bare corridor": (20.05, 3.05), "corridor with landmarks": (20.05, 11.05)}
@@ -32,7 +32,7 @@ def main(folder: str = "method") -> None:
 
     # At one place: match the map around it with the map itself, at every offset (dx, dy, theta).
     for (name, (x, y)), axes in zip(PLACES.items(), above.subplots(1, 2), strict=True):
-        area = mismatch(grid, x, y, estimator)  # Eq. 2: S, as an area [m^2]
+        area = template_matching.mismatch(grid, x, y, estimator)  # Eq. 2: S, as an area [m^2]
         weights = 1 / np.maximum(area, grid.resolution**2 / 2) ** 2  # Eq. 9
         poses = [part.ravel() for part in offsets]
         covariance = np.cov(poses, aweights=weights.ravel(), ddof=0)  # Eq. 8, with k = 1
@@ -53,14 +53,14 @@ def main(folder: str = "method") -> None:
     axes = below.subplots()
     axes.set_title("paths on the field of e")
     axes.plot(*np.transpose(list(PLACES.values())), "D", color="tab:blue", label="places above")
-    below.colorbar(draw_field(axes, field), ax=axes, label="e [m² rad]")
+    below.colorbar(field_figures.draw_field(axes, field), ax=axes, label="e [m² rad]")
     for name, weight, style in (("shortest", 0.0, "--"), ("localizable", costs.weight, "-")):
         path = locplan.plan(costs.with_weight(weight), START, GOAL).path
         metrics = locplan.planning.path_metrics(costs, path)
         print(f"{name} path: {metrics.length:.1f} m long, {metrics.integrated_u:.1f} m degenerate")
         label = f"{name}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate"
-        draw_path(axes, path, color="black", linestyle=style, label=label)
-    draw_ends(axes, START, GOAL)
+        figures.draw_path(axes, path, color="black", linestyle=style, label=label)
+    figures.draw_ends(axes, START, GOAL)
     axes.legend(loc="center")
     Path(folder).mkdir(parents=True, exist_ok=True)
     figure.savefig(Path(folder) / "method.png")
