@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 from support.command_line import check_refusal
 from support.maps import ascii_map, corridor
@@ -84,7 +84,9 @@ def test_an_object_fills_the_cells_whose_centre_lies_within_it(kind):
     expected = {
         (i, j)
         for i, j in itertools.product(range(40), range(40))
-        if naive.within_object(outline, heading, (j + 0.5 - col) * edge, (i + 0.5 - row) * edge)
+        if oracles.landmarks.within_object(
+            outline, heading, (j + 0.5 - col) * edge, (i + 0.5 - row) * edge
+        )
     }
     assert set(zip(rows.tolist(), cols.tolist(), strict=True)) == expected
 
@@ -341,7 +343,9 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
     changed = np.empty(7)
     for n in (1, 2):
         for place in objects:
-            wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, [place])
+            wanted = oracles.landmarks.landmark_information(
+                occupied, normals, 0.5, rays, n, outline, [place]
+            )
             begin, count = kernels.seeing_rays(hits, rays, n, outline, *place)
             scene = kernels.Scene(hits, sums, rays, outline)
             meets = count > 0 and kernels.with_object(scene, n, place, begin, count, changed)
@@ -352,7 +356,9 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
         kernels.add_object(hits, rays, outline, *place, touched)
     sums = kernels.sums_of(hits, rays)
     for n in (1, 2):
-        wanted = naive.landmark_information(occupied, normals, 0.5, rays, n, outline, objects)
+        wanted = oracles.landmarks.landmark_information(
+            occupied, normals, 0.5, rays, n, outline, objects
+        )
         np.testing.assert_allclose(as_matrix(sums[n]), wanted, atol=2e-4)
 
 
@@ -381,13 +387,13 @@ def test_the_objective_is_that_of_plain_matrices(outline):
     found = ways.uncertainties(places, every, seen, scene, routes, told, motion)
     for place, value in zip(places, found, strict=True):
         information = [
-            naive.landmark_information(
+            oracles.landmarks.landmark_information(
                 grid.cells == OCCUPIED, normals, 0.5, rays, n, outline, [place]
             )
             * (told.share / (1 + told.other * sums[n, kernels.HITS]))
             for n in range(4)
         ]
-        wanted = naive.covariances(information, rays.poses, routes, motion)
+        wanted = oracles.landmarks.covariances(information, rays.poses, routes, motion)
         assert value == pytest.approx((wanted[:, 0, 0] + wanted[:, 1, 1]).mean(), rel=1e-4)
 
 

@@ -13,7 +13,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 import yaml
-from support import ros_readers as stacks
+from support import ros_readers
 from support.cases import sample_cases
 from support.command_line import check_refusal
 from support.maps import ascii_map, random_rooms
@@ -61,7 +61,7 @@ def test_all_values_survive_under_the_loader_of_their_stack(tmp_path, stack):
     grid = OccupancyGrid(np.full(values.shape, FREE), 0.05, (1.5, -2.5, 0.0))
     u = np.where(values < 0, np.nan, values / 100)
     ros_map(tmp_path / "map", dataclasses.replace(Costmap.blank(grid), u=u))
-    read = stacks.load(tmp_path / "map" / "raw.yaml", stack)
+    read = ros_readers.load(tmp_path / "map" / "raw.yaml", stack)
     np.testing.assert_array_equal(read.data, values)
     assert read.origin == (1.5, -2.5, 0.0)
     assert read.resolution == float(np.float32(0.05))
@@ -72,7 +72,7 @@ def test_ros_map_is_u_in_per_cent_for_every_stack(tmp_path, costs):
     per_cent = np.minimum(np.floor(100 * np.nan_to_num(costs.u) + 0.5), 98)
     expected = np.where(np.isnan(costs.u), -1, per_cent)
     for stack in ("main", "humble", "ros1"):
-        read = stacks.load(tmp_path / "u" / "raw.yaml", stack)
+        read = ros_readers.load(tmp_path / "u" / "raw.yaml", stack)
         np.testing.assert_array_equal(read.data, expected)
 
 
@@ -80,7 +80,7 @@ def test_ros_map_is_valid_for_static_layer(tmp_path, costs):
     """Neither cell of u counts as an obstacle, with the parameters of the folder's README."""
     certain = dataclasses.replace(costs, u=np.where(costs.grid.free, 1.0, np.nan))
     ros_map(tmp_path / "u", certain)
-    values = stacks.load(tmp_path / "u" / "raw.yaml", "main").data
+    values = ros_readers.load(tmp_path / "u" / "raw.yaml", "main").data
     readme = (tmp_path / "u" / "README.md").read_text()
     layer = {}
     for text in re.findall("`([a-z_]+: [^`]+)`", readme):
@@ -88,7 +88,7 @@ def test_ros_map_is_valid_for_static_layer(tmp_path, costs):
     assert layer["localizability_layer"]["plugin"] == "nav2_costmap_2d::StaticLayer"
     assert layer["use_maximum"] is True
     for stack in ("main", "humble"):
-        soft = stacks.static_layer(
+        soft = ros_readers.static_layer(
             values,
             stack,
             trinary_costmap=layer["trinary_costmap"],
@@ -96,7 +96,7 @@ def test_ros_map_is_valid_for_static_layer(tmp_path, costs):
             track_unknown_space=True,
         )
         assert (soft[costs.grid.free] == 248).all()
-        assert (soft[~costs.grid.free] == stacks.NO_INFORMATION).all()  # the walls below count
+        assert (soft[~costs.grid.free] == ros_readers.NO_INFORMATION).all()  # the walls below count
 
 
 @pytest.mark.parametrize("stack", STACKS)
@@ -105,21 +105,21 @@ def test_each_planner_charges_the_density_but_for_rounding(tmp_path, costs, name
     conversion = nav2_keepout(tmp_path / "mask", costs, planner=name)
     master = apply_mask(tmp_path / "mask", costs, stack)
     passable = np.isfinite(costs.density)
-    assert (master[~passable] >= stacks.INSCRIBED).all()
+    assert (master[~passable] >= ros_readers.INSCRIBED).all()
     assert (master[passable] <= 251).all()
     parameters = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())
     own = parameters["planner_server"]["ros__parameters"]["GridBased"]
     charged = {
-        "smac2d": lambda: stacks.smac2d_multiplier(master, own["cost_travel_multiplier"]),
+        "smac2d": lambda: ros_readers.smac2d_multiplier(master, own["cost_travel_multiplier"]),
         "smac-hybrid": lambda: (
-            stacks.smac_hybrid_multiplier(master, own["cost_penalty"])
-            / stacks.smac_hybrid_multiplier(np.zeros(1, np.uint8), 0.0)
+            ros_readers.smac_hybrid_multiplier(master, own["cost_penalty"])
+            / ros_readers.smac_hybrid_multiplier(np.zeros(1, np.uint8), 0.0)
         ),
         "thetastar": lambda: (
-            (own["w_euc_cost"] + stacks.theta_star_traversal(master, own["w_traversal_cost"]))
+            (own["w_euc_cost"] + ros_readers.theta_star_traversal(master, own["w_traversal_cost"]))
             / (
                 own["w_euc_cost"]
-                + stacks.theta_star_traversal(np.zeros(1, np.uint8), own["w_traversal_cost"])
+                + ros_readers.theta_star_traversal(np.zeros(1, np.uint8), own["w_traversal_cost"])
             )
         ),
     }[name]()
@@ -143,7 +143,7 @@ def test_where_a_planner_saturates_is_said(tmp_path, costs):
     assert 10.0 * heavy.u[row, col] > k
     x, y = conversion.most_saturated
     assert f"room for a follower, most around ({x:.2f}, {y:.2f})" in readme_of(tmp_path / "mask")
-    values = stacks.load(tmp_path / "mask" / "mask.yaml", "main").data
+    values = ros_readers.load(tmp_path / "mask" / "mask.yaml", "main").data
     assert (values[10.0 * np.nan_to_num(heavy.u) > k] == 99).all()
     about = json.loads((tmp_path / "mask" / "export.json").read_text())
     assert about["conversion"]["saturates_at_weight_u"] == conversion.greatest
@@ -156,7 +156,7 @@ def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
     wide = costs.with_robot(0.3)
     assert np.isinf(wide.density[wide.grid.free]).any()
     write(tmp_path / "out", wide)
-    values = stacks.load(tmp_path / "out" / "mask.yaml", "main").data
+    values = ros_readers.load(tmp_path / "out" / "mask.yaml", "main").data
     np.testing.assert_array_equal(values >= 0, wide.grid.free)
 
 
@@ -168,7 +168,7 @@ def corridors(tmp_path_factory):
     folder = tmp_path_factory.mktemp("corridors") / "mask"
     nav2_keepout(folder, costs)
     walls = np.select([grid.free, grid.cells == 0], [0, 100], -1).astype(np.int8)
-    return folder, costs, stacks.static_layer(walls, "main", track_unknown_space=True)
+    return folder, costs, ros_readers.static_layer(walls, "main", track_unknown_space=True)
 
 
 @pytest.mark.parametrize(
@@ -179,14 +179,14 @@ def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
     folder, costs, master = corridors
     grid = costs.grid
     if radius:  # else nothing is inflated
-        master = stacks.inflation(master, grid.resolution, radius, radius, scaling)
-    mask = stacks.load(folder / "mask.yaml", "main")
-    master = stacks.keepout(master, mask, mask.resolution, grid.origin[:2])
+        master = ros_readers.inflation(master, grid.resolution, radius, radius, scaling)
+    mask = ros_readers.load(folder / "mask.yaml", "main")
+    master = ros_readers.keepout(master, mask, mask.resolution, grid.origin[:2])
     nav2 = yaml.safe_load((folder / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
     at = environments.landmarks("two_corridors")
     ends = (grid.cell(at[end]) for end in ("start", "goal"))
-    cells = stacks.smac2d_path(master, *ends, own["cost_travel_multiplier"])
+    cells = ros_readers.smac2d_path(master, *ends, own["cost_travel_multiplier"])
     assert max(grid.position(*cell)[1] for cell in cells) > 9  # the irregular corridor
 
 
@@ -206,17 +206,17 @@ def test_what_the_caller_blocks_is_lethal(costs):
 
 def test_a_speed_mask_slows_down_by_degeneracy_and_never_stops(tmp_path, costs):
     nav2_speed(tmp_path / "speed", costs, slowest=0.25, lead=0.0)
-    read = stacks.load(tmp_path / "speed" / "mask.yaml", "main")
+    read = ros_readers.load(tmp_path / "speed" / "mask.yaml", "main")
     servers = yaml.safe_load((tmp_path / "speed" / "servers.yaml").read_text())
     info = servers["localizability_speed_info_server"]["ros__parameters"]
     assert info["type"] == 1
-    limit = stacks.speed_limit(read.data, info["type"], info["base"], info["multiplier"])
+    limit = ros_readers.speed_limit(read.data, info["type"], info["base"], info["multiplier"])
     known = ~np.isnan(costs.u)
     percent = np.where(limit == 0, 100, limit)[known]  # 0 is no limit
     np.testing.assert_allclose(percent, 100 - 75 * costs.u[known], atol=0.5 + 1e-9)
     assert np.isnan(limit[~known]).all()
     nav2_speed(tmp_path / "slow", costs, slowest=0.01)
-    slow = stacks.load(tmp_path / "slow" / "mask.yaml", "main").data
+    slow = ros_readers.load(tmp_path / "slow" / "mask.yaml", "main").data
     assert slow.max() <= 99
 
 
@@ -226,7 +226,7 @@ def test_a_speed_limit_holds_before_its_place(tmp_path):
     u[10, 20] = 1.0
     costs = Costmap.from_layers(grid, u=u)
     nav2_speed(tmp_path / "speed", costs, lead=0.4)
-    values = stacks.load(tmp_path / "speed" / "mask.yaml", "main").data
+    values = ros_readers.load(tmp_path / "speed" / "mask.yaml", "main").data
     away = np.hypot(*(np.indices(grid.shape) - np.array([10, 20])[:, None, None]))
     np.testing.assert_array_equal(values, np.where(away <= 4, 70, 0))
 
@@ -239,7 +239,7 @@ def test_masks_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs
     turned = dataclasses.replace(costs, grid=grid)
     with pytest.warns(YawWarning, match=r"yaw of 0\.6 rad"):
         nav2_keepout(tmp_path / "mask", turned)
-    mask = stacks.load(tmp_path / "mask" / "mask.yaml", "main")
+    mask = ros_readers.load(tmp_path / "mask" / "mask.yaml", "main")
     assert mask.origin == (2.0, -1.0, 0.0)
     assert (mask.data[np.isfinite(costs.density)] >= 0).all()
 
@@ -252,10 +252,10 @@ def test_thetastar_realises_j_too(tmp_path):
     master = apply_mask(tmp_path / "out", costs)
     nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
-    fixed = stacks.theta_star_traversal(master, own["w_traversal_cost"])
-    step, blocked = own["w_euc_cost"], stacks.theta_star_blocked(master, own["allow_unknown"])
+    fixed = ros_readers.theta_star_traversal(master, own["w_traversal_cost"])
+    step, blocked = own["w_euc_cost"], ros_readers.theta_star_blocked(master, own["allow_unknown"])
     ends = [costs.cell_of(at[end]) for end in ("start", "goal")]
-    cells, _ = stacks.grid_path(step, blocked, *ends, fixed)
+    cells, _ = ros_readers.grid_path(step, blocked, *ends, fixed)
     path = Path(np.array([grid.position(*cell) for cell in cells]))
     centres = [grid.position(*cell) for cell in ends]
     costs = make_roomy(costs)

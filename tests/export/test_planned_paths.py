@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import yaml
-from support import ros_readers as stacks
+from support import ros_readers
 from support.maps import random_rooms
 
 from locplan import load_or_compute, plan
@@ -64,8 +64,8 @@ def test_the_inflation_is_that_of_nav2():
     cells = random_rooms((40, 50), seed=3)
     grid = OccupancyGrid(cells, 0.1)
     for radius, factor in ((0.55, 10.0), (1.0, 2.5)):
-        walls = np.where(cells == 0, stacks.LETHAL, 0).astype(np.uint8)
-        expected = stacks.inflation(walls, 0.1, 0.23, radius, factor)
+        walls = np.where(cells == 0, ros_readers.LETHAL, 0).astype(np.uint8)
+        expected = ros_readers.inflation(walls, 0.1, 0.23, radius, factor)
         np.testing.assert_array_equal(inflated(radius, factor, 0.23).costs(grid), expected)
     empty = dataclasses.replace(grid, cells=np.full((5, 5), FREE))
     assert not inflated(0.7, 3.0).costs(empty).any()

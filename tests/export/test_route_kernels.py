@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 
 from locplan._support.kernels.search import bordered_half
 from locplan.export.kernels import route as kernels
@@ -66,7 +66,7 @@ def test_lines_cost_their_exact_integral_or_are_blocked(shape, resolution, origi
         pairs = np.array([(i, j) for i in range(15) for j in range(15) if i != j])
         pairs = pairs[np.hypot(*(ends[pairs[:, 0]] - ends[pairs[:, 1]]).T) > 0]
         costs = kernels.line_costs(*space_of(density, resolution, origin), xy, pairs)
-        expected = naive.line_costs(density, resolution, origin, xy, pairs)
+        expected = oracles.lines.line_costs(density, resolution, origin, xy, pairs)
         np.testing.assert_allclose(costs, expected, rtol=1e-6)
 
 
@@ -112,4 +112,6 @@ def test_lines_between_corners_and_edges_are_blocked_where_they_end_at_a_blocked
     pairs = random_pairs(len(ends), 1.0, np.random.default_rng(1))
     xy = to_world(ends, *WORLDS[0])
     costs = kernels.line_costs(*space_of(density, *WORLDS[0]), xy, pairs)
-    np.testing.assert_allclose(costs, naive.line_costs(density, *WORLDS[0], xy, pairs), rtol=1e-6)
+    np.testing.assert_allclose(
+        costs, oracles.lines.line_costs(density, *WORLDS[0], xy, pairs), rtol=1e-6
+    )

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.maps import random_rooms
 
 from locplan._support.kernels.arrays import DONE, STOP
@@ -58,7 +58,7 @@ def drawn(*lines):
 @pytest.mark.parametrize("density", [0.0, 0.02, 0.3, 1.0])
 def test_empty_squares_are_those_of_the_oracle(density):
     stops = random_stops((13, 17), seed=3, density=density)
-    np.testing.assert_array_equal(empty_squares(stops), naive.empty_squares(stops))
+    np.testing.assert_array_equal(empty_squares(stops), oracles.beams.empty_squares(stops))
 
 
 def test_long_empty_squares_are_cut_at_a_byte():
@@ -70,14 +70,14 @@ def test_long_empty_squares_are_cut_at_a_byte():
 def assert_between_oracles(stops, squares, row, col, drow, dcol, max_range=FAR):
     """Cells that are only touched may stop the ray or not; everything else is exact."""
     found, hit_row, hit_col = cast(squares, row, col, drow, dcol, max_range)
-    low = naive.cast(stops, row, col, drow, dcol, max_range, margin=-1e-9)
-    high = naive.cast(stops, row, col, drow, dcol, max_range, margin=1e-9)
+    low = oracles.beams.cast(stops, row, col, drow, dcol, max_range, margin=-1e-9)
+    high = oracles.beams.cast(stops, row, col, drow, dcol, max_range, margin=1e-9)
     assert low - 1e-6 <= found <= high + 1e-6
     if found == math.inf:
         assert (hit_row, hit_col) == (-1, -1)
     else:
         assert stops[hit_row, hit_col]
-        entry = naive.enters(row, col, drow, dcol, hit_row, hit_col, -1e-9)
+        entry = oracles.beams.enters(row, col, drow, dcol, hit_row, hit_col, -1e-9)
         assert found == pytest.approx(entry, abs=1e-6)
     return low, high
 
@@ -245,7 +245,7 @@ def test_information_is_that_of_finite_differences(seed, of_ranges):
     normals = surface_normals(occupied)
     beams = lidar(rng.uniform(-2, 2, 70), *rng.uniform(-0.4, 0.4, 3), 0.05, 0.7, 4.0)
     pose = rng.uniform(6, 18), rng.uniform(8, 22), rng.uniform(-4, 4)
-    expected = naive.information(occupied, normals, 0.2, *pose, beams, of_ranges)
+    expected = oracles.beams.information(occupied, normals, 0.2, *pose, beams, of_ranges)
     found = at_pose(occupied, 0.2, *pose, beams, of_ranges, normals)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
 
@@ -473,7 +473,7 @@ def test_ends_move_along_their_beams_as_in_the_plain_loop():
         scan_ends(squares, 0.1, *pose, beams, ends)
         for noisy in (np.zeros((60, 2)), noise):
             move_ends(0.1, heading, beams, noisy, ends)
-            expected = naive.moved_ends(levels, 0.1, *pose, sensor, angles, noisy)
+            expected = oracles.beams.moved_ends(levels, 0.1, *pose, sensor, angles, noisy)
             np.testing.assert_allclose(ends, expected, atol=5e-5)  # levers are rounded
         moved += np.isfinite(ends[:, 0]).sum()
     assert moved > 300

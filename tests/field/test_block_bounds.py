@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numba import njit
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 from support.maps import random_rooms
 from support.sad import PlainSad, count_mismatches
@@ -53,7 +53,9 @@ def test_kept_lines_are_those_of_the_plain_loops(
     sizes = [[(*at, edge) for at in zip(*disc_blocks(radius, edge), strict=True)] for edge in edges]
     for n in range(len(rows)):
         place = cells, rows[n], cols[n], radius, step, half_steps, window.angles
-        np.testing.assert_array_equal(found[:, n], naive.keep_lines(*place, sizes, limit, shift))
+        np.testing.assert_array_equal(
+            found[:, n], oracles.sad.keep_lines(*place, sizes, limit, shift)
+        )
     assert 0 < found.mean() < 1
 
 
@@ -218,8 +220,8 @@ def test_counts_of_blocks_equal_the_plain_loops():
     bitplanes.count_blocks(table, 5, 2, 16, 2, counts)
     for q, rest, p in np.ndindex(12, 3, 6):
         at = 5 + 2 * (3 * p + rest), 2 + 2 * q
-        assert counts[0, q, rest, p] == naive.block_counts(plane, 16, *at)
-        assert counts[1, q, rest, p] == naive.block_counts(1 - plane, 16, *at)
+        assert counts[0, q, rest, p] == oracles.sad.block_counts(plane, 16, *at)
+        assert counts[1, q, rest, p] == oracles.sad.block_counts(1 - plane, 16, *at)
 
 
 def test_sums_of_more_than_sixteen_bits_wrap_around():

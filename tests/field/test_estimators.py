@@ -12,7 +12,7 @@ import pytest
 from scipy.linalg import expm, logm
 from support.cases import sample_cases
 from support.maps import ascii_map, corridor, random_rooms
-from support.oracles import rotated
+from support.oracles.landmarks import rotated
 
 from locplan.errors import ConfigError
 from locplan.field import (

@@ -4,7 +4,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 from support.maps import random_rooms
 from support.sad import count_mismatches
@@ -110,7 +110,7 @@ def test_weighted_covariance_equals_the_plain_loops(places):
         kept[1, 2] = True  # the zero lag's
         np.testing.assert_allclose(
             weighted_covariance(counts, weights, kept, places),
-            naive.weighted_covariance(counts, weights, kept, places),
+            oracles.sad.weighted_covariance(counts, weights, kept, places),
             rtol=1e-12,
         )
 
@@ -174,7 +174,7 @@ def test_covariance_vanishes_where_all_weights_but_the_centre_do():
     tiny = np.array([1.0, 1e-200])
     np.testing.assert_allclose(
         weighted_covariance(counts, tiny, kept, range(5)),
-        naive.weighted_covariance(counts, tiny, kept, range(5)),
+        oracles.sad.weighted_covariance(counts, tiny, kept, range(5)),
         rtol=1e-12,
         atol=1e-300,
     )
@@ -187,8 +187,8 @@ def test_disc_sums_equal_the_plain_loops():
     bitplanes.disc_sums(octets, 3, 2, 6, 3, 10, result)
     assert (result[:, :, 10:] == -1).all()
     result = result[:, :, :10]
-    np.testing.assert_array_equal(result[0], naive.disc_sums(plane[2:, 3:], 6, 3, 10, 8))
-    np.testing.assert_array_equal(result[1], naive.disc_sums(1 - plane[2:, 3:], 6, 3, 10, 8))
+    np.testing.assert_array_equal(result[0], oracles.sad.disc_sums(plane[2:, 3:], 6, 3, 10, 8))
+    np.testing.assert_array_equal(result[1], oracles.sad.disc_sums(1 - plane[2:, 3:], 6, 3, 10, 8))
 
 
 def test_covariance_is_the_papers_formula_on_the_reference():
@@ -256,5 +256,5 @@ def test_strips_equal_the_plain_loops():
     bitplanes.cut_strips(cells, 0, 0, 11.0, 15.0, cos, sin, firsts, firsts + 1, strips)
     for k in range(3):
         first = firsts[k], firsts[k] + 1
-        expected = naive.cut_strips(cells, cos[k], sin[k], *first, 20, 25)
+        expected = oracles.sad.cut_strips(cells, cos[k], sin[k], *first, 20, 25)
         np.testing.assert_array_equal(strips[k], expected)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import ndimage, stats
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 from support.maps import corridor, random_rooms
 
@@ -115,7 +115,9 @@ def test_costs_are_those_of_the_distances(resolution):
 def test_walls_are_hollow(level):
     levels = random_rooms((23, 31), seed=4, blocks=6)
     levels[5:13, 20:28] = level
-    assert [tuple(at) for at in np.argwhere(wall_cells(levels == OCCUPIED))] == naive.walls(levels)
+    assert [tuple(at) for at in np.argwhere(wall_cells(levels == OCCUPIED))] == oracles.scan.walls(
+        levels
+    )
 
 
 def test_unknown_space_painted_black_changes_little():
@@ -146,7 +148,7 @@ def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, bea
         return table[int(min(squared, table.size - 1))]
 
     for row, col in ((0, 0), (18, 3), (9, 25)):
-        expected = naive.score(levels, row, col, ends, step, half_steps, window.angles, cost)
+        expected = oracles.scan.score(levels, row, col, ends, step, half_steps, window.angles, cost)
         np.testing.assert_array_equal(kernel_costs(field, window, row, col, ends), expected)
 
 
@@ -156,14 +158,14 @@ def test_posterior_is_that_of_the_exact_likelihood_but_for_the_steps_of_cost():
     row, col = np.argwhere(levels == FREE)[300]
     ends = np.random.default_rng(8).normal(0, 15, (40, 2))
     beams = len(ends)
-    losses = naive.score(
+    losses = oracles.scan.score(
         levels, row, col, ends, 2, 3, window.angles,
-        lambda squared: naive.loss(squared, 0.05, SIGMA_HIT, Z_RAND),
+        lambda squared: oracles.scan.loss(squared, 0.05, SIGMA_HIT, Z_RAND),
     )  # fmt: skip
     costs = kernel_costs(field, window, row, col, ends)
     assert abs(costs * field.nats - losses).max() <= beams * field.nats / 2
-    mode = naive.central_mode(losses * TEMPERATURE, -math.log(scan.CONNECTED))
-    expected = naive.moments(losses * TEMPERATURE, mode)
+    mode = oracles.scan.central_mode(losses * TEMPERATURE, -math.log(scan.CONNECTED))
+    expected = oracles.scan.moments(losses * TEMPERATURE, mode)
     result = run(levels, 0.05, window, [row], [col], ends[None])
     for name, value in zip(scan.Posteriors._fields, expected, strict=True):
         np.testing.assert_allclose(getattr(result, name)[0, 0], value, rtol=0.01, atol=0.01)
@@ -182,7 +184,7 @@ def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
     mode = np.zeros(costs.size // 64 + 1, np.uint64)
     mean, covariance = np.empty(3), np.empty((3, 3))
     entropy, outside = scan.moments(lattice, weights, costs, mode, mean, covariance)
-    expected = naive.moments(values * nats, np.zeros(values.shape, bool))
+    expected = oracles.scan.moments(values * nats, np.zeros(values.shape, bool))
     np.testing.assert_allclose(mean, expected[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(covariance, expected[1], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(entropy, expected[2], rtol=1e-9, atol=1e-9)
@@ -199,7 +201,7 @@ def test_central_mode_equals_the_plain_search(headings, half_steps, share):
     lattice, costs = lattice_costs(values, half_steps)
     excess = 650.0 - values[headings // 2, half_steps, half_steps]
     excess = max(excess, 0.0)
-    expected = naive.central_mode(values.astype(float), excess)
+    expected = oracles.scan.central_mode(values.astype(float), excess)
     np.testing.assert_array_equal(mode_of(lattice, costs, excess), expected)
 
 
@@ -282,8 +284,8 @@ def test_the_tail_of_one_peak_is_no_ambiguity():
     k, j, i = np.mgrid[-6:7, -10:11, -10:11]
     for deviation in (0.3, 1.0, 1.5):
         losses = (i**2 + j**2 + k**2) / (2 * deviation**2)
-        mode = naive.central_mode(losses, -math.log(scan.CONNECTED))
-        assert naive.moments(losses, mode)[3] < 0.005
+        mode = oracles.scan.central_mode(losses, -math.log(scan.CONNECTED))
+        assert oracles.scan.moments(losses, mode)[3] < 0.005
 
 
 def asymmetric_room():
@@ -342,7 +344,7 @@ def test_many_beams_do_not_overflow():
 
 
 def test_the_ends_noise_is_that_of_van_der_corputs_sequence():
-    quantiles = [naive.radical_inverse(b + 1) for b in range(90)]
+    quantiles = [oracles.beams.radical_inverse(b + 1) for b in range(90)]
     assert quantiles[:5] == [1 / 2, 1 / 4, 3 / 4, 1 / 8, 5 / 8]
     halton = stats.qmc.Halton(1, scramble=False).random(91)[1:, 0]
     np.testing.assert_array_equal(halton, quantiles)
@@ -391,19 +393,19 @@ def covariance_in_plain_loops(scan_, levels, resolution, row, col, heading):
             bearing = side * (number - 0.5) * pitch
             if abs(bearing - yaw) <= half:
                 angles.append(math.radians(bearing - yaw))
-                z = stats.norm.ppf(naive.radical_inverse(number))
+                z = stats.norm.ppf(oracles.beams.radical_inverse(number))
                 noise.append((shift * z, growth * z))
     assert len(angles) == scan_.beams_compared
     pose, sigma = (row + 0.5, col + 0.5, heading), max(scan_.sigma_hit, resolution)
-    ends = naive.moved_ends(levels, resolution, *pose, scan_.lidar, angles, noise)
+    ends = oracles.beams.moved_ends(levels, resolution, *pose, scan_.lidar, angles, noise)
     table = likelihood.costs_of_squared_distance(resolution, sigma, scan_.z_rand)
     nats = -math.log(scan_.z_rand) / TOP
-    losses = naive.score(
+    losses = oracles.scan.score(
         levels, row, col, ends, window.step_cells, window.half_steps, window.angles,
         lambda squared: nats * table[int(min(squared, table.size - 1))],
     ) * (scan_.effective_beams * pitch / 180)  # fmt: skip
-    mode = naive.central_mode(losses, -math.log(scan.CONNECTED))
-    _, in_steps, entropy, ambiguity = naive.moments(losses, mode)
+    mode = oracles.scan.central_mode(losses, -math.log(scan.CONNECTED))
+    _, in_steps, entropy, ambiguity = oracles.scan.moments(losses, mode)
     covariance = scan_.noise_level * in_steps * np.outer(window.steps, window.steps)
     covariance += np.diag(window.steps**2 / 12)
     return covariance[: window.dimension, : window.dimension], ambiguity, entropy

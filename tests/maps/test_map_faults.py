@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from support import oracles as naive
+from support import oracles
 from support.maps import ascii_map, blocks, random_rooms
 
 from locplan._support.kernels.walls import surface_depths
@@ -41,7 +41,7 @@ def kinds(grid: OccupancyGrid) -> list[str]:
 def test_kernels_are_those_of_plain_loops(seed):
     cells = random_rooms((31, 24), seed)
     for deep in (1, 3):
-        assert surface_depths(cells, FREE, OCCUPIED, deep) == naive.surface_depths(
+        assert surface_depths(cells, FREE, OCCUPIED, deep) == oracles.walls.surface_depths(
             cells, FREE, OCCUPIED, deep
         )
 
@@ -52,7 +52,7 @@ def test_hollowed_leaves_a_rim_of_one_cell(seed):
     cells[:3, 4:9] = OCCUPIED  # black up to the edge of the map
     grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.1), "rooms")
     hollow = hollowed(grid)
-    assert np.array_equal(hollow.cells, naive.hollowed(grid.cells))
+    assert np.array_equal(hollow.cells, oracles.walls.hollowed(grid.cells))
     assert (hollow.resolution, hollow.origin, hollow.name) == (0.05, (1.0, 2.0, 0.1), "rooms")
     assert hollowed(hollow) == hollow
 

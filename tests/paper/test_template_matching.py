@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.maps import random_rooms
 
 from locplan.errors import LocplanError
@@ -36,7 +36,7 @@ def test_sad_distribution_equals_the_plain_loops():
     )
     window = config.estimator.window.on(0.05)
     for row, col in ((15, 19), (0, 0), (30, 5)):
-        expected = naive.mismatch_counts(cells, row, col, 7, 2, 3, window.angles)
+        expected = oracles.sad.mismatch_counts(cells, row, col, 7, 2, 3, window.angles)
         result = sad_distribution(cells, row, col, 7, window)
         np.testing.assert_array_equal(result, 127 * expected.transpose(0, 2, 1))
 
@@ -94,7 +94,7 @@ def test_in_the_open_everything_is_seen():
 def test_the_visible_part_equals_the_plain_loops():
     cells = random_rooms((50, 60), seed=13, blocks=20)
     for row, col, theta in ((25, 30, 0.0), (0, 0, 0.5), (40, 10, -1.0)):
-        expected = naive.visible_part(cells, row, col, 18, theta, beam_count(18), BEHIND)
+        expected = oracles.sad.visible_part(cells, row, col, 18, theta, beam_count(18), BEHIND)
         np.testing.assert_array_equal(visible_part(cells, row, col, 18, theta), expected)
 
 
@@ -122,7 +122,7 @@ def test_models_equal_the_plain_loops():
     rng = np.random.default_rng(4)
     for size in (1, 2, 9, 30):
         template, levels = rng.choice([OCCUPIED, UNKNOWN, FREE], (2, size, size))
-        found, expected = similarities(template, levels), naive.similarities(template, levels)
+        found, expected = similarities(template, levels), oracles.sad.similarities(template, levels)
         assert list(found) == list(MODELS) == list(expected)
         for name in MODELS:
             assert found[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-6, nan_ok=True)

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.costmaps import costmap_from_density, random_density
 from support.maps import ascii_map, random_rooms
 
@@ -32,7 +32,7 @@ def crossed_blocked_cells(density, path: Path) -> list:
         rows = range(max(0, int(min(y0, y1)) - 1), min(density.shape[0], int(max(y0, y1)) + 2))
         cols = range(max(0, int(min(x0, x1)) - 1), min(density.shape[1], int(max(x0, x1)) + 2))
         for row, col in itertools.product(rows, cols):
-            if np.isinf(density[row, col]) and naive.touches(y0, x0, y1, x1, row, col):
+            if np.isinf(density[row, col]) and oracles.lines.touches(y0, x0, y1, x1, row, col):
                 found.append((row, col))
     return found
 
@@ -47,7 +47,7 @@ def test_segment_costs_are_exact(seed):
         if rng.random() < 0.3:
             line = np.floor(line) + 0.5
         result = segment_cost(half, 27, *(line + 1), False)
-        assert result == pytest.approx(naive.line_integral(density, *line), rel=1e-9)
+        assert result == pytest.approx(oracles.lines.line_integral(density, *line), rel=1e-9)
 
 
 @pytest.mark.parametrize("corner_cutting", [False, True])
@@ -62,7 +62,8 @@ def test_segments_are_blocked_where_they_meet_a_blocked_cell(seed, corner_cuttin
             line = np.floor(line) + 0.5  # from centre to centre, often over corners
         margin = 1e-5 if corner_cutting else -1e-9
         blocked = any(
-            naive.touches(*line, row, col, margin) for row, col in np.argwhere(np.isinf(density))
+            oracles.lines.touches(*line, row, col, margin)
+            for row, col in np.argwhere(np.isinf(density))
         )
         inside = density[int(line[0]), int(line[1])] < np.inf  # a path begins in a free cell
         cost = segment_cost(half, 17, *(line + 1), corner_cutting)
@@ -90,8 +91,8 @@ def test_shortcuts_equal_the_plain_dynamic_programming(lookahead):
         bordered_half(density, 1), 22, positions + 1, lookahead, False, float(density.min())
     )
     chosen = positions[kept]
-    cost = sum(naive.line_integral(density, *a, *b) for a, b in itertools.pairwise(chosen))
-    assert cost == pytest.approx(naive.shortcut(density, positions, lookahead))
+    cost = sum(oracles.lines.line_integral(density, *a, *b) for a, b in itertools.pairwise(chosen))
+    assert cost == pytest.approx(oracles.search.shortcut(density, positions, lookahead))
     assert np.diff(kept).max() <= lookahead
 
 
@@ -104,12 +105,14 @@ def test_32_moves_equal_the_plain_search(seed):
     moves = any_angle._moves(columns, False)
     goal = (11 + 3) * columns + 13 + 3
     flat = kernels.cheapest_moves(half, 3 * columns + 3, goal, moves)
-    expected = naive.cheapest_moves(density, (0, 0), (11, 13), 3)
+    expected = oracles.search.cheapest_moves(density, (0, 0), (11, 13), 3)
     if np.isinf(expected):
         assert flat.size == 0
     else:
         centres = np.column_stack([flat // columns, flat % columns]) - 2.5
-        cost = sum(naive.line_integral(density, *a, *b) for a, b in itertools.pairwise(centres))
+        cost = sum(
+            oracles.lines.line_integral(density, *a, *b) for a, b in itertools.pairwise(centres)
+        )
         assert cost == pytest.approx(expected)
 
 
@@ -119,7 +122,7 @@ def test_shifting_equals_the_plain_loops(seed):
     density = rng.uniform(1, 9, (20, 40))
     positions = np.column_stack([rng.uniform(8, 12, 9), np.linspace(2.2, 37.7, 9)])
     shifted = kernels.shift(bordered_half(density, 1), 42, positions + 1, 0.7, 6, False)
-    np.testing.assert_allclose(shifted - 1, naive.shift(density, positions, 0.7, 6))
+    np.testing.assert_allclose(shifted - 1, oracles.search.shift(density, positions, 0.7, 6))
 
 
 def test_shifting_never_costs_more_and_finds_the_valley():

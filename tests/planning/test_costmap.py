@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.maps import ascii_map, corridor, random_rooms
 
 from locplan._support.kernels import rays
@@ -36,7 +36,9 @@ def random_lines(count: int, size: int):
 def test_cells_along_equal_the_plain_loops():
     for line in random_lines(300, 20):
         rows, cols, lengths = rays.cells_along(line.reshape(2, 2))
-        expected = [cell for cell in naive.cells_along(line.reshape(2, 2)) if cell[2] > 1e-7]
+        expected = [
+            cell for cell in oracles.lines.cells_along(line.reshape(2, 2)) if cell[2] > 1e-7
+        ]
         keep = lengths > 1e-7
         assert list(zip(rows[keep], cols[keep], strict=True)) == [cell[:2] for cell in expected]
         np.testing.assert_allclose(lengths[keep], [cell[2] for cell in expected], atol=1e-9)
@@ -50,7 +52,7 @@ def test_the_integral_does_not_depend_on_the_direction():
             forth, back = (rays.cells_along(each) for each in (ends, ends[::-1].copy()))
             totals = [(density[row, col] * length).sum() for row, col, length in (forth, back)]
             assert totals[0] == pytest.approx(totals[1])
-            expected = naive.line_integral(density, *line)
+            expected = oracles.lines.line_integral(density, *line)
             assert totals[0] == pytest.approx(expected, rel=1e-6)
 
 

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.machine import SHARED_DATA
 from support.movingai import find_map_file, find_scenario_files, read_map, read_scenarios
 
@@ -57,7 +57,7 @@ def test_all_searches_find_the_same_cheapest_path(greatest, cutting):
     reached = 0
     for seed in range(6):
         costs = noisy((31, 44), seed, greatest=greatest)
-        expected = naive.shortest_costs(costs.density, (0, 0), cutting)[-1, -1]
+        expected = oracles.search.shortest_costs(costs.density, (0, 0), cutting)[-1, -1]
         options = {"allow_corner_cutting": cutting}
         plans = {
             name: plan(costs, *corners(costs), planner=name, **options)
@@ -168,7 +168,7 @@ def test_the_grid_planner_takes_astar_at_low_contrast():
 )
 def test_costs_do_not_depend_on_the_queue(change, guided, monkeypatch):
     costs = noisy((30, 37), 4, blocked=0.1, greatest=1e3)
-    expected = naive.shortest_costs(costs.density, (0, 0), False)
+    expected = oracles.search.shortest_costs(costs.density, (0, 0), False)
     plain = searched(costs, False, guided=guided)
     for name, value in change.items():
         monkeypatch.setattr(search, name, value)
@@ -184,7 +184,7 @@ def test_costs_do_not_depend_on_the_queue(change, guided, monkeypatch):
 def test_a_wall_that_costs_much_is_crossed(costly):
     density = np.random.default_rng(3).uniform(1, 9, (24, 20))
     density[12] = costly
-    expected = naive.shortest_costs(density, (0, 0), False)
+    expected = oracles.search.shortest_costs(density, (0, 0), False)
     np.testing.assert_allclose(costs_from_corner(costs_of(density), False), expected, rtol=1e-12)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 from support.maps import ascii_map
 
@@ -107,7 +107,7 @@ def test_no_motions_of_the_lattice_lead_to_the_goal_at_less_cost(kinematics, see
     for start, goal in itertools.permutations(map(tuple, cells.tolist()), 2):
         ends = [costs.grid.position(*cell) for cell in (start, goal)]
         starts = [(*start, h, g) for h in range(planner.headings) for g in (0, 1)]
-        reached = naive.costs_between_states(edges, starts)
+        reached = oracles.search.costs_between_states(edges, starts)
         least = min(
             (cost for state, cost in reached.items() if state[:2] == goal), default=math.inf
         )
@@ -152,7 +152,7 @@ def test_the_bound_is_below_the_cost_everywhere(kinematics):
             backward[other].append((state, cost))
     goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
     ends = [(*goal, h, g) for h in range(16) for g in (0, 1)]
-    reached = naive.costs_between_states(backward, ends)
+    reached = oracles.search.costs_between_states(backward, ends)
     prices = Prices(planner.reverse, planner.gear_change, planner.turn_cost)
     search = LatticeSearch(costs, planner.headings, planner.span, prices)
     target = goal[0] * costs.grid.shape[1] + goal[1]
@@ -172,11 +172,11 @@ def test_swept_cells_are_those_of_plain_loops():
         poses = rng.uniform(-1, 1, (3, 3))
         reach = 6
         met = swept(outline.vertices, poses, reach)
-        assert np.array_equal(met, naive.swept(outline.vertices, poses, reach))
+        assert np.array_equal(met, oracles.outlines.swept(outline.vertices, poses, reach))
         occupied = rng.random((20, 22)) < 0.01
         poses[:, :2] += 9
         hit = first_hit(sums_of(occupied), outline.vertices, poses)
-        assert hit == naive.first_hit(occupied, outline.vertices, poses)
+        assert hit == oracles.outlines.first_hit(occupied, outline.vertices, poses)
 
 
 def test_a_collision_does_not_depend_on_how_dense_the_poses_are():
@@ -434,7 +434,7 @@ def test_widened_bits_are_those_of_plain_loops():
     plane[1, 63:66] = plane[2, 191] = True
     wide = bit_masks.widened(packed(plane))
     for level in range(7):
-        assert np.array_equal(unpacked(wide[level]), naive.widened(plane, level))
+        assert np.array_equal(unpacked(wide[level]), oracles.lattice.widened(plane, level))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 63, 64, 100])
@@ -447,7 +447,7 @@ def test_masks_of_runs_are_those_of_plain_loops(count):
     runs = np.column_stack([rng.integers(-3, 4, 6), *ends])
     masks = np.zeros((2, shape[0], 2, 3), np.uint64)
     bit_masks.add_runs(masks, bit_masks.widened(packed(plane)), runs, np.array([1, 2]), margin)
-    expected = naive.add_runs(plane[:, : shape[1] + 2 * margin], runs, shape)
+    expected = oracles.lattice.add_runs(plane[:, : shape[1] + 2 * margin], runs, shape)
     assert np.array_equal(unpacked(masks[1, :, :, 2].copy())[:, : shape[1]], expected)
     assert masks.sum(axis=(1, 2)).nonzero()[1].tolist() == [2]
 
@@ -485,7 +485,7 @@ def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways
     search = LatticeSearch(costs, 16, 1, PRICES)
     goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
     bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
-    expected = naive.project(search.graph, goal)
+    expected = oracles.lattice.project(search.graph, goal)
     assert np.isfinite(bound).sum() == len(expected) > 30
     assert all(bound[cell] == pytest.approx(cost, rel=1e-5) for cell, cost in expected.items())
 
@@ -500,7 +500,7 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     start, goal = map(tuple, cells.tolist())
     bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
     projected = np.full(costs.grid.shape, np.inf)
-    for cell, cost in naive.project(graph, goal).items():
+    for cell, cost in oracles.lattice.project(graph, goal).items():
         projected[cell] = cost
     assert np.allclose(bound, projected, rtol=1e-5)
     cap = float(bound[start]) if np.isfinite(bound[start]) else 1.0
@@ -511,7 +511,7 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     cost, last, _ = search.costs_from(at, flat, whole)
     gears = range(terms.gears)
     starts = [(*start, h, g) for h in range(headings) for g in gears]
-    reached = naive.explore(graph, starts)
+    reached = oracles.lattice.explore(graph, starts)
     ends = [(*goal, h, g) for h in range(headings) for g in gears]
     least = min(reached.get(end, math.inf) for end in ends)
     assert (last < 0) == math.isinf(least)
@@ -558,18 +558,18 @@ def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
         to[:, :2] += away[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
         for pair in np.stack([poses, to], axis=1):
             own = smoothing.own_costs(ground, drive, pair)
-            expected = naive.own_costs(density, drive, pair)
+            expected = oracles.curves.own_costs(density, drive, pair)
             assert own == pytest.approx(expected, rel=5e-3)
         ground = ground._replace(corner_cutting=False)
         for start, end in itertools.pairwise(map(tuple, poses.tolist())):
             cost = smoothing.curve_cost(ground, drive, start, end)
             word = motions.word_of(kind, drive.radius, start, end)
-            expected = naive.curve_cost(density, drive, *word, start)
+            expected = oracles.curves.curve_cost(density, drive, *word, start)
             if math.isfinite(cost):  # the kernel also refuses what touches a corner
                 assert cost == pytest.approx(expected, rel=5e-3)
                 compared += 1
             else:
-                assert math.isinf(naive.curve_cost(density, drive, *word, start)) or turn
+                assert math.isinf(oracles.curves.curve_cost(density, drive, *word, start)) or turn
     assert compared > 10
 
 
@@ -594,13 +594,13 @@ def test_the_straightest_chain_and_shifted_knots_are_those_of_plain_loops(kind):
             before = chain[at] if chain[at] >= 0 else -2 - chain[at]
             total += own[before] if chain[at] < 0 else cost_of(posed[before], posed[at])
             at = before
-        expected = naive.straightest(
+        expected = oracles.curves.straightest(
             len(knots), lambda i, j, posed=posed, of=cost_of: of(posed[i], posed[j]), own, 3
         )
         assert total == pytest.approx(expected)
         shifted, costs, curved = knots.copy(), own.copy(), np.zeros(len(own), bool)
         smoothing.shift_knots(ground, drive, body, shifted, costs, curved, (0.7, 0.3))
-        expected, least = naive.shift_knots(knots, own, cost_of, (0.7, 0.3))
+        expected, least = oracles.curves.shift_knots(knots, own, cost_of, (0.7, 0.3))
         assert np.allclose(shifted, expected)
         assert np.allclose(costs, least)
 
@@ -613,7 +613,7 @@ def test_a_curve_is_clear_where_no_pose_along_it_meets_a_wall():
         drive, body = made_drive(DUBINS, 0.0), smoothing.Body(sums_of(walls), LONG.vertices * 5)
         clear = smoothing.is_clear(drive, body, start, end)
         poses = motions.motion_poses(DUBINS, drive.radius, start, end) - np.array([1, 1, 0])
-        assert clear == (naive.first_hit(walls, LONG.vertices * 5, poses) < 0)
+        assert clear == (oracles.outlines.first_hit(walls, LONG.vertices * 5, poses) < 0)
         outcomes.add(clear)
     assert outcomes == {True, False}
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 from ompl import base
+from support import oracles
 from support.maps import ascii_map
-from support.oracles import arc_crossings as naive_arc_crossings, motion_cost as naive_motion_cost
 
 from locplan._support.kernels import search
 from locplan.errors import ConfigError, PoseError
@@ -84,7 +84,7 @@ def test_arcs_cross_the_borders_that_tiny_steps_find(seed):
         for angle in angles[1:-1]
         if abs(angle / (math.pi / 2) - round(angle / (math.pi / 2))) > 1e-9
     ]
-    expected = naive_arc_crossings(center_x, center_y, radius, low, high)
+    expected = oracles.curves.arc_crossings(center_x, center_y, radius, low, high)
     assert inner == pytest.approx(expected, abs=1e-4)
 
 
@@ -102,7 +102,7 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         if math.isinf(density[int(start[1]), int(start[0])]):
             continue
         turns, lengths = motions.word_of(kind, radius, start, end)
-        expected = naive_motion_cost(density, turns, lengths, radius, start, step=2e-3)
+        expected = oracles.curves.motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
         cost = motions.motion_cost(motions.Ground(half, columns, 0.0, True), kind, radius, *shifted)
         outcomes.add(math.isinf(cost))

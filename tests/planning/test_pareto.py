@@ -5,7 +5,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 
 from locplan.errors import ConfigError, PoseError
@@ -52,7 +52,7 @@ def test_fronts_equal_brute_force(zeros, corner_cutting):
         costs = random_costs(seed, zeros=zeros)
         last = tuple(size - 1 for size in costs.grid.shape)
         free = costs.grid.free.astype(int)
-        expected = naive.pareto_front(costs.u, free, (0, 0), last, corner_cutting)
+        expected = oracles.search.pareto_front(costs.u, free, (0, 0), last, corner_cutting)
         front = front_of(costs, allow_corner_cutting=corner_cutting)
         assert front.epsilon == 0
         points = np.column_stack([front.length, front.integral])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 
 from locplan._support.kernels import ways
 from locplan._support.kernels.search import bordered_half, scale_of, search
@@ -40,7 +40,7 @@ def test_steps_back_equal_the_plain_ones(tolerance):
         cost = searched(half, columns + 1)
         found = ways.steps_back(half, columns, cost, tolerance).reshape(-1, columns)
         costs = np.abs(cost).reshape(-1, columns)[1:-1, 1:-1]
-        expected = naive.steps_back(density, costs, tolerance)
+        expected = oracles.search.steps_back(density, costs, tolerance)
         np.testing.assert_array_equal(found[1:-1, 1:-1], expected)
         assert not found[[0, -1]].any()
         assert not found[:, [0, -1]].any()

@@ -4,9 +4,9 @@ import math
 import numpy as np
 import pytest
 from skimage.graph import MCP_Geometric
+from support import oracles
 from support.costmaps import costmap_from_density, random_density
 from support.maps import ascii_map, random_rooms
-from support.oracles import shortest_costs as naive_shortest_costs
 from support.toy_planner import ToyPlanner
 
 from locplan._support.kernels import search
@@ -44,14 +44,14 @@ def costs_from_corner(density, corner_cutting) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(6))
 def test_costs_equal_the_plain_search(seed, corner_cutting):
     density = random_density((23, 31), seed)
-    expected = naive_shortest_costs(density, (0, 0), corner_cutting)
+    expected = oracles.search.shortest_costs(density, (0, 0), corner_cutting)
     np.testing.assert_allclose(costs_from_corner(density, corner_cutting), expected)
 
 
 @pytest.mark.parametrize("greatest", [1.0, 1e4, 1e9])
 def test_costs_are_exact_at_any_contrast(greatest):
     density = np.exp(np.random.default_rng(1).uniform(0, np.log(greatest), (25, 25)))
-    expected = naive_shortest_costs(density, (0, 0), False)
+    expected = oracles.search.shortest_costs(density, (0, 0), False)
     np.testing.assert_allclose(costs_from_corner(density, False), expected, rtol=1e-12)
 
 
@@ -60,7 +60,7 @@ def test_costs_are_exact_at_any_contrast(greatest):
 def test_costs_of_free_travel_are_exact(seed, corner_cutting):
     density = random_density((30, 20), seed)
     density[density < 4] = 0.0
-    expected = naive_shortest_costs(density, (0, 0), corner_cutting)
+    expected = oracles.search.shortest_costs(density, (0, 0), corner_cutting)
     np.testing.assert_allclose(costs_from_corner(density, corner_cutting), expected)
 
 
@@ -76,7 +76,7 @@ def test_costs_equal_scikit_images(seed, blocked):
 @pytest.mark.parametrize("seed", range(8))
 def test_the_path_costs_what_the_search_found(seed, corner_cutting):
     density = random_density((30, 40), seed, blocked=0.3)
-    expected = naive_shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
+    expected = oracles.search.shortest_costs(density, (0, 0), corner_cutting)[-1, -1]
     options = {"planner": "grid", "allow_corner_cutting": corner_cutting}
     result = plan(costmap_from_density(density), (0.5, 0.5), (39.5, 29.5), **options)
     if np.isinf(expected):
@@ -163,7 +163,7 @@ def test_one_field_serves_all_starts(corner_cutting):
     density = random_density((25, 30), 3, blocked=0.3)
     costs = costmap_from_density(density)
     to_goal = plan_field(costs, (29.5, 24.5), allow_corner_cutting=corner_cutting)
-    expected = naive_shortest_costs(density, (24, 29), corner_cutting)
+    expected = oracles.search.shortest_costs(density, (24, 29), corner_cutting)
     np.testing.assert_allclose(to_goal.cost, expected)
     starts = np.argwhere(np.isfinite(density))[::17]
     for row, col in starts:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from scipy.stats import spearmanr
-from support import oracles as naive
+from support import oracles
 from support.machine import SHARED_DATA
 from support.small_drive import FILE, MAP
 
@@ -60,7 +60,7 @@ def test_posteriors_are_those_of_the_plain_loops():
     recorded_posteriors(field, lattice, cells, ends, share, mean, covariance, best, summary)
     table = likelihood.costs_of_squared_distance(resolution, 0.1, 0.05)
     nats = -math.log(0.05) / TOP
-    expected = naive.recorded_posteriors(
+    expected = oracles.scan.recorded_posteriors(
         *(levels, cells, ends, window.step_cells, window.half_steps, window.angles),
         lambda squared: nats * table[int(min(squared, table.size - 1))],
         share,

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 from support.command_line import check_refusal
 from support.machine import SHARED_DATA
@@ -286,7 +286,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
     at = np.array([col, row, heading - different.origin[2]])
     gains = []
     for shift in ((4.0, -3.0, 0.15), (11.0, -9.0, 0.3), (-9.0, 8.0, -0.4), (30.0, 0.0, 0.0)):
-        expected, least = naive.settle(
+        expected, least = oracles.matching.settle(
             lambda pose: loss_at(tables, last, ends, *pose),
             lambda pose: fits(tables, *pose[:2]),
             refined,

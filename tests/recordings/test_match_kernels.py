@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 from support.maps import random_rooms
 
@@ -42,7 +42,7 @@ def test_the_shortlist_is_that_of_plain_loops(places, beams, keep):
     scan = np.roll(codes[0], 5)[chosen]
     scan = (scan + random.integers(0, 3, beams)).astype(np.uint8)  # past 255 and on from 0
     scores, where = lists.shortlist(laid_out(codes), places, chosen, scan, CAP, keep)
-    expected = naive.shortlist(codes, chosen, scan, CAP, keep)
+    expected = oracles.matching.shortlist(codes, chosen, scan, CAP, keep)
     assert scores.tolist() == [score for score, _ in expected]
     last = scores[-1]
     sure = scores < last  # of equal ones at the end any may be kept
@@ -58,7 +58,7 @@ def test_ranges_are_those_of_plain_loops():
     )
     ranges = np.empty((12, 7))
     lists.ranges_from(empty_squares(stops), 0.2, poses, lidar, ranges)
-    expected = naive.ranges_from(stops, 0.2, poses, lidar)
+    expected = oracles.matching.ranges_from(stops, 0.2, poses, lidar)
     inside = expected > 0.2
     np.testing.assert_allclose(ranges[inside], expected[inside], atol=1e-6)
     assert np.isfinite(ranges).any()
@@ -95,7 +95,7 @@ class Table:
 def test_losses_are_those_of_plain_loops(seed):
     table = Table(seed)
     for x, y, heading in np.random.default_rng(seed).uniform(-3, 20, (20, 3)):
-        expected = naive.loss_at(table.values, table.margin, table.ends, x, y, heading)
+        expected = oracles.matching.loss_at(table.values, table.margin, table.ends, x, y, heading)
         # Ends are rounded down to 1/256 of a cell, and losses differ by up to 140 between cells.
         assert table.loss(x, y, heading) == pytest.approx(expected, abs=11 * 140 * 2 / 256)
 
@@ -115,7 +115,9 @@ def test_refinement_is_that_of_plain_loops(seed):
     pose = np.array([8.2, 9.4, 0.3 * seed])
     steps, start = table.tables.steps[0], pose.copy()
     best = losses.refine(table.tables, 0, table.ends, 6.0, pose)
-    expected, least = naive.refine(table.loss, table.fits, start, steps, 6.0, losses.ROUNDS)
+    expected, least = oracles.matching.refine(
+        table.loss, table.fits, start, steps, 6.0, losses.ROUNDS
+    )
     assert best == least
     assert pose.tolist() == expected
     assert best < table.loss(*start)
@@ -127,7 +129,9 @@ def test_polishing_is_that_of_plain_loops(seed):
     pose = np.array([9.2, 8.4, 0.3 * seed])
     steps, start = table.tables.steps[0], pose.copy()
     best = losses.polish(table.tables, table.ends, 6.0, pose)
-    expected, least = naive.polish(table.loss, table.fits, start, steps, 6.0, losses.ROUNDS)
+    expected, least = oracles.matching.polish(
+        table.loss, table.fits, start, steps, 6.0, losses.ROUNDS
+    )
     assert best == least
     assert pose.tolist() == expected
     assert best < table.loss(*start)
@@ -138,7 +142,7 @@ def test_alike_poses_are_dropped():
     poses = np.column_stack([random.uniform(0, 6, (60, 2)), random.uniform(-9, 9, 60)])
     order = random.permutation(60)
     kept = losses.unlike(poses, order, 1.5, 0.8)
-    assert kept.tolist() == naive.unlike(poses, order, 1.5, 0.8)
+    assert kept.tolist() == oracles.matching.unlike(poses, order, 1.5, 0.8)
     assert 1 < len(kept) < 60
 
 
@@ -191,7 +195,9 @@ def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
 
     rows, cols = grid.shape
     box = [(0.0, cols), (0.0, rows), (-math.pi, math.pi)]
-    where, expected = naive.best_pose(bound, loss, fits, box, (1.0, 1.0, math.radians(3.0)))
+    where, expected = oracles.matching.best_pose(
+        bound, loss, fits, box, (1.0, 1.0, math.radians(3.0))
+    )
     assert where is not None
     exact = loss(*where) * database.matching.nats_a_loss / losses.TOP
     assert exact < 15  # beyond, modes need not be found

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.rooms import GAP_CELLS, LIDAR, ROOM_CELLS, join_rooms, room_cells, two_rooms
 
 from locplan import LocplanError
@@ -77,7 +77,7 @@ def test_losses_in_strips_are_those_of_the_whole_map(monkeypatch, band, settings
     grid = OccupancyGrid(cells.astype(np.uint8), 0.05)
     matching = Matching(lidar=LIDAR, **settings)
     made = make_database(grid, matching).tables
-    expected = naive.loss_tables(
+    expected = oracles.matching.loss_tables(
         grid.cells == OCCUPIED, 0.05, matching.sigmas(0.05), matching.z_rand, made.margin
     )
     np.testing.assert_array_equal(made.corners.reshape(expected.shape), expected)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.machine import SHARED_DATA
 from support.small_drive import FILE, MAP
 
@@ -60,7 +60,7 @@ def test_scans_are_counted_like_by_plain_loops(seed):
     for margin in (0.0, 2.0):
         for stops in (np.zeros((20, 22), bool), random.random((20, 22)) < 0.05):
             counts = count_scans(stops, origins, ends, margin)
-            assert np.array_equal(counts, naive.count_scans(stops, origins, ends, margin))
+            assert np.array_equal(counts, oracles.lines.count_scans(stops, origins, ends, margin))
 
 
 def test_missing_walls_lie_at_true_ones(office, drive):

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.maps import random_rooms
 from support.recordings import LIDAR, simulate_recording
 
@@ -66,7 +66,7 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
     here = Simulator(room, robot)
     truth = np.array([[1.0 + n / 25, 1.1 + 0.05 * math.sin(n), 0.1 * n] for n in range(20)])
     log: list = []
-    expected = naive.drive(
+    expected = oracles.particles.drive(
         np.random.default_rng(6),
         truth,
         cells,
@@ -86,7 +86,7 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
     kernel = (own.scores, own.start, own.filter, poses, covariances)
     drives.replay(np.random.default_rng(7), truth[0], reported, ends, *kernel)
     errors = poses - truth
-    errors[:, 2] = naive.wrapped(errors[:, 2])
+    errors[:, 2] = oracles.particles.wrapped(errors[:, 2])
     assert errors == pytest.approx(expected, abs=1e-9)
     resampled = updates[interval - 1 :: interval]
     assert np.flatnonzero(np.isfinite(covariances[:, 0, 0])).tolist() == [n for n, *_ in resampled]

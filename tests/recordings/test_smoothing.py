@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.machine import SHARED_DATA
 
 import locplan
@@ -63,7 +63,7 @@ def test_the_density_of_a_move_is_that_of_its_parts(scale):
     for _ in range(50):
         error = random.standard_normal(3) * scale * (0.2, 0.2, 0.1)
         deviation = random.uniform(0.02, 0.2, 3)
-        expected = naive.density_of(error, deviation, 1e-15)
+        expected = oracles.trajectories.density_of(error, deviation, 1e-15)
         assert kernels.density_of(error, deviation, 1e-15) == pytest.approx(expected, rel=1e-3)
     assert kernels.density_of(np.array([20.0, 0, 0]), deviation, 1e-15) == 1e-15
 
@@ -92,7 +92,7 @@ def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope()
         def fit(at):
             return least_squares.fit_of(field, beams, ends, at, matrix, vector)
 
-        expected = naive.fit_of(walls, 0.1, 0.1, 0.1, ends, pose)
+        expected = oracles.trajectories.fit_of(walls, 0.1, 0.1, 0.1, ends, pose)
         assert fit(pose) == pytest.approx(expected, abs=1e-5)
         slope = vector.copy()
         steps = 1e-4 * np.eye(3)
@@ -109,7 +109,9 @@ def test_the_best_way_is_the_likeliest_of_all():
         gains, moves = random.uniform(-9, 0, (3, 5)), random.uniform(-1, 1, (5, 3))
         deviations = random.uniform(0.1, 0.6, (5, 3))
         way = kernels.best_way(candidates, gains, moves, deviations, 1e-9)
-        assert tuple(way) == naive.best_way(candidates, gains, moves, deviations, 1e-9)
+        assert tuple(way) == oracles.trajectories.best_way(
+            candidates, gains, moves, deviations, 1e-9
+        )
 
 
 def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
@@ -125,7 +127,7 @@ def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
     vector, step = random.standard_normal((6, 3)), np.empty((6, 3))
     equations = least_squares.Equations(diagonal, beside, vector)
     least_squares.solve_blocks(equations, 0.0, step)
-    whole = naive.whole_matrix(diagonal, beside)
+    whole = oracles.trajectories.whole_matrix(diagonal, beside)
     assert step.ravel() == pytest.approx(-np.linalg.solve(whole, vector.ravel()))
     own, across = np.empty((6, 3, 3)), np.empty((6, 3, 3))
     least_squares.covariances_of(equations, own, across)
@@ -223,7 +225,7 @@ def test_samples_backwards_are_those_of_plain_loops():
     moves, deviations = random.normal(0.0, 0.2, (4, 3)), random.uniform(0.05, 0.3, (4, 3))
     samples, seed = np.empty((10, 4, 3)), 11
     kernels.sample_backwards(np.random.default_rng(seed), clouds, moves, deviations, 1e-15, samples)
-    expected = naive.sample_backwards(
+    expected = oracles.trajectories.sample_backwards(
         np.random.default_rng(seed), clouds.astype(float), moves, deviations, 1e-15, 10
     )
     assert np.array_equal(samples, expected)

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.cases import sample_cases
 
 from locplan import Footprint, Lidar, OccupancyGrid, Path, Robot
@@ -98,7 +98,7 @@ def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
     way = np.column_stack([even.xy, gears])
     first = (*even.xy[0], math.atan2(*(even.xy[6] - even.xy[0])[::-1]))
     stops = grid.cells == OCCUPIED
-    truth = naive.follow(
+    truth = oracles.closed_loop.follow(
         random_of(3, CLOSED, route_key(path), 0),
         *(way.tolist(), stops, 0.1, robot, discs, first, 1000),
     )

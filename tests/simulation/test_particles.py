@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from support import oracles as naive
+from support import oracles
 from support.maps import random_rooms
 
 from locplan._support.kernels import drives, lidar as lidars, particles
@@ -47,7 +47,9 @@ def test_weights_are_those_of_the_formula(model, half_cell):
     ends = random.uniform(-12, 12, (9, 2))
     ends[4] = np.nan
     weights = random.uniform(0.1, 1.0, 40)
-    expected = naive.weigh(grid.cells, RESOLUTION, ends, poses, weights, amcl, SMALL.range)
+    expected = oracles.particles.weigh(
+        grid.cells, RESOLUTION, ends, poses, weights, amcl, SMALL.range
+    )
     particles.weigh(simulator(grid, amcl).arguments.scores, ends, poses, 40, weights)
     assert weights == pytest.approx(expected, rel=2e-6)
 
@@ -69,7 +71,7 @@ def test_particles_move_like_the_plain_formula(dx, dy, turn, model):
     poses = cloud(np.random.default_rng(2), 30)
     alphas = {f"alpha{n}": n / 10 for n in range(1, 6)}
     amcl = Amcl(**alphas, robot_model_type=model)
-    expected = naive.move(np.random.default_rng(5), poses, dx, dy, turn, 0.3, amcl)
+    expected = oracles.particles.move(np.random.default_rng(5), poses, dx, dy, turn, 0.3, amcl)
     settings = simulator(room(), amcl).arguments.filter
     particles.move(np.random.default_rng(5), poses, 30, dx, dy, turn, 0.3, settings)
     assert poses == pytest.approx(expected, abs=1e-12)
@@ -92,9 +94,9 @@ def test_clusters_are_those_of_touching_bins(count):
     histogram, bins = particles.make_histogram(count), 0
     for n in range(count):
         bins = particles.insert(histogram, bins, n, *poses[:, n])
-    assert bins == len(set(naive.bins_of(poses)))
+    assert bins == len(set(oracles.particles.bins_of(poses)))
     found = particles.heaviest_cluster_mean(histogram, bins, poses, count)
-    assert found == pytest.approx(naive.heaviest_cluster_mean(poses), abs=1e-12)
+    assert found == pytest.approx(oracles.particles.heaviest_cluster_mean(poses), abs=1e-12)
     particles.clear(histogram, bins)
     assert (histogram.bin_of == particles.FREE).all()
 
@@ -103,7 +105,9 @@ def test_kld_sampling_wants_what_amcl_wants():
     amcl = Amcl(min_particles=20, max_particles=500)
     settings = simulator(room(), amcl).arguments.filter
     for bins in range(200):
-        assert particles.kld_sample_size(bins, settings) == naive.kld_sample_size(bins, amcl)
+        assert particles.kld_sample_size(bins, settings) == oracles.particles.kld_sample_size(
+            bins, amcl
+        )
     # AMCL's own quirk: a single bin asks for all.
     assert particles.kld_sample_size(1, settings) == 500
 
@@ -120,7 +124,7 @@ def test_resampling_draws_the_same_particles(limits, lost):
     weights[:count] /= weights[:count].sum()
     free = np.argwhere(grid.free).tolist(), grid.resolution
     given = poses[:, :count], weights[:count], amcl, lost, *free
-    expected = naive.resample(np.random.default_rng(8), *given)
+    expected = oracles.particles.resample(np.random.default_rng(8), *given)
     drawn = np.empty_like(poses)
     histogram, bins = particles.make_histogram(limits[1]), 0
     for n in range(count):
@@ -148,7 +152,7 @@ def test_random_particles_are_added_where_weights_have_fallen():
     shares = []
     for weight in (0.8, 0.9, 0.0, 0.2, 0.1, 0.1, 2.0):
         shares.append(drives.lost_share(found, weight, settings))
-        assert shares[-1] == pytest.approx(naive.lost_share(plain, weight, amcl))
+        assert shares[-1] == pytest.approx(oracles.particles.lost_share(plain, weight, amcl))
         assert found == pytest.approx(plain)
     assert shares[0] == shares[1] == shares[-1] == 0
     assert 0 < shares[3] < shares[4] < shares[5] < 1
@@ -192,7 +196,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
         random = np.random.default_rng(seed)
         lidar, of_beams = here.arguments.lidar, here.arguments.disturbances
         lidars.measured_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
-        expected = naive.measured_ends(
+        expected = oracles.particles.measured_ends(
             np.random.default_rng(seed),
             grid.cells,
             RESOLUTION,
@@ -234,7 +238,7 @@ def test_odometry_drifts_like_the_plain_formula():
     )
     told = drives.odometry_along(np.random.default_rng(3), truth, here.arguments.odometry)
     assert told == pytest.approx(
-        naive.odometry_along(np.random.default_rng(3), truth, here.robot.odometry)
+        oracles.particles.odometry_along(np.random.default_rng(3), truth, here.robot.odometry)
     )
 
 
@@ -285,7 +289,7 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
     truth = np.column_stack([x, 1.2 + 0.1 * np.sin(4 * x), 0.8 * (x - 0.9)])
     robot = Robot(SMALL, filter=amcl, disturbances=Disturbances(occlusion=0.5))
     here = Simulator(grid, robot)
-    expected = naive.drive(
+    expected = oracles.particles.drive(
         np.random.default_rng(6),
         truth,
         grid.cells,

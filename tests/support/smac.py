@@ -10,7 +10,7 @@ import yaml
 from locplan.export import nav2_keepout
 from locplan.export.masks import mask_density
 from locplan.planning import Costmap, Path, path_metrics, plan
-from support import ros_readers as stacks
+from support import ros_readers
 
 STACKS = ("main", "humble", "ros1")
 
@@ -18,17 +18,17 @@ STACKS = ("main", "humble", "ros1")
 def make_master_costs(costs):
     """What a costmap holds before the mask: walls, unknown space, and the robot's radius."""
     levels = np.select([costs.grid.free, costs.grid.cells == 0], [0, 100], -1).astype(np.int8)
-    master = stacks.static_layer(levels, "main", track_unknown_space=True)
+    master = ros_readers.static_layer(levels, "main", track_unknown_space=True)
     near = costs.grid.free & (costs.grid.clearance < costs.robot_radius - 1e-9)
-    master[near] = stacks.INSCRIBED
+    master[near] = ros_readers.INSCRIBED
     return master
 
 
 def apply_mask(folder, costs, stack="main"):
-    mask = stacks.load(folder / "mask.yaml", stack)
+    mask = ros_readers.load(folder / "mask.yaml", stack)
     assert mask.origin[:2] == costs.grid.origin[:2]
     x, y, _ = costs.grid.origin
-    return stacks.keepout(make_master_costs(costs), mask, mask.resolution, (x, y))
+    return ros_readers.keepout(make_master_costs(costs), mask, mask.resolution, (x, y))
 
 
 def make_roomy(costs):
@@ -42,9 +42,9 @@ def plan_by_smac(folder, costs, start, goal):
     parameters = yaml.safe_load((folder / "nav2.yaml").read_text())
     own = parameters["planner_server"]["ros__parameters"]["GridBased"]
     master = apply_mask(folder, costs)
-    cells, _ = stacks.grid_path(
-        stacks.smac2d_multiplier(master, own["cost_travel_multiplier"]),
-        stacks.smac_blocked(master, own["allow_unknown"]),
+    cells, _ = ros_readers.grid_path(
+        ros_readers.smac2d_multiplier(master, own["cost_travel_multiplier"]),
+        ros_readers.smac_blocked(master, own["allow_unknown"]),
         costs.cell_of(start),
         costs.cell_of(goal),
     )
