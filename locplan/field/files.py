@@ -199,8 +199,7 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
         raise FieldError(
             f"a field of estimator {shown(estimator.name)} could not be read again; give the class"
             " a name of its own and settings fit for JSON, and register it:"
-            f" locplan.field.ESTIMATORS[{estimator.name!r}] ="
-            f" {f'{kind.__module__}:{kind.__qualname__}'!r}"
+            f" locplan.field.ESTIMATORS[{estimator.name!r}] = {kind.__qualname__}"
         )
     for name, shape in tiles.field_shapes(grid, config).items():
         if name not in values or values[name].shape != shape:

@@ -102,7 +102,7 @@ def test_every_failure_costs_one_run(capfd):
     assert "says it has solved" in notes["boast"]
     assert "cannot be" in notes["trespass"]
     assert "does not lead" in notes["stray"]
-    assert "must return a locplan.Plan" in notes["print_something"]
+    assert "must return a locplan.Path" in notes["print_something"]
     assert [done for done, _ in ticks] == list(range(len(runs) + 1))
     assert all(run.xy == () and run.measures == {} for run in runs if run.status != "solved")
     assert capfd.readouterr().out == ""

@@ -243,7 +243,7 @@ def saved(tmp_path, field: locplan.CovarianceField) -> locplan.CovarianceField:
 
 @pytest.fixture
 def sound(grid, monkeypatch) -> locplan.CovarianceField:
-    monkeypatch.setitem(ESTIMATORS, "own", f"{__name__}:Own")
+    monkeypatch.setitem(ESTIMATORS, "own", Own)
     return locplan.covariance_field(grid, FieldConfig(Own(), stride=0.5))
 
 
@@ -279,7 +279,7 @@ def test_a_field_whose_estimator_could_not_be_made_again_is_not_saved(
     with pytest.raises(FieldError, match="field of estimator 'sad' could not be read again; give"):
         namesake.save(tmp_path / "f.npz")
     monkeypatch.delitem(ESTIMATORS, "own")
-    with pytest.raises(FieldError, match=r"ESTIMATORS\['own'\] = 'test_contract:Own'"):
+    with pytest.raises(FieldError, match=r"ESTIMATORS\['own'\] = Own"):
         sound.save(tmp_path / "f.npz")
     assert not list(tmp_path.iterdir())
 

@@ -59,7 +59,7 @@ def grid() -> locplan.OccupancyGrid:
 
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch):
-    monkeypatch.setitem(ESTIMATORS, FromTheRight.name, f"{__name__}:FromTheRight")
+    monkeypatch.setitem(ESTIMATORS, FromTheRight.name, FromTheRight)
 
 
 def test_a_field_of_an_estimator_of_ones_own_is_planned_on(grid):
