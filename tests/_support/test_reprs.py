@@ -14,6 +14,7 @@ import locplan
 from locplan import Costmap, CovarianceField, Path
 from locplan.advice.tuning import tune_on_drive
 from locplan.errors import ConfigError, LocplanError, PoseError
+from locplan.field.figures import field_figure
 from locplan.maps import environments
 from locplan.planning import Found, Plan
 from locplan.recordings import Recording, fit_to_map, record_drive, replay
@@ -97,7 +98,7 @@ def test_a_plan_without_a_path_says_why(grid):
 
 def test_notebooks_show_pictures(grid, field, costs, plan):
     front = locplan.pareto_front(costs, *ENDS, max_labels=200_000)
-    for each in (grid, field, costs, plan, front, locplan.field.figures.field_figure(field)):
+    for each in (grid, field, costs, plan, front, field_figure(field)):
         image = Image.open(io.BytesIO(each._repr_png_()))
         assert image.format == "PNG"
         assert min(image.size) > 100

@@ -14,6 +14,7 @@ import locplan
 from locplan.errors import ConfigError
 from locplan.field import ESTIMATORS, Estimator, FieldConfig, OffsetLattice, SearchWindow
 from locplan.field.estimator import Layer, MapPart
+from locplan.field.figures import field_figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,7 @@ def test_it_is_cached_saved_and_drawn_like_any_other(grid, tmp_path):
     np.testing.assert_array_equal(again.layers["column"], field.layers["column"])
     field.save(tmp_path / "field.npz")
     assert locplan.CovarianceField.load(tmp_path / "field.npz").config == config
-    figure = locplan.field.figures.field_figure(field, "column")
+    figure = field_figure(field, "column")
     assert "from-the-right, slope 0.05" in figure.axes[0].get_title()
     assert figure.axes[1].get_ylabel() == "column of the cell [cells]"
 
