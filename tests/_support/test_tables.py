@@ -10,6 +10,7 @@ from importlib import import_module
 import pytest
 
 import locplan
+from locplan._support import public
 from locplan._support.intervals import Interval
 from locplan._support.output import Results
 from locplan._support.records import Column, Result, Table
@@ -144,7 +145,7 @@ def test_outlines_are_closed_and_have_the_values(tmp_path):
 
 
 def test_a_frame_needs_pandas(monkeypatch):
-    monkeypatch.setattr("locplan._support.public.find_spec", lambda name: None)
+    monkeypatch.setattr(public, "find_spec", lambda name: None)
     with pytest.raises(LocplanError, match=r"a data frame needs pandas: .*locplan\[tables\]"):
         TABLE.to_frame()
 

@@ -17,6 +17,7 @@ from support.maps import ascii_map, corridor
 
 import locplan
 from locplan import LocplanError, Path, place_landmarks, save_map
+from locplan._support import checks
 from locplan._support.kernels.rays import cast, empty_squares
 from locplan.advice import Box, Pole, verify_landmarks
 from locplan.advice.figures import landmarks_figure
@@ -67,7 +68,7 @@ def placed(hallway):
 
 
 def test_poses_that_no_memory_holds_are_refused(hallway, monkeypatch):
-    monkeypatch.setattr("locplan._support.checks.usable_memory", lambda: 1000)
+    monkeypatch.setattr(checks, "usable_memory", lambda: 1000)
     with pytest.raises(ConfigError, match=r"poses with \d+ rays take .* take shorter routes"):
         place_landmarks(hallway, Pole(0.2), 3, robot=DRIVEN, paths=ROUTE)
 

@@ -17,6 +17,7 @@ from support.maps import ascii_map
 
 import locplan
 from locplan import CovarianceField, FieldConfig, Lidar, LocplanError, Scan, load_map, save_map
+from locplan._support import public
 from locplan.app.cli.application import COMMANDS
 from locplan.field import save_config
 from locplan.maps import environments
@@ -466,7 +467,7 @@ def test_wrong_function_of_file_is_one_line(run, room, my_planner, name, message
 
 
 def test_compare_names_missing_cloudpickle(run, room, tmp_path, my_planner, monkeypatch):
-    monkeypatch.setattr("locplan._support.public.find_spec", lambda name: None)
+    monkeypatch.setattr(public, "find_spec", lambda name: None)
     words = "--planner", f"{my_planner}:mine", "-o", tmp_path / "out"
     message = "one of your own, needs cloudpickle: pip install 'locplan[functions]'"
     assert message in check_refusal(run("compare", room, *words))

@@ -19,6 +19,7 @@ from support.machine import TIMEOUT
 from support.maps import random_rooms
 
 import locplan
+from locplan._support import public
 from locplan.app.explorer.explorer import Explorer
 from locplan.errors import LocplanError
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -124,8 +125,7 @@ def test_wrong_options_are_refused_in_one_line(run, map_file, arguments, fault):
 
 
 def test_without_the_extra_one_line_tells_what_to_install(run, map_file, monkeypatch):
-    found = "locplan._support.public.find_spec"
-    monkeypatch.setattr(found, lambda name: None if name == "uvicorn" else True)
+    monkeypatch.setattr(public, "find_spec", lambda name: None if name == "uvicorn" else True)
     err = check_refusal(run("explore", map_file, *ARGUMENTS))
     assert "the explorer needs uvicorn: pip install 'locplan[explore]'" in err
     with pytest.raises(LocplanError, match=r"locplan\[explore\]"):

@@ -21,6 +21,7 @@ from support.machine import TIMEOUT
 from support.maps import ascii_map, random_rooms
 
 import locplan
+from locplan._support.kernels import search
 from locplan.app.explorer.scene import Limits, Opening
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig
@@ -200,7 +201,7 @@ def test_after_a_drag_no_map_is_searched(session, held, monkeypatch):
     session.kept.forget()
     planned(session, stops, 4.0, held=held)
     begun = []
-    monkeypatch.setattr("locplan._support.kernels.search.search", lambda *_, **__: begun.append(1))
+    monkeypatch.setattr(search, "search", lambda *_, **__: begun.append(1))
     stops[held] = elsewhere
     found = planned(session, stops, 4.0)
     assert begun == []
@@ -235,7 +236,7 @@ def test_idle_ends_where_one_of_its_searches_is_ended(session, monkeypatch):
 
     start, goal = free_places(session, 2, seed=9)
     session.kept.forget()
-    monkeypatch.setattr("locplan._support.kernels.search.search", ended)
+    monkeypatch.setattr(search, "search", ended)
     with pytest.raises(Interrupted):
         answer(session, "idle", start=start, goal=goal, weight=4.0)
 
@@ -710,7 +711,7 @@ def test_released_plans_end_within_their_searches(session, monkeypatch):
     start, goal = min(places), max(places)
 
     def looks(stretch, most):
-        monkeypatch.setattr("locplan._support.kernels.search.STRETCH", stretch)
+        monkeypatch.setattr(search, "STRETCH", stretch)
         session.kept.forget(lambda key: key[0] == "halved")
         left = itertools.count(1)
 

@@ -1,6 +1,7 @@
 """The command line starts, reads and ends without work that nobody needs."""
 
 import gc
+import runpy
 import subprocess
 import sys
 import threading
@@ -9,7 +10,6 @@ from types import SimpleNamespace
 import pytest
 from support.maps import ascii_map
 
-from locplan import __main__ as program
 from locplan._support import progress
 from locplan.app import cli
 from locplan.field import FieldConfig, Sad, load_or_compute
@@ -46,7 +46,7 @@ def test_the_search_for_garbage_ends_with_the_program(monkeypatch, ompl):
     monkeypatch.delitem(sys.modules, "ompl", raising=False)
     if ompl:
         monkeypatch.setitem(sys.modules, "ompl", cli)  # its bindings would report leaks
-    program.work()
+    runpy.run_module("locplan", run_name="program")["work"]()
     assert done == ["set_threshold", "work", *([] if ompl else ["disable", "freeze"])]
 
 

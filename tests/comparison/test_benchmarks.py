@@ -9,12 +9,12 @@ import subprocess
 import sys
 from contextlib import closing
 from datetime import datetime
+from importlib.metadata import version
 from typing import get_args, get_type_hints
 
 import pytest
 from support.comparison_runs import failed_run, fake_runs, solved_run
 
-from locplan import __version__
 from locplan.comparison.benchmarks import write_ompl_logs
 from locplan.comparison.statistics import STATUSES, Task
 from locplan.errors import LocplanError
@@ -54,7 +54,7 @@ def test_every_run_is_in_the_database(tmp_path):
                 2.0,
                 None,
                 3,
-                f"locplan {__version__}",
+                f"locplan {version('locplan')}",
                 "2025-03-04 05:06:07",
             )
             for name in ("office", "rooms")

@@ -320,9 +320,12 @@ def test_journal_refuses_other_settings(tmp_path, changes, names):
 
 
 @pytest.mark.usefixtures("inline_workers")
-def test_journal_refuses_other_versions(tmp_path, monkeypatch):
+def test_journal_refuses_other_versions(tmp_path):
     run_comparison("grid", journal=tmp_path / "r")
-    monkeypatch.setattr("locplan.comparison.settings.__version__", "99")
+    head, *runs = (tmp_path / "r").read_text().splitlines()
+    settings = json.loads(head)
+    settings["versions"]["locplan"] = "99"
+    (tmp_path / "r").write_text("\n".join([json.dumps(settings), *runs, ""]))
     with pytest.raises(LocplanError, match=r"other settings \(versions\)"):
         run_comparison("grid", journal=tmp_path / "r")
 

@@ -16,6 +16,7 @@ from support.command_line import check_refusal
 from support.hostile_files import GRID, OPEN, RUN, SMALL, cache_files, make_field
 from support.maps import ascii_map
 
+from locplan._support import reading
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.comparison.journal import Journal
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
@@ -465,7 +466,7 @@ def test_logs_and_what_is_kept_of_them_are_bounded(tmp_path, monkeypatch, name):
     assert len(read_recording(tmp_path / name, every=3)) == 3
     with pytest.raises(LocplanError, match=r"over 4 scans of . beams take too much.*every="):
         read_recording(tmp_path / name)
-    monkeypatch.setattr("locplan._support.reading.MAX_LINES", 8)
+    monkeypatch.setattr(reading, "MAX_LINES", 8)
     with pytest.raises(LocplanError, match=r"goes on beyond 8 lines, or .* MB; split it"):
         read_recording(tmp_path / name, every=9)
 

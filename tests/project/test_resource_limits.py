@@ -11,6 +11,7 @@ from support.maps import ascii_map
 import locplan
 from locplan import FieldConfig, LocplanError, Path, Sad, Scan, compare, covariance_field, save_map
 from locplan._support import checks
+from locplan._support.kernels import drives
 from locplan.advice.tuning import tune
 from locplan.comparison import Execution, RandomQueries
 from locplan.comparison.journal import Journal
@@ -35,7 +36,7 @@ def no_work(monkeypatch):
         raise AssertionError("the work has begun")
 
     monkeypatch.setattr("locplan.field.Sad.covariances", work)
-    monkeypatch.setattr("locplan._support.kernels.drives.drive", work)
+    monkeypatch.setattr(drives, "drive", work)
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def test_a_field_that_does_not_fit_into_memory_is_refused(no_work, small_machine
 
 def test_drives_that_do_not_fit_into_memory_are_refused(no_work, monkeypatch):
     simulator, path = Simulator(GRID), Path(np.array([[1.5, 2.5], [8.5, 2.5]]))
-    monkeypatch.setattr("locplan._support.checks.usable_memory", lambda: 10**6)
+    monkeypatch.setattr(checks, "usable_memory", lambda: 10**6)
     with pytest.raises(ConfigError, match=r"1000000 drives of 1 paths take .* drive fewer"):
         drive_open(simulator, {"path": path}, range(10**6))
 

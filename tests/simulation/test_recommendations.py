@@ -149,12 +149,14 @@ def test_at_most_some_tasks_are_at_the_executor_at_once(costs, monkeypatch):
     assert most == [1, 1]
 
 
-def test_workers_with_another_locplan_are_refused(costs, monkeypatch):
-    monkeypatch.setattr(module, "__version__", "99.0")
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        monkeypatch.setattr("locplan.__version__", "99.0")
-        with pytest.raises(ConfigError, match=r"'far': a worker has locplan .*, not 99\.0"):
-            choose_many(costs, QUERIES[:1], executor=executor, **QUICK)
+def test_workers_with_another_locplan_are_refused(costs):
+    class Newer(ThreadPoolExecutor):
+        def submit(self, call, version, *arguments):
+            return super().submit(call, "99.0", *arguments)
+
+    refusal = pytest.raises(ConfigError, match=r"'far': a worker has locplan .*, not 99\.0")
+    with Newer(1) as executor, refusal:
+        choose_many(costs, QUERIES[:1], executor=executor, **QUICK)
 
 
 def test_an_executor_that_fails_is_one_line(costs):
