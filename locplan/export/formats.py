@@ -8,7 +8,16 @@ from typing import Literal
 
 from locplan._support.checks import number
 from locplan.errors import ConfigError
-from locplan.export.registry import ExportJob, ExportSummary, Format, InDistro, InFrame, NoOptions
+from locplan.export.registry import (
+    LEAD,
+    SLOWEST,
+    ExportJob,
+    ExportSummary,
+    Format,
+    InDistro,
+    InFrame,
+    NoOptions,
+)
 from locplan.robots.parameters import read_parameters
 
 NavPlannerName = Literal["smac2d", "smac-hybrid", "navfn", "thetastar"]
@@ -58,8 +67,8 @@ class ChargedOptions(MaskOptions, Nav2Options):
 class SpeedOptions(Nav2Options):
     """The options of a speed mask."""
 
-    slowest: float = 0.3
-    """Share of the speed that is left where u is 1; 0.3 by default."""
+    slowest: float = SLOWEST
+    """Share of the speed that is left where u is 1."""
     speed_lead: float | None = None
     """Distance before a place at which its speed holds already, in metres; 1 s of driving by
     default, for Nav2's limits come as late."""
@@ -95,7 +104,7 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     own = dict(vars(options))
     lead = own.pop("speed_lead")
     if lead is None:  # of 1 s
-        lead = job.robot.kinematics.speed if job.robot else 0.5
+        lead = job.robot.kinematics.speed if job.robot else LEAD
     least = nav2_speed(target, job.costs, lead=lead, force=job.force, **own)
     row = "in the most degenerate place", f"{least} % of the robot's speed"
     values = {"slowest": options.slowest, "lead": lead, "min_percent": least}

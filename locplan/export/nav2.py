@@ -40,7 +40,7 @@ from locplan.export.planned_paths import (
     narrow_places,
     steeper_inflation,
 )
-from locplan.export.registry import export_folder
+from locplan.export.registry import DISTRO, LEAD, SLOWEST, export_folder
 from locplan.export.servers import Server, write_servers
 from locplan.export.values import speed_mask, without_yaw, write_values
 from locplan.planning.costmap import Costmap, about_costs
@@ -58,7 +58,7 @@ def nav2_keepout(
     *,
     planner: str | None = None,
     planner_param: float | None = None,
-    distro: str = "jazzy",
+    distro: str = DISTRO,
     params: Params = None,
     tree: str | Path | None = None,
     paths: Mapping[str, Route] | None = None,
@@ -158,9 +158,9 @@ def nav2_speed(
     folder: str | Path,
     costs: Costmap,
     *,
-    slowest: float = 0.3,
-    lead: float = 0.5,
-    distro: str = "jazzy",
+    slowest: float = SLOWEST,
+    lead: float = LEAD,
+    distro: str = DISTRO,
     params: Params = None,
     force: bool = False,
 ) -> int:

@@ -12,6 +12,7 @@ from locplan import __version__
 from locplan._support.files import check_target
 from locplan._support.output import replacing
 from locplan._support.tables import write_csv
+from locplan.export.registry import FRAME
 from locplan.field.field import CovarianceField
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -20,7 +21,7 @@ PATH_SUFFIXES = ".csv", ".json", ".geojson", ".yaml"
 
 
 def path(
-    path: str | os.PathLike[str], route: Path, *, frame: str = "map", step: float | None = None
+    path: str | os.PathLike[str], route: Path, *, frame: str = FRAME, step: float | None = None
 ) -> None:
     """Write a path; the suffix chooses the format.
 

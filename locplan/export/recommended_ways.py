@@ -14,7 +14,7 @@ from locplan._support.records import Column, Table
 from locplan.errors import ConfigError
 from locplan.export.joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
 from locplan.export.parameters import Params, Robot
-from locplan.export.registry import ExportSummary, export_folder
+from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import (
     FINENESS,
     SCORERS,
@@ -145,8 +145,8 @@ def nav2_routes(
     costs: Costmap,
     paths: Mapping[str, Path],
     *,
-    frame: str = "map",
-    distro: str = "jazzy",
+    frame: str = FRAME,
+    distro: str = DISTRO,
     params: Params = None,
     force: bool = False,
 ) -> RecommendedWays:

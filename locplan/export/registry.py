@@ -26,6 +26,14 @@ ABOUT = "export.json"
 """The file of a folder that says what it was made of."""
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
 """A distribution of ROS 2."""
+DISTRO: Distro = "jazzy"
+"""The distribution by default."""
+FRAME = "map"
+"""The frame of the coordinates by default."""
+SLOWEST = 0.3
+"""Share of the speed that a speed mask leaves where u is 1, by default."""
+LEAD = 0.5
+"""Distance before a place at which its speed limit begins, by default [m]."""
 
 
 @dataclass(frozen=True)
@@ -127,16 +135,16 @@ class NoOptions:
 class InFrame(NoOptions):
     """The frame of what is written."""
 
-    frame: str = "map"
-    """Frame of the coordinates; map by default."""
+    frame: str = FRAME
+    """Frame of the coordinates."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InDistro(NoOptions):
     """The robot's distribution of ROS 2."""
 
-    distro: Distro = "jazzy"
-    """Distribution of ROS 2; jazzy by default."""
+    distro: Distro = DISTRO
+    """Distribution of ROS 2."""
 
 
 @dataclass(frozen=True)

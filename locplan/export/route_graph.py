@@ -15,6 +15,7 @@ from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.tables import collection, feature, write_geojson
 from locplan.errors import ConfigError
 from locplan.export.parameters import Robot, parameter_files
+from locplan.export.registry import FRAME
 from locplan.export.servers import Server, write_servers
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
@@ -104,7 +105,7 @@ SCORERS: Mapping[str, Any] = {
 """Parameters of the route server that make the cost of an edge of `to_geojson` J."""
 
 
-def to_geojson(graph: RouteGraph, frame: str = "map") -> dict[str, Any]:
+def to_geojson(graph: RouteGraph, frame: str = FRAME) -> dict[str, Any]:
     """A route graph as Nav2's route server reads it.
 
     DistanceScorer and PenaltyScorer with their own defaults add up to J; so do DistanceScorer and

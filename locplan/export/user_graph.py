@@ -17,7 +17,7 @@ from locplan._support.reading import MAX_JSON_BYTES, parsed_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.export.joined_ways import Lines
 from locplan.export.parameters import Params, Robot
-from locplan.export.registry import ExportSummary, export_folder
+from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
 from locplan.export.values import without_yaw
 from locplan.maps.grid import extent_text
@@ -49,7 +49,7 @@ class UserGraph:
     """Indices of the nodes where each edge starts and ends, (m, 2)."""
 
     @classmethod
-    def read(cls, file: str | Path, frame: str = "map") -> UserGraph:
+    def read(cls, file: str | Path, frame: str = FRAME) -> UserGraph:
         """Read a graph from a GeoJSON file; a LocplanError names the file, the fault and a remedy.
 
         Parameters
@@ -67,7 +67,7 @@ class UserGraph:
             raise LocplanError(f"{path}: {fault}") from None
 
     @classmethod
-    def of(cls, document: object, frame: str = "map") -> UserGraph:
+    def of(cls, document: object, frame: str = FRAME) -> UserGraph:
         """Return a graph from a FeatureCollection; a ConfigError if it is no route graph."""
         features = document.get("features") if isinstance(document, dict) else None
         if (
@@ -113,7 +113,7 @@ class UserGraph:
 
 
 def annotate_graph(
-    costs: Costmap, graph: Mapping[str, Any], *, frame: str = "map", set_cost: bool = False
+    costs: Costmap, graph: Mapping[str, Any], *, frame: str = FRAME, set_cost: bool = False
 ) -> dict[str, Any]:
     """Return a route graph of Nav2 with J of each edge as ``metadata.localization`` [m].
 
@@ -200,8 +200,8 @@ def nav2_graph(
     costs: Costmap,
     graph: str | Path,
     *,
-    frame: str = "map",
-    distro: str = "jazzy",
+    frame: str = FRAME,
+    distro: str = DISTRO,
     params: Params = None,
     set_cost: bool = False,
     force: bool = False,

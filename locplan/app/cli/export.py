@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from cyclopts import Parameter
 
@@ -26,7 +26,8 @@ from locplan.app.cli.arguments import (
 )
 from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight
 from locplan.errors import ConfigError
-from locplan.export.registry import formats
+from locplan.export.formats import NavPlannerName
+from locplan.export.registry import DISTRO, FRAME, SLOWEST, Distro, formats
 
 if TYPE_CHECKING:
     from locplan.export.registry import ExportJob, Format
@@ -38,12 +39,19 @@ WITH_PATHS = [name for name, format in FORMATS.items() if format.paths != "none"
 FLAGS = {"set_cost": "set-cost", "planner": "nav2-planner"}
 """Options of the command line that have another name than the format's."""
 FormatName = Annotated[str, Parameter(metavar="FORMAT", choices=tuple(FORMATS), help="Format.")]
-NavPlanner = Annotated[
-    Literal["smac2d", "smac-hybrid", "navfn", "thetastar"] | None, Parameter(show_choices=False)
+NavPlanner = Annotated[NavPlannerName | None, Parameter(show_choices=False)]
+DistroName = Annotated[
+    Distro | None,
+    Parameter(
+        show_choices=False,
+        help=f"{', '.join(get_args(Distro)[:-1])} or {get_args(Distro)[-1]}. [default: {DISTRO}]",
+    ),
 ]
-Distro = Annotated[
-    Literal["humble", "jazzy", "kilted", "lyrical", "rolling"] | None, Parameter(show_choices=False)
+Slowest = Annotated[
+    float | None,
+    Parameter(help=f"Share of the speed that remains at u = 1. [default: {SLOWEST:g}]"),
 ]
+Frame = Annotated[str | None, Parameter(help=f"Frame of the coordinates. [default: {FRAME}]")]
 TreeFile = Annotated[Path | None, INPUT, Parameter(metavar="XML")]
 
 
@@ -63,10 +71,10 @@ def export(
     goal: Position = None,
     weight: Weight = None,
     nav2_planner: NavPlanner = None,
-    distro: Distro = None,
+    distro: DistroName = None,
     tree: TreeFile = None,
-    slowest: float | None = None,
-    frame: str | None = None,
+    slowest: Slowest = None,
+    frame: Frame = None,
     step: Annotated[float | None, Parameter(metavar="METRES")] = None,
     graph: InputFile = None,
     set_cost: Switch = False,
@@ -93,14 +101,8 @@ def export(
         Detour that a degenerate metre is worth, in metres.
     nav2_planner
         Planner of Nav2: smac2d, smac-hybrid, navfn or thetastar.
-    distro
-        humble, jazzy, kilted, lyrical or rolling. [default: jazzy]
     tree
         Behaviour tree to copy with the mask's planner.
-    slowest
-        Share of the speed that remains at u = 1. [default: 0.3]
-    frame
-        Frame of the coordinates. [default: map]
     step
         Maximum distance between the poses of a path, in metres.
     graph
