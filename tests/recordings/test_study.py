@@ -173,7 +173,7 @@ def test_built_in_recording_is_written_under_own_name(run, tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     command = "recording", "two_corridors", "--every", "40", "-o", "two_corridors"
     assert run(*command)[0] == 0
-    assert len(Recording.load(tmp_path / "two_corridors" / "drive.npz")) == 13
+    assert len(Recording.load(tmp_path / "two_corridors" / "drive.npz")) == 25
 
 
 def test_other_commands_point_to_options_of_recording(run, files):
