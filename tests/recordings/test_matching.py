@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from support import oracles
+from support.cases import sample_cases
+from support.maps import random_rooms
 from support.rooms import GAP_CELLS, LIDAR, ROOM_CELLS, join_rooms, room_cells, two_rooms
 
 from locplan import LocplanError
+from locplan._support.kernels.lidar import Lidar as Beams
+from locplan._support.kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.recordings.matching import Matching, ScanOnMap, make_database, places_every
+from locplan.recordings.kernels import matches as lists, scan_losses as losses
+from locplan.recordings.matching import TURNS, Matching, ScanOnMap, make_database, places_every
 from locplan.robots import Lidar
 
 
@@ -104,3 +110,190 @@ def test_coarse_maps_are_matched_with_a_cells_deviation():
     assert Matching(lidar=LIDAR).sigmas(0.05).tolist() == [0.4, 0.2, 0.1]
     assert Matching(lidar=LIDAR).sigmas(0.2).tolist() == [0.4, 0.2]
     assert Matching(lidar=LIDAR).sigmas(0.5).tolist() == [0.5]
+
+
+CAP = 8
+"""Difference from which on a beam costs no more."""
+FARTHEST = 40
+"""Cells that an end may move before its bound is 0."""
+
+
+def laid_out(codes):
+    """Codes (place, beam) as the kernel has them."""
+    blocks = -(-len(codes) // 64)
+    padded = np.zeros((blocks * 64, TURNS), np.uint8)
+    padded[: len(codes)] = codes
+    once = padded.reshape(blocks, 64, TURNS).transpose(0, 2, 1)
+    return np.concatenate([once, once], axis=1).reshape(-1)
+
+
+@pytest.mark.parametrize(("places", "beams", "keep"), [(70, 96, 40), (3, 5, 400), (64, 33, 7)])
+def test_the_shortlist_is_that_of_plain_loops(places, beams, keep):
+    random = np.random.default_rng(places)
+    codes = random.integers(0, 256, (places, TURNS)).astype(np.uint8)
+    codes[0] = codes[1]  # equal ones
+    chosen = random.permutation(TURNS)[:beams]
+    scan = np.roll(codes[0], 5)[chosen]
+    scan = (scan + random.integers(0, 3, beams)).astype(np.uint8)  # past 255 and on from 0
+    scores, where = lists.shortlist(laid_out(codes), places, chosen, scan, CAP, keep)
+    expected = oracles.matching.shortlist(codes, chosen, scan, CAP, keep)
+    assert scores.tolist() == [score for score, _ in expected]
+    last = scores[-1]
+    sure = scores < last  # of equal ones at the end any may be kept
+    assert where[sure].tolist() == [at for score, at in expected if score < last]
+
+
+def test_ranges_are_those_of_plain_loops():
+    random = np.random.default_rng(2)
+    stops = random.random((14, 17)) < 0.15
+    lidar = Beams(np.linspace(-2, 2, 7), 0.3, -0.2, 0.4, 0.03, 0.2, 1.6)
+    poses = np.column_stack(
+        [random.uniform(3, 10, 12), random.uniform(3, 13, 12), random.uniform(-3, 3, 12)]
+    )
+    ranges = np.empty((12, 7))
+    lists.ranges_from(empty_squares(stops), 0.2, poses, lidar, ranges)
+    expected = oracles.matching.ranges_from(stops, 0.2, poses, lidar)
+    inside = expected > 0.2
+    np.testing.assert_allclose(ranges[inside], expected[inside], atol=1e-6)
+    assert np.isfinite(ranges).any()
+    assert np.isinf(ranges).any()
+
+
+class Table:
+    """A table of random losses, in the kernel's form and as it is."""
+
+    def __init__(self, seed, shape=(30, 24), margin=3):
+        random = np.random.default_rng(seed)
+        smooth = np.add.outer(np.arange(shape[0]) ** 2, np.arange(shape[1]) * 3.0) % 97
+        self.values = np.rint(smooth + random.uniform(0, 40, shape)).astype(np.uint32)
+        padded = np.pad(self.values, (0, 1), constant_values=losses.TOP)
+        parts = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
+        word = sum(part << (8 * n) for n, part in enumerate(parts)).astype(np.uint32)
+        self.margin = margin
+        rows, cols = shape[0] - 2 * margin, shape[1] - 2 * margin
+        self.free = (random.random((rows, cols)) < 0.9).astype(np.uint8)
+        self.tables = losses.LossTables(
+            np.array([word.ravel()]), self.free, margin, shape[1], shape[0],
+            np.array([[1.0, 0.5, 0.0]]),
+        )  # fmt: skip
+        self.ends = random.uniform(-8, 8, (2, 11)).astype(np.float32)
+
+    def loss(self, x, y, heading):
+        return losses.loss_at(self.tables, 0, self.ends, x, y, heading)
+
+    def fits(self, x, y):
+        return losses.fits(self.tables, x, y)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_losses_are_those_of_plain_loops(seed):
+    table = Table(seed)
+    for x, y, heading in np.random.default_rng(seed).uniform(-3, 20, (20, 3)):
+        expected = oracles.matching.loss_at(table.values, table.margin, table.ends, x, y, heading)
+        # Ends are rounded down to 1/256 of a cell, and losses differ by up to 140 between cells.
+        assert table.loss(x, y, heading) == pytest.approx(expected, abs=11 * 140 * 2 / 256)
+
+
+def test_the_robot_fits_where_the_mask_says():
+    table = Table(1)
+    rows, cols = table.free.shape
+    for x, y in np.random.default_rng(1).uniform(-2, 28, (200, 2)):
+        row, col = math.floor(y), math.floor(x)
+        inside = 0 <= row < rows and 0 <= col < cols
+        assert table.fits(x, y) == (inside and table.free[row, col] == 1)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_refinement_is_that_of_plain_loops(seed):
+    table = Table(seed)
+    pose = np.array([8.2, 9.4, 0.3 * seed])
+    steps, start = table.tables.steps[0], pose.copy()
+    best = losses.refine(table.tables, 0, table.ends, 6.0, pose)
+    expected, least = oracles.matching.refine(
+        table.loss, table.fits, start, steps, 6.0, losses.ROUNDS
+    )
+    assert best == least
+    assert pose.tolist() == expected
+    assert best < table.loss(*start)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_polishing_is_that_of_plain_loops(seed):
+    table = Table(seed)
+    pose = np.array([9.2, 8.4, 0.3 * seed])
+    steps, start = table.tables.steps[0], pose.copy()
+    best = losses.polish(table.tables, table.ends, 6.0, pose)
+    expected, least = oracles.matching.polish(
+        table.loss, table.fits, start, steps, 6.0, losses.ROUNDS
+    )
+    assert best == least
+    assert pose.tolist() == expected
+    assert best < table.loss(*start)
+
+
+def test_alike_poses_are_dropped():
+    random = np.random.default_rng(4)
+    poses = np.column_stack([random.uniform(0, 6, (60, 2)), random.uniform(-9, 9, 60)])
+    order = random.permutation(60)
+    kept = losses.unlike(poses, order, 1.5, 0.8)
+    assert kept.tolist() == oracles.matching.unlike(poses, order, 1.5, 0.8)
+    assert 1 < len(kept) < 60
+
+
+def almost_equal_rooms(seed):
+    """Two rooms with the same boxes in them, but for a few cells, closed by walls."""
+    room = random_rooms((30, 32), seed, blocks=5)
+    room[room != OCCUPIED] = FREE
+    other = room.copy()
+    other[12:15, 20:22] = OCCUPIED
+    cells = np.concatenate([room, np.zeros((30, 2), np.uint8), other], axis=1)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(cells, 0.1)
+
+
+@pytest.mark.parametrize("seed", sample_cases([3, 8, 5, 11], 1))
+def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
+    """Branch and bound over all poses 0.1 m and 3 deg apart finds none with a lower loss."""
+    grid = almost_equal_rooms(seed)
+    database = make_database(grid, Matching(lidar=Lidar(range=5.0), robot_radius=0.2))
+    home = np.array([*database.positions[len(database.positions) // 3], 0.4])
+    (ranges,) = database.scans_at(home[None])
+    scan = ScanOnMap(database, ranges)
+    found = scan.modes(home)
+    away = np.hypot(*(found.poses[:, :2] - home[:2]).T) * grid.resolution > 2.0
+    ends = scan.ends.astype(float)
+    tables, last = database.tables, len(database.tables.corners) - 1
+    values = (tables.corners[last] & 255).reshape(tables.height, tables.width).astype(float)
+    reach = np.hypot(*ends)
+    # The least loss of all cells within a number of cells is a bound on what an end can cost there.
+    around = [np.ones((2 * cells + 1, 2 * cells + 1)) for cells in range(FARTHEST)]
+    least = np.array([cv2.erode(values, each) for each in around])
+
+    def bound(middle, half):
+        x, y, heading = middle
+        cos, sin = math.cos(heading), math.sin(heading)
+        u = x + tables.margin - 0.5 + cos * ends[0] - sin * ends[1]
+        v = y + tables.margin - 0.5 + sin * ends[0] + cos * ends[1]
+        moved = np.ceil(np.maximum(*half[:2]) + reach * half[2]).astype(int) + 1
+        col = np.clip(np.floor(u), 0, tables.width - 1).astype(int)
+        row = np.clip(np.floor(v), 0, tables.height - 1).astype(int)
+        near = moved < FARTHEST
+        return float(least[moved[near], row[near], col[near]].sum())
+
+    def fits(x, y):
+        far = math.hypot(x - home[0], y - home[1]) * grid.resolution > 2.0
+        return far and losses.fits(tables, x, y)
+
+    def loss(x, y, heading):
+        return losses.loss_at(tables, last, ScanOnMap(database, ranges).ends, x, y, heading)
+
+    rows, cols = grid.shape
+    box = [(0.0, cols), (0.0, rows), (-math.pi, math.pi)]
+    where, expected = oracles.matching.best_pose(
+        bound, loss, fits, box, (1.0, 1.0, math.radians(3.0))
+    )
+    assert where is not None
+    exact = loss(*where) * database.matching.nats_a_loss / losses.TOP
+    assert exact < 15  # beyond, modes need not be found
+    assert expected > 0
+    assert found.losses[away].min() <= exact + 0.05
