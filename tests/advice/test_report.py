@@ -36,6 +36,11 @@ def test_the_page_needs_nothing_else_and_fits_its_window(
     page.goto(report.as_uri())
     assert [each for each in asked if not each.startswith("data:")] == [report.as_uri()]
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate(
+        "[...document.querySelectorAll('table')]"
+        ".every(table => table.offsetWidth <= table.parentElement.clientWidth)"
+    )
+    assert "`" not in page.locator("body").inner_text()
     assert "Your robot gets lost" in page.locator(".verdict").inner_text()
     assert page.locator("svg polyline").count() == len(CORNERS)
     boxes = page.evaluate(
