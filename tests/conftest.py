@@ -1,4 +1,4 @@
-"""What several tests share."""
+"""Fixtures that several packages of tests share."""
 
 from __future__ import annotations
 
