@@ -40,7 +40,7 @@ def exported(folder, *, force=False, grid=None, progress=lambda *_: None, **aske
 def test_an_export_is_that_of_the_library(tmp_path):
     made = exported(tmp_path / "out", to="nav2-keepout", distro="kilted")
     assert "kilted" in " ".join(made["warnings"])  # what Nav2 does wrong there
-    costs = Costmap.from_field(*corridors(), weight=3.0, robot=Robot().radius)
+    costs = Costmap.from_field(*corridors(), weight=3.0, robot=Robot())
     with pytest.warns(UserWarning, match="kilted"):
         nav2_keepout(tmp_path / "own", costs, distro="kilted")
     own = {each.name for each in (tmp_path / "own").iterdir()}

@@ -117,7 +117,7 @@ ENDS = ("--start", "2,3", "--goal", "6,9")
 
 def test_simulate_drives_both_paths(run, map_file, tmp_path):
     out = tmp_path / "out"
-    code, table, err = run("simulate", map_file, *ENDS, "--drives", 4, "-o", out)
+    code, table, _ = run("simulate", map_file, *ENDS, "--drives", 4, "-o", out)
     assert code == 0
     assert [row.split("  ")[1] for row in table.splitlines()[2:9]] == [
         "length [m]",
@@ -129,7 +129,7 @@ def test_simulate_drives_both_paths(run, map_file, tmp_path):
         "RMSE of all [m]",
     ]
     assert "4 drives each" in table
-    assert err.endswith(f"wrote {out}\n")
+    assert f"wrote {out}/simulation.png: the picture\n" in table
     about = json.loads((out / "simulation.json").read_text())
     assert set(about["paths"]) == {"shortest", "localizability-aware"}
     assert about["robot"]["lidar"]["range"] == 6.0

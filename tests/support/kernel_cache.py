@@ -19,9 +19,9 @@ VARIABLE = "NUMBA_CACHE_DIR"
 
 
 def digest_of(kernels: Path, numba: str) -> str:
-    """Of all sources in a folder, with their names, and of numba's version."""
+    """Return the digest of all sources in folders of kernels, their names, and numba's version."""
     digest = hashlib.sha256(numba.encode())
-    for file in sorted(kernels.rglob("kernels/*.py")):
+    for file in sorted(file for file in kernels.rglob("*.py") if "kernels" in file.parts):
         source = hashlib.sha256(file.read_bytes()).hexdigest()
         digest.update(f"\n{file.relative_to(kernels).as_posix()} {source}".encode())
     return digest.hexdigest()[:16]
