@@ -14,6 +14,7 @@ from support.machine import TIMEOUT
 from support.maps import random_rooms
 
 import locplan
+from locplan.app.explorer.questions import QUESTIONS
 from locplan.app.explorer.scene import Limits
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig
@@ -47,6 +48,12 @@ def page(server):
         yield Page(link)
 
 
+def replace_handler(monkeypatch, question, handler):
+    """Let a function answer a kind of questions."""
+    entry = dataclasses.replace(QUESTIONS[question], handler=handler)
+    monkeypatch.setitem(QUESTIONS, question, entry)
+
+
 @pytest.fixture
 def held(monkeypatch):
     """Fronts and edits that are answered when they are let go."""
@@ -58,8 +65,8 @@ def held(monkeypatch):
         work.cancel.check()
         return {"n": ask.whole("n", 0, 100, 0)}
 
-    monkeypatch.setattr("locplan.app.explorer.simulations.simulate", wait)
-    monkeypatch.setattr("locplan.app.explorer.edits.edit", wait)
+    replace_handler(monkeypatch, "simulate", wait)
+    replace_handler(monkeypatch, "edit", wait)
     yield begun, let_go
     let_go.set()
 
@@ -80,7 +87,7 @@ def test_a_plan_is_answered_with_both_paths(page):
 def test_of_waiting_questions_of_a_kind_the_newest_is_answered(page, held):
     begun, let_go = held
     first = page.send("simulate", n=1)
-    begun.acquire()
+    assert begun.acquire(timeout=TIMEOUT)
     others = [page.send("simulate", n=n) for n in (2, 3, 4)]
     assert page.ask("at", x=1.0, y=1.0)["re"]  # another lane answers meanwhile
     let_go.set()
@@ -100,9 +107,9 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
         work.progress(1, 2)
         return {"n": ask.whole("n", 0, 100, 0)}
 
-    monkeypatch.setattr("locplan.app.explorer.simulations.simulate", work_on)
+    replace_handler(monkeypatch, "simulate", work_on)
     first = page.send("simulate", n=1)
-    begun.acquire()
+    assert begun.acquire(timeout=TIMEOUT)
     second = page.send("simulate", n=2)
     assert page.ask("at", x=1.0, y=1.0)["re"]
     let_go.set()
@@ -114,7 +121,7 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
 def test_every_edit_is_answered_though_newer_ones_wait(page, held):
     begun, let_go = held
     numbers = [page.send("edit", n=n) for n in (1, 2, 3)]
-    begun.acquire()
+    assert begun.acquire(timeout=TIMEOUT)
     let_go.set()
     assert [page.wait(number)["n"] for number in numbers] == [1, 2, 3]
 
@@ -124,7 +131,7 @@ def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, he
     with connect_socket(server) as link:
         other = Page(link)
         one, two = page.send("simulate", n=1), other.send("simulate", n=2)
-        begun.acquire()
+        assert begun.acquire(timeout=TIMEOUT)
         assert other.ask("at", x=1.0, y=1.0)["re"] == 2
         let_go.set()
         assert page.wait(one)["n"] == 1
@@ -134,7 +141,7 @@ def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, he
 def test_a_cancelled_question_ends(page, held):
     begun, let_go = held
     number = page.send("simulate")
-    begun.acquire()
+    assert begun.acquire(timeout=TIMEOUT)
     assert page.ask("cancel", of=number) == {"re": 2, "ok": True}
     let_go.set()
     assert page.wait(number) == {"re": number, "cancelled": True}
@@ -151,12 +158,12 @@ def test_a_page_that_goes_ends_its_work(server, monkeypatch):
             seen.set()
         return {}
 
-    monkeypatch.setattr("locplan.app.explorer.simulations.simulate", wait)
+    replace_handler(monkeypatch, "simulate", wait)
     before = len(server.session.listeners)
     with connect_socket(server) as link:
         page = Page(link)
         page.send("simulate")
-        begun.acquire()
+        assert begun.acquire(timeout=TIMEOUT)
     with connect_socket(server) as link:
         while len(server.session.listeners) > before + 1:
             Page(link).ask("at", x=0.0, y=0.0)
@@ -177,7 +184,7 @@ def test_too_many_waiting_questions_are_refused(server, page, held, monkeypatch)
 def test_an_id_that_is_under_way_is_refused(page, held):
     begun, let_go = held
     number = page.send("simulate", n=7)
-    begun.acquire()
+    assert begun.acquire(timeout=TIMEOUT)
     page.link.send(json.dumps({"do": "at", "id": number, "x": 0, "y": 0}))
     assert "under way" in page.wait(number)["error"]
     let_go.set()
@@ -188,7 +195,7 @@ def test_a_fault_within_an_answer_is_one_line(page, monkeypatch):
     def fail(session, ask, work):
         raise ZeroDivisionError("no\nway")
 
-    monkeypatch.setattr("locplan.app.explorer.simulations.simulate", fail)
+    replace_handler(monkeypatch, "simulate", fail)
     told = page.ask("simulate")
     assert "ZeroDivisionError" in told["error"]
     assert "\n" not in told["error"]
@@ -327,9 +334,7 @@ def test_random_questions_are_answered_by_a_result_or_one_line(server):
 
 def test_values_of_a_question_are_checked_by_name(server, monkeypatch):
     asked = []
-    monkeypatch.setattr(
-        "locplan.app.explorer.simulations.simulate", lambda s, ask, w: asked.append(ask) or {}
-    )
+    replace_handler(monkeypatch, "simulate", lambda session, ask, work: asked.append(ask) or {})
     values = {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80}
     server.session.answer("simulate", **values)
     (ask,) = asked
