@@ -240,7 +240,7 @@ class Check(Result):
         folder : path, optional
             The folder that its files are in.
         *about
-            See `next_action`.
+            The user's parameters of Nav2, of which a copy was changed.
         """
         from locplan.advice.text import check_report
 

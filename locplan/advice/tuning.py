@@ -387,7 +387,8 @@ def tune(
         The levels of disturbance, the usual one first; by default all of
         `locplan.simulation.levels`.
     filter_map : OccupancyGrid, optional
-        The filter's map in the same frame, if it differs from `grid`; see `simulate`.
+        The filter's map in the same frame, if it differs from `grid`; see
+        `locplan.simulation.simulate`.
     others : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1

@@ -34,7 +34,13 @@ def is_built_in(path: Path) -> bool:
 
 
 def remedy_for(name: str) -> str:
-    """Return the remedy for a name that no built-in map has."""
+    """Return the remedy for a name that no built-in map has.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    """
     if similar := get_close_matches(name, BUILT_IN, 1):
         return f"did you mean {similar[0]}? The built-in maps are {', '.join(BUILT_IN)}"
     return f"give a map's YAML file, or a built-in map: {', '.join(BUILT_IN)}"

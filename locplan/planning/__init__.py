@@ -1,9 +1,13 @@
 """Paths of least cost: costmaps, planners, Pareto fronts and path checks."""
 
+from locplan.planning.any_angle import AnyAngle
 from locplan.planning.cost_to_go import plan_field
 from locplan.planning.costmap import Costmap
+from locplan.planning.grid import GridPlanner
+from locplan.planning.lattice import Lattice
 from locplan.planning.map_info import MapInfo, describe_map
 from locplan.planning.metrics import PathMetrics, path_cost, path_metrics
+from locplan.planning.ompl.planner import Ompl
 from locplan.planning.pareto import pareto_front
 from locplan.planning.path import Path
 from locplan.planning.path_check import PathCheck, check_path
@@ -15,9 +19,13 @@ from locplan.planning.results import ParetoFront, Plan
 
 __all__ = [
     "PLANNERS",
+    "AnyAngle",
     "Costmap",
     "Found",
+    "GridPlanner",
+    "Lattice",
     "MapInfo",
+    "Ompl",
     "ParetoFront",
     "Path",
     "PathCheck",

@@ -85,7 +85,7 @@ def plan(
         Positions in the world [m], with a heading [rad] where the planner's `space` has one.
     planner : str, function or Planner, optional
         One of `names`; a function ``f(costs, start, goal, **options)`` that returns a `Path`, a
-        `Plan` or a `planners.Found`; or an object such as ``planners.AnyAngle(accuracy="high")``.
+        `Plan` or a `Found`; or an object such as ``planners.AnyAngle(accuracy="high")``.
         By default "lattice" if the robot of the costmap has an outline or a turning radius,
         otherwise "any-angle". If a planner ignores the outline or the turning radius, the plan's
         note says so.
@@ -97,17 +97,17 @@ def plan(
     budget : float, optional
         The path is the shortest one whose integral of u is at most this [m], or of e with
         ``objective="e"`` [m^2 rad m], >= 0; by default the path of least J is wanted instead. The
-        grid planner finds it exactly; its options are the fields of `planners.BudgetPlanner`,
+        grid planner finds it exactly; its options are the fields of `BudgetPlanner`,
         which also tells the tolerance.
     footprint : Footprint or (n, 2) array, optional
         The robot's outline [m], checked exactly along the path that is returned: the cheapest
         for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
-        one; where neither is clear, the lattice's, see `planners.Lattice`. If none of its motions
+        one; where neither is clear, the lattice's, see `Lattice`. If none of its motions
         lead there, the status is "not found". By default the robot is the circle of the costmap's
         radius; give the outline of a robot that is far from round.
     **options
-        Options of the planner: see `planners.GridPlanner` (also for "astar" and "dijkstra"),
-        `planners.AnyAngle`, `planners.Lattice` and `planners.Ompl`.
+        Options of the planner: see `GridPlanner` (also for "astar" and "dijkstra"),
+        `AnyAngle`, `Lattice` and `Ompl`.
 
     Returns
     -------

@@ -81,7 +81,7 @@ class Simulator:
     def worlds(self) -> list[Octets]:
         """Empty squares of each world for the rays of single scans, which share some worlds.
 
-        See `locplan._support.kernels.rays.empty_squares`.
+        A ray crosses a square without walls in one step.
         """
         from locplan._support.kernels.rays import empty_squares
 
