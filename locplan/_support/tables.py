@@ -100,6 +100,8 @@ def table(
     from rich.text import Text
 
     # Plain text in a notebook and on a terminal, too: it may be written to a file.
+    # A line of rich ends in a blank, which is cut off, so it may lie beyond the width.
+    width = 1 + Console(width=width, force_jupyter=False).width
     console = Console(width=width, force_jupyter=False, color_system=None)
     titles = columns or [""] * max(map(len, rows), default=0)
     room = console.width - 3 * len(titles) - 1  # between the columns stand three characters
