@@ -1,0 +1,185 @@
+// The route and the list of changes: plans while something moves and once more at rest, and undoes both.
+import { batch, computed, effect, signal, untracked } from "@preact/signals";
+import { nearestAlong, pointAlong } from "./geometry.js";
+import { ask, isLinked } from "./link.js";
+import { about, changes, complain, digests, held, isTouched, lines, results, route, routeKey, server, shared, spoken } from "./state.js";
+import { metres } from "./text.js";
+
+const REST = 120; // milliseconds after the last answer of a drag
+const LARGE = 1500; // cells on a side above which drags show drafts
+const past = signal([]); // what undo brings back: {changes, route}
+const future = signal([]);
+let noted = null; // the newest {changes, route} at rest
+let restTimer = 0;
+let turn = 0;
+
+export const canUndo = computed(() => past.value.length > 0);
+export const canRedo = computed(() => future.value.length > 0);
+
+/** Plan again whenever the map, the robot or the zones change. */
+export function startRoute() {
+	noted = now();
+	effect(() => {
+		const { map, robot, field, zones } = digests.value;
+		if (map && robot && zones && field !== undefined) untracked(planNow);
+	});
+}
+
+/** Call `listener(moment)` after each answer of a plan; the benchmark measures from the moment of the move. */
+let paint = () => {};
+export function onPlan(listener) {
+	paint = listener;
+}
+
+/** Plan while something moves; once it rests, in full. */
+export async function planSoon(hold, moment = performance.now()) {
+	clearTimeout(restTimer);
+	const mine = ++turn;
+	await requestPlan(hold, isLarge(), moment);
+	if (mine === turn && (hold || isLarge())) restTimer = setTimeout(() => requestPlan(null, false), hold && isLarge() ? 5 * REST : REST);
+}
+
+/** Plan in full. */
+export function planNow() {
+	clearTimeout(restTimer);
+	turn++;
+	return requestPlan(null, false);
+}
+
+/** What questions about the route carry. */
+export function routeContent() {
+	return { route: routeKey.value, ...route.value };
+}
+
+/** Move a marker without a plan. */
+export function moveMarker(name, place) {
+	const { via } = route.value;
+	isTouched.value = true;
+	if (!name.startsWith("via:")) route.value = { ...route.value, [name]: place };
+	else route.value = { ...route.value, via: via.map((old, k) => (k === Number(name.slice(4)) ? place : old)) };
+}
+
+/** Set a part of the route, plan it, and note it for undo. */
+export function setRoute(part) {
+	isTouched.value = true;
+	route.value = { ...route.value, ...part };
+	note();
+	return planNow();
+}
+
+/** Put a waypoint at a position, or half way; returns its index. */
+export function addWaypoint(position) {
+	if (shared || !route.value) return null;
+	const path = lines.value.recommended ?? lines.value.shortest;
+	const place = position ?? (path && pointAlong(path.xy, path.length / 2));
+	if (!place) return null;
+	const { via } = route.value;
+	const s = path ? nearestAlong(path.xy, place).s : Infinity;
+	const index = path ? via.filter((other) => nearestAlong(path.xy, other).s < s).length : via.length;
+	setRoute({ via: via.toSpliced(index, 0, place) });
+	spoken.value = `Waypoint ${index + 1} added.`;
+	return index;
+}
+
+/** Remove a waypoint. */
+export function removeWaypoint(index) {
+	setRoute({ via: route.value.via.toSpliced(index, 1) });
+	spoken.value = `Waypoint ${index + 1} removed.`;
+}
+
+/** Send a new list of changes; results wait for its answer. */
+export async function setChanges(next) {
+	isTouched.value = true;
+	await sendChanges(next);
+	note();
+}
+
+/** Go back to before the newest change, or forward again. */
+export function step(isUndo) {
+	const [from, to] = isUndo ? [past, future] : [future, past];
+	if (!from.value.length) return;
+	const snapshot = from.value.at(-1);
+	batch(() => {
+		to.value = [...to.value, now()];
+		from.value = from.value.slice(0, -1);
+		route.value = snapshot.route;
+		noted = snapshot;
+	});
+	spoken.value = isUndo ? "Undone." : "Done again.";
+	if (snapshot.changes !== changes.value) sendChanges(snapshot.changes);
+	else planNow();
+}
+
+/** Note the present state for undo, if it differs from the one noted last. */
+export function note() {
+	if (JSON.stringify(noted) === JSON.stringify(now())) return;
+	past.value = [...past.value, noted];
+	future.value = [];
+	noted = now();
+}
+
+function now() {
+	return { changes: changes.value, route: route.value };
+}
+
+let sent = 0;
+async function sendChanges(next) {
+	const mine = ++sent;
+	batch(() => {
+		changes.value = next;
+		digests.value = {};
+	});
+	try {
+		const { basis } = await ask("change", { changes: next });
+		if (mine === sent) digests.value = basis;
+	} catch (error) {
+		if (mine === sent) batch(() => takeChanges(server.value));
+		complain(error);
+	}
+	if (mine === sent) sent = 0;
+}
+
+/** Take the changes of a state event, unless a change of this page is under way. */
+export function takeChanges({ basis, changes: list }) {
+	if (sent && isLinked() && !digests.value.map) return;
+	const isSame = JSON.stringify(list) === JSON.stringify(changes.value);
+	if (!isSame) changes.value = list;
+	const { map, robot, field, zones } = basis;
+	digests.value = { map, robot, field, zones };
+}
+
+function isLarge() {
+	return Math.max(about.value.map.rows, about.value.map.cols) > LARGE;
+}
+
+async function requestPlan(hold, draft, moment = null) {
+	if (shared || !isLinked() || !route.value) return;
+	try {
+		const answer = await ask("plan", { ...routeContent(), hold, draft });
+		if (answer && !answer.cancelled) takePlan(answer, moment);
+	} catch (error) {
+		complain(error);
+	}
+}
+
+// At rest the markers go where the server put them; the answer is about these places.
+function takePlan(answer, moment) {
+	batch(() => {
+		const { start, goal, via } = answer;
+		const isPresent = answer.basis.route === routeKey.value;
+		if (isPresent && !held.value && [start, goal, ...via].every(Boolean)) {
+			const isUndoable = JSON.stringify(noted?.route) === JSON.stringify(route.value);
+			route.value = { ...route.value, start, goal, via };
+			answer.basis.route = routeKey.value;
+			if (isUndoable && noted) noted = { ...noted, route: route.value };
+		}
+		results.plan.value = answer;
+	});
+	paint(moment);
+	if (!held.value && !answer.draft) spoken.value = planText(answer);
+}
+
+function planText({ recommended, shortest, why }) {
+	if (!recommended) return why ?? "No path joins these places.";
+	return `Recommended path ${metres(recommended.length)}, shortest ${metres(shortest.length)}.`;
+}

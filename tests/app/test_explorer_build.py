@@ -1,0 +1,54 @@
+"""The page of the explorer as it was built from its sources."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import locplan
+
+PAGE = Path(locplan.__file__).parent / "app" / "explorer" / "page"
+BUILT = PAGE / "dist"
+FILES = ("build.mjs", "icon.svg", "index.html", "package-lock.json", "package.json")
+
+
+def test_built_page_names_digest_of_sources():
+    """If this fails, run `npm ci && npm run build` in the folder `page`."""
+    files = [*FILES, *(f"src/{file.name}" for file in (PAGE / "src").iterdir())]
+    digest = hashlib.sha256()
+    for name in sorted(files):
+        digest.update(f"{name}\n".encode() + (PAGE / name).read_bytes() + b"\n")
+    first_line = (BUILT / "page.js").read_text().partition("\n")[0]
+    assert first_line.split()[-2] == digest.hexdigest()
+
+
+def test_built_page_has_four_files():
+    assert sorted(file.name for file in BUILT.iterdir()) == [
+        "icon.svg",
+        "index.html",
+        "page.css",
+        "page.js",
+    ]
+
+
+def test_built_page_contains_licences_of_libraries():
+    script = (BUILT / "page.js").read_text()
+    for name, version in json.loads((PAGE / "package.json").read_text())["dependencies"].items():
+        assert re.search(rf"^{re.escape(name)} {re.escape(version)}$", script, re.M), name
+
+
+def test_lock_file_names_no_registry():
+    lock = json.loads((PAGE / "package-lock.json").read_text())
+    assert all("resolved" not in package for package in lock["packages"].values())
+
+
+def test_page_has_no_inline_style_or_script():
+    page = (BUILT / "index.html").read_text()
+    assert not re.search(r" style=|<style| on\w+=|<script>|https?://", page)
+
+
+def test_texts_name_no_command_or_option():
+    for file in (PAGE / "src").glob("*.js"):
+        code = re.sub(r"^\s*//.*$", "", file.read_text(), flags=re.M)
+        for text in re.findall(r"`[^`]*`|\"[^\"\n]*\"", code):
+            assert not re.search(r"\blocplan \w|(?<![\w-])--[a-z]", text), (file.name, text)
