@@ -477,7 +477,8 @@ def weak_spots(
 ) -> tuple[WeakSpot, ...]:
     """The weak spots of a map, first those of the largest deviation x length x routes that pass.
 
-    They lie in the parts of the map that the robot can reach from the routes.
+    They lie in the parts of the map that the robot can reach from the routes; without routes, in
+    the largest part.
 
     Parameters
     ----------
@@ -499,19 +500,27 @@ def weak_spots(
 
 
 def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
-    """Mark the free cells that the robot covers in the parts of the map where routes lie."""
+    """Mark the free cells that the robot covers in the parts of the map where routes lie.
+
+    Without routes it is the largest part.
+    """
     import cv2
 
     _, labels = connected_parts(costs)
-    rows, cols = (
-        np.clip(np.floor(each).astype(int), 0, size - 1)
-        for each, size in zip(
-            costs.grid.world_to_grid(*np.concatenate([*lines.values()]).T),
-            labels.shape,
-            strict=True,
+    if lines:
+        rows, cols = (
+            np.clip(np.floor(each).astype(int), 0, size - 1)
+            for each, size in zip(
+                costs.grid.world_to_grid(*np.concatenate([*lines.values()]).T),
+                labels.shape,
+                strict=True,
+            )
         )
-    )
-    drivable = np.isin(labels, np.setdiff1d(labels[rows, cols], [0]))
+        passed = np.setdiff1d(labels[rows, cols], [0])
+    else:
+        sizes = np.bincount(labels.ravel(), minlength=2)
+        passed = np.array([1 + sizes[1:].argmax()])
+    drivable = np.isin(labels, passed)
     distance = cv2.distanceTransform((~drivable).astype(np.uint8), cv2.DIST_L2, 5)
     near = distance * costs.grid.resolution <= costs.robot_radius + costs.grid.resolution
     return np.asarray(near & costs.grid.free)

@@ -68,7 +68,7 @@ def explore(
         Open no browser.
     """
     from locplan.app.explorer import check_reports
-    from locplan.app.explorer.explorer import check_installed, opened
+    from locplan.app.explorer.explorer import check_installed, open_explorer
     from locplan.app.explorer.scene import Opening
 
     refuse("by explore", json=output.json)
@@ -94,7 +94,7 @@ def explore(
         report=report,
     )
     with working("opening the page"):
-        page = opened(grid, opening, port=port)
+        page = open_explorer(grid, opening, port=port)
     browse = "the page opens in your browser, or open the address above; Ctrl-C ends it"
     if no_browser:
         browse = "open the address above in a browser on this machine; Ctrl-C ends the page"

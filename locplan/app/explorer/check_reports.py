@@ -1,4 +1,4 @@
-"""The report of a check, with its places, routes and fixes."""
+"""The report of a check, with its routes and fixes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path as Folder
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from locplan._support.checks import file_path
 from locplan._support.reading import MAX_BYTES, document, read_content
 from locplan._support.runs import RUN_FILE, Run
 from locplan._support.tables import file_name
-from locplan.app.explorer.scene import rounded
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.files import load_map
 from locplan.planning.costmap import Costmap
@@ -22,24 +23,25 @@ from locplan.planning.protocol import Position
 from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.requests import Ask, Work
+    from locplan.app.explorer.messages import Job, Question
+    from locplan.app.explorer.scene import Scene
     from locplan.app.explorer.session import Session
 
 
 @dataclass(frozen=True, eq=False)
 class CheckReport:
-    """What `locplan check` has written into a folder."""
+    """The files that `locplan check` has written into a folder."""
 
     folder: Folder
     """The folder."""
-    about: Mapping[str, Any]
+    facts: Mapping[str, Any]
     """Content of its check.json, see `Check.summary`."""
     map_file: Folder
-    """The map: that of the check, or the one that it wrote with the right threshold."""
+    """The map of the check, or the one that it wrote with the right threshold."""
     robot: Robot
     """The robot that was checked."""
     stride: ClassVar[float] = 0.4
-    """Spacing of the field that a check takes, which is in the cache then [m]."""
+    """Spacing of the field of a check, which is in the cache [m]."""
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> CheckReport:
@@ -53,38 +55,39 @@ class CheckReport:
         Raises
         ------
         LocplanError
-            If it is none, is damaged, or its map is gone or another one by now.
+            If it holds no report, the report is damaged, or its map is gone or has changed.
         """
         folder = Folder(file_path("a report", path))
         file, remedy = folder / "check.json", "name the folder that locplan check -o has written"
-        for each in (file, folder / RUN_FILE):
-            if not each.is_file():
-                raise LocplanError(f"{folder}: has no {each.name}; {remedy}")
-        about = document(file, read_content(file, MAX_BYTES, remedy), remedy)
+        for needed in (file, folder / RUN_FILE):
+            if not needed.is_file():
+                raise LocplanError(f"{folder}: has no {needed.name}; {remedy}")
+        facts = document(file, read_content(file, MAX_BYTES, remedy), remedy)
         run = Run.read(folder)
         try:
-            robot = Robot.from_summary(about["robot"])
-            digest, named = about["map"]["digest"], run.settings["map"]
-            recommended = [*about["recommended"]]
-            _check_shown(about)
+            robot = Robot.from_summary(facts["robot"])
+            digest, named = facts["map"]["digest"], run.settings["map"]
+            recommended = [*facts["recommended"]]
+            _check_facts(facts)
         except (LookupError, TypeError, ConfigError):
             raise LocplanError(f"{file}: is damaged, or of another locplan; check again") from None
-        own = Folder(str(named))
-        grid = load_map(own)
-        if grid.digest != digest:
-            raise LocplanError(f"{own}: has changed since {folder} was written; check it again")
-        read_right = folder / "map.yaml"
-        is_other = "walls" in recommended and read_right.is_file()
-        return cls(folder, about, read_right if is_other else own, robot)
+        checked_map = Folder(str(named))
+        if load_map(checked_map).digest != digest:
+            raise LocplanError(
+                f"{checked_map}: has changed since {folder} was written; check it again"
+            )
+        repaired_map = folder / "map.yaml"
+        is_repaired = "walls" in recommended and repaired_map.is_file()
+        return cls(folder, facts, repaired_map if is_repaired else checked_map, robot)
 
     @property
     def ends(self) -> dict[str, Position]:
         """Start and goal of the first route, on which most drives fail."""
-        worst = self.about["routes"][0]
+        worst = self.facts["routes"][0]
         return {name: tuple(worst[name]) for name in ("start", "goal")}
 
-    def chosen(self, route: str) -> Path | None:
-        """The path to take of a route, where the check recommends another one than the shortest.
+    def recommended_path(self, route: str) -> Path | None:
+        """Return the recommended path of a route if it is not the shortest one.
 
         Parameters
         ----------
@@ -92,41 +95,55 @@ class CheckReport:
             Name of the route.
         """
         file = self.folder / f"{file_name(route)}.csv"
-        return Path.load(file) if "paths" in self.about["recommended"] and file.is_file() else None
+        return Path.load(file) if "paths" in self.facts["recommended"] and file.is_file() else None
+
+    @property
+    def poles(self) -> list[list[float]]:
+        """Positions of the recommended landmarks [m]."""
+        file = self.folder / "landmarks.csv"
+        has_poles = "landmarks" in self.facts["recommended"] and file.is_file()
+        return _round(Path.load(file)) if has_poles else []
 
 
-def _check_shown(about: Mapping[str, Any]) -> None:
+def _check_facts(facts: Mapping[str, Any]) -> None:
     """Raise a LookupError or a TypeError if something is missing that the page shows."""
-    for each in about["routes"]:
-        _ = each["name"], each["lost"][0], each["reached"][0], each["start"][1], each["goal"][1]
-    for each in about["weak_spots"]:
-        _ = each["letter"], each["x"], each["y"]
-    for each in about["fixes"]:
-        _ = each["kind"], each["lost"], each["title"]
-    _ = about["routes"][0], about["next"]["sentence"], about["baseline"]
+    for route in facts["routes"]:
+        _ = route["name"], route["lost"][0], route["reached"][0], route["problem"]
+        _ = route["start"][1], route["goal"][1]
+    for spot in facts["weak_spots"]:
+        _ = spot["letter"], spot["x"], spot["y"], spot["missing"], spot["position_std"]
+    for fix in facts["fixes"]:
+        _ = fix["kind"], fix["lost"], fix["title"]
+    _ = facts["routes"][0], facts["next"]["sentence"], facts["baseline"]
 
 
-def checked(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the report that the page opened on, with the paths of its routes."""
+def describe_report(
+    session: Session, scene: Scene, question: Question, job: Job
+) -> dict[str, object]:
+    """Return the report of the session, with the paths of its routes."""
     report = session.opening.report
     if report is None:
-        raise ConfigError("there is no report; start the explorer with --check FOLDER")
-    about = report.about
-    costs = Costmap.blank(session.original, robot=report.robot)
+        raise ConfigError("the page was opened without a report of a check")
+    facts = report.facts
+    costs = Costmap.blank(session.original.grid, robot=report.robot)
     routes = []
-    for number, each in enumerate(about["routes"]):
-        work.progress(number, len(about["routes"]))
-        shortest = plan(costs, each["start"], each["goal"], planner="any-angle").path
-        paths = {"xy": shortest, "chosen": report.chosen(each["name"])}
-        routes.append({**each, **{name: path and rounded(path.xy) for name, path in paths.items()}})
-    poles = report.folder / "landmarks.csv"
-    has_poles = "landmarks" in about["recommended"] and poles.is_file()
+    for number, route in enumerate(facts["routes"]):
+        job.progress(number, len(facts["routes"]))
+        shortest = plan(costs, route["start"], route["goal"], planner="any-angle").path
+        recommended = report.recommended_path(route["name"])
+        paths = {"xy": _round(shortest), "chosen": recommended and _round(recommended)}
+        routes.append({**route, "title": route["problem"], **paths})
     return {
-        "spots": about["weak_spots"],
         "routes": routes,
-        "fixes": about["fixes"],
-        "recommended": about["recommended"],
-        "baseline": about["baseline"],
-        "next": about["next"]["sentence"],
-        "poles": rounded(Path.load(poles).xy) if has_poles else [],
+        "fixes": facts["fixes"],
+        "recommended": facts["recommended"],
+        "baseline": facts["baseline"],
+        "next": facts["next"]["sentence"],
+        "poles": report.poles,
     }
+
+
+def _round(path: Path | None) -> list[list[float]]:
+    """Return the positions of a path, to a millimetre [m]."""
+    values: list[list[float]] = [] if path is None else np.round(path.xy, 3).tolist()
+    return values

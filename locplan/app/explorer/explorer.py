@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 class Explorer:
     """A page that is served on this machine, until it is closed or the program ends.
 
-    It is made by `locplan.explore`.
+    `locplan.explore` returns it.
 
     Parameters
     ----------
     server : Server
-        The server of the page, which runs.
+        The running server of the page.
     """
 
     def __init__(self, server: Server) -> None:
@@ -55,17 +55,17 @@ class Explorer:
 
     @property
     def address(self) -> str:
-        """Address of the page, with the secret that lets one in."""
+        """Address of the page, with its secret."""
         return self._server.address
 
     @property
     def session(self) -> Session:
-        """The map, its field and its costs behind the page, which answer its questions."""
+        """The session behind the page, which answers its questions."""
         return self._server.session
 
     @property
     def grid(self) -> OccupancyGrid:
-        """The map as it was edited on the page."""
+        """The map with the changes of the page."""
         return self.session.grid
 
     @property
@@ -73,19 +73,17 @@ class Explorer:
         """The field that the page shows; None before it is there."""
         return self.session.field
 
-    def _repr_html_(self) -> str | None:
-        """A frame with the page itself in a notebook, and a link to it below.
+    def _repr_html_(self) -> str:
+        """Return a frame with the page for a notebook, and a link to it below.
 
-        The frame stays empty where the notebook's browser runs on another machine, or where the
-        notebook forbids frames.
+        The frame stays empty if the notebook's browser runs on another machine, or if the notebook
+        forbids frames.
         """
-        if not self._server.framed:
-            return None
         link = escape(self.address, quote=True)
         return (
             f'<iframe src="{link}" title="locplan explorer" width="100%" height="720"'
             ' style="border: 0" allow="clipboard-write; fullscreen"></iframe>'
-            f'<a href="{link}" target="_blank" rel="noopener">Open in a tab of its own</a>'
+            f'<a href="{link}" target="_blank" rel="noopener">Open in a new tab</a>'
         )
 
     def open(self) -> None:
@@ -170,9 +168,9 @@ def explore(
     )
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None
-    framed = getattr(shell, "kernel", None) is not None  # a notebook's shows HTML
-    explorer = opened(grid, opening, port=port, field=field, framed=framed)
-    if open_browser and not framed:
+    is_notebook = getattr(shell, "kernel", None) is not None
+    explorer = open_explorer(grid, opening, port=port, field=field)
+    if open_browser and not is_notebook:
         explorer.open()
     return explorer
 
@@ -183,13 +181,12 @@ def check_installed() -> None:
         needed(library, "explore", "the explorer")
 
 
-def opened(
+def open_explorer(
     grid: OccupancyGrid,
     opening: Opening,
     *,
     port: int = 0,
     field: CovarianceField | None = None,
-    framed: bool = False,
 ) -> Explorer:
     """Serve a page, and begin to compute its field.
 
@@ -203,8 +200,6 @@ def opened(
         Port of the server, 0 to 65535; 0 takes any free one.
     field : CovarianceField, optional
         The map's field, if it is there already.
-    framed : bool, default False
-        True for a page that a notebook displays.
 
     Returns
     -------
@@ -228,7 +223,7 @@ def opened(
             f"a robot of radius {opening.robot.radius:g} m has no room on this map; give it a"
             " smaller footprint or margin"
         )
-    server = Server(session, port, framed=framed)
+    server = Server(session, port)
     server.start()
     session.begin(field)
     threading.Thread(target=session.prepare, daemon=True).start()

@@ -1,4 +1,4 @@
-"""The questions of the page, the functions that answer them, and the lanes for that."""
+"""The questions of the page, and the functions that answer them."""
 
 from __future__ import annotations
 
@@ -6,48 +6,50 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from locplan.app.explorer import check_reports, edits, plans, sharing, simulations, state
-from locplan.app.explorer.requests import Ask, Work
+from locplan.app.explorer import check_reports, exports, plans, sharing, simulations, sites, state
+from locplan.app.explorer.messages import Job, Question
+from locplan.app.explorer.scene import Scene
 from locplan.app.explorer.session import Session
 
-Lane = Literal["look", "plan", "slow", "edit", "work", "long"]
+Lane = Literal["look", "plan", "change", "long"]
 """Kinds of work; each has a thread, so that none waits for another kind."""
+Handler = Callable[[Session, Scene, Question, Job], Mapping[str, Any]]
+"""Function that answers on a scene; NaN and infinity in its answer become null."""
 
 
 @dataclass(frozen=True)
 class Entry:
     """A kind of questions."""
 
-    handler: Callable[[Session, Ask, Work], Mapping[str, Any]]
-    """The function that answers. Its result is fit for JSON; NaN and infinity become null."""
+    handler: Handler
+    """The function that answers."""
     lane: Lane
-    """The lane that answers one question after the other, and never waits for another lane."""
-    each: bool = False
-    """True if each question is answered; otherwise the newest one waiting wins."""
-    is_slow: Callable[[Session, Ask], bool] | None = None
-    """True for a question that is answered in the lane "slow"."""
+    """The lane that answers one question after the other."""
+    is_queued: bool = False
+    """True if all questions are answered; otherwise the newest one that waits wins."""
+    follow_up: Callable[[Session, Scene, Question, Job], None] | None = None
+    """Function that works on after the answer, until the next question of the kind."""
 
-    def answer(self, session: Session, ask: Ask, work: Work) -> dict[str, Any]:
-        """The answer to a question."""
-        return dict(self.handler(session, ask, work))
+    def answer(self, session: Session, question: Question, job: Job) -> dict[str, Any]:
+        """Return the answer to a question, with the basis that it holds for."""
+        scene = session.scene
+        basis = {**scene.basis, "route": question.text("route", None)}
+        return {"basis": basis, **self.handler(session, scene, question, job)}
 
-    def lane_of(self, session: Session, ask: Ask) -> str:
-        """The lane of a question."""
-        return "slow" if self.is_slow and self.is_slow(session, ask) else self.lane
+
+def change(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
+    """Apply the page's whole list of changes to the original map, robot and zones."""
+    changes = sites.read_changes(question)
+    return {"basis": session.apply_changes(changes).basis, "changes": list(changes)}
 
 
 QUESTIONS: dict[str, Entry] = {
-    "plan": Entry(plans.plan, "plan", is_slow=plans.is_slow),
-    "at": Entry(state.at, "look"),
-    "idle": Entry(plans.idle, "slow"),
-    "configure": Entry(edits.configure, "work"),
-    "edit": Entry(edits.edit, "edit", each=True),
-    "undo": Entry(edits.step, "edit", each=True),
-    "redo": Entry(edits.step, "edit", each=True),
-    "save": Entry(edits.save, "edit", each=True),
+    "plan": Entry(plans.plan, "plan", follow_up=plans.prepare_searches),
+    "at": Entry(state.describe_place, "look"),
+    "change": Entry(change, "change", is_queued=True),
     "simulate": Entry(simulations.simulate, "long"),
-    "checked": Entry(check_reports.checked, "long"),
-    "export": Entry(sharing.export, "long"),
+    "report": Entry(check_reports.describe_report, "long"),
+    "export": Entry(exports.export, "long"),
     "share": Entry(sharing.share, "long"),
 }
-"""All kinds of questions by name; "cancel" {of} is answered by the socket itself."""
+"""All kinds of questions by name; the socket itself answers "cancel" {of}."""

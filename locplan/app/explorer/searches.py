@@ -1,4 +1,4 @@
-"""Searches for paths over several stops, which are kept between plans, up to a number of bytes."""
+"""Searches for paths over several stops, which are stored between plans, up to a size in bytes."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from locplan.planning.protocol import Position
 
 Result = TypeVar("Result")
 Check = Callable[[], None]
-"""Function that raises where a plan is not wanted any more."""
+"""Function that raises if a plan is not wanted any more."""
 
 
-class Kept:
-    """Results by key; the least recently used ones go when all take too many bytes."""
+class Store:
+    """Results by key; the least recently used ones go if all take too many bytes."""
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
@@ -38,13 +38,13 @@ class Kept:
         self._results: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
 
     @property
-    def keys(self) -> list[Any]:
-        """Keys of all results, the least recently used one first."""
+    def results(self) -> list[Any]:
+        """All results, the most recently used one first."""
         with self._lock:
-            return list(self._results)
+            return [result for result, _ in reversed(self._results.values())]
 
     def get(self, key: Hashable) -> Any:
-        """The result of a key, which is now the most recently used one; None without it."""
+        """Return the result of a key, which is now the most recently used one; None without it."""
         with self._lock:
             if key not in self._results:
                 return None
@@ -52,7 +52,7 @@ class Kept:
             return self._results[key][0]
 
     def put(self, key: Hashable, result: Result, size: int) -> Result:
-        """Keep a result of so many bytes, and return it; the last one is kept whatever its size."""
+        """Store a result of so many bytes and return it; the last one stays whatever its size."""
         with self._lock:
             self._drop([key])
             self._results[key] = result, size
@@ -60,24 +60,24 @@ class Kept:
             self._shrink(self.limit, 1)
         return result
 
-    def made(
+    def get_or_create(
         self,
         key: Hashable,
-        make: Callable[[], Result],
+        create: Callable[[], Result],
         size: Callable[[Result], int],
         expected: int = 0,
     ) -> Result:
-        """The result of a key, made if it is not kept.
+        """Return the result of a key; create it if it is not stored.
 
-        Room for the bytes that are expected is made before, so that they do not come on top. The
-        two results that were used last stay: others may be made of them.
+        Room for the expected bytes is freed first, so that they do not come on top. The two results
+        that were used last stay: the new one may be made from them.
         """
-        found: Result | None = self.get(key)
-        if found is not None:
-            return found
+        stored: Result | None = self.get(key)
+        if stored is not None:
+            return stored
         with self._lock:
             self._shrink(self.limit - expected, 2)
-        result = make()
+        result = create()
         return self.put(key, result, size(result))
 
     def forget(self, unless: Callable[[Any], bool] = lambda key: False) -> None:
@@ -86,7 +86,7 @@ class Kept:
             self._drop([key for key in self._results if not unless(key)])
 
     def _shrink(self, limit: float, min_count: int) -> None:
-        """Drop the least recently used results beyond a limit, but keep the last ones."""
+        """Drop the least recently used results beyond a limit, except the last ones."""
         while self.bytes > limit and len(self._results) > min_count:
             self._drop([next(iter(self._results))])
 
@@ -96,8 +96,8 @@ class Kept:
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
-    """A costmap, and the same as the searches take it."""
+class SearchGrid:
+    """A costmap, and the same in the form that searches read."""
 
     costs: Costmap
     """The costmap."""
@@ -105,8 +105,8 @@ class Searched:
     """Its density with a border of blocked cells."""
 
     @classmethod
-    def halved(cls, costs: Costmap) -> Searched:
-        """A costmap at half of its cost, which shares its memory with what the searches take.
+    def halved(cls, costs: Costmap) -> SearchGrid:
+        """Return a costmap at half of its cost, which shares its memory with the searches.
 
         The same path is the cheapest, and twice its cost is exactly that on the whole costmap.
         """
@@ -115,19 +115,19 @@ class Searched:
         inner.setflags(write=False)
         return cls(dataclasses.replace(costs, density=inner), bordered)
 
-    def index_of(self, xy: Position) -> int:
-        """Index in the bordered grid of the cell at a world position [m]."""
+    def index(self, xy: Position) -> int:
+        """Return the index in the bordered grid of the cell at a world position [m]."""
         return bordered_index(self.costs, xy, "position")
 
-    def free_near(self, xy: Position) -> Position | None:
-        """The position, or the centre of a free cell near it; None where there is none [m]."""
+    def nearest_free(self, xy: Position) -> Position | None:
+        """Return the position, or the centre of a free cell near it; None if there is none [m]."""
         grid, density = self.costs.grid, self.costs.density
         row, col = grid.cell(xy[:2])
         if grid.contains(row, col) and np.isfinite(density[row, col]):
             return xy
         # A free place has a cell at most two away that is free for its greater part.
         window = window_around(row, col, 2, grid.shape)
-        near = np.argwhere(np.isfinite(density[window])) + [each.start for each in window]
+        near = np.argwhere(np.isfinite(density[window])) + [axis.start for axis in window]
         if not len(near):
             return None
         squared = ((near - (row, col)) ** 2).sum(axis=1)
@@ -136,107 +136,113 @@ class Searched:
 
 
 @dataclass(frozen=True, eq=False)
-class Flood:
-    """The cheapest ways from one end to every cell, in a byte a cell.
+class PathTree:
+    """The cheapest paths from one cell to all others, in a byte a cell.
 
-    The costmap that was searched is given anew for each path: held here, its eight bytes a cell
-    would outlast it where it is no longer kept.
+    It does not hold the costmap that was searched: its eight bytes a cell would outlast it.
     """
 
-    source: int
-    """Index of the end's cell in the bordered grid."""
+    root: int
+    """Index of the cell in the bordered grid."""
     steps: Octets
-    """Steps back to the end on cheapest ways, flat with the border: a bit for each neighbour."""
+    """Steps back to the root on cheapest paths, flat with the border: a bit for each neighbour."""
 
     @classmethod
-    def of(cls, bordered: Bordered, source: int, check: Check | None = None) -> Flood:
-        """Search all that can be reached from a cell; what `check` raises ends that early."""
+    def search(cls, bordered: Bordered, root: int, check: Check | None = None) -> PathTree:
+        """Search all cells that can be reached from one; what `check` raises ends that early."""
         from locplan._support.kernels.search import search
         from locplan._support.kernels.ways import steps_back, tolerance_of
 
         half, columns, scale = bordered.half, bordered.columns, bordered.scale
-        cost = search(half, columns, source, -1, False, scale, check=check).cost
+        cost = search(half, columns, root, -1, False, scale, check=check).cost
         tolerance = tolerance_of(cost, scale.cheapest)
-        return cls(source, steps_back(half, columns, cost, tolerance))
+        return cls(root, steps_back(half, columns, cost, tolerance))
 
     @classmethod
     def prepare(cls) -> None:
         """Compile the kernels, so that the first drag does not wait for that."""
         costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
-        searched = Searched(costs, Bordered.of(costs))
-        first, last = (searched.index_of((x, 0.5)) for x in (0.5, 2.5))
-        cls.of(searched.bordered, first).cells(searched.bordered, first, last)
+        grid = SearchGrid(costs, Bordered.of(costs))
+        first, last = (grid.index((x, 0.5)) for x in (0.5, 2.5))
+        cls.search(grid.bordered, first).cells(grid.bordered, first, last)
 
     @staticmethod
-    def expected(bordered: Bordered) -> int:
-        """Bytes that a search takes while it is made, with its costs."""
+    def expected_bytes(bordered: Bordered) -> int:
+        """Return the bytes that a search takes while it runs, with its costs."""
         return bordered.half.nbytes + bordered.half.size
 
     def cells(self, bordered: Bordered, first: int, last: int) -> Ints | None:
-        """Cells (n, 2) of (row, col) of the cheapest path between two cells; None without one.
+        """Return the cells (n, 2) of the cheapest path between two cells; None without one.
 
-        One of them is the flood's end. It is the path that a planner finds from the first to the
-        last, whichever of them that is.
+        One of them is the root. It is the path that a planner finds from the first to the last.
         """
         from locplan._support.kernels.ways import cheapest_cells
 
-        forwards = first == self.source
-        other = last if forwards else first
-        if other != self.source and not self.steps[other]:
+        is_forwards = first == self.root
+        other = last if is_forwards else first
+        if other != self.root and not self.steps[other]:
             return None
         costs = bordered.half, bordered.columns
-        return bordered.cells_of(cheapest_cells(*costs, self.steps, self.source, other, forwards))
+        return bordered.cells_of(cheapest_cells(*costs, self.steps, self.root, other, is_forwards))
 
 
 @dataclass(frozen=True, eq=False)
 class Searches:
-    """What is searched on a scene."""
+    """The searches on a scene."""
 
-    kept: Kept
-    """Costmaps, searches and paths that are kept."""
+    store: Store
+    """Costmaps, searches and paths."""
     scene: Scene
     """The scene."""
-    check: Check
-    """It is called between the legs and in searches, and raises to end the plan."""
+    check: Check = lambda: None
+    """Function that is called between legs and in searches, and raises to end the plan."""
 
-    def halved(self, weight: float) -> Searched:
-        """The costmap at a weight, or the blank one before there is a field."""
+    def grid(self, weight: float) -> SearchGrid:
+        """Return the costmap at a weight, or the blank one before there is a field."""
         costs = self.scene.costs
 
-        def make() -> Searched:
-            return Searched.halved(costs if self.scene.field is None else costs.with_weight(weight))
+        def create() -> SearchGrid:
+            has_field = self.scene.field is not None
+            return SearchGrid.halved(costs.with_weight(weight) if has_field else costs)
 
-        key = ("halved", self.scene.serial, weight)
-        return self.kept.made(key, make, lambda m: m.bordered.half.nbytes, 2 * costs.density.nbytes)
+        key, expected = ("grid", self.scene.key, weight), 2 * costs.density.nbytes
+        return self.store.get_or_create(
+            key, create, lambda grid: grid.bordered.half.nbytes, expected
+        )
 
-    def coarse(self, weight: float) -> Searched:
-        """The costmap of drafts at a weight."""
+    def coarse_grid(self, weight: float) -> SearchGrid:
+        """Return the costmap of drafts at a weight."""
 
-        def make() -> Searched:
+        def create() -> SearchGrid:
             costs = self.scene.coarse.with_weight(weight)
-            return Searched(costs, Bordered.of(costs))
+            return SearchGrid(costs, Bordered.of(costs))
 
-        key = ("coarse", self.scene.serial, weight)
-        return self.kept.made(key, make, lambda made: 3 * made.bordered.half.nbytes)
+        key = ("coarse grid", self.scene.key, weight)
+        return self.store.get_or_create(key, create, lambda grid: 3 * grid.bordered.half.nbytes)
 
-    def flood(
-        self, weight: float, end: Position, check: Check | None = None, *, draft: bool = False
-    ) -> Flood:
-        """The search from an end of a leg."""
-        searched = self.coarse(weight) if draft else self.halved(weight)
-        source = searched.index_of(end)
-        return self.kept.made(
-            ("coarse flood" if draft else "flood", self.scene.serial, weight, source),
-            lambda: Flood.of(searched.bordered, source, check),
-            lambda made: made.steps.nbytes,
-            Flood.expected(searched.bordered),
+    def tree(
+        self, weight: float, end: Position, check: Check | None = None, *, is_draft: bool = False
+    ) -> PathTree:
+        """Return the search from an end of a leg."""
+        grid = self.coarse_grid(weight) if is_draft else self.grid(weight)
+        root = grid.index(end)
+        return self.store.get_or_create(
+            ("coarse tree" if is_draft else "tree", self.scene.key, weight, root),
+            lambda: PathTree.search(grid.bordered, root, check),
+            lambda tree: tree.steps.nbytes,
+            PathTree.expected_bytes(grid.bordered),
         )
 
     def path(
-        self, stops: Sequence[Position], weight: float, held: int | None, *, draft: bool = False
+        self,
+        stops: Sequence[Position],
+        weight: float,
+        held: int | None = None,
+        *,
+        is_draft: bool = False,
     ) -> Path | None:
-        """The path over all stops, leg by leg, of which one may be held; None if a leg has none."""
-        find = self._draft if draft else self._leg
+        """Return the path over all stops, of which one may be held; None if a leg has none."""
+        find = self._draft if is_draft else self._leg
         legs: list[Path] = []
         for n, (start, goal) in enumerate(itertools.pairwise(stops)):
             self.check()
@@ -248,39 +254,40 @@ class Searches:
         return legs[0] if len(legs) == 1 else Path.joined(legs)
 
     def _leg(self, weight: float, start: Position, goal: Position, moving: str) -> Path | None:
-        """The any-angle path of a leg, of which one end may be moving; None if there is none.
+        """Return the any-angle path of a leg, of which one end may move; None if there is none.
 
-        A search from an end that rests is kept, and serves paths to it and from it. It is finished
-        even where the plan is not: the next one needs it.
+        A search from the end that rests is stored, and serves paths to it and from it. It runs to
+        its end even if the plan is cancelled: the next one needs it.
         """
-        key = ("leg", self.scene.serial, weight, start, goal)
-        path: Path | None = self.kept.get(key)
+        key = ("leg", self.scene.key, weight, start, goal)
+        path: Path | None = self.store.get(key)
         if path is not None:
             return path
-        searched = self.halved(weight)
-        costs, bordered = searched.costs, searched.bordered
+        grid = self.grid(weight)
         if moving:
-            self.flood(weight, goal if moving == "start" else start)
-        ends = searched.index_of(start), searched.index_of(goal)
-        keys = [("flood", self.scene.serial, weight, end) for end in ends]
-        flood: Flood | None = self.kept.get(keys[0]) or self.kept.get(keys[1])
-        if flood is None:
+            self.tree(weight, goal if moving == "start" else start)
+        ends = grid.index(start), grid.index(goal)
+        trees = (self.store.get(("tree", self.scene.key, weight, end)) for end in ends)
+        tree: PathTree | None = next(filter(None, trees), None)
+        if tree is None:
             self.check()
-            path = AnyAngle().solve_prepared(costs, bordered, start, goal, self.check).path
-        elif (cells := flood.cells(bordered, *ends)) is not None:
-            path = any_angle_path(costs, bordered, cells, start, goal)
-        return None if path is None else self.kept.put(key, path, path.xy.nbytes)
+            path = (
+                AnyAngle().solve_prepared(grid.costs, grid.bordered, start, goal, self.check).path
+            )
+        elif (cells := tree.cells(grid.bordered, *ends)) is not None:
+            path = any_angle_path(grid.costs, grid.bordered, cells, start, goal)
+        return None if path is None else self.store.put(key, path, path.xy.nbytes)
 
     def _draft(self, weight: float, start: Position, goal: Position, moving: str) -> Path | None:
-        """The path of a leg on larger cells; None if there is none."""
-        coarse = self.coarse(weight)
-        first, last = coarse.free_near(start), coarse.free_near(goal)
+        """Return the path of a leg on larger cells; None if there is none."""
+        grid = self.coarse_grid(weight)
+        first, last = grid.nearest_free(start), grid.nearest_free(goal)
         if first is None or last is None:
             return None
-        # The search is kept from the end that rests.
-        flood = self.flood(weight, last if moving == "start" else first, draft=True)
-        cells = flood.cells(coarse.bordered, coarse.index_of(first), coarse.index_of(last))
+        # The search starts from the end that rests.
+        tree = self.tree(weight, last if moving == "start" else first, is_draft=True)
+        cells = tree.cells(grid.bordered, grid.index(first), grid.index(last))
         if cells is None:
             return None
-        found = any_angle_path(coarse.costs, coarse.bordered, cells, first, last)
-        return Path(np.vstack([start, found.xy[1:-1], goal]))
+        path = any_angle_path(grid.costs, grid.bordered, cells, first, last)
+        return Path(np.vstack([start, path.xy[1:-1], goal]))

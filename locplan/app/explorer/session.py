@@ -1,30 +1,35 @@
-"""A session: a map, its field and its costs, and what is kept of them; it knows no web."""
+"""A session: a map, its field and its costs as one page or several see and change them."""
 
 from __future__ import annotations
 
-import dataclasses
 import secrets
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 from typing import Any
 
+from locplan._support.checks import check_threads
 from locplan._support.tables import finite
-from locplan.app.explorer.requests import MAX_WEIGHT, Ask, Cancel, Work
-from locplan.app.explorer.scene import Opening, Scene, Texture, stops_of, textures_of
-from locplan.app.explorer.searches import Flood, Kept
-from locplan.app.explorer.upkeep import Upkeep
-from locplan.app.explorer.view import View
-from locplan.errors import ConfigError, LocplanError
-from locplan.field.config import equipped
+from locplan.app.explorer.first_route import Stops, choose_first_route
+from locplan.app.explorer.layers import Layer, make_layers
+from locplan.app.explorer.messages import Cancel, Cancelled, Job, Question
+from locplan.app.explorer.plans import has_drafts
+from locplan.app.explorer.repairs import (
+    compute_scene,
+    make_blank_scene,
+    make_scene,
+    repair_scene,
+)
+from locplan.app.explorer.scene import Opening, Scene
+from locplan.app.explorer.searches import PathTree, Searches, Store
+from locplan.app.explorer.sites import Change, Site
+from locplan.app.explorer.weak_spots import NamedSpot, name_weak_spots
+from locplan.errors import one_line
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.any_angle import AnyAngle
-from locplan.planning.costmap import Costmap
-from locplan.robots.lidar import Lidar
-from locplan.robots.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -34,32 +39,48 @@ class Download:
     name: str
     """Name that it is saved under."""
     content: bytes
-    """What is in it."""
-    media_type: str
-    """Its kind, such as text/html."""
+    """Its content."""
 
 
-class Session(Upkeep):
-    """A map, its field and its costs as one page or several see and change them.
+class Session:
+    """A map with changes, and a thread that brings its field up to date.
 
-    Its methods may be called from several threads.
+    Scenes are replaced as a whole, so that an answer works on one from its beginning to its end.
+    Methods may be called from several threads.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     opening : Opening
-        What the session begins with.
+        The settings of the session.
     """
 
     def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
-        super().__init__(grid, opening)
-        self.files = Kept(opening.limits.file_bytes)
-        self.edits: list[Any] = []
-        self.undone: list[Any] = []
-        self.opening_ends = threading.Lock()
-        self.saved = grid
-        self.written: set[FilePath] = set()
+        self.opening = opening
+        self.original = Site(grid, opening.config, opening.robot)
+        self.scene = make_blank_scene(self.original)
+        self.changes: tuple[Change, ...] = ()
+        self.busy: tuple[int, int] | None = None
+        """Finished steps and all steps of the field; 0 of 0 before they are known."""
+        self.route: Stops | None = None
+        """The first route; None before there is one."""
+        if opening.start and opening.goal:
+            self.route = Stops(opening.start, opening.goal, opening.via)
+        self.searches = Store(opening.limits.search_bytes)
+        self.files = Store(opening.limits.file_bytes)
+        self.scenes = Store(opening.limits.scene_bytes)
+        self.listeners: list[Callable[[dict[str, Any]], None]] = []
+        self.lock = threading.RLock()
+        self._worker = ThreadPoolExecutor(1, "field")
+        self._pool = ThreadPoolExecutor(check_threads(opening.threads), "first points")
+        self._cancel = Cancel()
+        self._work: Future[None] | None = None
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map with its changes."""
+        return self.scene.site.grid
 
     @property
     def field(self) -> CovarianceField | None:
@@ -67,158 +88,203 @@ class Session(Upkeep):
         return self.scene.field
 
     @property
-    def lidar(self) -> Lidar | None:
-        """The robot's lidar by the present settings; None where none was named."""
-        own: Lidar | None = getattr(self.config.estimator, "lidar", None)
-        return own if self.config is not self.opening.config else self.opening.robot.lidar or own
+    def weak_spots(self) -> list[NamedSpot] | None:
+        """The weak spots of the scene; None before they are known."""
+        return self.files.get(("spots", self.scene.digest))  # type: ignore[no-any-return]
 
-    @property
-    def robot(self) -> Robot:
-        """The robot with its lidar; where none was named, with one of the field's range."""
-        return equipped(dataclasses.replace(self.opening.robot, lidar=self.lidar), self.config)
-
-    @property
-    def edited(self) -> bool:
-        """Whether the map differs from the one that was opened or saved last."""
-        return self.grid.digest != self.saved.digest
-
-    @property
-    def default_weight(self) -> float:
-        """The weight where none is asked for."""
-        given = self.opening.weight
-        return self.config.estimator.weight if given is None else given
-
-    def costs(self, weight: float | None = None, scene: Scene | None = None) -> Costmap:
-        """The costmap at a weight.
+    def begin(self, field: CovarianceField | None = None) -> None:
+        """Begin to compute the field.
 
         Parameters
         ----------
-        weight : float, optional
-            Metres of detour accepted per degenerate metre, by default the usual weight.
-        scene : Scene, optional
-            The scene, by default the present one.
-
-        Raises
-        ------
-        ConfigError
-            If there is no field yet.
+        field : CovarianceField, optional
+            The field of the map if it is there.
         """
-        scene = scene or self.scene
-        if scene.field is None:
-            raise ConfigError("the field is still being computed; wait until it is there")
-        if weight is None or weight == scene.costs.weight:
-            return scene.costs
-        return scene.costs.with_weight(weight)
+        with self.lock:
+            self._cancel = cancel = Cancel()
+            self.busy = 0, 0
+            scenes = self._compute(self.original, cancel, field)
+            self._work = self._worker.submit(self._run, scenes, cancel)
 
-    def weight_of(self, ask: Ask) -> float:
-        """The weight of a question.
+    def apply_changes(self, changes: Sequence[Change]) -> Scene:
+        """Apply changes to the original site, and return the first scene that has them.
 
         Parameters
         ----------
-        ask : Ask
-            The question.
+        changes : sequence
+            All changes, see `read_changes`.
         """
-        return ask.number("weight", 0.0, MAX_WEIGHT, self.default_weight)
+        site = self.original.with_changes(changes)
+        with self.lock:
+            self._cancel.cancel()
+            self._cancel = cancel = Cancel()
+            stored: Scene | None = self.scenes.get(site.key)
+            base = self._repairable(site)
+            scenes: Iterator[Scene] = iter(())
+            if stored is not None:
+                scene = stored
+            elif base is not None:
+                scenes = self._repair(base, site, cancel)
+                scene = next(scenes)
+            else:
+                scene, scenes = make_blank_scene(site), self._compute(site, cancel)
+                self.busy = 0, 0
+            self.changes = tuple(changes)
+            self._show(scene)
+            self._work = self._worker.submit(self._run, scenes, cancel)
+            return scene
 
-    def view(self, ask: Ask) -> View:
-        """What the page shows, for the answers that take long.
+    def wait(self) -> None:
+        """Wait until the field is up to date, and raise the error if it could not be computed."""
+        while (work := self._work) is not None:
+            with suppress(Cancelled):
+                work.result()
+            if work is self._work:
+                return
+
+    def close(self) -> None:
+        """End the work after its present step."""
+        self._cancel.cancel()
+        for pool in (self._worker, self._pool):
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def prepare(self) -> None:
+        """Load the kernels, while the browser loads the page."""
+        AnyAngle().prepare()
+        PathTree.prepare()
+
+    def tell(self, event: dict[str, Any]) -> None:
+        """Send an event to all pages.
 
         Parameters
         ----------
-        ask : Ask
-            The question.
+        event : dict
+            The event, fit for JSON.
         """
-        scene = self.scene
-        costs = self.costs(self.weight_of(ask), scene)
-        assert scene.field is not None
-        stops, _ = stops_of(ask, scene.parts)
-        return View(scene.field, costs, self.robot, stops, scene.whole)
+        for listener in list(self.listeners):
+            listener(event)
 
-    def textures(self, digest: str) -> Mapping[str, Texture] | None:
-        """The layers of a digest: of the scene, or of one shortly before.
+    def layers(self, digest: str) -> Mapping[str, Layer]:
+        """Return the layers of a field that is shown or was shown before; none of others.
 
         Parameters
         ----------
         digest : str
-            The digest; None is returned where there is nothing of it.
+            Digest of the field.
         """
-        scene = self.scene
-        if scene.digest != digest or scene.field is None:
-            return self.files.get(("textures", digest))  # type: ignore[no-any-return]
-        found: CovarianceField = scene.field
-        return self.files.made(
-            ("textures", digest),
-            lambda: textures_of(found),
-            lambda made: sum(each.values.nbytes for each in made.values()),
+        scene, key = self.scene, ("layers", digest)
+        field = scene.field
+        if field is None or scene.digest != digest:
+            stored: Mapping[str, Layer] = self.files.get(key) or {}
+            return stored
+        return self.files.get_or_create(
+            key,
+            lambda: make_layers(field),
+            lambda layers: sum(layer.texels.nbytes for layer in layers.values()),
         )
 
-    def layers(self) -> dict[str, Texture]:
-        """The layers to choose from."""
-        return dict(self.textures(self.scene.digest) or {})
-
-    def add_download(self, name: str, content: bytes, media_type: str) -> str:
-        """Keep a file for the page to fetch, and return its key.
+    def add_download(self, name: str, content: bytes) -> str:
+        """Store a file for the page to fetch, and return its key.
 
         Parameters
         ----------
-        name, media_type : str
-            Name under which the browser saves it, and the type of its content.
+        name : str
+            Name under which the browser saves it.
         content : bytes
             The content.
         """
         key = secrets.token_urlsafe(16)
-        self.files.put(("download", key), Download(name, content, media_type), len(content))
+        self.files.put(("download", key), Download(name, content), len(content))
         return key
-
-    def download(self, key: str) -> Download | None:
-        """A file that was kept; None without it.
-
-        Parameters
-        ----------
-        key : str
-            Its key, from `add_download`.
-        """
-        return self.files.get(("download", key))  # type: ignore[no-any-return]
-
-    def prepare(self) -> None:
-        """Find the first ends and load the kernels, while the browser loads the page."""
-        with suppress(LocplanError):  # the page's own questions tell what is wrong
-            self.state()
-        AnyAngle().prepare()
-        Flood.prepare()
-
-    def about(self) -> dict[str, Any]:
-        """The map, and what can be chosen and done, fit for JSON."""
-        from locplan.app.explorer.state import about
-
-        return dict(about(self))
-
-    def state(self) -> dict[str, Any]:
-        """The field, the layers, the ends and the work in the background, fit for JSON."""
-        from locplan.app.explorer.state import state
-
-        return dict(state(self))
 
     def answer(
         self, do: str, *, progress: Callable[..., None] | None = None, **values: Any
     ) -> dict[str, Any]:
-        """The answer to a question as the page gets it, fit for JSON.
+        """Return the answer to a question as the page gets it, fit for JSON.
 
         Parameters
         ----------
         do : str
             Name of the question.
         progress : callable, optional
-            Called with (done, total), and perhaps what is done; what it raises ends the work.
+            Called with (done, total), and perhaps a word for the work.
         **values
-            What the question says.
+            The values of the question.
 
         Raises
         ------
         LocplanError
             If a value is out of its range.
         """
-        work = Work(progress or (lambda *_: None), Cancel())
         from locplan.app.explorer.questions import QUESTIONS
 
-        return finite(QUESTIONS[do].answer(self, Ask(do, 0, values), work))
+        job = Job(progress or (lambda *_: None), lambda: None)
+        return finite(QUESTIONS[do].answer(self, Question(do, 0, values), job))
+
+    def _repairable(self, site: Site) -> Scene | None:
+        """Return the latest scene whose field has the same settings; None without one."""
+        scenes: list[Scene] = [self.scene, *self.scenes.results]
+        for scene in scenes:
+            if scene.field is not None and scene.field.config == site.config:
+                return scene
+        return None
+
+    def _compute(
+        self, site: Site, cancel: Cancel, field: CovarianceField | None = None
+    ) -> Iterator[Scene]:
+        """Yield the scene of a site and its field, which is computed unless it is there."""
+        if field is None:
+            yield compute_scene(site, self.opening, self._progress(cancel))
+        else:
+            yield make_scene(site, field, self.opening)
+
+    def _repair(self, base: Scene, site: Site, cancel: Cancel) -> Iterator[Scene]:
+        progress, free_memory = self._progress(cancel), self.searches.forget
+        return repair_scene(base, site, self.opening, self._pool, progress, free_memory)
+
+    def _progress(self, cancel: Cancel) -> Callable[[int, int], None]:
+        def report(done: int, total: int) -> None:
+            cancel.check()
+            self.busy = done, total
+            self.tell({"event": "progress", "done": done, "total": total})
+
+        return report
+
+    def _show(self, scene: Scene) -> None:
+        self.scene = scene
+        if scene.field is not None and scene.is_whole:
+            self.busy = None
+            self.scenes.put(scene.site.key, scene, scene.bytes)
+        self.searches.forget(lambda key: key[1] == scene.key)
+        self.tell({"event": "state"})
+
+    def _run(self, scenes: Iterator[Scene], cancel: Cancel) -> None:
+        """Show scenes as they come, then the weak spots and the first route on the last one."""
+        try:
+            for scene in scenes:
+                with self.lock:
+                    cancel.check()
+                    self._show(scene)
+            self._describe(cancel)
+        except Exception as error:
+            if cancel.is_cancelled:  # also if a pool was closed meanwhile
+                raise Cancelled from None
+            self.busy = None
+            text = one_line(" ".join(str(error).split()) or type(error).__name__)
+            self.tell({"event": "error", "error": text})
+            self.tell({"event": "state"})
+            raise
+
+    def _describe(self, cancel: Cancel) -> None:
+        """Find the weak spots of the scene, and the first route if there is none."""
+        scene = self.scene
+        if self.weak_spots is None:
+            is_checked = scene.site.key == self.original.key
+            spots = name_weak_spots(scene, self.opening.report if is_checked else None)
+            self.files.put(("spots", scene.digest), spots, sum(spot.bytes for spot in spots))
+            self.tell({"event": "state"})
+        if self.route is None:
+            searches = Searches(Store(self.opening.limits.search_bytes), scene, cancel.check)
+            is_draft = has_drafts(self.opening, scene.site.grid)
+            self.route = choose_first_route(searches, self.opening, is_draft=is_draft)
+            self.tell({"event": "state"})

@@ -1,51 +1,133 @@
-"""The answer that takes long: the simulated choice of the path shown."""
+"""The simulation of a route: which path to take, with the words and numbers of `locplan plan`."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
-from locplan.app.explorer.scene import MAX_DRIVES
+import numpy as np
+
+from locplan._support.intervals import Interval
+from locplan._support.kernels.arrays import Bools
+from locplan.app.explorer.plans import read_weight
+from locplan.app.explorer.scene import Scene, read_stops
 from locplan.errors import ConfigError
+from locplan.field.field import CovarianceField
+from locplan.maps.grid import OccupancyGrid
 from locplan.planning.path import Path
+from locplan.planning.plans import SHORTEST
+from locplan.simulation.race import Candidate
 from locplan.simulation.recommend import choose
-
-SHOWN = "shown path"
-"""Name of the candidate that the page shows."""
-MAX_POINTS = 5000
-"""Maximum number of points of that path."""
+from locplan.simulation.recommendation import Choice
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.requests import Ask, Work
+    from locplan.app.explorer.messages import Job, Question
     from locplan.app.explorer.session import Session
 
+SHOWN = "shown"
+"""Name of the candidate that the page shows."""
+TITLES = {SHOWN: "Shown path", SHORTEST: "Shortest"}
+"""Names of candidates for people, if they are not the names themselves."""
+MAX_DRIVES = 64
+"""Maximum number of confirming drives of a path."""
+MAX_POINTS = 5000
+"""Maximum number of points of the shown path."""
 
-def simulate(session: Session, ask: Ask, work: Work) -> dict[str, object]:
-    """Answer the ask for the simulated choice of the way shown by its summary.
 
-    The path that the page shows is a candidate, so that the answer is about it.
+def simulate(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
+    """Simulate the candidates of a route, and return the recommended one.
 
-    Candidates are driven just as `locplan plan` does with these settings. Of the page's field it
-    takes the points that a field for this choice has. Work that is cancelled ends after the drives
-    that are under way; the searches before the first drive run out.
+    The page's own path is a candidate. Of the page's field it takes the points that a field for
+    this recommendation has. Cancelled work ends after the present drives.
     """
-    view, drives = session.view(ask), ask.whole("drives", 2, MAX_DRIVES, 64)
-    work.progress(0, drives, "planning")
-    start, *via, goal = view.stops
-    shown = ask.positions("path", MAX_POINTS)
+    if scene.field is None:
+        raise ConfigError("the field is still being computed; wait until it is there")
+    job.progress(0, MAX_DRIVES, "planning")
+    stops, _ = read_stops(question, scene.parts)
+    start, *via, goal = stops
+    shown, weight = question.positions("path", MAX_POINTS), read_weight(question, scene)
+    opening, site = session.opening, scene.site
     choice = choose(
-        view.grid,
+        site.grid,
         start,
         goal,
-        view.robot,
-        costs=view.field.config,
+        site.robot,
+        costs=site.config,
         candidates={SHOWN: Path(shown)} if shown else {},
-        compute=view.field_at if view.whole else None,
+        compute=_field_of(scene) if scene.is_whole else None,
         via=via,
-        drives=drives,
-        threads=session.opening.threads,
-        progress=work.progress,
-        **view.cost_settings,
+        weight=weight,
+        criterion=opening.criterion,
+        drives=MAX_DRIVES,
+        threads=opening.threads,
+        progress=job.progress,
     )
     if choice.path is None:
         raise ConfigError("no path joins start and goal; move one of them")
-    return {**choice.summary(), "driven": choice.driven}
+    return describe_choice(choice)
+
+
+def _field_of(scene: Scene) -> Any:
+    """Return a function that gives the field of a scene at some of its points."""
+    field = scene.field
+    assert field is not None
+
+    def compute(grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:
+        if points is None:
+            return field
+        values = {name: array.copy() for name, array in field.values.items()}
+        for array in values.values():
+            array[~points] = np.nan
+        return CovarianceField.of(values, grid, field.config)
+
+    return compute
+
+
+def describe_choice(choice: Choice) -> dict[str, Any]:
+    """Return a recommendation as the page shows it."""
+    chosen, shortest = choice.chosen, choice.shortest
+    assert chosen is not None
+    assert shortest is not None
+    return {
+        "verdict": choice.sentence,
+        "evidence": choice.arrives,
+        "advice": choice.advice,
+        "is_detour": chosen is not shortest,
+        "recommended": chosen.name,
+        "candidates": [_describe(candidate, choice) for candidate in choice.candidates],
+        "along": {"recommended": _errors_along(chosen), "shortest": _errors_along(shortest)},
+    }
+
+
+def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
+    driven, arrivals = candidate.driven, candidate.arrivals
+    nothing = Interval(math.nan, math.nan, math.nan)
+    error, lost, off = nothing, nothing, nothing
+    if driven is not None:
+        error, lost, off = driven.error, driven.lost_rate, driven.off_at_end_rate
+    return {
+        "name": candidate.name,
+        "title": TITLES.get(candidate.name, candidate.name.capitalize()),
+        "xy": np.round(candidate.path.xy, 3).tolist(),
+        "length": candidate.path.length,
+        "error": error.value,
+        "error_interval": [error.low, error.high],
+        "lost": lost.value,
+        "lost_interval": [lost.low, lost.high],
+        "off_at_end": off.value,
+        "reached": arrivals.arrived.value if arrivals else None,
+        "drives": len(driven.numbers) if driven else 0,
+        "is_recommended": candidate is choice.chosen,
+        "is_shortest": candidate is choice.shortest,
+    }
+
+
+def _errors_along(candidate: Candidate) -> dict[str, list[float]] | None:
+    """Return the errors of the drives along a path."""
+    if candidate.driven is None:
+        return None
+    distance, median, low, high = candidate.driven.profile.T
+    centimetres = {"median_cm": median, "low_cm": low, "high_cm": high}
+    return {"s": np.round(distance, 3).tolist()} | {
+        name: np.round(100 * values, 2).tolist() for name, values in centimetres.items()
+    }

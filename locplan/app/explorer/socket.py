@@ -14,22 +14,23 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from locplan._support.checks import whole
 from locplan._support.tables import finite
-from locplan.app.explorer.questions import QUESTIONS
-from locplan.app.explorer.requests import (
+from locplan.app.explorer.messages import (
     MAX_ID,
-    Ask,
+    BadMessage,
     Cancel,
     Cancelled,
-    Unanswerable,
-    Work,
-    read_ask,
+    Job,
+    Question,
+    read_question,
 )
+from locplan.app.explorer.questions import QUESTIONS
 from locplan.app.explorer.session import Session
+from locplan.app.explorer.state import describe_state
 from locplan.errors import LocplanError, one_line
 
 
 class Link:
-    """One page's socket. Its questions have numbers of their own."""
+    """The socket of one page, whose questions it numbers itself."""
 
     def __init__(self, session: Session, lanes: Mapping[str, Executor], socket: WebSocket) -> None:
         self._session, self._lanes, self._socket = session, lanes, socket
@@ -37,16 +38,16 @@ class Link:
         self._loop = asyncio.get_running_loop()
         self._turns = itertools.count()
         self._newest: dict[str, int] = {}
-        self._under_way: dict[int, Cancel] = {}
+        self._waiting: dict[int, Cancel] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._changed = asyncio.Event()
+        self._has_new_state = asyncio.Event()
 
     async def run(self) -> None:
-        """Answer until the page goes."""
+        """Answer until the page closes."""
         await self._socket.accept()
         self._session.listeners.append(self._hear)
-        self._changed.set()
-        self._begin(self._tell_states())
+        self._has_new_state.set()
+        self._begin(self._send_states())
         try:
             while True:
                 message = await self._socket.receive()
@@ -54,11 +55,11 @@ class Link:
                     break
                 text = message.get("text")
                 await self._take(text if text is not None else "")
-        except (WebSocketDisconnect, RuntimeError):  # the latter: it closed while it was written to
+        except (WebSocketDisconnect, RuntimeError):  # the latter: it closed during a write
             pass
         finally:
             self._session.listeners.remove(self._hear)
-            for cancel in self._under_way.values():
+            for cancel in self._waiting.values():
                 cancel.cancel()
             for task in list(self._tasks):
                 task.cancel()
@@ -66,63 +67,71 @@ class Link:
     async def _take(self, text: str) -> None:
         """Begin to answer a message."""
         try:
-            ask = read_ask(text, [*QUESTIONS, "cancel"])
-            if ask.do == "cancel":
-                await self._send(self._cancelled(ask))
+            question = read_question(text, [*QUESTIONS, "cancel"])
+            if question.do == "cancel":
+                await self._send(self._cancel(question))
                 return
-            if len(self._under_way) >= self._session.opening.limits.waiting:
-                raise Unanswerable("too many questions wait; ask again later", ask.id)
-            if ask.id in self._under_way:
-                raise Unanswerable("a question with this id is under way", ask.id)
-        except Unanswerable as error:
+            if len(self._waiting) >= self._session.opening.limits.waiting:
+                raise BadMessage("too many questions wait; ask again later", question.id)
+            if question.id in self._waiting:
+                raise BadMessage("a question with this id waits already", question.id)
+        except BadMessage as error:
             await self._send({"re": error.number, "error": str(error)})
             return
         cancel, turn = Cancel(), next(self._turns)
-        self._under_way[ask.id] = cancel
-        if not QUESTIONS[ask.do].each:
-            self._newest[ask.do] = turn
-        self._begin(self._answer(ask, cancel, turn))
+        self._waiting[question.id] = cancel
+        if not QUESTIONS[question.do].is_queued:
+            self._newest[question.do] = turn
+        self._begin(self._answer(question, cancel, turn))
 
-    def _cancelled(self, ask: Ask) -> dict[str, Any]:
-        """Take a question back, and answer that."""
+    def _cancel(self, question: Question) -> dict[str, Any]:
+        """Cancel a question, and answer that."""
         try:
-            number = whole("of", ask.values.get("of"), 0, MAX_ID)
+            number = whole("of", question.values.get("of"), 0, MAX_ID)
         except LocplanError as error:
-            return {"re": ask.id, "error": str(error)}
-        if number in self._under_way:
-            self._under_way[number].cancel()
-        return {"re": ask.id, "ok": True}
+            return {"re": question.id, "error": str(error)}
+        if number in self._waiting:
+            self._waiting[number].cancel()
+        return {"re": question.id, "ok": True}
 
-    async def _answer(self, ask: Ask, cancel: Cancel, turn: int) -> None:
-        """Answer a question in its lane."""
-        # It ends, too, once a newer question of its kind has come.
-        either = Cancel(lambda: cancel.cancelled or self._newest.get(ask.do, turn) != turn)
-        work = Work(self._progress(ask.id, either), either)
+    async def _answer(self, question: Question, cancel: Cancel, turn: int) -> None:
+        """Answer a question in its lane, and let the lane work on for the next one."""
+        # A newer question of the same kind ends it as well.
+        either = Cancel(lambda: cancel.is_cancelled or self._newest.get(question.do, turn) != turn)
+        job = Job(self._progress(question.id, either), either.check)
+        entry, session = QUESTIONS[question.do], self._session
+        lane = self._lanes[entry.lane]
+
+        def work() -> dict[str, Any]:
+            either.check()
+            return entry.answer(session, question, job)
+
+        def follow_up() -> None:
+            either.check()
+            if entry.follow_up:
+                entry.follow_up(session, session.scene, question, job)
+
         try:
-            lane = self._lanes[QUESTIONS[ask.do].lane_of(self._session, ask)]
-            answer = await self._loop.run_in_executor(lane, self._work, ask, work)
+            answer = await self._loop.run_in_executor(lane, work)
         except Cancelled:
-            answer = {"cancelled": True} if cancel.cancelled else {"stale": True}
+            answer = {"cancelled": True} if cancel.is_cancelled else {"stale": True}
         except LocplanError as error:
-            answer = {"error": str(error)}
+            answer = {"error": format_error(str(error))}
         except MemoryError:
-            answer = {"error": "the memory does not suffice; ask for less"}
-        except Exception as error:  # a fault of ours must not end the page
-            answer = {"error": one_line(f"{ask.do} failed: {type(error).__name__}: {error}")}
+            answer = {"error": "The memory does not suffice; ask for less."}
+        except Exception as error:  # our own error must not end the page
+            answer = {"error": one_line(f"{question.do} failed: {type(error).__name__}: {error}")}
         finally:
-            del self._under_way[ask.id]
-        await self._send({"re": ask.id, **answer})
-
-    def _work(self, ask: Ask, work: Work) -> dict[str, Any]:
-        work.cancel.check()
-        return QUESTIONS[ask.do].answer(self._session, ask, work)
+            del self._waiting[question.id]
+        await self._send({"re": question.id, **answer})
+        if entry.follow_up and "basis" in answer:
+            with suppress(Cancelled, LocplanError, MemoryError, RuntimeError):
+                await self._loop.run_in_executor(lane, follow_up)
 
     def _progress(self, number: int, cancel: Cancel) -> Any:
         def progress(done: int, total: int, doing: str = "") -> None:
             cancel.check()
-            answer: dict[str, Any] = {"progress": number, "done": int(done), "total": int(total)}
-            if doing:
-                answer["doing"] = doing
+            answer = {"progress": number, "done": int(done), "total": int(total), "doing": doing}
             self._loop.call_soon_threadsafe(self._post, answer)
 
         return progress
@@ -134,20 +143,20 @@ class Link:
 
     def _post(self, message: dict[str, Any]) -> None:
         if message.get("event") == "state":
-            self._changed.set()
+            self._has_new_state.set()
         else:
             self._begin(self._send(message))
 
-    async def _tell_states(self) -> None:
+    async def _send_states(self) -> None:
         """Send the session's state whenever it has changed, one after the other.
 
         It is put together outside the loop, which answers meanwhile.
         """
         while True:
-            await self._changed.wait()
-            self._changed.clear()
-            answer = await self._loop.run_in_executor(None, self._session.state)
-            await self._send({"event": "state", **answer})
+            await self._has_new_state.wait()
+            self._has_new_state.clear()
+            state = await self._loop.run_in_executor(None, describe_state, self._session)
+            await self._send({"event": "state", **state})
 
     def _begin(self, work: Coroutine[Any, Any, None]) -> None:
         """Begin a task of this page, which ends with it."""
@@ -156,14 +165,25 @@ class Link:
         task.add_done_callback(self._tasks.discard)
 
     async def _send(self, answer: dict[str, Any]) -> None:
-        text = _text(answer)
+        text = _dump(answer)
         async with self._sending:
-            with suppress(WebSocketDisconnect, RuntimeError):  # the page has gone
+            with suppress(WebSocketDisconnect, RuntimeError):  # the page has closed
                 await self._socket.send_text(text)
 
 
-def _text(answer: dict[str, Any]) -> str:
-    """A message as JSON; null stands for NaN and infinity."""
+def format_error(text: str) -> str:
+    """Return an error as a sentence, with a capital letter and a full stop.
+
+    Examples
+    --------
+    >>> format_error("no path joins them; move one")
+    'No path joins them; move one.'
+    """
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '?', '!')) else '.'}"
+
+
+def _dump(answer: dict[str, Any]) -> str:
+    """Return a message as JSON, with null for NaN and infinity."""
     try:
         return json.dumps(answer, allow_nan=False, separators=(",", ":"))
     except ValueError:

@@ -1,0 +1,81 @@
+"""The first route of the page: one on which localizability makes a large difference."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from locplan.app.explorer.plans import SHORTEST_WEIGHT, measure_degeneracy
+from locplan.planning.cost_to_go import farthest_pairs
+from locplan.planning.protocol import Position
+
+if TYPE_CHECKING:
+    from locplan.app.explorer.scene import Opening
+    from locplan.app.explorer.searches import Searches
+
+NAMES = "ABCDEFG"
+"""Names of the places far apart, of which all pairs are compared."""
+
+
+@dataclass(frozen=True)
+class Stops:
+    """The stops of a route."""
+
+    start: Position
+    """Position of the start [m]."""
+    goal: Position
+    """Position of the goal [m]."""
+    via: tuple[Position, ...] = ()
+    """Positions to visit on the way [m]."""
+
+
+def choose_first_route(searches: Searches, opening: Opening, *, is_draft: bool) -> Stops | None:
+    """Return the pair of far places whose two paths differ most; None without a free place.
+
+    They differ by the degenerate metres that the recommended path avoids, times their share of
+    those of the shortest path.
+
+    Parameters
+    ----------
+    searches : Searches
+        The searches on a scene with a field.
+    opening : Opening
+        The settings of the session, which may name the start or the goal.
+    is_draft : bool
+        True plans on larger cells.
+    """
+    places = find_far_places(searches)
+    starts = [opening.start] if opening.start else places
+    goals = [opening.goal] if opening.goal else places
+    pairs = [(a, b) for a, b in itertools.product(starts, goals) if a != b]
+    if not opening.start and not opening.goal:
+        pairs = list(itertools.combinations(sorted(places), 2))
+    if not pairs:
+        return Stops(places[0], places[0]) if places else None
+
+    def rank(pair: tuple[Position, Position]) -> float:
+        weights = SHORTEST_WEIGHT, searches.scene.costs.weight
+        paths = [searches.path(pair, weight, 1, is_draft=is_draft) for weight in weights]
+        if None in paths:
+            return -1.0
+        shortest, recommended = (
+            measure_degeneracy(searches.scene.costs, path) for path in paths if path
+        )
+        return (shortest - recommended) ** 2 / shortest if shortest > recommended else 0.0
+
+    return Stops(*max(pairs, key=rank), opening.via)
+
+
+def find_far_places(searches: Searches) -> list[Position]:
+    """Return places of the largest part of the free space that are far apart."""
+    parts = searches.scene.parts
+    if not parts.largest:
+        return []
+    labels = parts.labels.astype(np.int32)
+    pairs = farthest_pairs(parts.grid, labels, parts.largest, NAMES, 0.0)
+    ends = [(place.x, place.y) for pair in pairs for place in (pair.start, pair.goal)]
+    row, col = np.argwhere(labels == parts.largest)[0].tolist()
+    return list(dict.fromkeys(ends)) or [parts.grid.position(row, col)]

@@ -1,0 +1,88 @@
+"""The layers of a field as the page draws them, row 0 on top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Floats, Octets
+from locplan.field.covariance import SCALARS
+from locplan.field.field import CovarianceField
+from locplan.maps.occupancy import FREE, OCCUPIED
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Values of a field on its lattice, in steps between two ends."""
+
+    name: str
+    """Name of the layer."""
+    title: str
+    """Title for people."""
+    unit: str
+    """Unit of the values."""
+    low: float
+    """Value of the first step."""
+    high: float
+    """Value of the last step, which is the worst."""
+    scale: str
+    """"linear", or "log" if the steps are even in the logarithm."""
+    labels: tuple[str, str]
+    """Texts for the two ends."""
+    texels: Octets
+    """Steps from 1 to 255, 0 without a value, row 0 on top."""
+
+    @property
+    def facts(self) -> dict[str, object]:
+        """All but the steps, fit for JSON."""
+        return {name: value for name, value in vars(self).items() if name != "texels"}
+
+
+def make_layers(field: CovarianceField) -> dict[str, Layer]:
+    """Return the layers of a field that the page shows, by name."""
+    layers = [_degeneracy(field), _deviation(field)]
+    return {layer.name: layer for layer in layers if layer.high > layer.low}
+
+
+def _degeneracy(field: CovarianceField) -> Layer:
+    """Return u of the estimator's own criterion, as costmaps have it."""
+    criterion = field.config.estimator.criterion
+    values = field.scalar(criterion, with_q=True)
+    u = share_between(values, *field.anchors(criterion), is_log=criterion not in field.layers)
+    texels = _steps(u.mean(axis=2) if u.ndim == 3 else u)
+    title = "How well a scan fixes the position"
+    return Layer("degeneracy", title, "", 0.0, 1.0, "linear", ("well", "not at all"), texels)
+
+
+def _deviation(field: CovarianceField) -> Layer:
+    """Return the standard deviation of the position."""
+    scalar = SCALARS["position_std"]
+    values, ends = field.scalar("position_std", headings="mean"), field.anchors("position_std")
+    low, high = (scalar.factor * end for end in ends)
+    labels = f"{low:.2g} {scalar.unit}", f"{high:.2g} {scalar.unit}"
+    texels = _steps(share_between(values, *ends, is_log=True))
+    title = "Standard deviation of the position"
+    return Layer("deviation", title, scalar.unit, low, high, "log", labels, texels)
+
+
+def share_between(values: Floats, low: float, high: float, *, is_log: bool) -> Floats:
+    """Return the places of values between two ends, 0..1; NaN for NaN."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if is_log:
+            share = np.log(np.maximum(values, np.finfo(float).tiny) / low) / np.log(high / low)
+        else:
+            share = (values - low) / (high - low)
+    return np.asarray(np.clip(share, 0.0, 1.0))
+
+
+def _steps(shares: Floats) -> Octets:
+    steps = 1 + np.rint(254 * shares)
+    return np.asarray(np.nan_to_num(steps, nan=0.0)[::-1], np.uint8)
+
+
+def make_cell_classes(cells: Octets) -> Octets:
+    """Return the cells of a map as 0 for unknown, 1 for free, 2 for occupied, row 0 on top."""
+    classes = np.zeros(256, np.uint8)
+    classes[FREE], classes[OCCUPIED] = 1, 2
+    return np.asarray(classes[cells[::-1]])

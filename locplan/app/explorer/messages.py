@@ -1,0 +1,185 @@
+"""Questions of the page: their values, checked, and the ways to cancel them."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, NoReturn, TypeVar
+
+from locplan._support.checks import is_number, number, one_of, position, printable, shown
+from locplan.errors import ConfigError, LocplanError
+
+Default = TypeVar("Default")
+MAX_WEIGHT = 1000.0
+"""Maximum weight that the page can ask for."""
+MAX_MESSAGE = 1_000_000
+"""Maximum length of a message [characters]."""
+MAX_ID = 2**53
+"""Maximum number of a question, the greatest whole number of JavaScript."""
+MAX_TEXT = 5000
+"""Maximum length of a text in a question [characters]."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question of the page."""
+
+    do: str
+    """Name of the question."""
+    id: int
+    """Number of the question, which its answer repeats."""
+    values: Mapping[str, Any]
+    """All values of the message."""
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a value other than null."""
+        return self.values.get(name) is not None
+
+    def position(self, name: str) -> tuple[float, float]:
+        """Return a position in the world, [x, y] [m]."""
+        return position(self._check(name, _is_pair, "[x, y] in metres"), name=name)
+
+    def positions(self, name: str, most: int = 50) -> list[tuple[float, float]]:
+        """Return positions in the world, [[x, y], ...] [m]; none without a value."""
+        what = f"up to {most} positions [x, y]"
+        values = self._check_list(name, most, _is_pair, what) if self.has(name) else []
+        return [position(value, name=name) for value in values]
+
+    def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
+        """Return a number within limits, or the default."""
+        return number(name, self.values[name], low, high) if self.has(name) else default
+
+    def one_of(self, name: str, choices: Collection[str], default: Default) -> str | Default:
+        """Return one of some words, or the default."""
+        return str(one_of(name, self.values[name], choices)) if self.has(name) else default
+
+    def text(self, name: str, default: Default) -> str | Default:
+        """Return a text in one line, or the default."""
+        what = f"a text of at most {MAX_TEXT} characters in one line"
+        return str(self._check(name, _is_line, what)) if self.has(name) else default
+
+    def flag(self, name: str) -> bool:
+        """Return true or false; false without a value."""
+        kinds = bool, type(None)
+        return bool(self._check(name, lambda value: isinstance(value, kinds), "true or false"))
+
+    def mapping(self, name: str) -> dict[str, Any]:
+        """Return an object whose values are not checked; empty without a value."""
+        kinds = dict, type(None)
+        value = self._check(name, lambda value: isinstance(value, kinds), "an object")
+        return dict(value or {})
+
+    def items(self, name: str, most: int) -> list[Question]:
+        """Return the objects of a list, which are read as questions are."""
+        what = f"a list of up to {most} objects"
+        values = self._check_list(name, most, lambda value: isinstance(value, dict), what)
+        return [Question(self.do, self.id, value) for value in values]
+
+    def _check_list(
+        self, name: str, most: int, is_item: Callable[[Any], bool], what: str
+    ) -> list[Any]:
+        def is_right(values: Any) -> bool:
+            return isinstance(values, list) and len(values) <= most and all(map(is_item, values))
+
+        return list(self._check(name, is_right, what))
+
+    def _check(self, name: str, is_right: Callable[[Any], bool], what: str) -> Any:
+        """Return the value; raise a ConfigError that names the right kind if it is of another."""
+        value = self.values.get(name)
+        if not is_right(value):
+            raise ConfigError(f"{name} must be {what}, not {shown(value)}")
+        return value
+
+
+def _is_line(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= MAX_TEXT and value == printable(value)
+
+
+def _is_pair(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
+
+
+class BadMessage(LocplanError):
+    """A message that is no question, with its number if it has one."""
+
+    def __init__(self, message: str, number: int | None = None) -> None:
+        super().__init__(message)
+        self.number = number
+
+
+def read_question(text: str, names: Collection[str]) -> Question:
+    """Read a question from a message.
+
+    Raises
+    ------
+    BadMessage
+        If it is none.
+    """
+    if len(text) > MAX_MESSAGE:
+        raise BadMessage(f"a message has at most {MAX_MESSAGE:,} characters, not {len(text):,}")
+    try:
+        values = json.loads(text, parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        raise BadMessage("a message must be an object of JSON") from None
+    if not isinstance(values, dict):
+        raise BadMessage("a message must be an object of JSON")
+    number, do = values.get("id"), values.get("do")
+    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= MAX_ID:
+        raise BadMessage("a question needs an id, a whole number from 0 on")
+    if not isinstance(do, str) or do not in names:
+        raise BadMessage(f"do must be one of {', '.join(names)}, not {shown(do)}", number)
+    return Question(do, number, values)
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(constant)
+
+
+class Cancelled(Exception):
+    """Signal that work was cancelled, which is no error of the user's."""
+
+
+class Cancel:
+    """A token that one thread sets and that the thread of the work checks.
+
+    Work ends at its next check, which is at the latest its next report of progress.
+
+    Examples
+    --------
+    >>> token = Cancel()
+    >>> token.check()
+    >>> token.cancel()
+    >>> token.check()
+    Traceback (most recent call last):
+    locplan.app.explorer.messages.Cancelled
+    """
+
+    def __init__(self, is_over: Callable[[], bool] = lambda: False) -> None:
+        self._event, self._is_over = threading.Event(), is_over
+
+    def cancel(self) -> None:
+        """Cancel the work; may be called from any thread, and more than once."""
+        self._event.set()
+
+    @property
+    def is_cancelled(self) -> bool:
+        """True if the work is not wanted any more."""
+        return self._event.is_set() or self._is_over()
+
+    def check(self) -> None:
+        """Raise `Cancelled` if the work is not wanted any more."""
+        if self.is_cancelled:
+            raise Cancelled
+
+
+@dataclass(frozen=True)
+class Job:
+    """The progress and the end of an answer that takes long."""
+
+    progress: Callable[..., None]
+    """Function of (done, total) or (done, total, doing) that shows the progress on the page; it
+    raises `Cancelled` if the question was cancelled."""
+    check: Callable[[], None]
+    """Function that raises `Cancelled` if the question was cancelled."""

@@ -1,0 +1,155 @@
+"""Computation of the scenes of a site; after a change, the places nearest to it come first."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+
+from locplan._support.checks import check_threads
+from locplan._support.kernels.arrays import Bools, Ints
+from locplan._support.progress import ProgressCallback
+from locplan.app.explorer.scene import Opening, Scene
+from locplan.app.explorer.sites import Site
+from locplan.field.compute import finished_chunks
+from locplan.field.field import CovarianceField
+from locplan.field.store import load_or_compute
+from locplan.field.tiles import untouched_points
+from locplan.planning.costmap import CellWindow, Costmap, changed_window, joined_windows
+
+STEPS = itertools.count(1)
+"""Numbers of the steps of repairs."""
+
+
+def make_blank_scene(site: Site) -> Scene:
+    """Return the scene of a site before its field is there."""
+    return Scene(site, Costmap.blank(site.grid, robot=site.robot))
+
+
+def compute_scene(site: Site, opening: Opening, progress: ProgressCallback) -> Scene:
+    """Return the scene of a site; its field comes from the cache if it is there."""
+    field = load_or_compute(
+        site.grid,
+        site.config,
+        cache_dir=opening.cache_dir,
+        threads=opening.threads,
+        progress=progress,
+    )
+    return make_scene(site, field, opening)
+
+
+def make_scene(site: Site, field: CovarianceField, opening: Opening) -> Scene:
+    """Return the scene of a site and its field."""
+    return Scene(site, _make_costs(site, field, opening), field, field.evaluated | field.lacking)
+
+
+def repair_scene(
+    scene: Scene,
+    site: Site,
+    opening: Opening,
+    pool: Executor,
+    progress: ProgressCallback,
+    free_memory: Callable[[], None],
+) -> Iterator[Scene]:
+    """Yield the scenes of a changed site, of which more and more values are those of its map.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene before the change, with a field of the same settings.
+    site : Site
+        The changed site.
+    opening : Opening
+        The settings of the session.
+    pool : Executor
+        The threads of the first step, which must be fast.
+    progress : callable
+        Called with (done, total) points.
+    free_memory : callable
+        Called before each costmap: on large maps only the shown one and the next one have room.
+    """
+    before, fresh = scene.field, scene.fresh
+    assert before is not None
+    assert fresh is not None
+    grid, config = site.grid, site.config
+    threads = check_threads(opening.threads)
+    evaluated, values = config.lattice_points(grid), before.values
+    fresh = fresh & untouched_points(before.grid, grid, config)
+    unknown = evaluated & ~before.evaluated
+    changed = before.grid.cells != grid.cells
+    order = nearest_first(evaluated & ~fresh, unknown, changed, before.stride)
+    seconds = config.headings * config.estimator.seconds(grid.resolution)
+    first = int(opening.limits.first_seconds * threads / seconds)
+    size, at = max(opening.limits.min_points, first, int(unknown.sum())), 0
+    while True:
+        batch = np.zeros_like(evaluated)
+        batch.flat[order[at : at + size]] = True
+        values = {name: array.copy() for name, array in values.items()}
+        for array in values.values():
+            array[batch | ~evaluated] = np.nan
+
+        def report(done: int, _: int, at: int = at) -> None:
+            progress(min(at + done, len(order)), len(order))
+
+        # For a few points a part of the map is prepared, which their threads do by themselves.
+        executor = pool if at == 0 else None
+        for _ in finished_chunks(values, grid, config, threads, executor, report, batch):
+            pass
+        fresh, at, size = fresh | batch, at + size, 4 * size
+        is_last = at >= len(order)
+        field = CovarianceField.of(values, grid, config)
+        free_memory()
+        stale = joined_windows(
+            scene.stale, changed_window(scene.costs.grid, field, scene.costs.robot_radius)
+        )
+        costs = _update_costs(scene, site, field, opening, stale)
+        step = 0 if is_last else next(STEPS)
+        scene = Scene(site, costs, field, fresh, step, None if is_last else stale)
+        yield scene
+        if is_last:
+            return
+
+
+def _update_costs(
+    scene: Scene, site: Site, field: CovarianceField, opening: Opening, stale: CellWindow | None
+) -> Costmap:
+    """Return the costmap of a field, read again only near the changes if the zones are the same."""
+    if scene.site.zones_digest != site.zones_digest:
+        return _make_costs(site, field, opening)
+    return scene.costs.updated(field, window=stale)
+
+
+def _make_costs(site: Site, field: CovarianceField, opening: Opening) -> Costmap:
+    settings: Any = {"criterion": opening.criterion, "weight": opening.weight}
+    return Costmap.from_field(site.grid, field, robot=site.robot, **settings)
+
+
+def nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:
+    """Return the flat indices of due lattice points, those nearest to changed cells first.
+
+    Parameters
+    ----------
+    due : (h, w) array of bool
+        The lattice points.
+    first : (h, w) array of bool
+        Points that precede all others.
+    changed : (H, W) array of bool
+        The changed cells of the map.
+    stride : int
+        Cells between two lattice points.
+    """
+    import cv2
+
+    rows, cols = np.nonzero(changed)
+    distance = np.zeros(due.shape)
+    if rows.size:
+        far = np.ones(due.shape, np.uint8)
+        at = ((index + stride // 2) // stride for index in (rows, cols))
+        far[tuple(np.minimum(i, n - 1) for i, n in zip(at, due.shape, strict=True))] = 0
+        distance = np.asarray(cv2.distanceTransform(far, cv2.DIST_L2, cv2.DIST_MASK_5), float)
+    distance[first] = -1.0
+    flat = np.flatnonzero(due)
+    return flat[np.argsort(distance.flat[flat], kind="stable")]

@@ -1,0 +1,165 @@
+"""A site, and the changes of the page that make one from another."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from locplan._support.checks import MAX_RANGE, number
+from locplan._support.kernels.arrays import Octets
+from locplan.advice.landmark_objects import Pole, Shape, cells_under
+from locplan.errors import ConfigError
+from locplan.field.config import SHORT_LIDAR, FieldConfig, equipped
+from locplan.maps.grid import OccupancyGrid
+from locplan.maps.occupancy import FREE, OCCUPIED
+from locplan.robots.lidar import PRESETS, Lidar
+from locplan.robots.robot import Robot
+
+if TYPE_CHECKING:
+    from locplan.app.explorer.messages import Question
+
+MAX_CHANGES, MAX_POINTS = 500, 5000
+"""Maximum numbers of changes, and of points in one."""
+KINDS = "wall", "erase", "pole", "lidar", "zone"
+ZONES = "no-go", "slow", "prefer"
+Change = Mapping[str, Any]
+"""A change as the page sends it, checked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A map with the robot, the settings of its field, and the zones."""
+
+    grid: OccupancyGrid
+    """The map."""
+    config: FieldConfig
+    """Settings of the field."""
+    named_robot: Robot
+    """The robot; its lidar is None if none was named."""
+    zones: tuple[Change, ...] = ()
+    """Zones as the page sends them."""
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot with its lidar; if none was named, with one of the field's range."""
+        return equipped(self.named_robot, self.config)
+
+    @cached_property
+    def zones_digest(self) -> str:
+        """Digest of the zones."""
+        return hashlib.sha256(json.dumps(self.zones).encode()).hexdigest()[:16]
+
+    @cached_property
+    def key(self) -> str:
+        """Text that equal sites share."""
+        facts = [self.grid.digest, self.robot.digest, self.zones_digest, self.config.to_json()]
+        return json.dumps(facts, sort_keys=True)
+
+    def with_changes(self, changes: Sequence[Change]) -> Site:
+        """Return the site after changes, which are applied in their order.
+
+        Raises
+        ------
+        ConfigError
+            If a lidar does not suit the estimator of the field.
+        """
+        cells, config, robot = self.grid.cells.copy(), self.config, self.named_robot
+        for change in changes:
+            if change["kind"] == "lidar":
+                config, robot = _with_lidar(config, robot, change["lidar"], change["range"])
+            elif change["kind"] == "pole":
+                pose = np.array([*change["points"][0], 0.0])
+                cells[cells_under(self.grid, Pole(change["width"]), pose)] = OCCUPIED
+            elif change["kind"] != "zone":
+                level = OCCUPIED if change["kind"] == "wall" else FREE
+                _draw_line(cells, self.grid, change["points"], change["width"], level)
+        zones = tuple(change for change in changes if change["kind"] == "zone")
+        is_edited = not np.array_equal(cells, self.grid.cells)
+        grid = dataclasses.replace(self.grid, cells=cells) if is_edited else self.grid
+        return Site(grid, config, robot, (*self.zones, *zones))
+
+
+def _draw_line(
+    cells: Octets, grid: OccupancyGrid, points: Sequence[Sequence[float]], width: float, level: int
+) -> None:
+    """Fill the cells whose centres a line covers, or those that it crosses if it is thin."""
+    half = max(width / 2, math.sqrt(0.5) * grid.resolution)
+    ends = np.column_stack(grid.world_to_grid(*np.array(points).T))
+    for first, last in itertools.pairwise(ends if len(ends) > 1 else [*ends, *ends]):
+        middle, along = (first + last) / 2, last - first
+        line = Shape(grid.resolution * float(np.hypot(*along)) / 2, 0.0, is_round=False)
+        window, distance = line.distances(grid, np.array([*middle, math.atan2(*along)]), half)
+        cells[window][distance <= half + 1e-9] = level
+
+
+def _with_lidar(
+    config: FieldConfig, robot: Robot, name: str | None, reach: float | None
+) -> tuple[FieldConfig, Robot]:
+    """Return the settings of the field and the robot with another lidar, or another range of it."""
+    estimator: Any = config.estimator
+    lidar = Lidar.preset(name) if name else robot.lidar or getattr(estimator, "lidar", None)
+    if lidar is None and estimator.casts_rays:
+        lidar = dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
+    if lidar is None:  # the estimator has a range of its own
+        estimator = dataclasses.replace(estimator, **({"range": reach} if reach else {}))
+    else:
+        lidar = dataclasses.replace(lidar, range=reach) if reach else lidar
+        estimator = estimator.with_lidar(lidar)
+        robot = dataclasses.replace(robot, lidar=lidar)
+    return FieldConfig(estimator, stride=config.stride, headings=config.headings), robot
+
+
+def read_changes(question: Question) -> tuple[Change, ...]:
+    """Return the changes of a question.
+
+    Raises
+    ------
+    ConfigError
+        If one is none.
+    """
+    return tuple(map(_read_change, question.items("changes", MAX_CHANGES)))
+
+
+def _read_change(item: Question) -> Change:
+    kind = item.one_of("kind", KINDS, None)
+    if kind is None:
+        raise ConfigError(f"a change needs a kind: {', '.join(KINDS)}")
+    read: Callable[[Question], Change] = _read_stroke
+    if kind == "lidar":
+        read = _read_lidar
+    elif kind == "zone":
+        read = _read_zone
+    return {"kind": kind, **read(item)}
+
+
+def _read_stroke(item: Question) -> Change:
+    points = item.positions("points", MAX_POINTS)
+    if not points:
+        raise ConfigError("a wall, an erased line and a pole need at least one point")
+    width = number("width", item.values.get("width"), 0.001, 20.0)
+    return {"points": [list(xy) for xy in points], "width": width}
+
+
+def _read_lidar(item: Question) -> Change:
+    return {
+        "lidar": item.one_of("lidar", PRESETS, None),
+        "range": item.number("range", 0.1, MAX_RANGE, None),
+    }
+
+
+def _read_zone(item: Question) -> Change:
+    zone = item.one_of("zone", ZONES, None)
+    polygon = item.positions("polygon", MAX_POINTS)
+    if zone is None or len(polygon) < 3:
+        raise ConfigError("a zone needs a kind and a polygon of at least three corners")
+    percent = item.number("percent", 1, 100, 50.0) if zone == "slow" else None
+    return {"zone": zone, "polygon": [list(xy) for xy in polygon], "percent": percent}

@@ -1,0 +1,117 @@
+"""The weak spots of a scene, with the names and reasons that the page shows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from locplan._support.kernels.arrays import Bools
+from locplan.advice.weak_spots import CLEAR, ROUND, WeakSpot, is_within, weak_spots
+
+if TYPE_CHECKING:
+    from locplan.app.explorer.check_reports import CheckReport
+    from locplan.app.explorer.scene import Scene
+
+LETTERS = "ABCDEF"
+"""Letters of the weak spots that are shown, the worst first."""
+
+
+@dataclass(frozen=True, eq=False)
+class NamedSpot:
+    """A weak spot as the page shows it."""
+
+    spot: WeakSpot
+    """The weak spot, with its letter."""
+    reach: float
+    """Range of the lidar [m]."""
+
+    @property
+    def title(self) -> str:
+        """What the place is, and its size."""
+        spot, missing = self.spot, self.spot.missing
+        length, width = max(spot.length, spot.width), min(spot.length, spot.width)
+        if not spot.rings:
+            return "Drives fail here"
+        if missing == ROUND:
+            return f"Round place, {length:.0f} m"
+        if missing.startswith("no features along"):
+            return f"{'Long corridor' if length > 3 * width else 'Bare place'}, {length:.0f} m"
+        kind = "Open space" if missing.startswith("few walls") else "Cluttered place"
+        return f"{kind}, {length:.0f} x {width:.0f} m"
+
+    @property
+    def reason(self) -> str:
+        """Why scans are weak there, in a sentence."""
+        spot = self.spot
+        missing = f"{spot.missing[:1].upper()}{spot.missing[1:]}"
+        if not spot.rings:
+            return f"{missing}."
+        if "within" not in missing:
+            missing += f" within {self.reach:g} m"
+        uncertain = "heading" if spot.missing == ROUND else "position"
+        return f"{missing}: a scan leaves the {uncertain} uncertain by {spot.deviation}."
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The spot, fit for JSON."""
+        spot = self.spot
+        return {
+            "letter": spot.letter,
+            "x": spot.x,
+            "y": spot.y,
+            "title": self.title,
+            "reason": self.reason,
+            "sigma_cm": 100 * spot.position_std,
+            "outline": np.round(spot.outline, 3).tolist(),
+        }
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of its outline and holes."""
+        return sum(ring.nbytes for ring in self.spot.rings)
+
+    def contains(self, xy: tuple[float, float]) -> bool:
+        """Return whether a position lies in the spot [m]."""
+        within: Bools = is_within(self.spot, np.array([xy]))
+        return bool(within[0])
+
+
+def name_weak_spots(scene: Scene, report: CheckReport | None = None) -> list[NamedSpot]:
+    """Return the weak spots of a scene with a field, the worst first.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    report : CheckReport, optional
+        A report on the same map and robot, whose weak spots are taken.
+    """
+    assert scene.field is not None
+    reach = float(scene.field.config.estimator.reach)
+    spots: Sequence[WeakSpot] = weak_spots(scene.costs, scene.field, reach, {})
+    if report is not None:
+        spots = [_with_outline(facts, spots) for facts in report.facts["weak_spots"]]
+    else:
+        spots = [
+            dataclasses.replace(spot, letter=letter)
+            for letter, spot in zip(LETTERS, spots, strict=False)
+        ]
+    return [NamedSpot(spot, reach) for spot in spots if spot.letter]
+
+
+def _with_outline(facts: dict[str, Any], spots: Sequence[WeakSpot]) -> WeakSpot:
+    """Return a weak spot of a report with the outline of the spot that it lies in."""
+    values: dict[str, Any] = {
+        name: math.nan if value is None else value for name, value in facts.items()
+    }
+    values |= {"routes": tuple(facts["routes"]), "outline": np.zeros((0, 2))}
+    spot, here = WeakSpot(**values), np.array([[facts["x"], facts["y"]]])
+    if spot.missing == CLEAR:
+        return spot
+    around = next((other for other in spots if is_within(other, here)[0]), spot)
+    return dataclasses.replace(spot, outline=around.outline, holes=around.holes)
