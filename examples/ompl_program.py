@@ -24,16 +24,15 @@ def main(folder: str = "ompl_program") -> None:
     motions = ompl.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car
 
     # A planner by hand: the space information checks states and motions, the problem has J.
+    ompl.Ompl("InformedRRTstar").prepare()  # compiles the kernels, which takes seconds once
     information = ompl.space_information(motions)
     problem = ompl.problem_definition(information, motions, ends["start"], ends["goal"])
-    planner = geometric.InformedRRTstar(information)
-    planner.setProblemDefinition(problem)
-    planner.setRewireFactor(0.25)
-    planner.setup()
-    planner.solve(base.timedPlannerTerminationCondition(1.0))
-    path = problem.getSolutionPath()
-    cost = path.cost(problem.getOptimizationObjective()).value()
-    print(f"InformedRRTstar: J = {cost:.1f} m after 1 s, {path.getStateCount()} states")
+    path = find_path(information, problem, base.timedPlannerTerminationCondition(1.0))
+    if path is None:
+        print("InformedRRTstar: no path to the goal after 1 s")
+    else:
+        cost = path.cost(problem.getOptimizationObjective()).value()
+        print(f"InformedRRTstar: J = {cost:.1f} m after 1 s, {path.getStateCount()} states")
 
     # Or everything in OMPL's own set-up, here to compare planners with its Benchmark. (That keeps
     # its set-up to the end of the program, where nanobind complains of a leak: a flaw of OMPL.)
@@ -52,6 +51,21 @@ def main(folder: str = "ompl_program") -> None:
     log.parent.mkdir(parents=True, exist_ok=True)
     benchmark.saveResultsToFile(str(log))
     print(f"wrote {log}; ompl_benchmark_statistics {log} makes a database for Planner Arena of it")
+
+
+def find_path(
+    information: base.SpaceInformation,
+    problem: base.ProblemDefinition,
+    limit: base.PlannerTerminationCondition,
+) -> geometric.PathGeometric | None:
+    """Return the path that a planner finds within a limit, or None if none reaches the goal."""
+    planner = geometric.InformedRRTstar(information)
+    planner.setProblemDefinition(problem)
+    planner.setRewireFactor(0.25)
+    planner.setup()
+    planner.solve(limit)
+    # Otherwise OMPL's solution is a path that ends near the goal, whose cost means nothing.
+    return problem.getSolutionPath() if problem.hasExactSolution() else None
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ from .field.scan import Scan as Scan
 from .field.store import covariance_field as covariance_field, load_or_compute as load_or_compute
 from .maps.files import load_map as load_map, save_map as save_map
 from .maps.grid import OccupancyGrid as OccupancyGrid
+from .maps.zones import Zone as Zone, Zones as Zones
 from .planning.costmap import Costmap as Costmap
 from .planning.pareto import pareto_front as pareto_front
 from .planning.path import Path as Path

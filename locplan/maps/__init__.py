@@ -5,6 +5,7 @@ from locplan.maps.files import MapWarning, find_maps, load_map, read_map, save_m
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults, faults, hollowed, solidity
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
+from locplan.maps.zones import Zone, Zones
 
 __all__ = [
     "FREE",
@@ -13,6 +14,8 @@ __all__ = [
     "MapFaults",
     "MapWarning",
     "OccupancyGrid",
+    "Zone",
+    "Zones",
     "environments",
     "faults",
     "find_maps",

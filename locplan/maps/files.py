@@ -499,6 +499,26 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource | N
     return _read(file, read_header(file))
 
 
+def read_mask(path: str | os.PathLike[str]) -> OccupancyGrid:
+    """Read a keepout mask of Nav2: cells are occupied where the KeepoutFilter sees 100.
+
+    Parameters
+    ----------
+    path : path
+        The map YAML. In mode raw the thresholds do not count, since lower values are costs.
+
+    Raises
+    ------
+    MapError
+        As `load_map`.
+    """
+    file = file_path("a mask", path)
+    header = read_header(file)
+    if header.mode == "raw":
+        header = header._replace(occupied_thresh=1.0)
+    return _read(file, header)[0]
+
+
 def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
     """The map with dark greys read as walls, and map_saver's grey as unknown, if it is not so.
 

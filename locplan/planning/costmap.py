@@ -18,6 +18,7 @@ from locplan._support.tables import finite
 from locplan.errors import ConfigError, FieldError
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.zones import Zones, check_zones
 from locplan.planning.layers import (
     LAYERS,
     MAX_DENSITY,
@@ -32,6 +33,7 @@ from locplan.planning.layers import (
     sealed,
     shaped,
     whole_robot,
+    with_zones,
 )
 from locplan.robots.robot import Robot, radius_of
 
@@ -126,11 +128,15 @@ ROBOT_RADIUS = 0.25
 class Costmap(CostLayers, Saved):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
+    The density is 1 + weight * u. If there are preferred zones, cells outside of them have 1 more.
+    In no-go zones it is infinite.
+
     It is made by `from_field`, `from_layers`, `from_density` or `blank`. Its arrays are read-only;
     arrays that are given read-only are kept, others are copied.
     """
 
     kind: ClassVar[str] = "costmap"
+    version: ClassVar[int] = 2
 
     @classmethod
     def from_field(
@@ -143,6 +149,7 @@ class Costmap(CostLayers, Saved):
         law: Literal["logarithmic", "linear", "cube-root"] = "logarithmic",
         criterion: str | None = None,
         headings: Literal["mean", "worst"] = "mean",
+        zones: Zones | None = None,
     ) -> Costmap:
         """Make a density 1 + weight * u on free cells, with u between the field's absolute anchors.
 
@@ -172,6 +179,9 @@ class Costmap(CostLayers, Saved):
             Value of u and e in a field with several headings where the robot's own is not known:
             their "mean" over the headings, or that of the "worst" heading. Planners whose states
             have a heading take its own.
+        zones : Zones, optional
+            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1 a
+            metre more.
 
         Raises
         ------
@@ -195,9 +205,11 @@ class Costmap(CostLayers, Saved):
         one_of("headings", headings, ("mean", "worst"))
         settings = CostSettings(law, criterion, headings, field.config, not field.lacking.any())
         u, e = degeneracy(field, criterion, law, headings)
+        zones = check_zones(zones)
+        density = with_zones(density_of(u, weight), grid, zones)
         return cls(
             grid=grid,
-            density=blocked_near(density_of(u, weight), grid, radius_of(robot)),
+            density=blocked_near(density, grid, radius_of(robot)),
             weight=float(weight),
             robot_radius=radius_of(robot),
             u=sealed(u),
@@ -205,6 +217,7 @@ class Costmap(CostLayers, Saved):
             of_heading=HeadingLayers.of(field, settings),
             settings=settings,
             robot=whole_robot(robot),
+            zones=zones,
         )
 
     @classmethod
@@ -216,6 +229,7 @@ class Costmap(CostLayers, Saved):
         e: ArrayLike | None = None,
         weight: float = 8.0,
         robot: Robot | float = ROBOT_RADIUS,
+        zones: Zones | None = None,
     ) -> Costmap:
         """Make a density 1 + weight * u on free cells from a degeneracy of your own.
 
@@ -234,6 +248,9 @@ class Costmap(CostLayers, Saved):
         robot : Robot, or float, default 0.25
             The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
             cell's centre is blocked.
+        zones : Zones, optional
+            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1 a
+            metre more.
 
         Raises
         ------
@@ -252,14 +269,18 @@ class Costmap(CostLayers, Saved):
         check_weight(weight)
         of_u = checked_layer("u", u, grid, 1.0)
         of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
-        density = blocked_near(density_of(of_u, weight), grid, radius_of(robot))
-        return cls(
-            grid, density, float(weight), radius_of(robot), of_u, of_e, robot=whole_robot(robot)
-        )
+        zones, radius, own = check_zones(zones), radius_of(robot), whole_robot(robot)
+        density = blocked_near(with_zones(density_of(of_u, weight), grid, zones), grid, radius)
+        return cls(grid, density, float(weight), radius, of_u, of_e, robot=own, zones=zones)
 
     @classmethod
     def from_density(
-        cls, grid: OccupancyGrid, density: ArrayLike, *, robot: Robot | float = 0.0
+        cls,
+        grid: OccupancyGrid,
+        density: ArrayLike,
+        *,
+        robot: Robot | float = 0.0,
+        zones: Zones | None = None,
     ) -> Costmap:
         """Make a costmap from a density of your own.
 
@@ -276,6 +297,9 @@ class Costmap(CostLayers, Saved):
             The robot, or its radius [m], >= 0: cells whose centre is closer to an occupied cell are
             blocked as well;
             0 where the density has done that.
+        zones : Zones, optional
+            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1 a
+            metre more.
 
         Raises
         ------
@@ -290,13 +314,20 @@ class Costmap(CostLayers, Saved):
                 f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
             )
         values[~grid.free] = np.inf
-        values = blocked_near(values, grid, radius_of(robot))
+        zones = check_zones(zones)
+        values = blocked_near(with_zones(values, grid, zones), grid, radius_of(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
         radius, own = radius_of(robot), whole_robot(robot)
-        return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=own)
+        return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=own, zones=zones)
 
     @classmethod
-    def blank(cls, grid: OccupancyGrid, *, robot: Robot | float = ROBOT_RADIUS) -> Costmap:
+    def blank(
+        cls,
+        grid: OccupancyGrid,
+        *,
+        robot: Robot | float = ROBOT_RADIUS,
+        zones: Zones | None = None,
+    ) -> Costmap:
         """A cost of 1 wherever the robot can be: shortest paths, no field.
 
         Parameters
@@ -306,9 +337,12 @@ class Costmap(CostLayers, Saved):
         robot : Robot, or float, default 0.25
             The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
             cell's centre is blocked.
+        zones : Zones, optional
+            The zones, of which the no-go ones count: preferred ones do not make paths shorter.
         """
         check_grid(grid)
-        return cls.from_density(grid, np.ones(grid.shape), robot=robot)
+        closed = check_zones(zones).closed
+        return cls.from_density(grid, np.ones(grid.shape), robot=robot, zones=closed)
 
     def with_weight(self, weight: float) -> Costmap:
         """Copy of the costmap with the density of another weight.
@@ -326,9 +360,17 @@ class Costmap(CostLayers, Saved):
         check_weight(weight)
         if math.isnan(self.weight):
             raise ConfigError("a costmap from a density has no weight; make another one instead")
-        density = density_of(self.u, weight)
+        density = density_of(self.u, weight) + self.zones.charge(self.grid)
         density[np.isinf(self.density)] = np.inf
         return dataclasses.replace(self, density=sealed(density), weight=float(weight))
+
+    @property
+    def for_shortest(self) -> Costmap:
+        """Copy of the costmap whose cheapest path is a shortest one that sees much.
+
+        Preferred zones do not count.
+        """
+        return dataclasses.replace(self, zones=self.zones.closed).with_weight(1e-6)
 
     def updated(self, field: CovarianceField, *, window: CellWindow | None = None) -> Costmap:
         """Costmap of an edited map, read anew only where the edit can have changed it.
@@ -359,7 +401,8 @@ class Costmap(CostLayers, Saved):
         same |= {"weight": self.weight, "robot": self.robot_radius}
         window = joined_windows(window, changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
-            return dataclasses.replace(Costmap.from_field(grid, field, **same), robot=self.robot)
+            costs = Costmap.from_field(grid, field, **same, zones=self.zones)
+            return dataclasses.replace(costs, robot=self.robot)
         arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
         if window:
             part, inside = part_around(field, window, self.robot_radius)
@@ -367,6 +410,10 @@ class Costmap(CostLayers, Saved):
             for name in LAYERS:
                 arrays[name] = arrays[name].copy()
                 arrays[name][window] = getattr(costs, name)[inside]
+            charge = np.broadcast_to(self.zones.charge(grid), grid.shape)[window]
+            arrays["density"][window] += charge
+            arrays["density"][window][self.zones.cells(grid, "no-go")[window]] = np.inf
+            for name in LAYERS:
                 sealed(arrays[name])
         arrays |= {"grid": grid, "of_heading": HeadingLayers.of(field, settings)}
         return dataclasses.replace(self, **arrays)
@@ -419,6 +466,7 @@ def about_costs(costs: Costmap) -> dict[str, object]:
         "locplan": __version__,
         "map": {"name": costs.grid.name, "digest": costs.grid.digest},
         **finite({"weight": costs.weight, "robot_radius": costs.robot_radius}),
+        **({"zones": costs.zones.to_json()} if costs.zones else {}),
         **(costs.settings.to_json() if costs.settings else {}),
     }
 

@@ -22,6 +22,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.sad import Sad
 from locplan.maps.grid import OccupancyGrid, extent_text
 from locplan.maps.occupancy import OCCUPIED, UNKNOWN
+from locplan.maps.zones import Zones
 from locplan.robots.robot import Robot
 
 
@@ -118,6 +119,8 @@ class CostLayers(Pictured):
     """Settings of u; None without a field."""
     robot: Robot | None = field(default=None, compare=False)
     """The robot that it was made for, which is not saved; None where only its radius is known."""
+    zones: Zones = field(default_factory=Zones)
+    """The zones: no-go cells are blocked, and cells outside the preferred zones cost 1 more."""
 
     def __post_init__(self) -> None:
         for name in LAYERS:
@@ -156,12 +159,20 @@ class CostLayers(Pictured):
         if self.u_of_heading is None:
             return self.density[None]
         density = density_of(self.u_of_heading.astype(np.float64), self.weight)
+        density += self.zones.charge(self.grid)
         return np.where(np.isfinite(self.density), density, np.inf)
 
     @property
     def unblocked_density(self) -> Floats:
         """`density` also where only the robot's radius blocks a cell, if there is a field."""
-        return self.density if math.isnan(self.weight) else density_of(self.u, self.weight)
+        if math.isnan(self.weight):
+            return self.density
+        return with_zones(density_of(self.u, self.weight), self.grid, self.zones)
+
+    @property
+    def max_excess(self) -> float:
+        """Largest finite `density` beyond 1 that weight and zones allow; NaN without a weight."""
+        return self.weight + self.zones.max_charge
 
     @property
     def e_unit(self) -> str:
@@ -221,7 +232,9 @@ class CostLayers(Pictured):
             count = len(self.of_heading.both[0])
             nearest = np.floor(array[:, 2] / (2 * np.pi) * count + 0.5).astype(int) % count
             u, e = (layer[nearest, *cells].astype(float) for layer in self.of_heading.both)
-            density = np.where(np.isfinite(values["density"]), density_of(u, self.weight), np.inf)
+            charge = np.broadcast_to(self.zones.charge(self.grid), self.grid.shape)[cells]
+            density = density_of(u, self.weight) + charge
+            density = np.where(np.isfinite(values["density"]), density, np.inf)
             values = {"density": density, "u": u, "e": e}
         for layer in LAYERS:
             values[layer][~inside] = np.inf if layer == "density" else np.nan
@@ -270,6 +283,8 @@ class CostLayers(Pictured):
         level = self.grid.cells[row, col]
         if level in (OCCUPIED, UNKNOWN):
             return "lies in a wall" if level == OCCUPIED else "lies in unknown space"
+        if self.zones.cells(self.grid, "no-go")[row, col]:
+            return "lies in a no-go zone"
         clearance, radius = self.grid.clearance[row, col], self.robot_radius
         if clearance < radius:
             return (
@@ -356,6 +371,15 @@ def density_of(u: Floats, weight: float) -> Floats:
     density = u * weight
     density += 1
     np.copyto(density, np.inf, where=np.isnan(u))
+    return density
+
+
+def with_zones(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
+    """The density with the cost of zones: infinite in no-go ones, 1 more outside preferred ones."""
+    if zones.max_charge:
+        density += zones.charge(grid)
+    if zones.has("no-go"):
+        np.copyto(density, np.inf, where=zones.cells(grid, "no-go"))
     return density
 
 

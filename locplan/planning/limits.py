@@ -175,7 +175,7 @@ class Limited(Wrapper):
         radius = self.outline.inscribed_radius - costs.grid.resolution * math.sqrt(0.5)
         if costs.robot_radius <= radius:
             return costs.with_robot(radius)
-        alone = Costmap.blank(costs.grid, robot=max(0.0, radius))
+        alone = Costmap.blank(costs.grid, robot=max(0.0, radius), zones=costs.zones)
         return dataclasses.replace(costs, density=alone.density)
 
     def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:

@@ -223,7 +223,7 @@ def plan_beside_shortest(
         planner = planner or "grid"
     request: dict[str, Any] = {"planner": planner, "via": via, "footprint": footprint, **options}
     # Of the many shortest paths on a grid this is the one that sees most: the comparison is fair.
-    shortest = plan(costs.with_weight(1e-6), start, goal, **request).measured_on(costs)
+    shortest = plan(costs.for_shortest, start, goal, **request).measured_on(costs)
     aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
     both = [one for one in (shortest, aware) if one.metrics]
     free = max_e is None and budget is None

@@ -12,6 +12,7 @@ from support.maps import ascii_map
 
 from locplan._support import progress
 from locplan.app import cli
+from locplan.app.cli.application import application, read_summary
 from locplan.field import FieldConfig, Sad, load_or_compute
 
 CONFIG = FieldConfig(Sad(range=0.5))
@@ -35,6 +36,23 @@ def test_cached_field_is_read_without_numba(folder):
     )
     made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert made.stdout.strip() == "[]", made.stderr
+
+
+def test_help_lists_commands_without_import():
+    """Their imports would take most of its time: numpy alone a tenth of a second."""
+    code = (
+        "import sys\nfrom locplan.app.cli import main\nsys.argv = ['locplan', '--help']\n"
+        "try:\n    main()\nfinally:\n"
+        "    print([m for m in sys.modules if m == 'numpy' or m.endswith('cli.export')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "[]", done.stderr
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_summary_equals_first_paragraph_of_command_help(name):
+    text = application(name)[name].help
+    assert read_summary(name) == " ".join(text.partition("\n\n")[0].split()) != ""
 
 
 @pytest.mark.parametrize("ompl", [True, False])

@@ -12,7 +12,7 @@ from locplan._support.kernels import rays
 from locplan.comparison import runs as orders
 from locplan.errors import ConfigError, FieldError, PoseError
 from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindow, covariance_field
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones
 from locplan.planning import Costmap, Path, path_cost, path_metrics
 from locplan.planning.layers import HeadingLayers
 from locplan.planning.metrics import profile
@@ -223,6 +223,77 @@ def test_a_map_without_room_says_so():
     costs = Costmap.from_density(ascii_map("##", "##"), np.ones((2, 2)))
     with pytest.raises(PoseError, match="no cell of the map is free"):
         costs.cell_of((0.5, 0.5))
+
+
+def box(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
+    """Corners of a rectangle."""
+    return [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
+
+
+def test_density_rises_outside_preferred_zones(field):
+    grid = field.grid
+    zones = Zones([Zone("prefer", box(-7, -1, 0, 1)), Zone("slow", box(-1, -1, 1, 1), 20)])
+    plain, costs = (Costmap.from_field(grid, field, zones=each) for each in (None, zones))
+    outside = grid.position(*np.indices(grid.shape).reshape(2, -1))[:, 0].reshape(grid.shape) > 0
+    np.testing.assert_array_equal(costs.density, plain.density + outside)
+    np.testing.assert_array_equal(costs.unblocked_density, plain.unblocked_density + outside)
+    np.testing.assert_array_equal(
+        costs.with_weight(9.0).with_weight(costs.weight).density, costs.density
+    )
+    assert costs.max_excess == plain.weight + 1
+    path = Path(np.array([[-4.0, 0.0], [3.0, 0.0]]))
+    more = path_cost(costs, path) - path_cost(plain, path)
+    assert more == pytest.approx(3.0)
+    assert path_metrics(costs, path).cost == path_cost(costs, path)
+
+
+def test_density_is_infinite_in_no_go_zones(field):
+    grid, zones = field.grid, Zones([Zone("no-go", box(1, -1, 2, 0))])
+    u = np.full(grid.shape, 0.5)
+    for costs in (
+        Costmap.from_field(grid, field, zones=zones),
+        Costmap.from_layers(grid, u=u, zones=zones),
+        Costmap.from_density(grid, np.full(grid.shape, 2.0), zones=zones),
+        Costmap.blank(grid, zones=zones),
+    ):
+        closed = zones.cells(grid, "no-go")
+        assert np.isinf(costs.density[closed]).all()
+        assert np.isinf(costs.unblocked_density[closed]).all()
+        assert path_cost(costs, [[1.5, 0.5], [1.5, -0.5]]) == np.inf
+        assert np.isfinite(path_cost(costs, [[1.5, 0.5], [-1.5, 0.5]]))
+        with pytest.raises(PoseError, match=r"start 1.5,-0.5 lies in a no-go zone; the nearest"):
+            costs.cell_of((1.5, -0.5), "start")
+
+
+def test_shortest_path_needs_no_preferred_zone(field):
+    zones = Zones([Zone("prefer", box(-7, 0.2, 7, 1)), Zone("no-go", box(1, -1, 2, 0))])
+    costs = Costmap.from_field(field.grid, field, weight=0.0, zones=zones)
+    blank = Costmap.blank(field.grid, zones=zones)
+    assert set(np.unique(blank.density)) == {1.0, np.inf}
+    np.testing.assert_allclose(costs.for_shortest.density, blank.density, atol=2e-6)
+
+
+def test_costmap_charges_zones_in_each_heading():
+    grid = corridor(6.0, 2.0)
+    ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
+    field = covariance_field(grid, ahead)
+    zones = Zones([Zone("prefer", box(-3, -1, 0, 1)), Zone("no-go", box(1, -1, 2, 0))])
+    plain, costs = (Costmap.from_field(grid, field, robot=0.3, zones=z) for z in (None, zones))
+    expected = plain.density_of_heading + zones.charge(grid)
+    expected[:, zones.cells(grid, "no-go")] = np.inf
+    np.testing.assert_array_equal(costs.density_of_heading, expected)
+    poses = [[-1.5, 0.2, 0.4], [1.5, 0.6, 0.4], [1.5, -0.5, 0.4]]
+    density = plain.at(poses, "density") + np.array([0, 1, np.inf])
+    np.testing.assert_allclose(costs.at(poses, "density"), density)
+
+
+def test_loaded_costmap_has_its_zones(tmp_path, field):
+    zones = Zones([Zone("prefer", box(-3, -1, 0, 1)), Zone("slow", box(1, -1, 2, 0), 30)])
+    costs = Costmap.from_field(field.grid, field, zones=zones)
+    costs.save(tmp_path / "costs.npz")
+    loaded = Costmap.load(tmp_path / "costs.npz")
+    assert loaded == costs
+    assert loaded.zones == zones
 
 
 def test_costmap_at_reads_cells_of_poses():
@@ -439,7 +510,8 @@ def edited(request) -> tuple[CovarianceField, list[CovarianceField]]:
 @pytest.mark.parametrize("law", ["logarithmic", "cube-root"])
 def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
     field, after = edited
-    settings = {"weight": 3.0, "robot": robot_radius, "law": law}
+    zones = Zones([Zone("no-go", box(5, 5, 7, 8)), Zone("prefer", box(2, 2, 20, 6.5))])
+    settings = {"weight": 3.0, "robot": robot_radius, "law": law, "zones": zones}
     costs = Costmap.from_field(field.grid, field, **settings)
     for each in after:
         updated, new = costs.updated(each), Costmap.from_field(each.grid, each, **settings)
@@ -455,8 +527,9 @@ def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
     some = np.indices(field.evaluated.shape).sum(axis=0) % 2 == 0
     coarse = covariance_field(field.grid, field.config, points=some)
     for before, after in ((coarse, field), (field, coarse), (coarse, inside)):
-        updated = Costmap.from_field(before.grid, before).updated(after)
-        new = Costmap.from_field(after.grid, after)
+        zones = Zones([Zone("no-go", box(5, 5, 7, 8)), Zone("prefer", box(2, 2, 20, 6.5))])
+        updated = Costmap.from_field(before.grid, before, zones=zones).updated(after)
+        new = Costmap.from_field(after.grid, after, zones=zones)
         for name in ("density", "u", "e"):
             np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
         assert updated.settings == new.settings

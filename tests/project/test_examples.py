@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.machine import SHARED_DATA
+from support.maps import ascii_map
 
 import locplan
 from locplan.recordings import Recording
@@ -153,3 +154,19 @@ def test_evidence_levels_resume(evidence, tmp_path, capsys):
 
 def test_there_are_examples():
     assert EXAMPLES
+
+
+def test_ompl_program_finds_no_path_to_walled_goal(monkeypatch):
+    """OMPL itself returns a path that ends near the goal, which was once printed with its J."""
+    from ompl import base
+
+    from locplan.planning import ompl
+
+    program = load_example("ompl_program", monkeypatch)
+    motions = ompl.Motions(locplan.Costmap.blank(ascii_map("." * 9, "#" * 9, "." * 9)))
+    information = ompl.space_information(motions)
+    problem = ompl.problem_definition(information, motions, (0.5, 0.5), (7.5, 2.5))
+    iterations = iter(range(200))
+    limit = base.PlannerTerminationCondition(lambda: next(iterations, None) is None)
+    assert program.find_path(information, problem, limit) is None
+    assert problem.hasApproximateSolution()

@@ -36,7 +36,7 @@ from locplan.field import (
 )
 from locplan.field.cache import cache_entries, cache_table
 from locplan.field.store import field_path
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid, load_map, save_map
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones, load_map, save_map
 from locplan.planning import Costmap, Path as Route, Plan, path_metrics, plan
 from locplan.planning.queries import read_queries
 from locplan.recordings import Recording, read_recording
@@ -251,6 +251,10 @@ def saved(folder: Path) -> None:
     (folder / "run.yaml").write_text(text, encoding="utf-8")
 
 
+ZONES = Zones([Zone(kind, [[1, -2], [2, -2], [2, -1]]) for kind in ("no-go", "prefer")])
+ZONES = Zones([*ZONES, Zone("slow", [[1.25, -2], [2, -2], [2, -1], [1.5, 0]], 30.0)])
+
+
 def make_field() -> CovarianceField:
     """A field of values that are made up, which no kernel has to be compiled for."""
     values = tiles.nothing_known(GRID, SMALL)
@@ -350,6 +354,13 @@ READERS = {
     "Nav2 parameters": Reader(text_of("nav2.yaml"), "nav2.yaml", read_parameters),
     "filter": Reader(text_of("nav2.yaml"), "nav2.yaml", read_amcl),
     "route graph": Reader(text_of("g.geojson"), "g.geojson", UserGraph.read, JSON),
+    "zones": Reader(
+        lambda folder: ZONES.save(folder / "zones.geojson"),
+        "zones.geojson",
+        lambda file: Zones.load(file).cells(GRID, "no-go"),
+        JSON,
+    ),
+    "mask": Reader(pictures, "map.yaml", lambda file: Zones.load(file).cells(GRID, "no-go")),
     "MovingAI map": Reader(text_of("a.map"), "a.map", read_movingai_map),
     "scenarios": Reader(text_of("a.scen"), "a.scen", lambda file: read_scenarios(file, OPEN)),
     "queries": Reader(text_of("q.csv"), "q.csv", read_queries),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import logging
+import pkgutil
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -84,6 +86,17 @@ def wrap_example(words: str) -> str:
     return " \\\n".join(lines)
 
 
+def read_summary(name: str) -> str:
+    """Return the first paragraph of a command's docstring, without an import of its module.
+
+    The imports of all commands would take most of the time of `locplan --help`.
+    """
+    source = pkgutil.get_data("locplan.app.cli", f"{name}.py") or b""
+    functions = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
+    docstrings = [ast.get_docstring(node) or "" for node in functions if node.name == name]
+    return " ".join("".join(docstrings).partition("\n\n")[0].split())
+
+
 OPTIONS = Group("Options", sort_key=0)
 ROBOT = Group("Robot", sort_key=1)
 COMPUTATION = Group("Computation", sort_key=2)
@@ -126,9 +139,10 @@ def application(*names: str) -> App:
     headings = {title: Group(title, sort_key=n) for n, title in enumerate(titles)}
     for n, (name, title) in enumerate(COMMANDS.items()):
         if name in (names or COMMANDS):
-            app.command(f"locplan.app.cli.{name}:{name}", name=name)
-            # It is imported now, so that the help knows its first sentence.
-            app[name].group, app[name].sort_key = headings[title], n
+            # Without names the commands are only listed, so that none is imported.
+            summary = None if names else read_summary(name)
+            path = f"locplan.app.cli.{name}:{name}"
+            app.command(path, name=name, help=summary, group=headings[title], sort_key=n)
     flags = (Group("Help", sort_key=len(headings)),)
     app.register_install_completion_command(
         INSTALL_COMPLETION, help="Install the completion of commands and options for your shell."

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from locplan.app.cli.application import wrap_example
+from locplan.app.cli.application import command
 from locplan.app.cli.arguments import Switch
 from locplan.app.cli.groups import Output
 
-cache = App(name="cache")
-cache.help = "\n".join(
-    [
-        "List, clear or find the fields and trajectories computed before.",
-        "",
-        "Examples",
-        *map(wrap_example, ["cache list", "cache clear --older-than 30", "cache path"]),
-    ]
-)
 Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
+
+
+@command("cache list", "cache clear --older-than 30", "cache path")
+def cache() -> None:
+    """List, clear or find the fields and trajectories computed before."""
+
+
+cache.default_command = None  # alone it shows its help
 
 
 @cache.command(name="list")
