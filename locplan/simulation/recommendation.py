@@ -125,7 +125,9 @@ TUNING_FAILS = (
     " path."
 )
 BLIND = "The lidar sees too little on {share:.0f} % of the shortest path."
-STILL_LOST = "At least half of the robots still get lost: find the cause with `locplan check`."
+STILL_LOST = (
+    "At least half of the robots still get lost: a check of the map and the robot finds the cause."
+)
 LITTLE = "The gain is under 2 cm, and no robot gets lost on the shortest path either."
 
 

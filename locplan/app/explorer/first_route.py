@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from locplan.app.explorer.plans import SHORTEST_WEIGHT, measure_degeneracy
+from locplan.app.explorer.plans import measure_degeneracy
 from locplan.planning.cost_to_go import farthest_pairs
 from locplan.planning.protocol import Position
 
@@ -57,7 +57,7 @@ def choose_first_route(searches: Searches, opening: Opening, *, is_draft: bool) 
         return Stops(places[0], places[0]) if places else None
 
     def rank(pair: tuple[Position, Position]) -> float:
-        weights = SHORTEST_WEIGHT, searches.scene.costs.weight
+        weights = None, searches.scene.costs.weight
         paths = [searches.path(pair, weight, 1, is_draft=is_draft) for weight in weights]
         if None in paths:
             return -1.0

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from locplan.app.explorer.messages import Job, Question
     from locplan.app.explorer.session import Session
 
-SHORTEST_WEIGHT = 1e-6
-"""Weight of the shortest path: of the many on a grid it is the one that sees most."""
 MAX_STEPS = 400
 """Maximum number of points of a profile."""
 
@@ -39,7 +37,7 @@ def plan(session: Session, scene: Scene, question: Question, job: Job) -> dict[s
     answer = {"start": start, "goal": goal, "via": via, "draft": False, "why": None}
     answer |= {"recommended": None, "shortest": None}
     searches = Searches(session.searches, scene, job.check)
-    weights = (SHORTEST_WEIGHT, weight) if scene.field else (SHORTEST_WEIGHT,)
+    weights = (None, weight) if scene.field else (None,)
     is_draft = question.flag("draft") and has_drafts(session.opening, scene.site.grid)
     paths = [searches.path(stops, each, held, is_draft=is_draft) for each in weights]
     if is_draft and None in paths:  # a gap may be too narrow for large cells
@@ -73,7 +71,7 @@ def prepare_searches(session: Session, scene: Scene, question: Question, job: Jo
     stops, held = read_stops(question, scene.parts)
     if held is not None or question.flag("draft"):
         return
-    weights = SHORTEST_WEIGHT, read_weight(question, scene)
+    weights = None, read_weight(question, scene)
     searches = Searches(session.searches, scene, job.check)
     for weight in weights if has_drafts(session.opening, scene.site.grid) else ():
         job.check()

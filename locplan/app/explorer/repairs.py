@@ -26,7 +26,7 @@ STEPS = itertools.count(1)
 
 def make_blank_scene(site: Site) -> Scene:
     """Return the scene of a site before its field is there."""
-    return Scene(site, Costmap.blank(site.grid, robot=site.robot))
+    return Scene(site, Costmap.blank(site.grid, robot=site.robot, zones=site.zones))
 
 
 def compute_scene(site: Site, opening: Opening, progress: ProgressCallback) -> Scene:
@@ -117,14 +117,14 @@ def _update_costs(
     scene: Scene, site: Site, field: CovarianceField, opening: Opening, stale: CellWindow | None
 ) -> Costmap:
     """Return the costmap of a field, read again only near the changes if the zones are the same."""
-    if scene.site.zones_digest != site.zones_digest:
+    if scene.site.zones != site.zones:
         return _make_costs(site, field, opening)
     return scene.costs.updated(field, window=stale)
 
 
 def _make_costs(site: Site, field: CovarianceField, opening: Opening) -> Costmap:
     settings: Any = {"criterion": opening.criterion, "weight": opening.weight}
-    return Costmap.from_field(site.grid, field, robot=site.robot, **settings)
+    return Costmap.from_field(site.grid, field, robot=site.robot, zones=site.zones, **settings)
 
 
 def nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:

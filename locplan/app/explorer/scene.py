@@ -22,6 +22,7 @@ from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, UNKNOWN
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import CellWindow, Costmap
 from locplan.planning.grid import connected_parts
 from locplan.planning.protocol import Position
@@ -188,7 +189,9 @@ def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
         count[at] += free
     cells = np.where(count >= factor * factor / 2, FREE, UNKNOWN).astype(np.uint8)
     grid = OccupancyGrid(cells, fine.grid.resolution * factor, fine.grid.origin)
-    return Costmap.from_layers(grid, u=total / np.maximum(count, 1), robot=0.0)
+    # Cells in no-go zones are not free already.
+    zones = Zones([zone for zone in fine.zones if zone.kind == "prefer"])
+    return Costmap.from_layers(grid, u=total / np.maximum(count, 1), robot=0.0, zones=zones)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +233,7 @@ class Scene:
             "map": site.grid.digest,
             "robot": site.robot.digest,
             "field": self.digest,
-            "zones": site.zones_digest,
+            "zones": site.zones.digest,
         }
 
     @cached_property

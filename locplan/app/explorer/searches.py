@@ -26,6 +26,8 @@ from locplan.planning.protocol import Position
 Result = TypeVar("Result")
 Check = Callable[[], None]
 """Function that raises if a plan is not wanted any more."""
+Weight = float | None
+"""Weight of a path; None for the shortest one."""
 
 
 class Store:
@@ -197,31 +199,35 @@ class Searches:
     check: Check = lambda: None
     """Function that is called between legs and in searches, and raises to end the plan."""
 
-    def grid(self, weight: float) -> SearchGrid:
-        """Return the costmap at a weight, or the blank one before there is a field."""
+    def grid(self, weight: Weight) -> SearchGrid:
+        """Return the costmap at a weight; the blank one before there is a field."""
         costs = self.scene.costs
 
         def create() -> SearchGrid:
-            has_field = self.scene.field is not None
-            return SearchGrid.halved(costs.with_weight(weight) if has_field else costs)
+            return SearchGrid.halved(costs if self.scene.field is None else _weigh(costs, weight))
 
         key, expected = ("grid", self.scene.key, weight), 2 * costs.density.nbytes
         return self.store.get_or_create(
             key, create, lambda grid: grid.bordered.half.nbytes, expected
         )
 
-    def coarse_grid(self, weight: float) -> SearchGrid:
+    def coarse_grid(self, weight: Weight) -> SearchGrid:
         """Return the costmap of drafts at a weight."""
 
         def create() -> SearchGrid:
-            costs = self.scene.coarse.with_weight(weight)
+            costs = _weigh(self.scene.coarse, weight)
             return SearchGrid(costs, Bordered.of(costs))
 
         key = ("coarse grid", self.scene.key, weight)
         return self.store.get_or_create(key, create, lambda grid: 3 * grid.bordered.half.nbytes)
 
     def tree(
-        self, weight: float, end: Position, check: Check | None = None, *, is_draft: bool = False
+        self,
+        weight: Weight,
+        end: Position,
+        check: Check | None = None,
+        *,
+        is_draft: bool = False,
     ) -> PathTree:
         """Return the search from an end of a leg."""
         grid = self.coarse_grid(weight) if is_draft else self.grid(weight)
@@ -236,7 +242,7 @@ class Searches:
     def path(
         self,
         stops: Sequence[Position],
-        weight: float,
+        weight: Weight,
         held: int | None = None,
         *,
         is_draft: bool = False,
@@ -253,7 +259,7 @@ class Searches:
             legs.append(leg)
         return legs[0] if len(legs) == 1 else Path.joined(legs)
 
-    def _leg(self, weight: float, start: Position, goal: Position, moving: str) -> Path | None:
+    def _leg(self, weight: Weight, start: Position, goal: Position, moving: str) -> Path | None:
         """Return the any-angle path of a leg, of which one end may move; None if there is none.
 
         A search from the end that rests is stored, and serves paths to it and from it. It runs to
@@ -278,7 +284,7 @@ class Searches:
             path = any_angle_path(grid.costs, grid.bordered, cells, start, goal)
         return None if path is None else self.store.put(key, path, path.xy.nbytes)
 
-    def _draft(self, weight: float, start: Position, goal: Position, moving: str) -> Path | None:
+    def _draft(self, weight: Weight, start: Position, goal: Position, moving: str) -> Path | None:
         """Return the path of a leg on larger cells; None if there is none."""
         grid = self.coarse_grid(weight)
         first, last = grid.nearest_free(start), grid.nearest_free(goal)
@@ -291,3 +297,7 @@ class Searches:
             return None
         path = any_angle_path(grid.costs, grid.bordered, cells, first, last)
         return Path(np.vstack([start, path.xy[1:-1], goal]))
+
+
+def _weigh(costs: Costmap, weight: Weight) -> Costmap:
+    return costs.for_shortest if weight is None else costs.with_weight(weight)

@@ -88,10 +88,11 @@ def describe_choice(choice: Choice) -> dict[str, Any]:
     chosen, shortest = choice.chosen, choice.shortest
     assert chosen is not None
     assert shortest is not None
+    headline, *others = choice.answer
     return {
-        "verdict": choice.sentence,
+        "verdict": headline,
         "evidence": choice.arrives,
-        "advice": choice.advice,
+        "advice": [sentence for sentence in others if sentence != choice.arrives],
         "is_detour": chosen is not shortest,
         "recommended": chosen.name,
         "candidates": [_describe(candidate, choice) for candidate in choice.candidates],

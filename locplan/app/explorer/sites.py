@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from locplan.errors import ConfigError
 from locplan.field.config import SHORT_LIDAR, FieldConfig, equipped
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED
+from locplan.maps.zones import KINDS as ZONE_KINDS, Zone, Zones
 from locplan.robots.lidar import PRESETS, Lidar
 from locplan.robots.robot import Robot
 
@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
 MAX_CHANGES, MAX_POINTS = 500, 5000
 """Maximum numbers of changes, and of points in one."""
+SPEED = 50.0
+"""Share of the top speed in a slow zone without another one [%]."""
 KINDS = "wall", "erase", "pole", "lidar", "zone"
-ZONES = "no-go", "slow", "prefer"
 Change = Mapping[str, Any]
 """A change as the page sends it, checked."""
 
@@ -45,8 +46,8 @@ class Site:
     """Settings of the field."""
     named_robot: Robot
     """The robot; its lidar is None if none was named."""
-    zones: tuple[Change, ...] = ()
-    """Zones as the page sends them."""
+    zones: Zones = field(default_factory=Zones)
+    """The zones."""
 
     @cached_property
     def robot(self) -> Robot:
@@ -54,14 +55,9 @@ class Site:
         return equipped(self.named_robot, self.config)
 
     @cached_property
-    def zones_digest(self) -> str:
-        """Digest of the zones."""
-        return hashlib.sha256(json.dumps(self.zones).encode()).hexdigest()[:16]
-
-    @cached_property
     def key(self) -> str:
         """Text that equal sites share."""
-        facts = [self.grid.digest, self.robot.digest, self.zones_digest, self.config.to_json()]
+        facts = [self.grid.digest, self.robot.digest, self.zones.digest, self.config.to_json()]
         return json.dumps(facts, sort_keys=True)
 
     def with_changes(self, changes: Sequence[Change]) -> Site:
@@ -70,7 +66,7 @@ class Site:
         Raises
         ------
         ConfigError
-            If a lidar does not suit the estimator of the field.
+            If a lidar does not suit the estimator of the field, or a zone encloses no area.
         """
         cells, config, robot = self.grid.cells.copy(), self.config, self.named_robot
         for change in changes:
@@ -82,10 +78,10 @@ class Site:
             elif change["kind"] != "zone":
                 level = OCCUPIED if change["kind"] == "wall" else FREE
                 _draw_line(cells, self.grid, change["points"], change["width"], level)
-        zones = tuple(change for change in changes if change["kind"] == "zone")
+        zones = [_make_zone(change) for change in changes if change["kind"] == "zone"]
         is_edited = not np.array_equal(cells, self.grid.cells)
         grid = dataclasses.replace(self.grid, cells=cells) if is_edited else self.grid
-        return Site(grid, config, robot, (*self.zones, *zones))
+        return Site(grid, config, robot, Zones([*self.zones, *zones]))
 
 
 def _draw_line(
@@ -157,9 +153,16 @@ def _read_lidar(item: Question) -> Change:
 
 
 def _read_zone(item: Question) -> Change:
-    zone = item.one_of("zone", ZONES, None)
-    polygon = item.positions("polygon", MAX_POINTS)
-    if zone is None or len(polygon) < 3:
-        raise ConfigError("a zone needs a kind and a polygon of at least three corners")
-    percent = item.number("percent", 1, 100, 50.0) if zone == "slow" else None
-    return {"zone": zone, "polygon": [list(xy) for xy in polygon], "percent": percent}
+    zone = item.one_of("zone", ZONE_KINDS, None)
+    if zone is None:
+        raise ConfigError(f"a zone needs a kind: {', '.join(ZONE_KINDS)}")
+    polygon = [list(xy) for xy in item.positions("polygon", MAX_POINTS)]
+    percent = item.number("percent", 1, 100, SPEED) if zone == "slow" else None
+    return {"zone": zone, "polygon": polygon, "percent": percent}
+
+
+def _make_zone(change: Change) -> Zone:
+    try:
+        return Zone(change["zone"], change["polygon"], change["percent"])
+    except ConfigError as error:
+        raise ConfigError(f"this zone: {error}") from None

@@ -12,6 +12,7 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Bools
 from locplan.advice.weak_spots import CLEAR, ROUND, WeakSpot, is_within, weak_spots
+from locplan.planning.costmap import Costmap
 
 if TYPE_CHECKING:
     from locplan.app.explorer.check_reports import CheckReport
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 LETTERS = "ABCDEF"
 """Letters of the weak spots that are shown, the worst first."""
+LONG = 8.0
+"""Length from which a corridor is long [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,8 @@ class NamedSpot:
         if missing == ROUND:
             return f"Round place, {length:.0f} m"
         if missing.startswith("no features along"):
-            return f"{'Long corridor' if length > 3 * width else 'Bare place'}, {length:.0f} m"
+            corridor = "Long corridor" if length > LONG else "Corridor"
+            return f"{corridor if length > 3 * width else 'Bare place'}, {length:.0f} m"
         kind = "Open space" if missing.startswith("few walls") else "Cluttered place"
         return f"{kind}, {length:.0f} x {width:.0f} m"
 
@@ -93,7 +97,12 @@ def name_weak_spots(scene: Scene, report: CheckReport | None = None) -> list[Nam
     """
     assert scene.field is not None
     reach = float(scene.field.config.estimator.reach)
-    spots: Sequence[WeakSpot] = weak_spots(scene.costs, scene.field, reach, {})
+    costs = scene.costs
+    if costs.zones:  # weak spots do not depend on zones
+        settings: Any = {"weight": costs.weight, "robot": costs.robot_radius}
+        settings |= {"criterion": costs.settings.criterion} if costs.settings else {}
+        costs = Costmap.from_field(costs.grid, scene.field, **settings)
+    spots: Sequence[WeakSpot] = weak_spots(costs, scene.field, reach, {})
     if report is not None:
         spots = [_with_outline(facts, spots) for facts in report.facts["weak_spots"]]
     else:
