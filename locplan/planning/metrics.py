@@ -19,6 +19,7 @@ from locplan.field.covariance import DEGENERATE
 from locplan.field.fisher import Fused
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import ROBOT_RADIUS, Costmap
 from locplan.planning.path import AnyPath, Path, path_from, poses_of_paths
 from locplan.robots.lidar import Lidar
@@ -211,6 +212,24 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
         longest_degenerate=longest,
         clearance=float(_along(clearance, [0 * at[0], *at[1:]], 0.0).min()),
     )
+
+
+def crosses_no_go(zones: Zones, grid: OccupancyGrid, path: Path) -> bool:
+    """True if a path enters a cell of a no-go zone.
+
+    Parameters
+    ----------
+    zones : Zones
+        The zones.
+    grid : OccupancyGrid
+        The map.
+    path : Path
+        The path in the world.
+    """
+    if not zones.has("no-go"):
+        return False
+    *at, _ = crossed_cells(grid, path, 1)
+    return bool(_along(zones.cells(grid, "no-go")[None], at, 0.0).any())
 
 
 def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:

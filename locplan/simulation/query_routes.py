@@ -320,7 +320,9 @@ def simulate_queries(
     """
     check_drives(drives)
     robot = equipped(robot, costs.settings.config if costs.settings else None)
-    simulator = Simulator(costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads)
+    simulator = Simulator(
+        costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads, zones=costs.zones
+    )
     found = {}
     for query in queries:
         plans = plan_beside_shortest(costs, query.start, query.goal)

@@ -201,7 +201,10 @@ def simulate(
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:
         raise ConfigError("there must be at least one path to drive")
-    simulator = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
+    zones = costs.zones if costs else None
+    simulator = Simulator(
+        grid, robot, filter_map=filter_map, seed=seed, threads=threads, zones=zones
+    )
     routes = {
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()
