@@ -62,7 +62,14 @@ if TYPE_CHECKING:
 class Tuning(Result):
     """The best settings of AMCL for a map or a recording: a preset or the user's, with evidence."""
 
-    files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
+    files: ClassVar[Results] = Results(
+        "tuning",
+        ("tuning.json", "tuning.png", "nav2_params.yaml"),
+        purposes={
+            "nav2_params.yaml": "AMCL's settings for Nav2, for --robot",
+            "tuning.png": "the picture",
+        },
+    )
 
     grids: tuple[OccupancyGrid, ...]
     """The maps."""

@@ -180,7 +180,13 @@ class RoutesOnMaps(Result):
     """Drives along both paths of queries on several maps."""
 
     drawable = False  # each map has a figure of its own
-    files: ClassVar[Results] = Results("queries", ("queries.json", "queries.csv"))
+    files: ClassVar[Results] = Results(
+        "queries",
+        ("queries.json", "queries.csv"),
+        purposes={
+            "queries.csv": "a row per route",
+        },
+    )
 
     maps: tuple[Routes, ...]
     """The drives on each map."""

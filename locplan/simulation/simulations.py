@@ -36,7 +36,13 @@ class Simulation(Result):
     """Drives along some paths on one map."""
 
     files: ClassVar[Results] = Results(
-        "simulation", ("simulation.json", "simulation.png", "errors.csv")
+        "simulation",
+        ("simulation.json", "simulation.png", "errors.csv"),
+        purposes={
+            "simulation.png": "the picture",
+            "errors.csv": "the errors along the path",
+            "arrivals.csv": "the end of each closed-loop drive",
+        },
     )
 
     grid: OccupancyGrid

@@ -137,11 +137,18 @@ def _target(map_file: Path, output: Output) -> Target | None:
         return None
     name = map_file.name
     if not is_built_in(map_file) or output.output.suffix.lower() in PICTURES:
-        picture = Target(output.output, "info", output.force, is_file=True)
+        picture = Target(
+            output.output, "info", output.force, is_file=True, purposes={"*": "the picture"}
+        )
         check_target(output.output, *PICTURES)
         picture.check()
         return picture
-    folder = Target(output.output, "maps", output.force)
+    folder = Target(
+        output.output,
+        "maps",
+        output.force,
+        purposes={"*.yaml": "the map, for ROS and all commands"},
+    )
     folder.check(f"{name}.yaml", f"{name}.pgm")
     return folder
 
