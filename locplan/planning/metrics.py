@@ -14,7 +14,7 @@ from locplan._support.progress import ProgressCallback, in_turn
 from locplan._support.records import Column, Table
 from locplan._support.saved import Valued
 from locplan.errors import LocplanError
-from locplan.field.config import FieldConfig
+from locplan.field.config import COARSE_STRIDE, FieldConfig
 from locplan.field.covariance import DEGENERATE
 from locplan.field.fisher import Fused
 from locplan.field.store import load_or_compute
@@ -376,7 +376,7 @@ def compare_lidars(
     """
     shares, each_in_turn = [], in_turn(progress, len(lidars)) if progress else None
     for lidar in lidars:
-        config = FieldConfig(Fused(lidar), stride=0.4)  # fine enough for shares of an area
+        config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
         field = load_or_compute(grid, config, progress=each_in_turn)
         costs = Costmap.from_field(grid, field, robot=robot, headings="worst")
         u = costs.u[np.isfinite(costs.density)]

@@ -92,7 +92,7 @@ def choose(
     costs : Costmap or FieldConfig, optional
         A costmap of this map, to plan on: ``Costmap.blank(grid)`` does without a field. Or settings
         of the field; by default it is `Fused` for the lidar, or `Sad` without one. A field that
-        simulates a lidar is evaluated every 0.2 m near the aware paths and 0.4 m elsewhere.
+        simulates a lidar has its `stride` near the aware paths, and twice as much elsewhere.
     zones : Zones, optional
         The zones: no candidate crosses a no-go one, nor does a robot that plans again in a
         closed-loop drive. Outside preferred zones every candidate but the shortest path pays 1 a

@@ -304,6 +304,11 @@ Threads = Annotated[
 ]
 
 
+def _default_stride(_: object) -> str:
+    """Return the default for the help, which is read only when the help is shown."""
+    return f"{locplan.FieldConfig.stride:g}"
+
+
 @Parameter(name="*", group=COMPUTATION)
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions:
@@ -311,7 +316,9 @@ class FieldOptions:
 
     field: Annotated[str | None, Parameter(metavar="NAME|FILE", show_default="fused or sad")] = None
     """fused, scan, fisher, sad, sad-paper, .json or .npz."""
-    stride: Annotated[float | None, Parameter(metavar="METRES", show_default="0.2")] = None
+    stride: Annotated[float | None, Parameter(metavar="METRES", show_default=_default_stride)] = (
+        None
+    )
     """Spacing of the evaluated cells, in metres."""
 
     def choose(self, robot: Robot) -> tuple[Robot, FieldConfig]:

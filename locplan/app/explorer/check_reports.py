@@ -14,6 +14,7 @@ from locplan._support.runs import RUN_FILE, Run
 from locplan._support.tables import file_name
 from locplan.app.explorer.scene import rounded
 from locplan.errors import ConfigError, LocplanError
+from locplan.field.config import COARSE_STRIDE
 from locplan.maps.files import load_map
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -38,7 +39,7 @@ class CheckReport:
     """The map: that of the check, or the one that it wrote with the right threshold."""
     robot: Robot
     """The robot that was checked."""
-    stride: ClassVar[float] = 0.4
+    stride: ClassVar[float] = COARSE_STRIDE
     """Spacing of the field that a check takes, which is in the cache then [m]."""
 
     @classmethod
