@@ -19,7 +19,7 @@ from locplan.robots.lidar import Lidar
 from locplan.robots.nav2 import ParameterWarning, read_amcl
 from locplan.robots.parameter_edits import edited_parameters
 from locplan.robots.parameters import file_and_robot, read_parameters
-from locplan.robots.presets import PRESET_NAMES
+from locplan.robots.presets import PRESET_PARAMETERS
 from locplan.robots.robot import Robot
 from locplan.simulation.simulator import BEAMS, Simulator
 
@@ -33,7 +33,7 @@ def is_untuned(amcl: Amcl) -> bool:
         The settings.
     """
     defaults = Amcl()
-    return all(getattr(amcl, name) == getattr(defaults, name) for name in PRESET_NAMES)
+    return all(getattr(amcl, name) == getattr(defaults, name) for name in PRESET_PARAMETERS)
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def check_tunable(params: Path | None) -> None:
         If they cannot.
     """
     if params is not None:
-        _edited(params, {**dict.fromkeys(PRESET_NAMES, 0.123), "laser_model_type": MODELS[1]})
+        _edited(params, {**dict.fromkeys(PRESET_PARAMETERS, 0.123), "laser_model_type": MODELS[1]})
 
 
 def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:

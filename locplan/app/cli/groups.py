@@ -54,9 +54,9 @@ def _keep_robot_file(file: Path) -> None:
 
 def _check_lidar(name: str) -> None:
     """Raise a ConfigError unless a lidar has the name."""
-    from locplan.robots.lidar import PRESETS
+    from locplan.robots.lidar import LIDARS
 
-    one_of("--lidar", name, PRESETS)
+    one_of("--lidar", name, LIDARS)
 
 
 @Parameter(name="*", group=ROBOT)
@@ -95,13 +95,13 @@ class RobotOptions:
         if is_recorded or robot.lidar is None:
             robot = dataclasses.replace(robot, lidar=lidar)
         robot = robot.changed(settings)
-        from locplan.robots.lidar import PRESETS
+        from locplan.robots.lidar import LIDARS
 
         # Ten times the range of the data sheet was hardly meant in metres.
-        if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:
+        if self.lidar and robot.known_lidar.range > 10 * LIDARS[self.lidar].range:
             raise ConfigError(
                 f"--set range must be in metres; the data sheet of {self.lidar} names"
-                f" {PRESETS[self.lidar].range:g}, not {robot.known_lidar.range:g}"
+                f" {LIDARS[self.lidar].range:g}, not {robot.known_lidar.range:g}"
             )
         note_robot(robot.title, robot.digest)
         if self.robot:

@@ -25,7 +25,7 @@ from locplan.field.config import SHORT_LIDAR, FieldConfig
 from locplan.maps.files import save_map
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED
-from locplan.robots.lidar import PRESETS, Lidar
+from locplan.robots.lidar import LIDARS, Lidar
 
 if TYPE_CHECKING:
     from locplan.app.explorer.requests import Work
@@ -175,7 +175,7 @@ def config_of(session: Session, ask: Ask) -> FieldConfig:
         If a value is unknown or out of its range.
     """
     now = session.config
-    preset = ask.one_of("lidar", PRESETS, None)
+    preset = ask.one_of("lidar", LIDARS, None)
     reach = ask.number("range", 0.1, MAX_RANGE, None)
     # Where none is named the present lidar stays; null says that there is none.
     present = None if "lidar" in ask.values else session.lidar

@@ -19,7 +19,7 @@ from locplan.app.explorer.scene import Scene
 from locplan.field.covariance import position_axes, scalar
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED
-from locplan.robots.lidar import PRESETS
+from locplan.robots.lidar import LIDARS
 
 if TYPE_CHECKING:
     from locplan.app.explorer.session import Session
@@ -46,7 +46,7 @@ def about(session: Session) -> dict[str, Any]:
                 "title": f"{name}, {each.range:g} m, {each.field_of_view_deg:g}°",
                 "range": each.range,
             }
-            for name, each in PRESETS.items()
+            for name, each in LIDARS.items()
         ],
         "distros": list(DISTRIBUTIONS),
         "can": {"export": writes, "save": writes},
@@ -120,7 +120,7 @@ def _field(scene: Scene) -> dict[str, Any] | None:
     return {
         "digest": scene.digest,
         "estimator": config.estimator.name,
-        "lidar": model if model in PRESETS else None,
+        "lidar": model if model in LIDARS else None,
         "range": config.estimator.reach,
         "headings": config.headings,
         "saturated": scene.field.saturated_share,
