@@ -5,7 +5,7 @@ Run: python examples/lasers.py DATA [FOLDER]
 DATA holds carmen/NAME-corrected.log.gz, a recorded drive; carmen/localizability_NAME.csv, the
 reference: one row per scan, matched on a map of the other scans; and rosmaps_carmen/NAME_even, that
 map. The lowest tenth by score of each log is left out: people, or places that are not on the map.
-Each field has 8 headings and is read at the poses of the reference.
+Each field has 8 headings, and is computed near the poses of the reference.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ def predict(log: Log, name: str) -> np.ndarray:
         "scan": locplan.Scan(log.lidar),
         "fused": locplan.Fused(log.lidar),
     }[name]
-    field = locplan.load_or_compute(log.grid, estimator)
+    config = locplan.FieldConfig(estimator)
+    points = config.lattice_points(log.grid, log.poses)
+    field = locplan.load_or_compute(log.grid, config, points=points)
     return field.at(log.poses, "covariance")
 
 

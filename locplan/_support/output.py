@@ -14,7 +14,8 @@ import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
 from pathlib import Path
 from tempfile import gettempdir, mkdtemp
 from typing import Any
@@ -22,7 +23,6 @@ from typing import Any
 from locplan._support import runs
 from locplan._support.checks import file_path
 from locplan._support.files import check_folder, check_no_input, check_target, errors_in_one_line
-from locplan._support.purposes import describe_files
 from locplan._support.reading import opened, parsed_json, read_text
 from locplan._support.supervision import announce
 from locplan.errors import LocplanError
@@ -31,6 +31,8 @@ PREFIX, NEW, JOURNAL = ".locplan-tmp-", "new", "moves.json"
 _NAME = re.compile(re.escape(PREFIX) + r"[a-z0-9_]{8}")
 UNLOCKED = f"{PREFIX}unlocked-"
 """Prefix of a folder without a lock, which no other process can take for abandoned."""
+MAX_DESCRIBED = 5
+"""Maximum number of files whose purpose is noted; the others are counted."""
 _STAGED = re.compile(rf"[\\/]{re.escape(PREFIX)}(unlocked-)?[a-z0-9_]{{8}}[\\/]{NEW}\b")
 
 
@@ -52,6 +54,8 @@ class Output:
     """True for a file, whose run stands next to it."""
     unfinished: tuple[str, ...] = ()
     """Files that the work itself keeps in the folder."""
+    purposes: Mapping[str, str] = field(default_factory=dict)
+    """Purpose of a file by its name or pattern, the most useful first; others are counted."""
 
     @property
     def _folder(self) -> Path:
@@ -126,7 +130,7 @@ class Output:
             )
             decide(staging, moves, removals)
         if not _STAGED.search(str(self._home)):  # results within others are noted with these
-            described = describe_files(self.kind, written)
+            described = describe_files(self.purposes, written)
             files = [(self._folder / name, purpose) for name, purpose in described]
             runs.note_written(self.target, files, len(written) - len(files))
 
@@ -161,12 +165,32 @@ class Results:
     """The files that are known before the work."""
     unfinished: tuple[str, ...] = ()
     """Files that the work itself keeps in the folder."""
+    purposes: Mapping[str, str] = field(default_factory=dict)
+    """Purpose of a file by its name or pattern, the most useful first."""
 
     def into(self, folder: Path, *names: str, force: bool = False) -> Output:
         """Return the output into a folder, checked for these files and more before the work."""
-        output = Output(folder, self.kind, force, unfinished=self.unfinished)
+        output = Output(
+            folder, self.kind, force, unfinished=self.unfinished, purposes=self.purposes
+        )
         output.check(*self.names, *names)
         return output
+
+
+def describe_files(purposes: Mapping[str, str], names: Iterable[str]) -> list[tuple[str, str]]:
+    """Return the most useful files of results with their purposes.
+
+    >>> purposes = {"chosen.csv": "the recommended path", "*.csv": "a candidate path"}
+    >>> describe_files(purposes, ["1-short.csv", "choice.json", "chosen.csv"])
+    [('chosen.csv', 'the recommended path'), ('1-short.csv', 'a candidate path')]
+    """
+    names = sorted(names)
+    described: dict[str, str] = {}
+    for pattern, purpose in purposes.items():
+        for name in names:
+            if fnmatch(name, pattern):
+                described.setdefault(name, purpose)
+    return [*described.items()][:MAX_DESCRIBED]
 
 
 @contextmanager

@@ -42,7 +42,7 @@ from locplan.simulation.driver import CHOOSING, FRESH
 from locplan.simulation.levels import USUAL
 from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
-from locplan.simulation.verdict import DriveSet, RatePair, Verdict, compare
+from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare
 
 FAILING = 16
 """Number of closed-loop drives along a route on which a drive fails."""
@@ -296,7 +296,7 @@ class FixTrials:
             known = (self._few, before_few), (self._many, self._before)
             trial = try_fix(partial(self._drive, site), *known)
         # The closed loop is simulated only for fixes that may be recommended.
-        is_candidate = trial.contrast.verdict.is_recommendable
+        is_candidate = trial.contrast.verdict.word == BETTER
         return self._result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
 
     def _result(
@@ -314,7 +314,6 @@ class FixTrials:
             trial.contrast.verdict.ratio,
             (new - old) / len(site.paths),
             trial.contrast.keeps_more,
-            trial.contrast.verdict.loses_more,
         )
 
     def combine(

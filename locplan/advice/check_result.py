@@ -41,6 +41,16 @@ class Check(Result):
             *("map_amcl.yaml", "map_amcl.pgm", "servers.yaml", "localizability.launch.xml"),
             *("amcl.yaml", "README.md", "map.yaml", "landmarks.csv"),
         ),
+        purposes={
+            "report.html": "the report, for your browser",
+            "README.md": "how to use the repaired map in Nav2",
+            "nav2_params.yaml": "Nav2's parameters with the recommended settings",
+            "landmarks.csv": "where each pole goes",
+            "map.yaml": "the corrected map",
+            "map_amcl.yaml": "the repaired map, for AMCL alone",
+            "mask/README.md": "how to use the mask in Nav2",
+            "check.csv": "the fixes with their rates",
+        },
     )
 
     grid: OccupancyGrid

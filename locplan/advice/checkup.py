@@ -19,7 +19,7 @@ from locplan.advice.recorded import recorded
 from locplan.advice.routes import Stations, routes_of
 from locplan.advice.weak_spots import WeakSpot, weak_spots
 from locplan.errors import LocplanError
-from locplan.field.config import FieldConfig, equipped
+from locplan.field.config import COARSE_STRIDE, FieldConfig, equipped
 from locplan.field.field import CovarianceField
 from locplan.field.fisher import Fused
 from locplan.field.store import load_or_compute
@@ -209,8 +209,7 @@ def _field_and_spots(
 ) -> tuple[CovarianceField, Costmap, tuple[WeakSpot, ...]]:
     """The field, its costmap, and the weak spots."""
     lidar = site.robot.known_lidar
-    # Weak spots are metres large: a lattice of 0.4 m shows them in a quarter of the time.
-    config = FieldConfig(Fused(lidar), stride=0.4)
+    config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
     field = load_or_compute(site.world, config, threads=threads, progress=progress)
     costs = Costmap.from_field(site.world, field, robot=site.robot)
     own = site.robot.filter

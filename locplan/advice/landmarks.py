@@ -234,6 +234,13 @@ class Landmarks(Result):
             "map_with_landmarks.yaml",
             "map_with_landmarks.pgm",
         ),
+        purposes={
+            "landmarks.csv": "where each object goes",
+            "map_with_landmarks.yaml": "the map with the objects",
+            "landmarks.geojson": "the outlines, for QGIS",
+            "landmarks.png": "the picture",
+            "verification.csv": "the drives that verify them",
+        },
     )
 
     setting: Setting

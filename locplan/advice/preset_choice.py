@@ -134,7 +134,7 @@ class PresetChoice:
             for result in self.results
             if result.case == self.results[0].case
         }
-        is_promising = self.verdicts[PRECISE].is_recommendable
+        is_promising = self.verdicts[PRECISE].word == BETTER
         return errors[PRECISE] if is_promising and errors[PRECISE] < errors[self.name] else None
 
     @property
@@ -299,8 +299,10 @@ class _PresetTrial:
         """Compare a preset with the user's settings in all cases of the usual level together."""
         pairs = [(self._drive(OWN, case), self._drive(name, case)) for case in self._usual]
         baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
-        # Both presets share the error probability.
-        self._verdicts[name] = compare(baseline, alternative, n_alternatives=len(self.presets))
+        # Both presets share the error probability, and there is no other look.
+        self._verdicts[name] = compare(
+            baseline, alternative, looks_left=None, n_alternatives=len(self.presets)
+        )
 
     def drive_all(self) -> None:
         """Drive all settings in all cases."""
@@ -313,9 +315,6 @@ class _PresetTrial:
         usual = self._verdicts[name]
         if usual.word != BETTER:
             return f"{name} settings are not better than {OWN}: {usual.word}"
-        if usual.loses_more:
-            lost, user_lost = map(share, reversed(usual.lost))
-            return f"{name} settings lose {lost} of the drives, {OWN} {user_lost}"
         for case in self._usual:
             if self._compare(name, case).word == WORSE:
                 return f"{name} settings are worse at {case.name}"
@@ -418,6 +417,8 @@ class _PresetTrial:
         n_looks = min(len(self._driven.get((each, case.name), ())) for each in (OWN, name))
         if name == OWN:
             word = BASELINE
+        elif [case] == self._usual:
+            word = self._verdicts[name].word
         else:
             word = self._compare(name, case, n_looks).word if n_looks else ""
         rates = drives.error, drives.lost_rate, drives.off_at_end_rate

@@ -137,13 +137,11 @@ class FixResult:
     """What it makes a route longer, the mean over the routes [m]."""
     keeps_more: bool = False
     """True if it keeps drives from getting lost, and does not lower the error alone."""
-    loses_more: bool = False
-    """True if more drives are lost with it than without it."""
 
 
 def is_better(fix: FixResult) -> bool:
-    """True if a fix is better than the baseline, and loses no more drives."""
-    return fix.verdict == BETTER and not fix.loses_more
+    """True if a fix is better than the baseline."""
+    return fix.verdict == BETTER
 
 
 def helps(fix: FixResult, baseline: DriveRates) -> bool:

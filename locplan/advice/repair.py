@@ -72,6 +72,13 @@ class Mended(Result):
             *("mend.json", "mend.png", "mend.csv", "map_amcl.yaml", "map_amcl.pgm"),
             *("servers.yaml", "localizability.launch.xml", "amcl.yaml", "README.md", "map.yaml"),
         ),
+        purposes={
+            "README.md": "how to use the repaired map in Nav2",
+            "map_amcl.yaml": "the repaired map, for AMCL alone",
+            "map.yaml": "the map with the right threshold",
+            "mend.png": "the picture",
+            "mend.csv": "the repairs with their places",
+        },
     )
 
     grid: OccupancyGrid

@@ -238,7 +238,7 @@ def confirm_fixes(
             looks=[half, len(fresh)] if is_early and half < len(fresh) else [len(fresh)],
         )
         fresh = fresh[: verdict.n_drives // n_routes]
-        taken = taken if verdict.is_recommendable else sure
+        taken = taken if verdict.word == BETTER else sure
     return Combination(taken, drive((), fresh), drive(taken, fresh))
 
 
@@ -255,8 +255,8 @@ def _next_fix(
     for kind in left:
         outcomes = drive(taken, known), drive((*taken, kind), known)
         addition = contrast(*outcomes, n_alternatives=len(left))
-        is_cheap = kind not in costly
-        if addition.keeps_more or (is_cheap and addition.verdict.is_recommendable):
+        is_better = addition.verdict.word == BETTER
+        if addition.keeps_more or (is_better and kind not in costly):
             scores[kind] = addition.score
     return min(scores, key=lambda kind: scores[kind], default="")
 

@@ -39,7 +39,7 @@ from locplan.recordings.faults import find_recording_faults
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import RUNS, ReplayedDrive, Tracks, find_replay_limit, sparse_notes
 from locplan.robots.amcl import Amcl
-from locplan.robots.presets import CHANGES, describe_preset
+from locplan.robots.presets import AMCL_PRESETS, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.amcl_parameters import (
     BeamsLeft,
@@ -62,7 +62,14 @@ if TYPE_CHECKING:
 class Tuning(Result):
     """The best settings of AMCL for a map or a recording: a preset or the user's, with evidence."""
 
-    files: ClassVar[Results] = Results("tuning", ("tuning.json", "tuning.png", "nav2_params.yaml"))
+    files: ClassVar[Results] = Results(
+        "tuning",
+        ("tuning.json", "tuning.png", "nav2_params.yaml"),
+        purposes={
+            "nav2_params.yaml": "AMCL's settings for Nav2, for --robot",
+            "tuning.png": "the picture",
+        },
+    )
 
     grids: tuple[OccupancyGrid, ...]
     """The maps."""
@@ -177,7 +184,7 @@ class Tuning(Result):
         return tuning_report(self)
 
 
-PRESETS = ". ".join(f"{name}: {describe_preset(name)}" for name in CHANGES) + "."
+PRESET_MEANINGS = ". ".join(f"{name}: {describe_preset(name)}" for name in AMCL_PRESETS) + "."
 """The meaning of the presets' names."""
 
 
@@ -190,7 +197,7 @@ def tuning_report(tuning: Tuning) -> str:
         *(_wrap(f"note: {note}") for note in tuning.notes),
         _wrap(f"{tuning.conclusion}."),
         *([_wrap(hint)] if hint else []),
-        _wrap(PRESETS),
+        _wrap(PRESET_MEANINGS),
         "",
         str(tuning.table()),
         _wrap(choice.describe_table(tuning.seed)),

@@ -145,6 +145,12 @@ class Comparison(Result):
         "comparison",
         ("report.html", "comparison.csv", "runs.csv"),
         unfinished=("runs.jsonl",),
+        purposes={
+            "report.html": "the report, for your browser",
+            "comparison.csv": "a row per planner and case",
+            "runs.csv": "a row per run",
+            "runs.jsonl": "the runs, from which an interrupted comparison resumes",
+        },
     )
 
     runs: tuple[Run, ...]

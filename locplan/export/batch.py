@@ -25,6 +25,9 @@ from locplan.field.summary import FieldSummary
 from locplan.maps.files import find_maps, load_map, name_of
 from locplan.maps.grid import OccupancyGrid
 
+PURPOSES = {f"*{FIELD_SUFFIX}": "the field, for --field", "*": "the picture"}
+"""Purpose of the files by their pattern."""
+
 
 @dataclass(frozen=True)
 class FieldJob:
@@ -50,7 +53,10 @@ class FieldJob:
         if self.folder:
             return self.folder.check()
         check_target(self.output, *([] if self.scalar else [FIELD_SUFFIX]), *PICTURES)
-        Output(self.output, "field", self.force, is_file=True).check()
+        self._output(self.output).check()
+
+    def _output(self, file: Path) -> Output:
+        return Output(file, "field", self.force, is_file=True, purposes=PURPOSES)
 
     def run(
         self, compute: Callable[[OccupancyGrid], CovarianceField], folder: Path | None = None
@@ -66,7 +72,7 @@ class FieldJob:
         """
         computed = compute(load_map(self.map_file))
         if self.output:
-            alone = Output(self.output, "field", self.force, is_file=True)
+            alone = self._output(self.output)
             with (
                 working(f"writing {self.output.name}"),
                 nullcontext(folder / self.output.name) if folder else alone.writing() as file,
@@ -140,7 +146,10 @@ def field_jobs(
         if other != file:
             raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
     suffix = ".png" if scalar else FIELD_SUFFIX
-    folder, targets = Output(output, "fields", force), [f"{name}{suffix}" for name in homes]
+    folder, targets = (
+        Output(output, "fields", force, purposes=PURPOSES),
+        [f"{name}{suffix}" for name in homes],
+    )
     folder.check(*targets)
     return [
         FieldJob(file, output / target, scalar, folder, force)

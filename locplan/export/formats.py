@@ -196,6 +196,7 @@ FORMATS = (
     Format(
         *("path", "a path; also .json, .geojson or .yaml", write_path, PathOptions),
         suffixes=(".csv", ".json", ".geojson", ".yaml"),
+        purpose="the path",
         paths="one",
     ),
 )

@@ -290,7 +290,13 @@ def _write(
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid, file = without_yaw(costs.grid), robot.file and robot.file.name
-    known = {"title": title, "costs": costs, "kind": kind, "file": file, "planning": planning}
+    known: dict[str, Any] = {
+        "title": title,
+        "costs": costs,
+        "kind": kind,
+        "file": file,
+        "planning": planning,
+    }
     known |= {"changed": changed, "added": added, "others": robot.others}
     known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
     known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}

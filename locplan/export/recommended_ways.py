@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 
@@ -192,7 +193,7 @@ def nav2_routes(
     name = grid.name or "a map"
     about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
     about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
-    known = {"map": name, "ways": ways, "robot": robot, "costs": costs}
+    known: dict[str, Any] = {"map": name, "ways": ways, "robot": robot, "costs": costs}
     known |= {"nodes": ways.graph.nodes, "ends": (1, 2)}
     with export_folder(folder, "nav2-routes.md", about, force, **known) as temporary:
         count = len(ways.ways)

@@ -22,6 +22,14 @@ if TYPE_CHECKING:
     from locplan.robots.robot import Robot
     from locplan.simulation.recommendation import Choice
 
+NAV2_FILES = {
+    "README.md": "how to use them in Nav2",
+    "nav2.yaml": "Nav2's parameters, with these files in use",
+    "graph.geojson": "the route graph for Nav2's route server",
+    "mask.yaml": "the mask, as a map of Nav2",
+    "preview.png": "the picture",
+}
+"""Purpose of the files for Nav2 by name, the most useful first."""
 ABOUT = "export.json"
 """The file of a folder that says what it was made of."""
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
@@ -161,6 +169,8 @@ class Format:
     """A frozen dataclass whose docstrings say what each field does; it checks itself when made."""
     suffixes: tuple[str, ...] = ()
     """The suffixes of a file, the usual one first; a folder has none."""
+    purpose: str = "the export"
+    """A file's purpose, which is printed next to its name."""
     paths: Literal["none", "one", "several"] = "none"
     """The number of paths that it takes."""
     check: Callable[[Any, int], None] = lambda options, paths: None
@@ -179,7 +189,7 @@ class Format:
         """
         if self.suffixes:
             check_target(target, *self.suffixes)
-        Output(target, self.name, force, is_file=bool(self.suffixes)).check()
+        self._output(target, force=force).check()
 
     def export(self, target: Path, job: ExportJob, options: Any) -> ExportSummary:
         """Write a job to a target, next to which a file gets its run.
@@ -195,8 +205,12 @@ class Format:
         """
         if not self.suffixes:
             return self.write(target, job, options)
-        with Output(target, self.name, job.force, is_file=True).writing() as file:
+        with self._output(target, force=job.force).writing() as file:
             return self.write(file, job, options)
+
+    def _output(self, target: Path, *, force: bool) -> Output:
+        purposes = {"*": self.purpose}
+        return Output(target, self.name, force, is_file=bool(self.suffixes), purposes=purposes)
 
 
 def formats() -> dict[str, Format]:
@@ -208,13 +222,20 @@ def formats() -> dict[str, Format]:
 
 @contextmanager
 def export_folder(
-    target: str | Path, readme: str, about: Mapping[str, Any], force: bool, **known: Any
+    target: str | Path,
+    readme: str,
+    about: Mapping[str, Any],
+    force: bool,
+    *,
+    purposes: Mapping[str, str] = NAV2_FILES,
+    **known: Any,
 ) -> Iterator[Path]:
     """Yield a new folder whose files move to `target` when the block succeeds.
 
     It gets a README.md, which is the template `readme` with what is `known`, and export.json.
+    `purposes` are those of its files by name, the most useful first.
     """
-    with Output(Path(target), about["kind"], force).writing() as folder:
+    with Output(Path(target), about["kind"], force, purposes=purposes).writing() as folder:
         yield folder
         (folder / "README.md").write_text(rendered(readme, **known), "utf-8")
         text = json.dumps(about, indent=2, allow_nan=False)

@@ -240,7 +240,7 @@ def nav2_graph(
     values = {"nodes": len(user_graph.nodes), "edges": len(user_graph.edges)}
     about = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | about_costs(costs)
     name = costs.grid.name or "a map"
-    known = {"map": name, "graph": Path(graph).name, "robot": robot, "costs": costs}
+    known: dict[str, Any] = {"map": name, "graph": Path(graph).name, "robot": robot, "costs": costs}
     known |= {"nodes": user_graph.nodes, "ends": user_graph.node_ids[:2], "set_cost": set_cost}
     known |= {"edges": len(user_graph.edges), "fixed": fixed}
     with export_folder(folder, "nav2-graph.md", about, force, **known) as temporary:

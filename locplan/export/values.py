@@ -125,7 +125,11 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
     values = percent(costs)
     about = {"kind": "ros-map"} | about_costs(costs)
     grid = without_yaw(costs.grid)
-    with export_folder(folder, "ros-map.md", about, force, map=grid.name or "a map") as temporary:
+    purposes = {"README.md": "how to use it", "*.yaml": "u in per cent, as a map of ROS"}
+    name = grid.name or "a map"
+    with export_folder(
+        folder, "ros-map.md", about, force, purposes=purposes, map=name
+    ) as temporary:
         write_values(temporary / "raw", values, grid)
         title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"
         figure = _figures.values_figure(costs.grid, values, "degeneracy u [%]", title)

@@ -14,11 +14,12 @@ from locplan._support.progress import ProgressCallback, in_turn
 from locplan._support.records import Column, Table
 from locplan._support.saved import Valued
 from locplan.errors import LocplanError
-from locplan.field.config import FieldConfig
+from locplan.field.config import COARSE_STRIDE, FieldConfig
 from locplan.field.covariance import DEGENERATE
 from locplan.field.fisher import Fused
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import ROBOT_RADIUS, Costmap
 from locplan.planning.path import AnyPath, Path, path_from, poses_of_paths
 from locplan.robots.lidar import Lidar
@@ -213,6 +214,24 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
     )
 
 
+def crosses_no_go(zones: Zones, grid: OccupancyGrid, path: Path) -> bool:
+    """True if a path enters a cell of a no-go zone.
+
+    Parameters
+    ----------
+    zones : Zones
+        The zones.
+    grid : OccupancyGrid
+        The map.
+    path : Path
+        The path in the world.
+    """
+    if not zones.has("no-go"):
+        return False
+    *at, _ = crossed_cells(grid, path, 1)
+    return bool(_along(zones.cells(grid, "no-go")[None], at, 0.0).any())
+
+
 def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
     """Return J of a path, or of each of several paths, as `path_metrics` has it.
 
@@ -357,7 +376,7 @@ def compare_lidars(
     """
     shares, each_in_turn = [], in_turn(progress, len(lidars)) if progress else None
     for lidar in lidars:
-        config = FieldConfig(Fused(lidar), stride=0.4)  # fine enough for shares of an area
+        config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
         field = load_or_compute(grid, config, progress=each_in_turn)
         costs = Costmap.from_field(grid, field, robot=robot, headings="worst")
         u = costs.u[np.isfinite(costs.density)]

@@ -162,7 +162,14 @@ class ParetoFront(Result, Stored):
 
     kind: ClassVar[str] = "front"
     files: ClassVar[Results] = Results(
-        "front", ("front.json", "front.npz", "front.csv", "front.png", "knee.csv")
+        "front",
+        ("front.json", "front.npz", "front.csv", "front.png", "knee.csv"),
+        purposes={
+            "front.png": "the picture",
+            "knee.csv": "the path at the knee",
+            "front.csv": "length and degenerate metres of each path",
+            "front.npz": "all paths, for Python",
+        },
     )
     costs: Costmap
     """The costmap that the paths were planned on."""

@@ -253,7 +253,13 @@ class LocatedDrive(Result):
     """The scans of a recorded drive, each located by itself, from `locate_drive`."""
 
     files: ClassVar[Results] = Results(
-        "located", ("located.json", "located.png", "modes.csv", "scans.csv")
+        "located",
+        ("located.json", "located.png", "modes.csv", "scans.csv"),
+        purposes={
+            "located.png": "the picture",
+            "modes.csv": "the places where each scan fits",
+            "scans.csv": "a row per scan",
+        },
     )
 
     recording: Recording

@@ -232,7 +232,14 @@ class Consistency:
 class Replay(Result):
     """Runs of AMCL on one recorded drive, which differ by their random numbers alone."""
 
-    files: ClassVar[Results] = Results("replay", ("replay.json", "replay.png", "errors.csv"))
+    files: ClassVar[Results] = Results(
+        "replay",
+        ("replay.json", "replay.png", "errors.csv"),
+        purposes={
+            "replay.png": "the picture",
+            "errors.csv": "the errors along the drive",
+        },
+    )
 
     recording: Recording
     """The drive."""

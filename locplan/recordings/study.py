@@ -50,7 +50,16 @@ class RecordingReport(Result):
     """A recorded drive with its ground truth, its faults, and what it tells of robot and map."""
 
     files: ClassVar[Results] = Results(
-        "recording", ("recording.json", "drive.npz", "poses.csv", "poses.tum")
+        "recording",
+        ("recording.json", "drive.npz", "poses.csv", "poses.tum"),
+        purposes={
+            "drive.npz": "the recording, for --recording of other commands",
+            "poses.tum": "the ground truth, for evo",
+            "poses.csv": "the ground truth with standard deviations",
+            "robot.yaml": "the robot with its measured noise, for --robot",
+            "recording.png": "the picture",
+            "*.npz": "the recording, for --recording of other commands",
+        },
     )
 
     recording: Recording
@@ -166,7 +175,8 @@ def recording_output(target: Path, *, force: bool = False) -> Output:
         True lets files be replaced that are no earlier results of this kind.
     """
     if target.suffix == ".npz":
-        output = Output(target, RecordingReport.files.kind, force, is_file=True)
+        files = RecordingReport.files
+        output = Output(target, files.kind, force, is_file=True, purposes=files.purposes)
         output.check()
         return output
     if target.suffix in FILE_SUFFIXES:

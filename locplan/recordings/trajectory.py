@@ -305,6 +305,11 @@ class Trajectory(Result, Stored):
     files: ClassVar[Results] = Results(
         "trajectory",
         ("trajectory.json", "trajectory.npz", "trajectory.png", "poses.csv", "poses.tum"),
+        purposes={
+            "poses.tum": "the poses, for evo",
+            "poses.csv": "the poses with standard deviations",
+            "trajectory.png": "the picture",
+        },
     )
 
     poses: Floats

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
 from locplan._support.checks import Settings, differing, positive, setting
@@ -264,3 +264,35 @@ class Amcl(Settings):
         if self.multiplies:
             return math.ceil(beams / self.max_beams)
         return max(1, (beams - 1) // (self.max_beams - 1))
+
+
+SIMULATED = {each.name for each in fields(Amcl)} - {"half_cell"}
+"""Nav2's parameters of AMCL that are simulated: all settings but `half_cell`, which Nav2 lacks."""
+NOT_SIMULATED: dict[str, float | str | bool | None] = {
+    "allow_parameter_qos_overrides": None,
+    "always_reset_initial_pose": None,
+    "base_frame_id": "base_footprint",
+    "beam_skip_distance": 0.5,
+    "beam_skip_error_threshold": 0.9,
+    "beam_skip_threshold": 0.3,
+    "do_beamskip": False,
+    "first_map_only": None,
+    "freespace_downsampling": None,
+    "global_frame_id": "map",
+    "initial_pose": None,
+    "initialize_at_saved_pose": None,
+    "lambda_short": 0.1,
+    "map_topic": None,
+    "odom_frame_id": "odom",
+    "random_seed": None,
+    "save_pose_rate": 0.5,
+    "saved_pose_filepath": None,
+    "scan_topic": "scan",
+    "set_initial_pose": None,
+    "tf_broadcast": True,
+    "transform_tolerance": 1.0,
+    "use_sim_time": None,
+    "z_max": 0.05,
+    "z_short": 0.05,
+}
+"""Nav2's other parameters of AMCL, with its default if a new file of parameters has them."""

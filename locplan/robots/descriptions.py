@@ -250,7 +250,7 @@ def lidar_in(file: Path, lidar: Lidar | None = None) -> Lidar:
         if file.suffix.lower() in (".yaml", ".yml"):
             raise ConfigError(
                 "parameters name no lidar, their ranges only limit one; name a lidar of"
-                " locplan.robots.PRESETS, or give the robot's URDF or SDF"
+                " locplan.robots.LIDARS, or give the robot's URDF or SDF"
             )
         tree = Links(_root(file), file)
         sensors = _planar_sensors(tree.root)

@@ -17,7 +17,14 @@ import numpy as np
 from locplan._support.checks import number, positive, shown
 from locplan._support.reading import read_text
 from locplan.errors import ConfigError, LocplanError, one_line
-from locplan.robots.amcl import DIFFERENTIAL, MODELS, OMNIDIRECTIONAL, Amcl
+from locplan.robots.amcl import (
+    DIFFERENTIAL,
+    MODELS,
+    NOT_SIMULATED,
+    OMNIDIRECTIONAL,
+    SIMULATED,
+    Amcl,
+)
 from locplan.robots.parameters import (
     AMCL,
     GLOBAL_COSTMAP,
@@ -325,36 +332,6 @@ def _lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | No
     return (named[2], float(named[1])) if named else None
 
 
-NOT_SIMULATED: dict[str, float | str | bool] = {
-    "base_frame_id": "base_footprint",
-    "beam_skip_distance": 0.5,
-    "beam_skip_error_threshold": 0.9,
-    "beam_skip_threshold": 0.3,
-    "do_beamskip": False,
-    "global_frame_id": "map",
-    "lambda_short": 0.1,
-    "odom_frame_id": "odom",
-    "save_pose_rate": 0.5,
-    "scan_topic": "scan",
-    "tf_broadcast": True,
-    "transform_tolerance": 1.0,
-    "z_max": 0.05,
-    "z_short": 0.05,
-}
-"""Parameters of AMCL that are not simulated, with the values that Nav2 has for them."""
-NO_MATTER = {
-    *NOT_SIMULATED,
-    *("allow_parameter_qos_overrides", "always_reset_initial_pose", "first_map_only"),
-    *("freespace_downsampling", "initial_pose", "initialize_at_saved_pose", "map_topic"),
-    *("random_seed", "saved_pose_filepath", "set_initial_pose", "use_sim_time"),
-}
-"""All parameters of AMCL beside those simulated, most of which do not matter for that."""
-
-
-AMCL_SETTINGS = {each.name for each in dataclasses.fields(Amcl)} - {"half_cell"}
-"""Parameters of AMCL that are simulated."""
-
-
 class ParameterWarning(UserWarning):
     """Warning that a robot's parameters are simulated in part only."""
 
@@ -462,7 +439,7 @@ def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] |
 def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     """Settings of AMCL, or None without any."""
     given = parameters.of(AMCL)
-    taken = {name: value for name, value in given.items() if name in AMCL_SETTINGS}
+    taken = {name: value for name, value in given.items() if name in SIMULATED}
     if not taken and all(each.is_shared for _, each in parameters.entries(AMCL)):
         return None
     model = _motion_model(str(taken.pop("robot_model_type", DIFFERENTIAL)))
@@ -489,7 +466,7 @@ def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
         )
     model = _motion_model(str(given.get("robot_model_type", DIFFERENTIAL)))
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
-    unknown = sorted({name.partition(".")[0] for name in own} - AMCL_SETTINGS - NO_MATTER)
+    unknown = sorted({name.partition(".")[0] for name in own} - SIMULATED - NOT_SIMULATED.keys())
     if left_out := (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown):
         values = parameters.values(AMCL)
         files = {each.file for name, each in values.items() if name.partition(".")[0] in left_out}
@@ -501,7 +478,7 @@ def _conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """Notes on parameters of which a wildcard and a name have different values."""
     for node in (AMCL, PLANNER_SERVER, GLOBAL_COSTMAP, LOCAL_COSTMAP):
         for conflict in parameters.conflicts(node):
-            if node != AMCL or conflict.name in AMCL_SETTINGS:
+            if node != AMCL or conflict.name in SIMULATED:
                 yield one_line(conflict.text)
 
 
@@ -610,6 +587,6 @@ def errors_in(parameters: Nav2Parameters, node: str, plugin: str = "") -> Iterat
 
 
 def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
-    """Names of parameters in `NO_MATTER` that do matter with the values given."""
+    """Names of parameters in `NOT_SIMULATED` that matter with the values given."""
     if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
         yield "do_beamskip"

@@ -1,4 +1,4 @@
-"""The presets of AMCL's settings that `check` and `tune` try; a new one is a line in `CHANGES`."""
+"""The presets of AMCL's settings that `check` and `tune` try."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ALPHA: Final = 0.05
 """Noise of odometry that the precise preset assumes."""
 ALPHAS: Final = {f"alpha{n}": ALPHA for n in range(1, 6)}
 """Parameters of the odometry's noise with the precise preset."""
-CHANGES: Final[dict[str, dict[str, Any]]] = {
+AMCL_PRESETS: Final[dict[str, dict[str, Any]]] = {
     PRECISE: {**ALPHAS, "laser_model_type": MODELS[1]},
     SAFE: dict(UPDATES),
 }
@@ -24,7 +24,9 @@ CHANGES: Final[dict[str, dict[str, Any]]] = {
 With the safe preset the filter updates more often, and all else stays as the user has it. With the
 precise preset errors are small if odometry and map are sound, but a robot that gets lost does not
 return. Mixtures of both are no safer than the precise one on recorded drives."""
-PRESET_NAMES: Final = tuple({name: None for values in CHANGES.values() for name in values})
+PRESET_PARAMETERS: Final = tuple(
+    {name: None for values in AMCL_PRESETS.values() for name in values}
+)
 """Names of the parameters that presets change."""
 
 
@@ -36,9 +38,9 @@ def with_preset(amcl: Amcl, name: str) -> Amcl:
     amcl : Amcl
         The robot's settings.
     name : str
-        A name in `CHANGES`.
+        A name in `AMCL_PRESETS`.
     """
-    changes = CHANGES[name]
+    changes = AMCL_PRESETS[name]
     if name == SAFE:  # a filter that updates more often than that keeps its own values
         changes = {name: min(value, getattr(amcl, name)) for name, value in changes.items()}
     return replace(amcl, **changes)
@@ -59,7 +61,7 @@ def amcl_presets(amcl: Amcl) -> dict[str, Amcl]:
     >>> [*amcl_presets(Amcl(update_min_d=0.05, update_min_a=0.1))]
     ['precise']
     """
-    settings = {name: with_preset(amcl, name) for name in CHANGES}
+    settings = {name: with_preset(amcl, name) for name in AMCL_PRESETS}
     return {name: preset for name, preset in settings.items() if preset != amcl}
 
 
@@ -69,14 +71,14 @@ def describe_preset(name: str) -> str:
     Parameters
     ----------
     name : str
-        A name in `CHANGES`.
+        A name in `AMCL_PRESETS`.
 
     Examples
     --------
     >>> describe_preset("safe"), describe_preset("precise")
     ('update_min_d 0.1, update_min_a 0.1', 'alphas 0.05, likelihood_field_prob')
     """
-    changes = CHANGES[name]
+    changes = AMCL_PRESETS[name]
     words = [f"alphas {ALPHA:g}"] if changes.items() >= ALPHAS.items() else []
     for parameter, value in changes.items():
         if isinstance(value, str):

@@ -55,7 +55,7 @@ class Robot(Settings):
     """
 
     lidar: Lidar | None = None
-    """The lidar, or its name, one of `PRESETS`; None where it is not known."""
+    """The lidar, or its name, one of `LIDARS`; None where it is not known."""
     _: KW_ONLY
     footprint: Footprint | float = 0.2
     """The true outline, or its radius, >= 0 [m]."""

@@ -14,18 +14,14 @@ from locplan._support.checks import is_number
 from locplan._support.intervals import random_of
 from locplan._support.reading import scalar_text
 from locplan.errors import LocplanError
-from locplan.robots.amcl import MODELS, Amcl
+from locplan.robots.amcl import MODELS, NOT_SIMULATED, SIMULATED, Amcl
 from locplan.robots.lidar import Lidar
-from locplan.robots.nav2 import NOT_SIMULATED, ParameterWarning, read_amcl
+from locplan.robots.nav2 import ParameterWarning, read_amcl
 from locplan.robots.parameter_edits import edited_parameters
 from locplan.robots.parameters import file_and_robot, read_parameters
-from locplan.robots.presets import PRESET_NAMES
+from locplan.robots.presets import PRESET_PARAMETERS
 from locplan.robots.robot import Robot
 from locplan.simulation.simulator import BEAMS, Simulator
-
-OURS = ("half_cell", "robot_model_type")
-NAMES = tuple(each.name for each in dataclasses.fields(Amcl) if each.name not in OURS)
-"""Parameters that are both Nav2's and simulated."""
 
 
 def is_untuned(amcl: Amcl) -> bool:
@@ -37,7 +33,7 @@ def is_untuned(amcl: Amcl) -> bool:
         The settings.
     """
     defaults = Amcl()
-    return all(getattr(amcl, name) == getattr(defaults, name) for name in PRESET_NAMES)
+    return all(getattr(amcl, name) == getattr(defaults, name) for name in PRESET_PARAMETERS)
 
 
 @dataclass(frozen=True)
@@ -171,7 +167,7 @@ def check_tunable(params: Path | None) -> None:
         If they cannot.
     """
     if params is not None:
-        _edited(params, {**dict.fromkeys(PRESET_NAMES, 0.123), "laser_model_type": MODELS[1]})
+        _edited(params, {**dict.fromkeys(PRESET_PARAMETERS, 0.123), "laser_model_type": MODELS[1]})
 
 
 def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
@@ -206,7 +202,8 @@ def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
 
 def differing_names(one: Amcl, other: Amcl) -> list[str]:
     """The parameters in Nav2's files of which two settings have different values."""
-    return [name for name in NAMES if getattr(one, name) != getattr(other, name)]
+    names = [each.name for each in dataclasses.fields(Amcl) if each.name in SIMULATED]
+    return [name for name in names if getattr(one, name) != getattr(other, name)]
 
 
 def _edited(params: Path, values: Mapping[str, float | str]) -> bytes:
@@ -229,7 +226,8 @@ def _read(file: Path) -> Amcl:
 
 
 def _new_file(winner: Amcl) -> bytes:
-    values = {name: getattr(winner, name) for name in (*NAMES, "robot_model_type")} | NOT_SIMULATED
+    values = {name: getattr(winner, name) for name in SIMULATED}
+    values |= {name: value for name, value in NOT_SIMULATED.items() if value is not None}
     lines = ["# Parameters of Nav2's AMCL; frames and topics are Nav2's defaults."]
     lines += ["amcl:", "  ros__parameters:"]
     for name, value in sorted(values.items()):

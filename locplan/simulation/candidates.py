@@ -20,6 +20,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.fisher import Fused
 from locplan.field.sad import Sad
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.pareto import pareto_front
 from locplan.planning.path import Path
@@ -96,6 +97,8 @@ def costs_again(about: Mapping[str, Any], field: CovarianceField) -> Costmap:
         raise ConfigError(f"the choice is of another map, {about['map']['name'] or 'unnamed'}")
     names = "weight", "law", "criterion", "headings"
     own = {name: about[name] for name in names if about.get(name) is not None}
+    if "zones" in about:
+        own["zones"] = Zones.from_json(about["zones"])
     return Costmap.from_field(field.grid, field, robot=about["robot_radius"], **own)
 
 
@@ -109,7 +112,7 @@ def costmap_of(
     density, blocked = density_of(costs, candidates, name, robot), blocked_of(costs, max_e)
     most = float(density[~blocked].max(initial=1.0)) - 1
     u = np.where(costs.grid.free, np.clip((density - 1) / (most or 1.0), 0.0, 1.0), np.nan)
-    values = np.where(blocked, np.inf, 1 + most * u)
+    values = np.where(blocked, np.inf, 1 + most * u + costs.zones.charge(costs.grid))
     return dataclasses.replace(
         costs, density=values, weight=most, u=u, of_heading=None, settings=None
     )
@@ -248,7 +251,8 @@ class Part(Ground):
         """Return the path of least cost on a density of the part, or why it is no candidate."""
         costs = self.costs
         blocked = blocked_of(costs, self.ask.settings.max_e, self.window)
-        layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density))
+        charge = np.broadcast_to(costs.zones.charge(costs.grid), costs.grid.shape)[self.window]
+        layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density + charge))
         result = self.ask.planned(layer, limited=False)
         path = result.path
         if path is None:

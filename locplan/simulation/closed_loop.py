@@ -52,11 +52,13 @@ class Replanner:
     """The map that is driven in; all poses are in its own axes."""
     robot: Robot
     """The robot."""
+    closed: Bools
+    """Mask of the cells in no-go zones, (H, W)."""
 
     @cached_property
     def density(self) -> Floats:
         """Cost per metre of each cell on the inflated map, (H, W)."""
-        return self._inflated(self.grid.clearance)
+        return np.where(self.closed, np.inf, self._inflated(self.grid.clearance))
 
     def driven(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
         """A way (n, 4) of a car-like robot round what it sees in its way, by the lattice planner.
@@ -158,6 +160,8 @@ class Replanner:
         leave = int(LEAVE / resolution)
         about = tuple(slice(max(0, each - leave), each + leave + 1) for each in here - low)
         density[about] = np.minimum(density[about], LEAVING)
+        if not self.closed[tuple(here)]:  # a robot that is lost may have to leave a zone
+            density[self.closed[window]] = np.inf
         return low, density, walls, window
 
     def _add(self, walls: Ints, density: Floats) -> None:
@@ -273,7 +277,8 @@ class ClosedLoop:
     @cached_property
     def planner(self) -> Replanner:
         """What leads a hindered robot back to its path."""
-        return Replanner(self.grid, self.simulator.robot)
+        closed = self.simulator.zones.cells(self.grid, "no-go")
+        return Replanner(self.grid, self.simulator.robot, closed)
 
     def world(self, route: int, number: int) -> Any:
         """Return the world of a drive of a route, see `locplan.simulation.driver.route_key`."""

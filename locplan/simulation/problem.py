@@ -27,9 +27,10 @@ from locplan.errors import ConfigError
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.lattice import Lattice
-from locplan.planning.metrics import path_metrics
+from locplan.planning.metrics import crosses_no_go, path_metrics
 from locplan.planning.path import Path
 from locplan.planning.path_check import path_faults
 from locplan.planning.plans import (
@@ -215,15 +216,17 @@ class Ask:
     """Settings of the field that the costmap is made of otherwise."""
     compute: Compute
     """Gives that field."""
+    zones: Zones = dataclasses.field(default_factory=Zones)
+    """The zones; those of the costmap if one was given."""
 
     @cached_property
     def blank(self) -> Costmap:
         """Costmap on which every metre costs the same, blocked where the given one is."""
         if self.given is None:
-            return Costmap.blank(self.grid, robot=self.robot)
+            return Costmap.blank(self.grid, robot=self.robot, zones=self.zones)
         density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
-        radius = self.given.robot_radius
-        return dataclasses.replace(Costmap.from_density(self.grid, density), robot_radius=radius)
+        costs = Costmap.from_density(self.grid, density, zones=self.zones.closed)
+        return dataclasses.replace(costs, robot_radius=self.given.robot_radius)
 
     @property
     def by_lattice(self) -> bool:
@@ -279,6 +282,7 @@ class Ask:
             "weight": settings.weight,
             "criterion": settings.criterion,
             "robot": radius,
+            "zones": self.zones,
         }
 
         def costs_of(field: CovarianceField) -> Costmap:
@@ -330,6 +334,8 @@ class Ask:
         for x, y, *_ in asked.via:
             if not len(path) or distances_to(np.array([[x, y]]), path)[0] > NEAR:
                 return f"does not visit {x:g},{y:g}"
+        if crosses_no_go(self.zones, self.grid, path):
+            return "crosses a no-go zone"
         if self.by_lattice:
             for each in path_faults(self.grid, path, self.robot):
                 return f"cannot be driven: {each.kind} near {each.x:.2f},{each.y:.2f}"

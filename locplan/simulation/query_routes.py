@@ -180,7 +180,13 @@ class RoutesOnMaps(Result):
     """Drives along both paths of queries on several maps."""
 
     drawable = False  # each map has a figure of its own
-    files: ClassVar[Results] = Results("queries", ("queries.json", "queries.csv"))
+    files: ClassVar[Results] = Results(
+        "queries",
+        ("queries.json", "queries.csv"),
+        purposes={
+            "queries.csv": "a row per route",
+        },
+    )
 
     maps: tuple[Routes, ...]
     """The drives on each map."""
@@ -320,7 +326,9 @@ def simulate_queries(
     """
     check_drives(drives)
     robot = equipped(robot, costs.settings.config if costs.settings else None)
-    simulator = Simulator(costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads)
+    simulator = Simulator(
+        costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads, zones=costs.zones
+    )
     found = {}
     for query in queries:
         plans = plan_beside_shortest(costs, query.start, query.goal)

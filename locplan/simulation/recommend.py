@@ -19,6 +19,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE
+from locplan.maps.zones import Zones, check_zones
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.costmap import Costmap, about_costs, check_costs
 from locplan.planning.layers import check_criterion
@@ -55,6 +56,7 @@ def choose(
     robot: Robot | None = None,
     *,
     costs: Costmap | FieldConfig | None = None,
+    zones: Zones | None = None,
     candidates: Candidates = (),
     compute: Compute | None = None,
     seed: int = 1,
@@ -90,7 +92,11 @@ def choose(
     costs : Costmap or FieldConfig, optional
         A costmap of this map, to plan on: ``Costmap.blank(grid)`` does without a field. Or settings
         of the field; by default it is `Fused` for the lidar, or `Sad` without one. A field that
-        simulates a lidar is evaluated every 0.2 m near the aware paths and 0.4 m elsewhere.
+        simulates a lidar has its `stride` near the aware paths, and twice as much elsewhere.
+    zones : Zones, optional
+        The zones: no candidate crosses a no-go one, nor does a robot that plans again in a
+        closed-loop drive. Outside preferred zones every candidate but the shortest path pays 1 a
+        metre more. A costmap has its own.
     candidates : sequence or mapping by name, default ()
         Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
         or their names.
@@ -131,6 +137,11 @@ def choose(
     check_grid(grid)
     asked = ChoiceSettings.of(settings)
     robot, given, config = _robot_and_field(grid, robot, costs)
+    zones = check_zones(zones)
+    if given is not None:
+        if zones:
+            raise ConfigError("the costmap has its own zones; leave zones out")
+        zones = given.zones
     if asked.criterion is not None:
         check_criterion(asked.criterion, config)
 
@@ -141,7 +152,7 @@ def choose(
 
     own = own_of(candidates)
     planners = [each for each in own.values() if isinstance(each, Planner)]
-    ask = Ask(grid, start, goal, asked, robot, given, config, compute or computed)
+    ask = Ask(grid, start, goal, asked, robot, given, config, compute or computed, zones)
     usual = LATTICE if ask.by_lattice else "R2"
     space = next((each.space for each in planners if each.space != "R2"), usual)
     ask = ask.checked(space)
@@ -156,7 +167,9 @@ def choose(
         return _planned_only(ask, own, shortest, seed, why_not)
     if ask.start == ask.goal and not asked.via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
-    simulator = Simulator(grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads)
+    simulator = Simulator(
+        grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads, zones=zones
+    )
     return _driven(ask, own, shortest.path, simulator, progress)
 
 
@@ -168,7 +181,7 @@ def _driven(
     costs, _ = ask.costs(lambda costs: Part.about(costs, first, ask).aware_paths(WEIGHTS))
     shortest = ask.shortest(costs) or first
     if asked.is_limited:
-        within = ask.planned(costs.with_weight(1e-6))
+        within = ask.planned(costs.for_shortest)
         if within.path is None:
             return _made(ask, simulator.seed, within, costs)
         shortest = within.path

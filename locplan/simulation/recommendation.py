@@ -443,7 +443,15 @@ class Choice(Result, Stored):
     )
 
     files: ClassVar[Results] = Results(
-        "choice", ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv")
+        "choice",
+        ("choice.json", "choice.png", "candidates.csv", "chosen.csv", "errors.csv"),
+        purposes={
+            "chosen.csv": "the recommended path, for export --path",
+            "choice.png": "the picture",
+            "candidates.csv": "all candidates with length, degeneracy and error",
+            "choice.json": "everything in numbers, for export --choice",
+            "[0-9]*.csv": "a candidate path",
+        },
     )
 
     about: Mapping[str, Any]

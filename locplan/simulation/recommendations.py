@@ -91,7 +91,13 @@ class Choices:
     promised some 10 % too small.
     """
 
-    files: ClassVar[Results] = Results("choices", ("choices.csv",))
+    files: ClassVar[Results] = Results(
+        "choices",
+        ("choices.csv",),
+        purposes={
+            "choices.csv": "the recommended path of each query",
+        },
+    )
     """The file of the folder that `save` writes, beside a folder for each choice."""
 
     choices: tuple[MapChoice, ...]

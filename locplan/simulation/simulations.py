@@ -36,7 +36,13 @@ class Simulation(Result):
     """Drives along some paths on one map."""
 
     files: ClassVar[Results] = Results(
-        "simulation", ("simulation.json", "simulation.png", "errors.csv")
+        "simulation",
+        ("simulation.json", "simulation.png", "errors.csv"),
+        purposes={
+            "simulation.png": "the picture",
+            "errors.csv": "the errors along the path",
+            "arrivals.csv": "the end of each closed-loop drive",
+        },
     )
 
     grid: OccupancyGrid
@@ -201,7 +207,10 @@ def simulate(
         raise ConfigError("paths must be a mapping of names to paths, such as {'mine': plan.path}")
     if not paths:
         raise ConfigError("there must be at least one path to drive")
-    simulator = Simulator(grid, robot, filter_map=filter_map, seed=seed, threads=threads)
+    zones = costs.zones if costs else None
+    simulator = Simulator(
+        grid, robot, filter_map=filter_map, seed=seed, threads=threads, zones=zones
+    )
     routes = {
         name: path if isinstance(path, Path) else Path(np.asarray(path))
         for name, path in paths.items()

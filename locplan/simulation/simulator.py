@@ -18,6 +18,7 @@ from locplan.field.config import equipped
 from locplan.maps.environments import boundary_cells, with_boundary_noise
 from locplan.maps.grid import OccupancyGrid, check_grid, own_axes
 from locplan.maps.occupancy import OCCUPIED
+from locplan.maps.zones import Zones, check_zones
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.drives import DriveArguments, Line, drive_arguments
@@ -50,6 +51,8 @@ class Simulator:
     stretch : float, default 1.0
         Ratio of the world's lengths to those of the map: not 1 if the map's resolution is wrong.
         Open-loop drives only.
+    zones : Zones, optional
+        The zones: a robot that plans again in a closed-loop drive keeps out of the no-go ones.
 
     Raises
     ------
@@ -67,12 +70,14 @@ class Simulator:
         seed: int = 1,
         threads: int | None = None,
         stretch: float = 1.0,
+        zones: Zones | None = None,
     ) -> None:
         check_grid(grid)
         self.filter_map = check_filter_map(filter_map, grid)
         whole("seed", seed, 0)
         self.grid, self.seed, self.threads = grid, seed, check_threads(threads)
         self.robot, self.stretch = equipped(robot), positive("stretch", stretch)
+        self.zones = check_zones(zones)
 
     def __repr__(self) -> str:
         return f"Simulator({self.grid.name or 'map'}, {self.robot.title}, seed {self.seed})"

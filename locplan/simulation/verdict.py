@@ -29,6 +29,8 @@ EQUAL = math.log(1.25)
 difference."""
 LOOKS = (8, 16, 32, 64, 128, 256, 512, 1024)
 """Numbers of drives at which a caller looks, up to its maximum; the last look is at that."""
+ERROR = 0.0125
+"""Probability with which a test may err on a side if drives are looked at only once."""
 CRITICAL, EXPONENT = 2.40, 0.15
 """Critical value at the last look, and the exponent of 2 by which it is greater at each look before
 that one.
@@ -176,16 +178,6 @@ class Verdict:
     more_off: bool = False
     """True if the alternative is off at the end in significantly more drives."""
 
-    @property
-    def loses_more(self) -> bool:
-        """True if the alternative loses more drives by count, significantly or not."""
-        return self.lost.alternative.value > self.lost.baseline.value
-
-    @property
-    def is_recommendable(self) -> bool:
-        """True if the alternative is better, and loses no more drives by count."""
-        return self.word == BETTER and not self.loses_more
-
 
 class Look(NamedTuple):
     """What paired drives show of some alternatives; all arrays are (alternatives,)."""
@@ -227,7 +219,7 @@ def look(
     baseline_lost: Bools,
     alternative_lost: Bools,
     *,
-    looks_left: int = 0,
+    looks_left: int | None = 0,
     n_alternatives: int = 1,
 ) -> Look:
     """Test the errors and the lost drives of some alternatives against a baseline.
@@ -240,8 +232,8 @@ def look(
         True for the baseline's drives that were lost.
     alternative_lost : (k, n) array
         True for each alternative's drives that were lost.
-    looks_left : int, default 0
-        Number of looks that may follow.
+    looks_left : int or None, default 0
+        Number of looks that may follow, if there are several; None if this is the only one.
     n_alternatives : int, default 1
         Number of alternatives of which the best is taken; they share the error probability.
     """
@@ -279,7 +271,7 @@ def compare(
     baseline: DriveSet,
     alternative: DriveSet,
     *,
-    looks_left: int = 0,
+    looks_left: int | None = 0,
     n_alternatives: int = 1,
 ) -> Verdict:
     """Compare two sets of paired drives.
@@ -376,8 +368,10 @@ def plan_looks(n_drives: int) -> list[int]:
     return [*itertools.takewhile(lambda count: count < n_drives, LOOKS), n_drives]
 
 
-def _error_probability(looks_left: int) -> float:
+def _error_probability(looks_left: int | None) -> float:
     """Return the probability with which a test may err at a look before some others."""
+    if looks_left is None:
+        return ERROR
     from scipy.special import ndtr
 
     return float(ndtr(-CRITICAL * 2 ** (EXPONENT * looks_left)))

@@ -68,15 +68,13 @@ def test_output_refuses_other_files_without_force(tmp_path, earlier):
 
 
 def test_output_notes_purposes_of_written_files(tmp_path):
-    names = ["chosen.csv", "choice.png", "candidates.csv", "choice.json", "01-a.csv", "02-b.csv"]
+    files = dict.fromkeys(["chosen.csv", *(f"0{n}-way.csv" for n in range(5)), "errors.csv"], "1")
+    purposes = {"chosen.csv": "the recommended path", "[0-9]*.csv": "a candidate path"}
     with running(Run("plan", {})):
-        write(tmp_path / "out", dict.fromkeys([*names, "errors.csv"], "1"), kind="choice")
+        write(tmp_path / "out", files, purposes=purposes)
         lines = take_written()
         assert take_written() == []
-    assert (
-        lines[0]
-        == f"wrote {tmp_path / 'out' / 'chosen.csv'}: the recommended path, for export --path"
-    )
+    assert lines[0] == f"wrote {tmp_path / 'out' / 'chosen.csv'}: the recommended path"
     assert len(lines) == 6
     assert lines[-1] == f"wrote {tmp_path / 'out'}: 2 more files"
 

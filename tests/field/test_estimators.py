@@ -37,7 +37,7 @@ from locplan.planning import Costmap, Path, path_metrics, plan
 from locplan.planning.layers import HeadingLayers
 from locplan.planning.metrics import crossed_cells, profile
 from locplan.planning.ompl.motions import Motions
-from locplan.robots import PRESETS, Lidar
+from locplan.robots import LIDARS, Lidar
 
 ALL_ROUND = Lidar(range=2.5, beams=72)
 AHEAD = Lidar(range=2.5, field_of_view_deg=120.0, beams=40, mount_x=0.15, mount_yaw_deg=10.0)
@@ -684,7 +684,7 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
 
 
 def test_presets_follow_the_makers():
-    for name, sheet in PRESETS.items():
+    for name, sheet in LIDARS.items():
         sensor = Lidar.preset(name)
         wanted = FieldConfig(Fisher(sensor))
         assert wanted.estimator.reach == sensor.range == sheet.range

@@ -137,6 +137,12 @@ NEW_LINES = [
         '    "cost": (RATIO',
         '    "corners": (SUMS, "fewer corners", "more corners"),\n',
     ),
+    # lidar
+    (
+        "robots/lidar.py",
+        '    "turtlebot3":',
+        '    "toy": DataSheet(5.0, 0.1, 90.0, 91, 0.02, "a box"),\n',
+    ),
     # preset
     ("robots/presets.py", "    SAFE: dict(", '    "keen": {"z_hit": 0.8},\n'),
     # weight law
@@ -175,6 +181,8 @@ assert run.measure("corners") == 0
 
 assert amcl_presets(locplan.robots.Amcl())["keen"].z_hit == 0.8
 assert describe_preset("keen") == "z_hit 0.8"
+
+assert locplan.Lidar.preset("toy").beams == 91
 
 config = FieldConfig(locplan.Sad(weights=Gaussian(0.4)))
 assert FieldConfig.from_json(config.to_json()) == config

@@ -8,7 +8,7 @@ import pytest
 
 from locplan.errors import ConfigError
 from locplan.field import Fisher, Fused, Sad, Scan
-from locplan.robots import PRESETS, Amcl, Lidar, Robot
+from locplan.robots import LIDARS, Amcl, Lidar, Robot
 from locplan.robots.nav2 import ParameterWarning
 from locplan.simulation.drives import drive_arguments
 
@@ -39,11 +39,11 @@ def scan(**changes):
     return Lidar.from_scan(**{**fields, **changes})
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", LIDARS)
 def test_presets_are_lidars_with_a_source(name):
     lidar = Lidar.preset(name)
     assert lidar.model == name
-    assert PRESETS[name].source
+    assert LIDARS[name].source
     assert 0 <= lidar.min_range < lidar.range
     assert lidar.title.startswith(f"{name}, {lidar.range:g} m")
 

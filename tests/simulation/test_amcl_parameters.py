@@ -8,8 +8,10 @@ from support.maps import ascii_map
 
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.robots import Amcl, Disturbances, Lidar, Robot
+from locplan.robots.amcl import OMNIDIRECTIONAL
+from locplan.robots.nav2 import read_amcl
 from locplan.simulation import Simulator
-from locplan.simulation.amcl_parameters import BeamsLeft, filter_warnings
+from locplan.simulation.amcl_parameters import BeamsLeft, filter_warnings, write_tuned
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
 CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
@@ -46,6 +48,16 @@ def test_weights_that_add_up_to_1_with_those_of_the_beam_model_are_fine():
     amcl = Amcl(z_hit=0.85, z_rand=0.05)
     assert filter_warnings(amcl, LIDAR, {"z_short": 0.05, "z_max": 0.05}) == []
     assert len(filter_warnings(amcl, LIDAR, {"z_short": 0.5, "z_max": "much"})) == 1
+
+
+def test_write_tuned_writes_changed_motion_model(tmp_path):
+    """The settings were tuned for this model, which --set may have changed."""
+    params, written = tmp_path / "nav2.yaml", tmp_path / "tuned.yaml"
+    params.write_text("amcl:\n  ros__parameters:\n    robot_model_type: differential\n")
+    write_tuned(written, Amcl(robot_model_type=OMNIDIRECTIONAL), params)
+    assert read_amcl(written) == Amcl(robot_model_type=OMNIDIRECTIONAL)
+    write_tuned(written, Amcl(alpha1=0.1), params)
+    assert "robot_model_type: differential\n" in written.read_text()
 
 
 def hall(size: float) -> OccupancyGrid:

@@ -14,7 +14,7 @@ from support.cases import sample_cases
 from locplan import Footprint, Lidar, OccupancyGrid, Path, Robot
 from locplan._support.intervals import random_of
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps import FREE, OCCUPIED
+from locplan.maps import FREE, OCCUPIED, Zone, Zones
 from locplan.robots import Disturbances, Kinematics
 from locplan.simulation import Arrivals, Closed, Simulator, drive_closed, simulate
 from locplan.simulation.arrivals import Arrival
@@ -235,6 +235,27 @@ def test_what_is_not_on_the_path_s_map_is_driven_around():
     assert ends(found) == ["arrived"] * 4
     crossed = [each.truth[np.argmin(abs(each.truth[:, 0] - 4.05))] for each in found.drives]
     assert all(3.3 < y < 4.1 for _, y, _ in crossed)
+
+
+@pytest.mark.parametrize("name", ["round", "car"])
+def test_new_plans_keep_out_of_no_go_zones(name):
+    """The near way around a box in the path is closed, so that robots take the far one."""
+    path, robot = line((1.5, 2.4), (6.5, 2.4)), ROBOTS[name].changed({"boundary_noise": 0.0})
+    cells = room().cells.copy()
+    cells[21:26, 38:43] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.1)
+    zones = Zones([Zone("no-go", [[3.6, 2.6], [4.5, 2.6], [4.5, 5.0], [3.6, 5.0]])])
+    closed = zones.cells(grid, "no-go")
+    heights = []
+    for each in (None, zones):
+        simulator = Simulator(grid, robot, zones=each)
+        found = drive_closed(simulator, {"path": path}, range(2), perfect=True)["path"]
+        assert ends(found) == ["arrived"] * 2
+        heights += [one.truth[np.argmin(abs(one.truth[:, 0] - 4.05)), 1] for one in found.drives]
+        if each:
+            assert not any(closed[grid.cell(one.truth[:, :2])].any() for one in found.drives)
+    assert max(heights[:2]) > 2.6
+    assert max(heights[2:]) < 2.1
 
 
 @pytest.mark.parametrize(("door", "fault"), [((2.2, 2.6), "follower"), ((2.3, 2.5), "world")])

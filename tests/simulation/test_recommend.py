@@ -33,7 +33,7 @@ from locplan import (
 from locplan._support.drawing import lines_within
 from locplan.errors import ConfigError, PoseError
 from locplan.field.config import SHORT_LIDAR
-from locplan.maps import FREE, OCCUPIED, environments
+from locplan.maps import FREE, OCCUPIED, Zone, Zones, environments
 from locplan.maps.figures import map_around
 from locplan.planning import Found, check_path
 from locplan.planning.any_angle import AnyAngle
@@ -336,6 +336,49 @@ def test_user_path_replaces_planned_twin(grid, costs, choice):
     assert "mine" in names_of(found)
     assert "clear of walls" not in names_of(found)
     assert found.left_out["clear of walls"] == "the same path as 'mine'"
+
+
+def crosses(zones, grid, xy) -> bool:
+    """True if a line enters a cell of a no-go zone."""
+    closed = zones.cells(grid, "no-go")
+    fine = Path(np.asarray(xy)[:, :2]).resampled(grid.resolution / 20).xy
+    return bool(closed[grid.cell(fine)].any())
+
+
+def test_no_candidate_crosses_no_go_zone(grid, fielded):
+    """The way along the lower side of the box is closed; the upper one is free but for a corner."""
+    zones = Zones(
+        [
+            Zone("no-go", [[5.0, 0.0], [5.5, 0.0], [5.5, 2.0]]),
+            Zone("no-go", [[2, 2], [2, 4], [2.3, 4]]),
+        ]
+    )
+    straight = Path(np.array([START, (1.5, 0.8), (10.0, 0.8), GOAL]))
+    costs = Costmap.from_layers(
+        grid, u=fielded.u, e=fielded.e, weight=4.0, robot=ROBOT.radius, zones=zones
+    )
+    choice = choose(grid, START, GOAL, costs=costs, candidates={"mine": straight}, **QUICK)
+    assert choice.left_out["mine"] == "crosses a no-go zone"
+    assert len(choice.candidates) > 1
+    for each in choice.candidates:
+        assert not crosses(zones, grid, each.path.xy)
+    # A choice that was loaded, and the costmap of its path, have the zones, too.
+    assert choice.costmap().zones == zones
+    assert Zones.from_json(choice.about["zones"]) == zones
+    for wrong in ({"costs": costs, "zones": zones}, {"zones": "zones.geojson"}):
+        with pytest.raises(ConfigError, match="zones"):
+            choose(grid, START, GOAL, **wrong, **QUICK)
+
+
+def test_candidates_pay_outside_preferred_zones(grid, fielded):
+    """The longer way round the box is preferred; the shortest path does not take it."""
+    zones = Zones([Zone("prefer", [[0, 0], [12, 0], [12, 3.2], [0, 3.2]])])
+    costs = Costmap.from_layers(grid, u=0 * fielded.u, weight=4.0, robot=0.2, zones=zones)
+    planned = choose(grid, START, GOAL, Robot(footprint=0.2, margin=0.0), costs=costs)
+    for choice in (planned, choose(grid, START, GOAL, costs=costs, **QUICK)):
+        shortest, next_one, *_ = (each.path.xy[:, 1].max() for each in choice.candidates)
+        assert shortest > 4.0
+        assert next_one < 3.1
 
 
 def test_waypoints_bind_all_candidates(grid, costs):

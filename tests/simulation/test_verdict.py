@@ -99,6 +99,13 @@ def test_verdict_finds_fewer_lost_drives():
     assert np.mean(shown.fewer_lost & shown.is_better) >= 0.9
 
 
+def test_only_look_has_the_whole_error_probability():
+    """It finds more than the last of several, and still errs as rarely as allowed."""
+    assert np.mean(look_at(1.0, looks_left=None).is_better) <= 0.025
+    alone, last = (np.mean(look_at(0.8, looks_left=left).is_better) for left in (None, 0))
+    assert alone > last + 0.01
+
+
 def test_verdict_is_its_own_mirror_image():
     (before, after), (lost, others) = draw_pairs([0.85] * 500, 32, 3, (0.3, 0.1))
     one, other = look(after - before, lost, others), look(before - after, others, lost)
@@ -240,8 +247,7 @@ class DrawnSite:
         self.errors = 0.4 * random.normal(size=shape[1:]) + spread * random.normal(size=shape)
         self.errors[1:] += np.log(ratios)[:, None, None]
         rates = np.array(lost or [LOST] * shape[0])[:, None, None]
-        # The same drives are lost, so that no fix of the same rate loses more by count.
-        self.lost = random.uniform(size=shape[1:]) < rates
+        self.lost = random.uniform(size=shape) < rates
 
     def drive(self, kinds, numbers):
         """Drive with the best of some fixes, since they do not add up."""
@@ -276,12 +282,6 @@ def test_check_finds_the_fix_that_loses_fewer_drives():
     lost = [0.4, 0.4, 0.05]
     recommended = [DrawnSite([1.0, 1.0], seed, lost).recommend() for seed in range(60)]
     assert np.mean([kinds == ("2",) for kinds in recommended]) >= 0.9
-
-
-def test_check_recommends_no_fix_that_loses_more_drives():
-    """Its error is a third, and it loses more drives, but not significantly."""
-    recommended = [DrawnSite([0.3], seed, [0.0, 0.06]).recommend() for seed in range(60)]
-    assert np.mean([bool(kinds) for kinds in recommended]) <= 0.1
 
 
 class AdditiveSite(DrawnSite):
@@ -383,7 +383,7 @@ def test_landmarks_and_mend_err_as_rarely_as_the_verdict(monkeypatch, words_of, 
     assert words[BETTER] <= 0.025 * count
     assert words[BETTER] + words[WORSE] <= 0.05 * count
     count //= 4
-    words = words_of(monkeypatch, 0.75, count, 32)
+    words = words_of(monkeypatch, 0.8, count, 32)  # 64 pairs of drives
     assert words[BETTER] >= 0.9 * count
 
 
@@ -424,11 +424,11 @@ def drawn_tuning(ratios, seed):
     shape = len(settings), 64
     errors = 0.4 * random.normal(size=64) + random.normal(0, DEVIATION / math.sqrt(2), shape)
     errors += np.log(ratios)[:, None] - 2
-    lost = random.uniform(size=64) < LOST  # the same drives, so that no preset loses more
+    lost = random.uniform(size=shape) < LOST
 
     def drive(amcl, numbers):
         row = settings.index(amcl)
-        return DriveSet(errors[row, numbers], lost[numbers], lost[numbers])
+        return DriveSet(errors[row, numbers], lost[row, numbers], lost[row, numbers])
 
     return choose_preset(user_settings, [Case("usual", drive, (64,))], [LINE]).name
 
@@ -440,8 +440,9 @@ def test_tune_rarely_recommends_one_of_three_equals():
 
 
 def test_tune_finds_the_preset_of_four_fifths():
-    recommended = [drawn_tuning([1.0, 1.0, 0.8], seed) for seed in range(200)]
-    assert np.mean([name == "safe" for name in recommended]) >= 0.9
+    ratios = {"safe": [1.0, 1.0, 0.8], "precise": [1.0, 0.8, 1.0]}
+    hits = [drawn_tuning(of, seed) == name for name, of in ratios.items() for seed in range(600)]
+    assert np.mean(hits) >= 0.9
 
 
 def test_verdict_finds_drives_off_at_end_more_often():
@@ -471,14 +472,3 @@ def test_drives_are_rarely_off_if_few_are():
     assert not any(drives_with(n_off + 1, n).is_rarely_off for n_off, n in few)
     assert drives_with(6, 16).can_be_rarely_off(64)
     assert not drives_with(7, 16).can_be_rarely_off(64)
-
-
-def test_verdict_recommends_nothing_that_loses_more_drives():
-    baseline, alternative = np.zeros((2, 64), bool)
-    alternative[0] = True
-    errors = np.linspace(-0.1, 0.1, 64)
-    sets = DriveSet(errors, baseline), DriveSet(errors - 0.5, alternative)
-    verdict = compare(*sets)
-    assert (verdict.word, verdict.loses_more, verdict.is_recommendable) == (BETTER, True, False)
-    baseline[1] = True
-    assert compare(*sets).is_recommendable

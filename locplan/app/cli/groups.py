@@ -54,9 +54,9 @@ def _keep_robot_file(file: Path) -> None:
 
 def _check_lidar(name: str) -> None:
     """Raise a ConfigError unless a lidar has the name."""
-    from locplan.robots.lidar import PRESETS
+    from locplan.robots.lidar import LIDARS
 
-    one_of("--lidar", name, PRESETS)
+    one_of("--lidar", name, LIDARS)
 
 
 @Parameter(name="*", group=ROBOT)
@@ -95,13 +95,13 @@ class RobotOptions:
         if is_recorded or robot.lidar is None:
             robot = dataclasses.replace(robot, lidar=lidar)
         robot = robot.changed(settings)
-        from locplan.robots.lidar import PRESETS
+        from locplan.robots.lidar import LIDARS
 
         # Ten times the range of the data sheet was hardly meant in metres.
-        if self.lidar and robot.known_lidar.range > 10 * PRESETS[self.lidar].range:
+        if self.lidar and robot.known_lidar.range > 10 * LIDARS[self.lidar].range:
             raise ConfigError(
                 f"--set range must be in metres; the data sheet of {self.lidar} names"
-                f" {PRESETS[self.lidar].range:g}, not {robot.known_lidar.range:g}"
+                f" {LIDARS[self.lidar].range:g}, not {robot.known_lidar.range:g}"
             )
         note_robot(robot.title, robot.digest)
         if self.robot:
@@ -304,6 +304,11 @@ Threads = Annotated[
 ]
 
 
+def _default_stride(_: object) -> str:
+    """Return the default for the help, which is read only when the help is shown."""
+    return f"{locplan.FieldConfig.stride:g}"
+
+
 @Parameter(name="*", group=COMPUTATION)
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions:
@@ -311,7 +316,9 @@ class FieldOptions:
 
     field: Annotated[str | None, Parameter(metavar="NAME|FILE", show_default="fused or sad")] = None
     """fused, scan, fisher, sad, sad-paper, .json or .npz."""
-    stride: Annotated[float | None, Parameter(metavar="METRES", show_default="0.2")] = None
+    stride: Annotated[float | None, Parameter(metavar="METRES", show_default=_default_stride)] = (
+        None
+    )
     """Spacing of the evaluated cells, in metres."""
 
     def choose(self, robot: Robot) -> tuple[Robot, FieldConfig]:

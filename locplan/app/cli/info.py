@@ -17,7 +17,7 @@ from locplan.errors import ConfigError
 if TYPE_CHECKING:
     from locplan._support.records import Table
 
-PRESETS = "turtlebot3", "turtlebot4", "tim571"
+COMPARED_LIDARS = "turtlebot3", "turtlebot4", "tim571"
 """Lidars of short, middle and long range."""
 
 
@@ -72,7 +72,7 @@ def info(
     if described_robot.lidar:
         line, values["ambiguous"] = _ambiguous_places(described.grid, described_robot)
         lines.append(line)
-    compared = [*map(locplan.Lidar.preset, PRESETS)] if lidars else []
+    compared = [*map(locplan.Lidar.preset, COMPARED_LIDARS)] if lidars else []
     if described_robot.lidar:
         compared = [described_robot.lidar, *compared]
     if compared:
@@ -110,7 +110,7 @@ def _list_names() -> dict[str, list[str]]:
 
     return {
         "maps": [*BUILT_IN],
-        "lidars": [*lidar.PRESETS],
+        "lidars": [*lidar.LIDARS],
         "planners": [*registry.names()],
     }
 
@@ -137,11 +137,18 @@ def _target(map_file: Path, output: Output) -> Target | None:
         return None
     name = map_file.name
     if not is_built_in(map_file) or output.output.suffix.lower() in PICTURES:
-        picture = Target(output.output, "info", output.force, is_file=True)
+        picture = Target(
+            output.output, "info", output.force, is_file=True, purposes={"*": "the picture"}
+        )
         check_target(output.output, *PICTURES)
         picture.check()
         return picture
-    folder = Target(output.output, "maps", output.force)
+    folder = Target(
+        output.output,
+        "maps",
+        output.force,
+        purposes={"*.yaml": "the map, for ROS and all commands"},
+    )
     folder.check(f"{name}.yaml", f"{name}.pgm")
     return folder
 

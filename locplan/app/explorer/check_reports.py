@@ -15,6 +15,7 @@ from locplan._support.reading import MAX_BYTES, document, read_content
 from locplan._support.runs import RUN_FILE, Run
 from locplan._support.tables import file_name
 from locplan.errors import ConfigError, LocplanError
+from locplan.field.config import COARSE_STRIDE
 from locplan.maps.files import load_map
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -40,7 +41,7 @@ class CheckReport:
     """The map of the check, or the one that it wrote with the right threshold."""
     robot: Robot
     """The robot that was checked."""
-    stride: ClassVar[float] = 0.4
+    stride: ClassVar[float] = COARSE_STRIDE
     """Spacing of the field of a check, which is in the cache [m]."""
 
     @classmethod

@@ -21,7 +21,7 @@ from locplan.field.config import SHORT_LIDAR, FieldConfig, equipped
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.maps.zones import KINDS as ZONE_KINDS, Zone, Zones
-from locplan.robots.lidar import PRESETS, Lidar
+from locplan.robots.lidar import LIDARS, Lidar
 from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _read_stroke(item: Question) -> Change:
 
 def _read_lidar(item: Question) -> Change:
     return {
-        "lidar": item.one_of("lidar", PRESETS, None),
+        "lidar": item.one_of("lidar", LIDARS, None),
         "range": item.number("range", 0.1, MAX_RANGE, None),
     }
 

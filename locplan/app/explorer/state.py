@@ -16,7 +16,7 @@ from locplan.export.parameters import DISTRIBUTIONS
 from locplan.field.covariance import position_axes, scalar
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
-from locplan.robots.lidar import PRESETS
+from locplan.robots.lidar import LIDARS
 
 if TYPE_CHECKING:
     from locplan.app.explorer.session import Session
@@ -43,7 +43,7 @@ def describe_session(session: Session) -> dict[str, Any]:
                 "title": f"{name}, {lidar.range:g} m, {lidar.field_of_view_deg:g}°",
                 "range": lidar.range,
             }
-            for name, lidar in PRESETS.items()
+            for name, lidar in LIDARS.items()
         ],
         "distros": list(DISTRIBUTIONS),
         "can_export": session.opening.folder is not None,
@@ -68,7 +68,7 @@ def describe_state(session: Session) -> dict[str, Any]:
         "busy": None if busy is None else {"done": busy[0], "total": busy[1]},
         "robot": {
             "title": robot.title,
-            "lidar": lidar.model if lidar.model in PRESETS else None,
+            "lidar": lidar.model if lidar.model in LIDARS else None,
             "range": lidar.range,
             "radius": robot.radius,
         },
