@@ -34,9 +34,8 @@ export function startMap(target, layers) {
 		resolution,
 		enableRotation: false,
 	});
-	const ground = new Layer({ render: paintGround });
 	const interactions = defaults({ doubleClickZoom: false, altShiftDragRotate: false, pinchRotate: false, shiftDragZoom: false });
-	map = new OlMap({ target, view, layers: [ground, ...layers], controls: [], interactions });
+	map = new OlMap({ target, view, layers: [new Layer({ render: paintGround }), ...layers], controls: [], interactions });
 	map.on("pointermove", ({ coordinate, dragging, originalEvent }) => dragging || originalEvent.pointerType !== "mouse" || hover(coordinate));
 	map.on("click", ({ coordinate }) => tool.value === "move" && hover(coordinate));
 	map.on("dblclick", ({ coordinate }) => tool.value === "move" && waypointAt(toWorld(coordinate)));
@@ -147,16 +146,20 @@ async function loadLayer(digest, name) {
 	}
 }
 
+// The element around the canvas keeps other layers from drawing into it.
 const canvas = document.createElement("canvas");
+const ground = document.createElement("div");
+ground.className = "ground";
+ground.append(canvas);
 function paintGround({ size: [width, height], pixelRatio, viewState: { center, resolution } }) {
 	const key = [width, height, pixelRatio, ...center, resolution, baseVersion].join();
-	if (key === paintedBase) return canvas;
+	if (key === paintedBase) return ground;
 	paintedBase = key;
 	[canvas.width, canvas.height] = [width, height].map((length) => Math.round(length * pixelRatio));
 	const scale = pixelRatio / resolution;
 	const [x, y] = [canvas.width / 2 - center[0] * scale, canvas.height / 2 + (center[1] - mapSize()[1]) * scale];
 	paintBase(canvas.getContext("2d", { alpha: false }), { x, y, cell: about.value.map.resolution * scale, width: canvas.width, height: canvas.height });
-	return canvas;
+	return ground;
 }
 
 function hover(coordinate) {

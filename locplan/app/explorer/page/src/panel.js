@@ -6,7 +6,7 @@ import { saveDownload } from "./data.js";
 import { boxSize, lengthOf } from "./geometry.js";
 import { cancel, work } from "./link.js";
 import { planSoon, note, routeContent, setChanges, setRoute } from "./route.js";
-import { about, changes, fresh, isFixShown, isTouched, job, layerName, lines, outdatedText, primary, results, route, say, server, shared, status } from "./state.js";
+import { about, changes, fresh, isFixShown, isTouched, job, layerName, lines, outdatedText, primary, results, route, say, server, shared, spoken, status } from "./state.js";
 import { errorMetres, interval, metres, percent } from "./text.js";
 
 export const html = htm.bind(h);
@@ -125,7 +125,7 @@ function simulate() {
 	isTouched.value = true;
 	work("simulate", { ...routeContent(), path: results.plan.value?.recommended?.xy }, (answer) => {
 		results.simulated.value = answer;
-		say(answer.verdict);
+		spoken.value = answer.verdict;
 	});
 }
 
