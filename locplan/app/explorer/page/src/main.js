@@ -101,7 +101,7 @@ function Robot() {
 		const preset = about.value.lidars.find(({ name }) => name === target.value);
 		setChanges(preset ? [...rest, { kind: "lidar", lidar: preset.name, range: preset.range }] : rest);
 	};
-	const title = `${robot.title}${Number.isFinite(robot.range) ? ` · ${robot.range} m` : ""}`;
+	const title = `${robot.lidar ?? robot.title.split(/[,;]/)[0]}${Number.isFinite(robot.range) ? ` · ${robot.range} m` : ""}`;
 	return html`<select class="chip" aria-label="Lidar" title="Another lidar" disabled=${Boolean(shared)} onChange=${choose}>
 		<option value="" selected=${!change}>${change ? "The robot's lidar" : title}</option>${about.value.lidars.map((one) => html`<option value=${one.name} selected=${change?.lidar === one.name}>${one.title}</option>`)}</select>`;
 }

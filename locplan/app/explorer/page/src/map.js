@@ -36,13 +36,14 @@ export function startMap(target, layers) {
 	});
 	const interactions = defaults({ doubleClickZoom: false, altShiftDragRotate: false, pinchRotate: false, shiftDragZoom: false });
 	map = new OlMap({ target, view, layers: [new Layer({ render: paintGround }), ...layers], controls: [], interactions });
-	map.on("pointermove", ({ coordinate, dragging, originalEvent }) => dragging || originalEvent.pointerType !== "mouse" || hover(coordinate));
-	map.on("click", ({ coordinate }) => tool.value === "move" && hover(coordinate));
-	map.on("dblclick", ({ coordinate }) => tool.value === "move" && waypointAt(toWorld(coordinate)));
-	map.on("movestart", () => (probe.value = null));
-	map.on("moveend", () => isKeyboardOnMap() && probeMiddle());
-	map.on("pointerdrag", () => (isWhole = false));
-	map.on("change:size", () => isWhole && showWhole());
+	const listen = (kind, listener) => map.on(kind, (event) => void listener(event)); // false would stop the event
+	listen("pointermove", ({ coordinate, dragging, originalEvent }) => dragging || originalEvent.pointerType !== "mouse" || hover(coordinate));
+	listen("click", ({ coordinate }) => hover(coordinate));
+	listen("dblclick", ({ coordinate }) => tool.value === "move" && waypointAt(toWorld(coordinate)));
+	listen("movestart", () => (probe.value = null));
+	listen("moveend", () => isKeyboardOnMap() && probeMiddle());
+	listen("pointerdrag", () => (isWhole = false));
+	listen("change:size", () => isWhole && showWhole());
 	const viewport = map.getViewport();
 	viewport.addEventListener("wheel", () => (isWhole = false), { passive: true });
 	viewport.addEventListener("pointerleave", leave);
