@@ -82,7 +82,7 @@ def real_maps() -> Path:
 @pytest.fixture(scope="module")
 def browser():
     """Chromium; what needs it is skipped where it is missing."""
-    from support.explorer_page import FLAGS, browser_file
+    from support.browser import FLAGS, browser_file
 
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     if browser_file() is None:

@@ -8,31 +8,37 @@ import pytest
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """The explorer on two corridors."""
-    from support.explorer_page import corridors, serve
+    from support.browser import corridors, serve
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOCPLAN_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
-        with serve(*corridors(), folder=tmp_path_factory.mktemp("written")) as explorer:
+        ends = {"start": (3.0, 1.0), "goal": (39.0, 1.0)}
+        with serve(*corridors(), folder=tmp_path_factory.mktemp("written"), **ends) as explorer:
             yield explorer
 
 
 @pytest.fixture
 def visit(browser, server):
-    """Open the page in a window of its own; at the end nothing may have gone wrong."""
-    from support.explorer_page import Seen, is_ours
+    """Open the page in a window; at the end it must have no error and no foreign address."""
+    from support.browser import Window, is_local
 
-    contexts, pages = [], []
+    server.session.apply_changes(())
+    contexts, windows = [], []
 
-    def opened(address=None, permissions=(), **options):
-        options = {"viewport": {"width": 1200, "height": 800}} | options
-        contexts.append(browser.new_context(**options))
-        contexts[-1].grant_permissions(list(permissions))
-        pages.append(Seen(contexts[-1].new_page()))
-        return pages[-1].open(address or server.address)
+    def visit_page(address=None, answers=None, about=None, **options):
+        context = browser.new_context(**{"viewport": {"width": 1200, "height": 800}} | options)
+        window = Window(context.new_page())
+        contexts.append(context)
+        windows.append(window)
+        if answers:
+            window.answer(answers)
+        if about:
+            window.page.route("**/about", lambda route: route.fulfill(json=about(route)))
+        return window.open(address or server.address)
 
-    yield opened
-    faults = [fault for seen in pages for fault in seen.faults]
-    foreign = [url for seen in pages for url in seen.addresses if not is_ours(url)]
+    yield visit_page
+    faults = [fault for window in windows for fault in window.faults]
+    foreign = [url for window in windows for url in window.addresses if not is_local(url)]
     for context in contexts:
         context.close()
     assert faults == []

@@ -55,6 +55,7 @@ export function drawAtMiddle() {
 		return undefined;
 	}
 	const [from, to] = [begin.value, place].map(toPlane);
+	if (from[0] === to[0] && from[1] === to[1]) return undefined;
 	const corners = isZone(tool.value) ? [from, [to[0], from[1]], to, [from[0], to[1]]] : [from, to];
 	begin.value = null;
 	return add(tool.value, corners.map(toWorld));

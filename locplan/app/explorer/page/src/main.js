@@ -10,7 +10,7 @@ import { ellipseFactor, layers, startMarks } from "./marks.js";
 import { html, Panel, share } from "./panel.js";
 import { profileTitle, startProfile } from "./profile.js";
 import { canRedo, canUndo, setChanges, startRoute, step, takeChanges } from "./route.js";
-import { about, changes, complain, held, isTouched, job, layer, layerName, link, lines, probe, results, route, routeKey, server, shared, spoken, toast, tool } from "./state.js";
+import { about, changes, complain, held, isTouched, job, layer, layerName, link, lines, probe, results, route, routeKey, server, shared, spoken, status, toast, tool } from "./state.js";
 import { centimetres, metres } from "./text.js";
 import { rampGradient, startTheme, theme } from "./theme.js";
 import "./page.css";
@@ -19,7 +19,9 @@ const byId = (id) => document.getElementById(id);
 
 async function start() {
 	startTheme();
-	effect(() => void (document.documentElement.dataset.state = link.value));
+	const { dataset } = document.documentElement;
+	effect(() => void (dataset.state = link.value));
+	for (const name of Object.keys(status)) effect(() => void (dataset[name] = status[name].value));
 	try {
 		about.value = await fetchAbout();
 	} catch {

@@ -67,7 +67,7 @@ function Candidates() {
 	const known = fresh("simulated");
 	if (!known) return null;
 	const others = known.candidates.filter((one) => !one.is_recommended && !one.is_shortest).length;
-	return html`<details><summary>${others ? `${others} other routes, intervals` : "Intervals"}</summary><table class="small"><thead><tr><th scope="col">route</th><th scope="col">length</th><th scope="col">error</th><th scope="col">lost</th></tr></thead><tbody>
+	return html`<details><summary>${others ? `${others} other ${others > 1 ? "routes" : "route"}, intervals` : "Intervals"}</summary><table class="small"><thead><tr><th scope="col">route</th><th scope="col">length</th><th scope="col">error</th><th scope="col">lost</th></tr></thead><tbody>
 		${known.candidates.map((one) => html`<tr><th scope="row">${one.title}</th><td>${metres(one.length)}</td><td>${errorMetres(one.error)}<small>${one.error_interval?.every(Number.isFinite) ? interval(one.error_interval, errorMetres) : ""}</small></td>
 			<td>${percent(one.lost)}<small>${one.lost_interval?.every(Number.isFinite) ? interval(one.lost_interval, percent) : ""}</small></td></tr>`)}
 		</tbody></table>${(known.advice ?? []).map((sentence) => html`<p class="sub">${sentence}</p>`)}</details>`;
