@@ -10,7 +10,7 @@ import { ellipseFactor, layers, startMarks } from "./marks.js";
 import { html, Panel, share } from "./panel.js";
 import { profileTitle, startProfile } from "./profile.js";
 import { canRedo, canUndo, setChanges, startRoute, step, takeChanges } from "./route.js";
-import { about, changes, complain, held, isTouched, job, layer, layerName, link, lines, probe, results, route, routeKey, server, shared, spoken, status, toast, tool } from "./state.js";
+import { about, changes, complain, hasRoute, held, isTouched, job, layer, layerName, link, lines, probe, results, route, routeKey, server, shared, spoken, status, toast, tool } from "./state.js";
 import { centimetres, metres } from "./text.js";
 import { rampGradient, startTheme, theme } from "./theme.js";
 import "./page.css";
@@ -85,7 +85,7 @@ function Bar() {
 	return html`<header><h1>locplan</h1><span class="name">${mapName()}</span><${Robot} />
 		${link.value === "offline" ? html`<span class="strip" role="status">The server does not answer. Trying again …</span>` : html`<${Busy} />`}<span class="grow"></span>
 		${!shared && html`<button id="undo" disabled=${!canUndo.value} onClick=${() => step(true)}>Undo</button><button id="redo" disabled=${!canRedo.value} onClick=${() => step(false)}>Redo</button>
-		<button id="share" disabled=${Boolean(job.value) || !route.value} onClick=${share}>Share</button>`}<button id="help-open" aria-label="Keys and hints" onClick=${openHelp}>?</button></header>`;
+		<button id="share" disabled=${Boolean(job.value) || !hasRoute.value} onClick=${share}>Share</button>`}<button id="help-open" aria-label="Keys and hints" onClick=${openHelp}>?</button></header>`;
 }
 
 function Busy() {
@@ -137,7 +137,7 @@ function Readout() {
 }
 
 function Hint() {
-	if (shared || isTouched.value || !route.value) return null;
+	if (shared || isTouched.value || !hasRoute.value) return null;
 	return html`<p class="hint">Drag <b>S</b> and <b class="goal">G</b>. Double-click adds a waypoint.</p>`;
 }
 

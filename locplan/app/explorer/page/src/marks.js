@@ -78,7 +78,7 @@ function paintPlan(moment) {
 
 function replace(source, kind, features) {
 	for (const feature of source.getFeatures().filter((one) => one.get("kind") === kind)) source.removeFeature(feature);
-	source.addFeatures(features);
+	if (features.length) source.addFeatures(features); // otherwise every drag builds the layer again
 }
 
 function line(kind, xy) {

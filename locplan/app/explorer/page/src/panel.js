@@ -6,7 +6,7 @@ import { saveDownload } from "./data.js";
 import { boxSize, lengthOf } from "./geometry.js";
 import { cancel, work } from "./link.js";
 import { planSoon, note, routeContent, setChanges, setRoute } from "./route.js";
-import { about, changes, fresh, isFixShown, isTouched, job, layerName, lines, outdatedText, primary, results, route, say, server, shared, spoken, status } from "./state.js";
+import { about, changes, fresh, hasBoth, hasPath, hasRoute, isFixShown, isTouched, job, layerName, lines, outdatedText, primary, results, route, say, server, shared, spoken, status } from "./state.js";
 import { errorMetres, interval, metres, percent } from "./text.js";
 
 export const html = htm.bind(h);
@@ -25,23 +25,24 @@ function Section({ title, name, children }) {
 }
 
 // Texts that follow a drag: they are written into their nodes, without the sections around them.
-const both = computed(() => (lines.value.recommended && lines.value.shortest ? lines.value : null));
 const headline = computed(() => {
 	if (lines.value.isSimulated) return results.simulated.value.verdict;
-	if (!both.value) return server.value?.field ? (status.plan.value === "waiting" ? "Planning …" : (results.plan.value?.why ?? "Planning …")) : "Computing how well scans fix the position …";
-	const { recommended, shortest } = both.value;
+	if (!hasBoth.value) return server.value?.field ? (status.plan.value === "waiting" ? "Planning …" : (results.plan.value?.why ?? "Planning …")) : "Computing how well scans fix the position …";
+	const { recommended, shortest } = lines.value;
 	const fewer = shortest.degenerate - recommended.degenerate;
 	if (recommended.length - shortest.length < 0.05 && fewer < 0.05) return "The shortest route is fine";
 	return `The longer route avoids ${metres(Math.max(0, fewer), fewer < 10 ? 1 : 0)} of weak localization`;
 });
 const evidence = computed(() => {
 	if (lines.value.isSimulated) return results.simulated.value.evidence ?? "";
-	if (!both.value) return "";
-	const { recommended, shortest } = both.value;
-	return `${metres(recommended.length)}, ${metres(Math.max(0, recommended.length - shortest.length))} longer. `;
+	if (!hasBoth.value) return "";
+	const { recommended, shortest } = lines.value;
+	const longer = recommended.length - shortest.length;
+	return longer < 0.05 ? `${metres(recommended.length)}. ` : `${metres(recommended.length)}, ${metres(longer)} longer. `;
 });
 const tag = computed(() => (lines.value.isSimulated ? "simulated" : "predicted"));
-const columns = computed(() => (lines.value.isSimulated ? ["length", "error", "lost"] : ["length", "weak", "deviation"]));
+const isSimulated = computed(() => lines.value.isSimulated);
+const columns = computed(() => (isSimulated.value ? ["length", "error", "lost"] : ["length", "weak", "deviation"]));
 const cells = ["recommended", "shortest"].map((name) => [0, 1, 2].map((column) => computed(() => cellText(lines.value[name], column, lines.value.isSimulated))));
 
 function cellText(path, column, isSimulated) {
@@ -57,7 +58,7 @@ function Route() {
 	return html`<section aria-label="Route"><h2>Route</h2>
 		${outdatedText("simulated") && html`<p class="strip" role="status">${outdatedText("simulated")} <span class="nowrap">Simulate again.</span></p>`}
 		<p class="head">${headline}</p>
-		<p class="sub">${evidence}${both.value && html` <span class="tag ${tag}">${tag}</span>`}</p>
+		<p class="sub">${evidence}${hasBoth.value && html` <span class="tag ${tag}">${tag}</span>`}</p>
 		<table><thead><tr><th scope="col"><span class="unseen">Route</span></th>${head.map((title) => html`<th scope="col">${title}</th>`)}</tr></thead><tbody>
 		${["Recommended", "Shortest"].map((title, row) => html`<tr class=${row ? "" : "best"}><th scope="row"><i class="line ${row ? "dashed" : ""}"></i>${title}</th>${cells[row].map((cell) => html`<td>${cell}</td>`)}</tr>`)}</tbody></table>
 		<${Candidates} /><${Weight} /><${Primary} /></section>`;
@@ -77,7 +78,7 @@ const mostWeight = computed(() => Math.min(50, about.value?.max_weight ?? 50));
 const weightText = computed(() => (route.value ? `Detour per metre of weak localization: ${metres(route.value.weight, route.value.weight < 10 ? 1 : 0)}` : "Detour per metre of weak localization"));
 
 function Weight() {
-	if (shared || !route.value) return null;
+	if (shared || !hasRoute.value) return null;
 	const most = mostWeight.value;
 	const move = ({ target }) => {
 		isTouched.value = true;
@@ -92,7 +93,7 @@ function Primary() {
 	if (shared) return null;
 	const kind = primary.value;
 	const isCancel = kind === "cancel";
-	const hasChanges = about.value.can_export && changes.value.length > 0 && kind !== "export" && !isCancel && lines.value.recommended;
+	const hasChanges = about.value.can_export && changes.value.length > 0 && kind !== "export" && !isCancel && hasPath.value;
 	return html`${job.value && html`<progress max=${job.value.total || 1} value=${job.value.total ? job.value.done : undefined} aria-label=${JOBS[job.value.kind]}></progress>`}
 		${kind === "export" && html`<${Distro} />`}
 		${kind !== "none" && html`<button class="main" data-do=${kind} onClick=${PRIMARY[kind].act}>${isCancel ? `Cancel: ${JOBS[job.value.kind].toLowerCase()}` : PRIMARY[kind].title}</button>`}

@@ -72,13 +72,18 @@ export const lines = computed(() => {
 	return { recommended: best, shortest: known.candidates.find((one) => one.is_shortest), isSimulated: true };
 });
 
+/** Whether there is a route, a recommended path, and both paths: these change rarely, unlike what they are about. */
+export const hasRoute = computed(() => route.value !== null);
+export const hasPath = computed(() => Boolean(lines.value.recommended));
+export const hasBoth = computed(() => Boolean(lines.value.recommended && lines.value.shortest));
+
 /** The layer of the field that the map shows. */
 export const layer = computed(() => server.value?.layers.find(({ name }) => name === layerName.value) ?? server.value?.layers[0] ?? null);
 
 /** What the primary button does: "none", "cancel", "fix", "export" or "simulate". */
 export const primary = computed(() => {
 	if (job.value) return "cancel";
-	if (shared || !server.value?.field || !lines.value.recommended) return "none";
+	if (shared || !server.value?.field || !hasPath.value) return "none";
 	if (fresh("report") && !isTouched.value && !isFixShown.value) return "fix";
 	return fresh("simulated") && about.value.can_export ? "export" : "simulate";
 });

@@ -38,6 +38,6 @@ export function degeneracyText(u) {
 /** Ticks of a linear scale from 0 to `high`. */
 export function ticks(high, most) {
 	const power = 10 ** Math.floor(Math.log10(high / most));
-	const step = power * [1, 2, 5, 10].find((factor) => factor * power >= high / most);
+	const step = power * [10, 5, 2, 1].find((factor) => factor * power <= (1.5 * high) / most);
 	return Array.from({ length: Math.floor(high / step + 1e-9) + 1 }, (_, k) => Number((k * step).toPrecision(12)));
 }
