@@ -202,9 +202,9 @@ def test_keyboard_moves_markers_and_draws(visit):
     window.page.locator("#map").focus()
     keyboard.press("Enter")
     x, y = window.middle(".marker.start")
-    for key in ("ArrowRight", "ArrowDown"):
+    for key, place in (("ArrowRight", [x - 60, y + 60]), ("ArrowDown", [x - 60, y - 60])):
         keyboard.press(key)
-    window.page.wait_for_function(MOVED, arg=[x - 60, y - 60])
+        window.page.wait_for_function(MOVED, arg=place)
     keyboard.press("Enter")
     window.wait('section[aria-label="Changes"] li')
     keyboard.press("Escape")

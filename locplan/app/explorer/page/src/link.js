@@ -54,10 +54,11 @@ export function cancel(kind) {
 	if (current) transmit({ do: "cancel", id: ++lastId, of: current.id });
 }
 
-/** Bytes of an address of the server. */
+/** Bytes of an address of the server, or null if a newer state is on its way. */
 export async function fetchBytes(address) {
 	const answer = await fetch(address);
-	if (!answer.ok) throw Object.assign(new Error(`The server answered ${answer.status} for ${address}.`), { status: answer.status });
+	if (!answer.ok) throw new Error(`The server answered ${answer.status} for ${address}.`);
+	if (answer.status === 204) return null;
 	return new Uint8Array(await answer.arrayBuffer());
 }
 

@@ -123,7 +123,7 @@ async function loadCells(digest) {
 	if (!digest || digest === loadedCells) return;
 	try {
 		const cells = await fetchCells(digest);
-		if (server.value.basis.map !== digest) return;
+		if (!cells || server.value.basis.map !== digest) return;
 		const isFirst = loadedCells === null;
 		loadedCells = digest;
 		setCells(cells, about.value.map.rows, about.value.map.cols);
@@ -131,19 +131,19 @@ async function loadCells(digest) {
 		document.documentElement.dataset.map = digest;
 		repaintBase();
 	} catch (error) {
-		if (error.status !== 404) complain(error); // otherwise a newer state is on its way
+		complain(error);
 	}
 }
 
 async function loadLayer(digest, name) {
 	try {
 		const values = digest && name ? await fetchLayer(digest, name) : null;
-		if (server.value?.field?.digest !== digest || layer.value?.name !== name) return;
-		if (server.value) setTexels(values);
+		if (!server.value || server.value.field?.digest !== digest || layer.value?.name !== name || (digest && !values)) return;
+		setTexels(values);
 		document.documentElement.dataset.field = digest ?? "";
 		repaintBase();
 	} catch (error) {
-		if (error.status !== 404) complain(error);
+		complain(error);
 	}
 }
 
