@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from websockets.sync.client import ClientConnection, connect
 
-from locplan.app.explorer.explorer import Explorer, opened
+from locplan.app.explorer.explorer import Explorer, open_explorer
 from locplan.app.explorer.scene import Opening
 from support.machine import TIMEOUT
 
@@ -19,26 +19,27 @@ class Server:
 
     def __init__(self, explorer: Explorer) -> None:
         self.session, self.address = explorer.session, explorer.address
-        found = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/(?:\?token=)?([^/]+)/?", self.address)
-        self.port, self.token = int(found.group(1)), found.group(2)
+        parts = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/([^/]+)/", self.address)
+        self.port, self.secret = int(parts.group(1)), parts.group(2)
 
 
 @contextmanager
-def serve(grid, config, *, framed=False, **opening):
-    """A server whose field is there."""
-    with opened(grid, Opening(config, **opening), framed=framed) as explorer:
-        explorer.session.latest.result()
+def serve(grid, config, **opening):
+    """Yield a server whose field is there."""
+    with open_explorer(grid, Opening(config, **opening)) as explorer:
+        explorer.session.wait()
         yield Server(explorer)
 
 
-def fetch(server: Server, path: str, method: str = "GET", *, cookie=True, **headers):
-    """Status, headers by lower-case name, and content of a response."""
+def fetch(server: Server, path: str, method: str = "GET", *, secret: str | None = None, **headers):
+    """Return status, headers by lower-case name, and content of a response below the secret."""
     link = http.client.HTTPConnection("127.0.0.1", server.port, timeout=TIMEOUT)
     sent = {"Host": f"127.0.0.1:{server.port}"}
-    if cookie:
-        sent["Cookie"] = format_cookie(server) if cookie is True else cookie
     sent |= {name.replace("_", "-"): value for name, value in headers.items()}
-    link.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+    begin = server.secret if secret is None else secret
+    link.putrequest(
+        method, f"/{begin}{path}" if begin else path, skip_host=True, skip_accept_encoding=True
+    )
     for name, value in sent.items():
         if value is not None:
             link.putheader(name, value)
@@ -46,27 +47,18 @@ def fetch(server: Server, path: str, method: str = "GET", *, cookie=True, **head
     response = link.getresponse()
     content = response.read()
     link.close()
-    found: dict[str, str] = {}
-    for name, value in response.getheaders():
-        found[name.lower()] = value
-    return response.status, found, content
+    return response.status, {k.lower(): v for k, v in response.getheaders()}, content
 
 
-def format_cookie(server: Server) -> str:
-    return f"other=1; locplan-{server.port}={server.token}; third=x"
-
-
-def connect_socket(server: Server, path: str = "/socket", **headers) -> ClientConnection:
-    """A socket of the page; a header of None is left out."""
+def connect_socket(
+    server: Server, path: str = "/socket", *, secret: str | None = None, **headers
+) -> ClientConnection:
+    """Return a socket of the page; a header of None is left out."""
     origin = headers.pop("origin", f"http://127.0.0.1:{server.port}")
-    cookie = headers.pop("cookie", format_cookie(server))
-    sent = {} if cookie is None else {"Cookie": cookie}
-    host = headers.pop("host", None)
-    address = f"ws://{host or '127.0.0.1'}:{server.port}{path}"
+    begin = server.secret if secret is None else secret
     return connect(
-        address,
+        f"ws://127.0.0.1:{server.port}/{begin}{path}",
         origin=origin,
-        additional_headers=sent,
         compression=None,
         proxy=None,
         open_timeout=TIMEOUT,
@@ -91,22 +83,22 @@ class Page:
         return self.number
 
     def wait(self, number: int | None):
-        """The answer to a question; what comes before it is kept."""
+        """Return the answer to a question; messages before it are stored."""
         while True:
-            told = self._read()
-            if "re" in told and told["re"] == number:
-                return told
-            self.events.append(told)
-            if told.get("event") == "state":
-                self.state = told
+            message = self._read()
+            if "re" in message and message["re"] == number:
+                return message
+            self.events.append(message)
+            if message.get("event") == "state":
+                self.state = message
 
     def ask(self, do: str, **values):
         return self.wait(self.send(do, **values))
 
-    def state_when(self, true):
-        """The first state that fulfils a condition."""
-        while not true(self.state):
-            told = self._read()
-            if told.get("event") == "state":
-                self.state = told
+    def state_when(self, is_right):
+        """Return the first state that fulfils a condition."""
+        while not is_right(self.state):
+            message = self._read()
+            if message.get("event") == "state":
+                self.state = message
         return self.state

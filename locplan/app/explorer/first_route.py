@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from locplan.app.explorer.plans import measure_degeneracy
+from locplan.app.explorer.plans import measure_path
 from locplan.planning.cost_to_go import farthest_pairs
 from locplan.planning.protocol import Position
 
@@ -47,7 +47,7 @@ def choose_first_route(searches: Searches, opening: Opening, *, is_draft: bool) 
     is_draft : bool
         True plans on larger cells.
     """
-    places = find_far_places(searches)
+    places, scene = find_far_places(searches), searches.scene
     starts = [opening.start] if opening.start else places
     goals = [opening.goal] if opening.goal else places
     pairs = [(a, b) for a, b in itertools.product(starts, goals) if a != b]
@@ -57,12 +57,14 @@ def choose_first_route(searches: Searches, opening: Opening, *, is_draft: bool) 
         return Stops(places[0], places[0]) if places else None
 
     def rank(pair: tuple[Position, Position]) -> float:
-        weights = None, searches.scene.costs.weight
+        weights = None, scene.costs.weight
         paths = [searches.path(pair, weight, 1, is_draft=is_draft) for weight in weights]
         if None in paths:
             return -1.0
         shortest, recommended = (
-            measure_degeneracy(searches.scene.costs, path) for path in paths if path
+            measure_path(scene, path, scene.costs.weight, False)["degenerate"]
+            for path in paths
+            if path
         )
         return (shortest - recommended) ** 2 / shortest if shortest > recommended else 0.0
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from locplan._support.checks import RESOLUTIONS
+from locplan._support.kernels.arrays import Floats
 from locplan.app.explorer.messages import MAX_WEIGHT
 from locplan.app.explorer.scene import FACTOR, Opening, Scene, read_stops
 from locplan.app.explorer.searches import PathTree, Searches
 from locplan.maps.grid import OccupancyGrid
-from locplan.planning.costmap import Costmap
-from locplan.planning.metrics import crossed_cells, path_cost
+from locplan.planning.metrics import crossed_cells
 from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 MAX_STEPS = 400
 """Maximum number of points of a profile."""
+TINY = 1e-12
+"""Length that is added to each step, so that a path of no length has a mean [m]."""
 
 
 def plan(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
@@ -49,9 +52,10 @@ def plan(session: Session, scene: Scene, question: Question, job: Job) -> dict[s
     if scene.field is None:
         why = "The field is still being computed."
         return answer | {"shortest": measured[0], "why": why}
-    # Any-angle paths are improved from two beginnings, and the better of the two counts.
-    shortest = min(measured, key=lambda path: path["length"])
-    recommended = min(measured, key=lambda path: path["cost"])
+    shortest, recommended = measured
+    if not is_draft:  # any-angle paths are improved from two beginnings; the better one counts
+        shortest = min(measured, key=lambda path: path["length"])
+        recommended = min(measured, key=lambda path: path["cost"])
     return answer | {"draft": is_draft, "recommended": recommended, "shortest": shortest}
 
 
@@ -85,6 +89,7 @@ def prepare_searches(session: Session, scene: Scene, question: Question, job: Jo
         if room < 0:
             return  # one search would only push out another
         for weight in weights:
+            job.check()
             searches.tree(weight, stop, job.check)
 
 
@@ -101,47 +106,36 @@ def has_drafts(opening: Opening, grid: OccupancyGrid) -> bool:
     return is_large and grid.resolution * FACTOR <= RESOLUTIONS[1]
 
 
-def measure_degeneracy(costs: Costmap, path: Path) -> float:
-    """Return the degenerate metres of a path."""
-    u, lengths, _, _ = _crossed_degeneracy(costs, path)
-    return float(u @ lengths)
-
-
 def measure_path(scene: Scene, path: Path, weight: float, has_profile: bool) -> dict[str, Any]:
-    """Return the numbers of a path at a weight, as `locplan.planning.path_metrics` has them."""
+    """Return the numbers of a path at a weight, as `locplan.planning.path_metrics` has them.
+
+    A draft may cross blocked cells, which cost as if they were open.
+    """
     costs = scene.costs
-    u, lengths, rows, cols = _crossed_degeneracy(costs, path)
-    degenerate = float(u @ lengths)
-    cost = path.length
-    sigma = np.full(len(u), np.nan)
-    if scene.field is not None:
-        cost = float(path_cost(costs, path)) + (weight - costs.weight) * degenerate
+    _, *at, lengths = crossed_cells(costs.grid, path)
+    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
+    answer = {"xy": np.round(path.xy, 3).tolist(), "length": path.length}
+    sigma = np.full(len(lengths), np.nan)
+    if scene.field is None:
+        answer |= {"degenerate": None, "cost": path.length}
+    else:
+        u, density = np.nan_to_num(costs.u[rows, cols]), costs.density[rows, cols]
+        degenerate = float(u @ lengths)
+        density = np.where(np.isfinite(density), density, 1 + costs.weight * u)
+        cost = float(density @ lengths)
+        answer |= {"degenerate": degenerate, "cost": cost + (weight - costs.weight) * degenerate}
         middles = np.column_stack(costs.grid.grid_to_world(rows + 0.5, cols + 0.5))
         sigma = 100 * scene.field.at(middles, "position_std")
     is_known = ~np.isnan(sigma)
-    known_length = lengths[is_known].sum()
-    answer = {
-        "xy": np.round(path.xy, 3).tolist(),
-        "length": path.length,
-        "degenerate": degenerate,
-        "cost": cost,
-        "mean_sigma_cm": None,
-        "worst_sigma_cm": None,
-    }
-    if known_length:
-        mean = float(sigma[is_known] @ lengths[is_known] / known_length)
-        answer |= {"mean_sigma_cm": mean, "worst_sigma_cm": float(sigma[is_known].max())}
+    mean, worst = math.nan, math.nan
+    if is_known.any():
+        mean = np.average(sigma[is_known], weights=lengths[is_known] + TINY)
+        worst = sigma[is_known].max()
+    answer |= {"mean_sigma_cm": float(mean), "worst_sigma_cm": float(worst)}
     return answer | ({"profile": _profile(sigma, lengths)} if has_profile else {})
 
 
-def _crossed_degeneracy(costs: Costmap, path: Path) -> tuple[Any, Any, Any, Any]:
-    """Return u of the cells that a path crosses, the lengths in them, their rows and columns."""
-    _, *at, lengths = crossed_cells(costs.grid, path)
-    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
-    return costs.u[rows, cols], lengths, rows, cols
-
-
-def _profile(sigma: Any, lengths: Any) -> dict[str, list[float]]:
+def _profile(sigma: Floats, lengths: Floats) -> dict[str, list[float]]:
     """Return the worst deviation of the cells in each step of a path, at the step's end."""
     ends, count = np.cumsum(lengths), len(lengths)
     first = np.unique(np.linspace(0, count, min(count, MAX_STEPS), endpoint=False).astype(int))
