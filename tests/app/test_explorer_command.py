@@ -21,6 +21,7 @@ from support.maps import random_rooms
 import locplan
 from locplan._support import public
 from locplan.app.explorer.explorer import Explorer
+from locplan.app.explorer.state import describe_state
 from locplan.errors import LocplanError
 from locplan.maps import OCCUPIED, OccupancyGrid
 
@@ -62,11 +63,11 @@ def test_the_command_serves_until_ctrl_c(map_file):
         killed_at_last(process),
     ):
         address = process.stdout.readline().strip()
-        begin, _, token = address.partition("/?token=")
+        begin, secret, _ = address.rsplit("/", 2)
         port = int(begin.rpartition(":")[2])
         assert begin == f"http://127.0.0.1:{port}"
         link = http.client.HTTPConnection("127.0.0.1", port, timeout=TIMEOUT)
-        link.request("GET", "/about", headers={"Cookie": f"locplan-{port}={token}"})
+        link.request("GET", f"/{secret}/about")
         response = link.getresponse()
         assert response.read()
         assert response.status == 200
@@ -94,12 +95,12 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     session = seen["page"].session
     assert out == f"{seen['page'].address}\n"
     assert seen["open"]
-    assert session.config.estimator.range == 1.0
-    assert session.default_weight == 7
-    assert session.robot.radius == 0.1
+    assert session.original.config.estimator.range == 1.0
+    assert describe_state(session)["default_weight"] == 7
+    assert session.scene.site.robot.radius == 0.1
     assert (session.opening.start, session.opening.goal) == ((1.0, 2.0), (3.0, 2.0))
     assert session.opening.via == ((-0.5, 2.0),)
-    assert session.robot.filter.alpha1 == 0.05
+    assert session.scene.site.robot.filter.alpha1 == 0.05
     assert session.opening.folder == tmp_path / "out"
     assert session.opening.force
     assert not (tmp_path / "out").exists()
@@ -138,12 +139,11 @@ def test_from_python_a_field_that_is_there_is_shown():
     )
     robot = locplan.Robot("lds-01", footprint=0.1)
     with locplan.explore(room(), field, robot, open_browser=False) as page:
-        page.session.latest.result()
-        assert page.session.robot == robot
+        page.session.wait()
+        assert page.session.scene.site.robot == robot
         assert page.field is field
         assert page.grid == room()
         assert page.address in repr(page)
-        assert page._repr_html_() is None
         with pytest.raises(LocplanError, match="port"):
             locplan.explore(room(), port=port_of(page), open_browser=False)
     with pytest.raises(OSError, match="refused"):
@@ -151,19 +151,19 @@ def test_from_python_a_field_that_is_there_is_shown():
 
 
 def test_from_python_the_lidar_decides_the_estimator(monkeypatch):
-    opened = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
+    addresses = []
+    monkeypatch.setattr("webbrowser.open", addresses.append)
     monkeypatch.setattr("locplan.app.explorer.session.Session.prepare", lambda session: None)
-    begun = "locplan.app.explorer.upkeep.Upkeep.begin"
+    begun = "locplan.app.explorer.session.Session.begin"
     monkeypatch.setattr(begun, lambda *_: None)
     lidar = locplan.Lidar(range=3.0, beams=20)
     with locplan.explore(room(), robot=locplan.Robot(lidar)) as page:
-        assert page.session.config.estimator == locplan.Fused(lidar)
-        assert page.session.robot.lidar == lidar
-        assert opened == [page.address]
+        assert page.session.original.config.estimator == locplan.Fused(lidar)
+        assert page.session.scene.site.robot.lidar == lidar
+        assert addresses == [page.address]
     with locplan.explore(room(), open_browser=False) as page:
-        assert page.session.config.estimator == locplan.Sad()
-        assert page.session.lidar is None
+        assert page.session.original.config.estimator == locplan.Sad()
+        assert page.session.original.named_robot.lidar is None
     with pytest.raises(LocplanError, match="grid must be"):
         locplan.explore(np.zeros((3, 3)))
     with pytest.raises(LocplanError, match="robot must be"):
@@ -175,6 +175,6 @@ def test_in_a_notebook_the_page_is_a_frame(monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
     monkeypatch.setattr("locplan.app.explorer.session.Session.prepare", lambda session: None)
     monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("a browser was opened"))
-    monkeypatch.setattr("locplan.app.explorer.upkeep.Upkeep.begin", lambda *_: None)
+    monkeypatch.setattr("locplan.app.explorer.session.Session.begin", lambda *_: None)
     with locplan.explore(room()) as page:
         assert f'src="{page.address}"' in page._repr_html_()

@@ -1,91 +1,130 @@
-"""The explorer's long answer: the simulated choice."""
+"""The simulation of a route, against the library's recommendation."""
 
-import json
+from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.explorer_views import (
+from support.explorer_sessions import (
     GOAL,
     MIDDLE,
     ROBOT,
+    ROUTE,
     START,
-    WAY,
     Interrupted,
-    ask_session,
+    ask,
     corridors,
     interrupt_after,
-    open_session,
+    open_corridors,
 )
 
 from locplan.app.explorer.scene import Opening
 from locplan.app.explorer.session import Session
-from locplan.errors import ConfigError
-from locplan.maps import FREE, OccupancyGrid
-from locplan.planning import Costmap
+from locplan.errors import ConfigError, LocplanError
+from locplan.maps import FREE, OccupancyGrid, Zone, Zones
+from locplan.planning import Path
 from locplan.simulation import choose
+
+BAND = [[0.5, 8.0], [39.5, 8.0], [39.5, 12.0], [0.5, 12.0]]
+"""A zone in the upper corridor."""
 
 
 @pytest.fixture(scope="module")
 def session():
-    made = open_session()
-    yield made
-    made.close()
+    session = open_corridors()
+    yield session
+    session.close()
 
 
-def test_the_simulated_choice_is_that_of_the_library(session):
-    shown = ask_session(session, "simulate", **WAY | {"weight": 6.0}, drives=4)
+def test_simulation_equals_that_of_library(session):
+    shown = ask(session, "plan", **ROUTE)["recommended"]["xy"]
+    answer = ask(session, "simulate", **ROUTE, path=shown, drives=4)
     grid, field = corridors()
-    own = choose(grid, START, GOAL, ROBOT, costs=field.config, weight=6.0, drives=4)
-    expected = json.loads(json.dumps(own.summary()))
-    assert {name: shown[name] for name in expected} == expected
-    assert shown["driven"] == own.driven
+    paths = {"shown": Path(shown)}
+    choice = choose(
+        grid, START, GOAL, ROBOT, costs=field.config, weight=3.0, candidates=paths, drives=4
+    )
+    assert answer["verdict"] == choice.answer[0]
+    assert answer["evidence"] == choice.arrives
+    assert answer["recommended"] == choice.taken
+    assert [c["name"] for c in answer["candidates"]] == [c.name for c in choice.candidates]
+    for ours, candidate in zip(answer["candidates"], choice.candidates, strict=True):
+        assert ours["error"] == candidate.driven.error.value
+        assert ours["lost"] == candidate.driven.lost_rate.value
+        assert ours["is_recommended"] == (candidate is choice.chosen)
+    along = answer["along"]["shortest"]
+    assert along["s"][-1] == pytest.approx(choice.shortest.path.length, abs=0.2)
+    assert (np.array(along["high_cm"]) >= along["median_cm"]).all()
 
 
-def test_simulated_choice_races_shown_path(session):
-    """The page shows a path that no planner of `choose` would find."""
+def test_simulation_races_shown_path(session):
+    """The page shows a path that no planner would find."""
     detour = [list(START), list(MIDDLE), [MIDDLE[0] + 1.0, MIDDLE[1]], list(GOAL)]
-    answer = ask_session(session, "simulate", **WAY, drives=2, path=detour)
-    shown = next(each for each in answer["candidates"] if each["name"] == "shown path")
-    assert shown["path"]["xy"] == detour
-    assert shown["driven"]["error"][0] > 0
+    answer = ask(session, "simulate", **ROUTE, drives=2, path=detour)
+    shown = next(c for c in answer["candidates"] if c["name"] == "shown")
+    assert shown["xy"] == detour
+    assert shown["error"] > 0
+    texts = [answer["verdict"], answer["evidence"], *answer["advice"]]
+    assert not any(word in text for text in texts for word in ("--", "`", "locplan "))
 
 
-@pytest.mark.long
-def test_while_the_field_follows_an_edit_the_simulated_choice_takes_none_of_it(session):
-    _, field = corridors()
-    stale = field.of({name: 2 * array for name, array in field.values.items()}, *field_of(field))
-    made = []
-    for known, whole in ((stale, True), (stale, False), (field, True)):
-        session.show(Costmap.from_field(known.grid, known), known, whole=whole)
-        made.append(ask_session(session, "simulate", **WAY, drives=2))
-    kept, computed, own = made
-    assert kept != computed == own
-
-
-def field_of(field):
-    return field.grid, field.config
-
-
-def test_waypoints_bind_the_candidates(session):
-    asked = WAY | {"via": [list(MIDDLE)], "weight": 12.0}
-    for each in ask_session(session, "simulate", **asked, drives=3)["candidates"]:
-        assert np.hypot(*(np.array(each["path"]["xy"]) - MIDDLE).T).min() < 1e-3
+def test_simulated_paths_visit_waypoints_and_keep_out_of_zones(session):
+    zone = {"kind": "zone", "zone": "no-go", "polygon": BAND}
+    route = ROUTE | {"via": [list(MIDDLE)], "weight": 12.0}
+    ask(session, "change", changes=[zone])
+    answer = ask(session, "simulate", **route, drives=2)
+    ask(session, "change", changes=[])
+    closed = Zones([Zone("no-go", BAND)]).cells(corridors()[0], "no-go")
+    for candidate in answer["candidates"]:
+        path = Path(candidate["xy"])
+        assert np.hypot(*(path.xy - MIDDLE).T).min() < 1e-3
+        cells = corridors()[0].world_to_grid(*path.resampled(0.05).xy.T)
+        assert not closed[tuple(np.floor(cells).astype(int))].any()
 
 
 @pytest.mark.parametrize("calls", [2, 4])
-def test_a_cancelled_simulation_drives_no_further(session, calls):
+def test_cancelled_simulation_ends(session, calls):
     progress, seen = interrupt_after(calls)
-    asked = WAY | {"via": [list(MIDDLE)], "weight": 12.0}
+    route = ROUTE | {"via": [list(MIDDLE)], "weight": 12.0}
     with pytest.raises(Interrupted):
-        ask_session(session, "simulate", progress=progress, **asked, drives=60)
+        ask(session, "simulate", progress=progress, **route, drives=60)
     assert len(seen) == calls
 
 
-def test_without_a_path_there_is_no_verdict_on_one():
+def test_simulation_without_path_is_refused():
     cells = np.full((20, 40), FREE, np.uint8)
     cells[:, 20] = 0
     session = Session(OccupancyGrid(cells, 0.1), Opening(corridors()[1].config))
-    session.begin().result()
+    session.begin()
+    session.wait()
     with pytest.raises(ConfigError, match="no path"):
-        ask_session(session, "simulate", start=[0.5, 1.0], goal=[3.5, 1.0])
+        ask(session, "simulate", start=[0.5, 1.0], goal=[3.5, 1.0])
     session.close()
+
+
+@pytest.mark.parametrize("do", ["simulate", "export", "share"])
+def test_long_answers_need_a_field(do, tmp_path):
+    grid, field = corridors()
+    session = Session(grid, Opening(field.config, ROBOT, folder=tmp_path))
+    with pytest.raises(ConfigError, match="field"):
+        ask(session, do, **ROUTE)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"start": None},
+        {"start": ["2", 3]},
+        {"goal": [1e12, 0]},
+        {"via": [[1, 2, 3]]},
+        {"via": [[2.0, 3.0]] * 51},
+        {"weight": -1},
+        {"weight": 1e9},
+        {"drives": 10**6},
+        {"path": [[1, 2]] * 5001},
+        {"start": [-500.0, -500.0]},
+    ],
+)
+def test_wrong_route_is_refused_in_one_line(session, wrong):
+    with pytest.raises(LocplanError) as error:
+        ask(session, "simulate", **{**ROUTE, **wrong})
+    assert "\n" not in str(error.value)

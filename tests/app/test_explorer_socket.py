@@ -14,9 +14,10 @@ from support.machine import TIMEOUT
 from support.maps import random_rooms
 
 import locplan
+from locplan.app.explorer.messages import Cancelled
 from locplan.app.explorer.questions import QUESTIONS
 from locplan.app.explorer.scene import Limits
-from locplan.errors import LocplanError
+from locplan.app.explorer.session import Session
 from locplan.field import FieldConfig
 from locplan.maps import OCCUPIED, OccupancyGrid
 
@@ -56,35 +57,36 @@ def replace_handler(monkeypatch, question, handler):
 
 @pytest.fixture
 def held(monkeypatch):
-    """Fronts and edits that are answered when they are let go."""
+    """Simulations and changes that are answered once they may go on."""
     begun, let_go = threading.Semaphore(0), threading.Event()
 
-    def wait(session, ask, work):
+    def wait(session, scene, question, job):
         begun.release()
         assert let_go.wait(TIMEOUT)
-        work.cancel.check()
-        return {"n": ask.whole("n", 0, 100, 0)}
+        job.check()
+        return {"n": question.number("n", 0, 100, 0)}
 
     replace_handler(monkeypatch, "simulate", wait)
-    replace_handler(monkeypatch, "edit", wait)
+    replace_handler(monkeypatch, "change", wait)
     yield begun, let_go
     let_go.set()
 
 
-def test_a_plan_is_answered_with_both_paths(page):
+def test_plan_is_answered_with_both_paths(page):
     state = page.state
-    told = page.ask("plan", start=state["start"], goal=state["goal"], via=[], weight=3.0, hold=None)
-    assert told["start"] == state["start"]
-    for name in ("aware", "shortest"):
+    route = state["route"]
+    told = page.ask("plan", **route, route="key", weight=3.0, hold=None)
+    assert told["start"] == route["start"]
+    assert told["basis"] == {**state["basis"], "route": "key"}
+    for name in ("recommended", "shortest"):
         path = told[name]
-        assert path["xy"][0] == pytest.approx(state["start"])
-        assert path["xy"][-1] == pytest.approx(state["goal"])
-        profile = path["profile"]
-        assert len(profile["s"]) == len(profile["u"]) == len(profile["sigma_cm"])
-    assert told["shortest"]["length"] <= told["aware"]["length"]
+        assert path["xy"][0] == pytest.approx(route["start"], abs=1e-3)
+        assert path["xy"][-1] == pytest.approx(route["goal"], abs=1e-3)
+        assert len(path["profile"]["s"]) == len(path["profile"]["sigma_cm"])
+    assert told["shortest"]["length"] <= told["recommended"]["length"]
 
 
-def test_of_waiting_questions_of_a_kind_the_newest_is_answered(page, held):
+def test_newest_waiting_question_of_kind_is_answered(page, held):
     begun, let_go = held
     first = page.send("simulate", n=1)
     assert begun.acquire(timeout=TIMEOUT)
@@ -98,14 +100,14 @@ def test_of_waiting_questions_of_a_kind_the_newest_is_answered(page, held):
     assert told[others[-1]]["n"] == 4
 
 
-def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
+def test_overtaken_question_ends_at_its_progress(page, monkeypatch):
     begun, let_go = threading.Semaphore(0), threading.Event()
 
-    def work_on(session, ask, work):
+    def work_on(session, scene, question, job):
         begun.release()
         assert let_go.wait(TIMEOUT)
-        work.progress(1, 2)
-        return {"n": ask.whole("n", 0, 100, 0)}
+        job.progress(1, 2)
+        return {"n": question.number("n", 0, 100, 0)}
 
     replace_handler(monkeypatch, "simulate", work_on)
     first = page.send("simulate", n=1)
@@ -118,15 +120,15 @@ def test_an_overtaken_question_hears_of_it_by_its_progress(page, monkeypatch):
     assert told[second]["n"] == 2
 
 
-def test_every_edit_is_answered_though_newer_ones_wait(page, held):
+def test_all_changes_are_answered(page, held):
     begun, let_go = held
-    numbers = [page.send("edit", n=n) for n in (1, 2, 3)]
+    numbers = [page.send("change", n=n) for n in (1, 2, 3)]
     assert begun.acquire(timeout=TIMEOUT)
     let_go.set()
     assert [page.wait(number)["n"] for number in numbers] == [1, 2, 3]
 
 
-def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, held):
+def test_pages_do_not_overtake_each_other(server, page, held):
     begun, let_go = held
     with connect_socket(server) as link:
         other = Page(link)
@@ -138,7 +140,7 @@ def test_questions_of_one_page_do_not_overtake_those_of_another(server, page, he
         assert other.wait(two)["n"] == 2
 
 
-def test_a_cancelled_question_ends(page, held):
+def test_cancelled_question_ends(page, held):
     begun, let_go = held
     number = page.send("simulate")
     assert begun.acquire(timeout=TIMEOUT)
@@ -148,13 +150,15 @@ def test_a_cancelled_question_ends(page, held):
     assert page.ask("cancel", of=number)["ok"]  # too late, and no harm
 
 
-def test_a_page_that_goes_ends_its_work(server, monkeypatch):
+def test_closed_page_ends_its_work(server, monkeypatch):
     begun, let_go, seen = threading.Semaphore(0), threading.Event(), threading.Event()
 
-    def wait(session, ask, work):
+    def wait(session, scene, question, job):
         begun.release()
         assert let_go.wait(TIMEOUT)
-        if work.cancel.cancelled:
+        try:
+            job.check()
+        except Cancelled:
             seen.set()
         return {}
 
@@ -175,24 +179,24 @@ def test_too_many_waiting_questions_are_refused(server, page, held, monkeypatch)
     limited = dataclasses.replace(server.session.opening, limits=Limits(waiting=3))
     monkeypatch.setattr(server.session, "opening", limited)
     _, let_go = held
-    numbers = [page.send("edit") for _ in range(4)]
+    numbers = [page.send("change") for _ in range(4)]
     assert "too many" in page.wait(numbers[3])["error"]
     let_go.set()
     assert [page.wait(number)["n"] for number in numbers[:3]] == [0, 0, 0]
 
 
-def test_an_id_that_is_under_way_is_refused(page, held):
+def test_waiting_id_is_refused(page, held):
     begun, let_go = held
     number = page.send("simulate", n=7)
     assert begun.acquire(timeout=TIMEOUT)
     page.link.send(json.dumps({"do": "at", "id": number, "x": 0, "y": 0}))
-    assert "under way" in page.wait(number)["error"]
+    assert "waits already" in page.wait(number)["error"]
     let_go.set()
     assert page.wait(number)["n"] == 7
 
 
-def test_a_fault_within_an_answer_is_one_line(page, monkeypatch):
-    def fail(session, ask, work):
+def test_error_within_answer_is_one_line(page, monkeypatch):
+    def fail(session, scene, question, job):
         raise ZeroDivisionError("no\nway")
 
     replace_handler(monkeypatch, "simulate", fail)
@@ -202,37 +206,37 @@ def test_a_fault_within_an_answer_is_one_line(page, monkeypatch):
     assert page.ask("at", x=0.0, y=0.0)["re"] == 2
 
 
-def test_an_edit_is_seen_by_all_pages_and_undone_by_any(server):
+def test_change_is_seen_by_all_pages_and_undone_by_any(server):
     with connect_socket(server) as one, connect_socket(server) as other:
         first, second = Page(one), Page(other)
         before = first.state
-        x, y = before["start"]
-        stroke = {"tool": "pole", "points": [[x + 0.3, y]], "width": 0.3}
-        assert first.ask("edit", strokes=[stroke])["changed"]
+        x, y = before["route"]["start"]
+        pole = {"kind": "pole", "points": [[x + 0.3, y]], "width": 0.3}
+        answer = first.ask("change", changes=[pole])
+        assert answer["basis"]["map"] != before["basis"]["map"]
 
         def is_new(state):
-            whole = state["field"]["whole"] and state["busy"] is None
-            return state["map"]["digest"] != before["map"]["digest"] and whole
+            return state["changes"] == [pole] and state["field"]["is_whole"]
 
-        seen = [page.state_when(is_new) for page in (first, second)]
-        assert seen[0]["map"] == seen[1]["map"]
-        assert seen[0]["map"]["can_undo"]
-        assert seen[0]["map"]["edited"]
-        assert fetch(server, f"/data/cells/{seen[0]['map']['digest']}")[0] == 200
-        second.ask("undo")
+        states = [page.state_when(is_new) for page in (first, second)]
+        assert states[0]["basis"] == states[1]["basis"]
+        assert fetch(server, f"/cells/{states[0]['basis']['map']}")[0] == 200
+        basis = second.ask("change", changes=[])["basis"]
+        assert basis == {**before["basis"], "route": None} or basis == before["basis"]
         for page in (first, second):
-            page.state_when(lambda state: state["field"]["digest"] == before["field"]["digest"])
-        assert "no edit" in second.ask("undo")["error"]
+            page.state_when(lambda state: state["basis"] == before["basis"])
 
 
-def test_other_settings_tell_of_their_progress(page):
-    told = page.ask("configure", range=0.7)
-    assert told == {"re": 1, "ok": True}
-    progress = [event for event in page.events if "progress" in event]
-    assert all(event["progress"] == 1 for event in progress)
-    state = page.state_when(lambda state: state["field"]["range"] == 0.7)
-    assert [layer["name"] for layer in state["layers"]] == ["sigma", "heading", "degeneracy", "e"]
-    assert page.ask("configure", range=1.0)["ok"]
+def test_other_lidar_has_no_field_until_it_is_computed(page):
+    before = page.state
+    lidar = {"kind": "lidar", "lidar": None, "range": 0.7}
+    basis = page.ask("change", changes=[lidar])["basis"]
+    assert basis["field"] is None
+    assert basis["map"] == before["basis"]["map"]
+    state = page.state_when(lambda state: state["field"] and state["field"]["range"] == 0.7)
+    assert [layer["name"] for layer in state["layers"]] == ["degeneracy", "deviation"]
+    assert any(event.get("event") == "progress" for event in page.events)
+    assert page.ask("change", changes=[])["basis"]["field"] == before["basis"]["field"]
 
 
 def test_states_come_in_their_order(page, server, monkeypatch):
@@ -246,7 +250,7 @@ def test_states_come_in_their_order(page, server, monkeypatch):
             last_came.set()
         return {"number": number}
 
-    monkeypatch.setattr("locplan.app.explorer.state.state", numbered)
+    monkeypatch.setattr("locplan.app.explorer.socket.describe_state", numbered)
     seen = []
     for _ in range(3):
         server.session.tell({"event": "state"})
@@ -257,7 +261,7 @@ def test_states_come_in_their_order(page, server, monkeypatch):
     assert seen == sorted(seen)
 
 
-def test_a_page_that_comes_back_finds_the_session_as_it_is(server):
+def test_reopened_page_finds_same_state(server):
     with connect_socket(server) as link:
         before = Page(link).state
     with connect_socket(server) as link:
@@ -276,15 +280,18 @@ VALUES = (
     *(None, True, False, 0, -1, 1.5, 1e308, -1e308, 1e-320, 2**70, "", "x", "start", "via:0"),
     *("via:99", "\u202e", "a\nb", "x" * 300, [], [[]], {}, {"a": 1}, [1], [1, 2], [1, 2, 3]),
     *([None, None], ["a", "b"], [[1, 2]] * 60, [1e300, 1e300], [True, False], [[1, 2], 3]),
-    *([{"tool": "wall"}], [{"tool": "pole", "points": [[1, 1]], "width": -1}], [[[[[]]]]]),
-    *([{"tool": "box", "points": [[1e9, 1]], "width": [1, "x"]}], "../x", "/etc/passwd", "sad"),
-    *([{"tool": "erase", "points": [[1, 1]] * 9, "width": 1e9, "heading": 1e9}], "lds-01", 12345),
+    *([{"kind": "wall"}], [{"kind": "pole", "points": [[1, 1]], "width": -1}], [[[[[]]]]]),
+    *([{"kind": "box", "points": [[1e9, 1]], "width": [1, "x"]}], "../x", "/etc/passwd", "sad"),
+    *([{"kind": "erase", "points": [[1, 1]] * 9, "width": 1e9}], "lds-01", 12345),
+    [{"kind": "pole", "points": [[1, 1]], "width": 0.2}],
+    [{"kind": "zone", "zone": "no-go", "polygon": [[1, 1], [2, 1], [2, 2]]}],
+    [{"kind": "zone", "zone": "slow", "polygon": [[1, 1], [1, 1], [1, 1]]}],
 )
 NAMES = (
-    *("start", "goal", "via", "weight", "hold", "draft", "x", "y", "estimator", "lidar", "range"),
-    *("headings", "strokes", "name", "of", "time_limit", "to", "distro", "id2"),
+    *("start", "goal", "via", "weight", "hold", "draft", "x", "y", "changes", "route"),
+    *("of", "distro", "id2"),
 )
-QUICK = ("plan", "at", "idle", "configure", "edit", "undo", "redo", "save", "cancel")
+QUICK = ("plan", "at", "change", "cancel")
 
 
 @pytest.mark.parametrize("text", HOSTILE, ids=lambda text: ascii(text[:20]))
@@ -312,46 +319,50 @@ def test_malformed_bytes_do_not_end_the_page(page):
     assert page.ask("at", x=0.0, y=0.0)["x"] == 0.0
 
 
-def test_random_questions_are_answered_by_a_result_or_one_line(server):
-    chance, start = random.Random(SEED), None
+def test_random_questions_are_answered_by_result_or_one_line(server):
+    chance = random.Random(SEED)
     with connect_socket(server) as link:
         page = Page(link)
-        start, goal = page.state["start"], page.state["goal"]
+        before, route = page.state["basis"], page.state["route"]
         for _ in range(300):
-            values = {"start": start, "goal": goal, "weight": 4.0, "x": 1.0, "y": 1.0}
+            values = {**route, "weight": 4.0, "x": 1.0, "y": 1.0, "changes": []}
             for name in chance.sample(NAMES, chance.randint(0, 4)):
                 values[name] = chance.choice(VALUES)
             do = chance.choice(QUICK)
-            if do in ("configure", "edit") and chance.random() < 0.5:
-                continue  # these take longest
-            told = page.ask(do, **values)
-            assert "failed" not in told.get("error", ""), (do, values, told)
-            assert "\n" not in told.get("error", "")
-        assert page.ask("at", x=0.0, y=0.0)["x"] == 0.0
-        while server.session.edits:
-            page.ask("undo")
+            answer = page.ask(do, **values)
+            assert "failed" not in answer.get("error", ""), (do, values, answer)
+            assert "\n" not in answer.get("error", "")
+        page.ask("change", changes=[])
+        page.state_when(lambda state: state["basis"] == before)
 
 
-def test_values_of_a_question_are_checked_by_name(server, monkeypatch):
-    asked = []
-    replace_handler(monkeypatch, "simulate", lambda session, ask, work: asked.append(ask) or {})
-    values = {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80}
-    server.session.answer("simulate", **values)
-    (ask,) = asked
-    assert ask.whole("n", 0, 5, None) == 3
-    assert ask.whole("none", 0, 5, None) is None
-    assert ask.number("none", 0, 5, 2.5) == 2.5
-    for name, read in (
-        ("x", lambda: ask.number("x", 0, 5, None)),
-        ("n", lambda: ask.whole("n", 4, 5, None)),
-        ("n", lambda: ask.one_of("n", ("a", "b"), None)),
-        ("n", lambda: ask.flag("n")),
-        ("n", lambda: ask.text("n", None)),
-        ("t", lambda: ask.text("t", None)),
-        ("far", lambda: ask.position("far")),
-        ("big", lambda: ask.number("big", 0, 5, None)),
-        ("n", lambda: ask.mapping("n")),
-        ("n", lambda: ask.items("n", 5)),
-    ):
-        with pytest.raises(LocplanError, match=rf"^{name} must"):
-            read()
+def test_random_changes_end_in_state_of_fresh_session(server):
+    """Two pages change one session, and both see the state of a session with these changes."""
+    chance, changes = random.Random(SEED), []
+    with connect_socket(server) as one, connect_socket(server) as other:
+        pages = [Page(one), Page(other)]
+        (x, y), route = pages[0].state["route"]["start"], pages[0].state["route"]
+        for _ in range(40):
+            page = chance.choice(pages)
+            if chance.random() < 0.3:
+                page.ask("plan", **route, weight=4.0, hold=chance.choice([None, "goal"]))
+                continue
+            at = [x + chance.uniform(-0.5, 1.0), y + chance.uniform(-0.5, 1.0)]
+            pole = {"kind": "pole", "points": [at], "width": 0.2}
+            corner = [at, [at[0] + 0.4, at[1]], [at[0], at[1] + 0.4]]
+            zone = {"kind": "zone", "zone": "prefer", "polygon": corner, "percent": None}
+            changes = (
+                changes[:-1] if chance.random() < 0.5 else [*changes, chance.choice([pole, zone])]
+            )
+            assert page.ask("change", changes=changes)["changes"] == changes
+        session = Session(room(), server.session.opening)
+        session.begin()
+        session.apply_changes(server.session.changes)
+        session.wait()
+        expected = session.scene.basis
+        for page in pages:
+            state = page.state_when(lambda state: state["basis"] == expected)
+            assert state["changes"] == changes
+        for page in pages:
+            page.ask("change", changes=[])
+        session.close()

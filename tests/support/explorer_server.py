@@ -99,6 +99,7 @@ class Page:
         """Return the first state that fulfils a condition."""
         while not is_right(self.state):
             message = self._read()
+            self.events.append(message)
             if message.get("event") == "state":
                 self.state = message
         return self.state

@@ -42,7 +42,8 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
     """
     if scene.field is None:
         raise ConfigError("the field is still being computed; wait until it is there")
-    job.progress(0, MAX_DRIVES, "planning")
+    drives = int(question.number("drives", 2, MAX_DRIVES, MAX_DRIVES))
+    job.progress(0, drives, "planning")
     stops, _ = read_stops(question, scene.parts)
     start, *via, goal = stops
     shown, weight = question.positions("path", MAX_POINTS), read_weight(question, scene)
@@ -56,9 +57,10 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
         candidates={SHOWN: Path(shown)} if shown else {},
         compute=_field_of(scene) if scene.is_whole else None,
         via=via,
+        zones=site.zones,
         weight=weight,
         criterion=opening.criterion,
-        drives=MAX_DRIVES,
+        drives=drives,
         threads=opening.threads,
         progress=job.progress,
     )
