@@ -1,17 +1,71 @@
-"""The export for Nav2 that the page writes."""
+"""The export for Nav2: masks, parameters, zones and an edited map in one folder."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import re
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast, get_args
 
+from locplan._support.files import make_folder
+from locplan.app.explorer.plans import read_weight
 from locplan.app.explorer.scene import Scene
-from locplan.errors import ConfigError
+from locplan.errors import ConfigError, LocplanError
+from locplan.export.nav2 import nav2_keepout
+from locplan.export.registry import DISTRO, Distro
+from locplan.maps.files import save_map
 
 if TYPE_CHECKING:
     from locplan.app.explorer.messages import Job, Question
     from locplan.app.explorer.session import Session
 
+MAP_FILE = "edited_map.yaml"
+"""Name of the file of an edited map."""
+MAX_FOLDERS = 1000
+"""Maximum number of exports of one map in a folder."""
+
 
 def export(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
-    """Write the masks, the parameters, the zones and an edited map into one folder."""
-    raise ConfigError("the export is not there yet")
+    """Write the masks of the scene as `locplan.export.nav2_keepout` does, and an edited map.
+
+    An earlier export stays, and the new one gets a number behind its name. With `force` it is
+    replaced.
+    """
+    opening, site = session.opening, scene.site
+    if scene.field is None:
+        raise ConfigError("the field is still being computed; wait until it is there")
+    if not scene.is_whole:
+        raise ConfigError("the field still follows the last change; wait until it is there")
+    if opening.folder is None:
+        raise ConfigError("the page was opened without an output folder; name one to export")
+    distro = cast(Distro, question.one_of("distro", get_args(Distro), DISTRO))
+    costs = scene.costs.with_weight(read_weight(question, scene))
+    job.progress(0, 1, "writing")
+    make_folder(opening.folder)
+    name = f"{make_file_name(site.grid.name)}-nav2"
+    target = opening.folder / name if opening.force else _unused_folder(opening.folder, name)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        nav2_keepout(target, costs, distro=distro, force=opening.force)
+        if site.grid.digest != session.original.grid.digest:
+            save_map(site.grid, target / MAP_FILE)
+    files = sorted(file for file in target.rglob("*") if file.is_file())
+    return {
+        "folder": str(target),
+        "files": [file.relative_to(target).as_posix() for file in files],
+        "warnings": [*dict.fromkeys(str(warning.message) for warning in caught)],
+    }
+
+
+def make_file_name(name: str) -> str:
+    """Return a map's name as the name of a file: letters, digits, dots, dashes and underlines."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._-")[:80] or "map"
+
+
+def _unused_folder(folder: Path, name: str) -> Path:
+    """Return a path in a folder that nothing has, with a number if others are there."""
+    for number in range(1, MAX_FOLDERS + 1):
+        target = folder / f"{name}{f'-{number}' if number > 1 else ''}"
+        if not target.exists() and not target.is_symlink():
+            return target
+    raise LocplanError(f"{folder}: holds {MAX_FOLDERS} such exports; remove some")

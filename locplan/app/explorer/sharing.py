@@ -16,6 +16,7 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Octets
 from locplan._support.tables import finite
+from locplan.app.explorer.exports import make_file_name
 from locplan.app.explorer.layers import make_cell_classes
 from locplan.app.explorer.plans import plan
 from locplan.app.explorer.scene import Scene
@@ -63,11 +64,6 @@ def share(session: Session, scene: Scene, question: Question, job: Job) -> dict[
     page = make_page(f"{name} – locplan", finite(data)).encode()
     file = f"{make_file_name(name)}-locplan.html"
     return {"download": session.add_download(file, page), "name": file, "bytes": len(page)}
-
-
-def make_file_name(name: str) -> str:
-    """Return a map's name as the name of a file: letters, digits, dots, dashes and underlines."""
-    return re.sub(r"[^\w.-]+", "_", name).strip("._-")[:80] or "map"
 
 
 def _pack(values: Octets) -> str:
