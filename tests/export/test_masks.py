@@ -919,17 +919,17 @@ from locplan.export.registry import ExportSummary, Format
 
 @dataclass(frozen=True)
 class ToyOptions:
-    step: float = 0.001
+    slowest: float = 0.001
     """The step of the number."""
 
     def __post_init__(self):
-        if not self.step > 0:
-            raise ConfigError(f"step must be above 0, not {self.step}")
+        if not self.slowest > 0:
+            raise ConfigError(f"slowest must be above 0, not {self.slowest}")
 
 
 def write(target, job, options):
     most = float(job.field.e[job.field.evaluated].max())
-    target.write_text(f"{round(most / options.step)}")
+    target.write_text(f"{round(most / options.slowest)}")
     return ExportSummary({"most": most}, (("greatest e", str(most)),))
 
 
@@ -950,12 +950,12 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     assert "ros-map, path, toy]" in " ".join(out.replace("│", " ").split())
     ask = "export", tmp_path / "bay.yaml", "--to", "toy"
     monkeypatch.chdir(tmp_path)
-    code, out, err = run(*ask, "--step", 0.5)
+    code, out, err = run(*ask, "--slowest", 0.5)
     assert (code, err) == (0, "")
     assert out.endswith("wrote bay-toy.txt\n")
     most = float(re.search(r"greatest e +(\S+)", out)[1])
     assert int((tmp_path / "bay-toy.txt").read_text()) == round(most / 0.5)
-    assert "step must be above 0" in check_refusal(run(*ask, "--step", 0))
+    assert "slowest must be above 0" in check_refusal(run(*ask, "--slowest", 0))
     for extra in (("--frame", "odom"), ("--start", "1,1", "--goal", "1,2")):
         message = check_refusal(run(*ask, *extra))
         assert re.search(f"{extra[0]} is for --to .*path.*, not for toy", message)
