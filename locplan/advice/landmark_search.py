@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from locplan._support.poses import way_along
 from locplan._support.progress import ProgressCallback
 from locplan.advice.landmark_objects import Shape, filled_cells, outline_of
 from locplan.advice.landmark_sight import Sight
-from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import UNKNOWN
 from locplan.planning.path import Path
@@ -200,43 +198,13 @@ def _beside_routes(
     return _in_the_open(grid, np.concatenate(found))
 
 
-def cells_in(grid: OccupancyGrid, rectangles: Any) -> Bools | None:
-    """Return the mask of the cells in rectangles in the world, (H, W), or None without any.
-
-    Raises
-    ------
-    ConfigError
-        If they are no rectangles (x0, y0, x1, y1) [m].
-    """
-    if rectangles is None:
-        return None
-    wrong = ConfigError("keep_out must be rectangles (x0, y0, x1, y1) in metres")
-    try:
-        values = np.asarray(rectangles)
-    except ValueError:  # rectangles of unequal length
-        raise wrong from None
-    if values.size == 0:
-        return None
-    numbers = np.issubdtype(values.dtype, np.number) and np.isfinite(values).all()
-    if values.ndim != 2 or values.shape[1] != 4 or not numbers:
-        raise wrong
-    rows, cols = np.indices(grid.shape)
-    at = np.stack(grid.grid_to_world(rows + 0.5, cols + 0.5), axis=-1)
-    inside = np.zeros(grid.shape, bool)
-    half = grid.resolution / 2
-    for corners in values.reshape(-1, 2, 2).astype(np.float64):
-        low, high = corners.min(axis=0) - half, corners.max(axis=0) + half
-        inside |= ((at > low) & (at < high)).all(axis=-1)
-    return inside
-
-
 def refusals(
     places: Floats,
     grid: OccupancyGrid,
     passages: Passages,
     routes: Floats,
     keep: float,
-    keep_out: Bools | None,
+    closed: Bools,
 ) -> list[str]:
     """Why an object may not stand at each place on the map, or "" where it may.
 
@@ -252,8 +220,8 @@ def refusals(
         Row and column of positions along the routes [cells]; objects are `keep` [m] away.
     keep : float
         Minimum distance of an object from the routes [m].
-    keep_out : (H, W) array of bool, optional
-        Cells that no object may fill.
+    closed : (H, W) array of bool
+        Cells in no-go zones, which no object may fill.
     """
     from scipy.spatial import cKDTree
 
@@ -271,8 +239,8 @@ def refusals(
             return "reaches beyond the map or into what is unknown"
         if taken[cells].any():
             return "less than 5 cm from a wall or another object"
-        if keep_out is not None and keep_out[cells].any():
-            return "in an area that is kept out"
+        if closed[cells].any():
+            return "in a no-go zone"
         near = tree.query_ball_point((row, col), (shape.reach + keep) / resolution)
         y, x = (routes[near] - (row, col)).T * resolution
         if (shape.distance(x, y, heading) < keep).any():

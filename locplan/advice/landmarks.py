@@ -31,7 +31,6 @@ from locplan.advice.landmark_search import (
     Passages,
     Search,
     candidate_places,
-    cells_in,
     counted,
     poses_in_world,
     refusals,
@@ -41,7 +40,9 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equipped
 from locplan.maps.files import save_map
 from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.zones import Zones, check_zones
 from locplan.planning.costmap import Costmap
+from locplan.planning.metrics import crosses_no_go
 from locplan.planning.path import Path
 from locplan.planning.plans import plan
 from locplan.robots.robot import Robot
@@ -189,6 +190,8 @@ class Setting:
     """True if the routes are shortest paths, to be planned again among the objects."""
     robot: Robot
     """The robot that was simulated."""
+    zones: Zones = field(default_factory=Zones)
+    """The zones, of which no-go ones have neither objects nor planned routes in them."""
 
     def on(self, grid: OccupancyGrid) -> Mapping[str, Path]:
         """The routes that were given, or the shortest paths between their ends on a map.
@@ -205,7 +208,7 @@ class Setting:
         """
         if not self.planned:
             return self.routes
-        costs = Costmap.blank(grid, robot=self.robot)
+        costs = Costmap.blank(grid, robot=self.robot, zones=self.zones)
         paths = {}
         for name, path in self.routes.items():
             (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
@@ -398,7 +401,7 @@ def place_landmarks(
     paths: Mapping[str, Path | ArrayLike] | Sequence[Path | ArrayLike] | Path | None = None,
     places: Mapping[str, Sequence[float]] | Sequence[Sequence[float]] | None = None,
     robot: Robot | None = None,
-    keep_out: Sequence[Sequence[float]] | None = None,
+    zones: Zones | None = None,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> Landmarks:
@@ -424,8 +427,8 @@ def place_landmarks(
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
         your own, such as `Robot.from_nav2` reads.
-    keep_out : sequence of (x0, y0, x1, y1), optional
-        Rectangles in the world [m] in which no object may stand.
+    zones : Zones, optional
+        The zones: no object stands in a no-go one, and no route leads through it.
     threads : int, optional
         Number of threads, at least 1; all cores by default. The result does not depend on it.
     progress : callable, optional
@@ -463,10 +466,11 @@ def place_landmarks(
     threads = check_threads(threads)
     if (paths is None) == (places is None):
         raise ConfigError("give either paths or places")
-    routes = routes_of(grid, paths, places, robot.radius)
-    search = _search_along(grid, kind, routes, robot, keep_out, threads)
+    zones = check_zones(zones)
+    routes = routes_of(grid, paths, places, robot.radius, zones)
+    search = _search_along(grid, kind, routes, robot, zones, threads)
     chosen, curve = search.run(count, progress)
-    setting = Setting(grid, kind, routes, paths is None, robot)
+    setting = Setting(grid, kind, routes, paths is None, robot, zones)
     return Landmarks(setting, poses_in_world(grid, search.places[chosen]), curve, search)
 
 
@@ -475,7 +479,7 @@ def _search_along(
     kind: LandmarkObject,
     routes: Mapping[str, Path],
     robot: Robot,
-    keep_out: Sequence[Sequence[float]] | None,
+    zones: Zones,
     threads: int,
 ) -> Search:
     """Return the search among the allowed places that the robot can see from its routes.
@@ -490,24 +494,26 @@ def _search_along(
     lines = lines_along(grid, routes, robot)
     passages = Passages(grid, kind.shape, robot.radius, CLEARANCE)
     seen = surroundings(grid, lines, kind.shape, robot)
-    keep, area = robot.radius + CLEARANCE, cells_in(grid, keep_out)
+    keep, closed = robot.radius + CLEARANCE, zones.cells(grid, "no-go")
     tried = candidate_places(grid, kind.shape, routes.values(), keep)
     robots = cKDTree(on_grid(grid, np.concatenate(lines))[:, :2])
     within = (seen.rays.most + kind.shape.reach) / grid.resolution
     tried = tried[np.isfinite(robots.query(tried[:, :2], distance_upper_bound=within)[0])]
     clear_of = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
     at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
-    reasons = refusals(tried, grid, passages, at, keep, area)
+    reasons = refusals(tried, grid, passages, at, keep, closed)
     allowed = np.array([not reason for reason in reasons], bool)
     if not allowed.any():
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {counted(reasons)}; give a smaller object, or keep less of the map out"
+            f" {counted(reasons)}; give a smaller object, or smaller no-go zones"
         )
     return Search(Sight(grid, seen, kind.shape, tried[allowed], threads), passages)
 
 
-def routes_of(grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float) -> dict[str, Path]:
+def routes_of(
+    grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float, zones: Zones
+) -> dict[str, Path]:
     """Routes by name: the paths that were given, or the shortest ones between places.
 
     Raises
@@ -522,10 +528,14 @@ def routes_of(grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float)
         named = _named(given, "path", "paths by name")
         if not named:
             raise ConfigError("there must be at least one path along which landmarks help")
-        return {
+        routes = {
             str(name): path if isinstance(path, Path) else Path(np.asarray(path))
             for name, path in named.items()
         }
+        for name, path in routes.items():
+            if crosses_no_go(zones, grid, path):
+                raise ConfigError(f"path {name} crosses a no-go zone; change the path or the zone")
+        return routes
     named = _named(places, "place", "positions x, y in metres")
     if not 2 <= len(named) <= MAX_PLACES:
         raise ConfigError(
@@ -533,7 +543,7 @@ def routes_of(grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float)
             " give longer lists of routes as paths"
         )
     ends = {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
-    costs = Costmap.blank(grid, robot=robot_radius)
+    costs = Costmap.blank(grid, robot=robot_radius, zones=zones)
     for name, xy in ends.items():
         costs.cell_of(xy, name)
     routes = {}

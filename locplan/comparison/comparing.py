@@ -36,6 +36,7 @@ from locplan.field.config import FieldConfig, config_of
 from locplan.field.estimator import Estimator
 from locplan.field.fisher import Fused
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones, check_on_map, check_zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.layers import check_weight
 from locplan.planning.named_maps import named_maps
@@ -55,6 +56,7 @@ def compare(
     configs: FieldConfig | Estimator | Mapping[str, FieldConfig | Estimator] | None = None,
     weights: Sequence[float] | float | None = None,
     criterion: str | None = None,
+    zones: Zones | None = None,
     seeds: Iterable[int] = (1,),
     baseline: str | None = None,
     execution: Execution | None = None,
@@ -90,6 +92,9 @@ def compare(
         several to see how the planners trade length.
     criterion : str, optional
         Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
+    zones : Zones, optional
+        The zones of all maps: no path crosses a no-go one, and J is 1 a metre more outside
+        preferred ones. A Costmap has its own.
     seeds : iterable of int, default (1,)
         Seeds of planners with random numbers, each 1 to 2^32 - 1; the others run once. Give several
         where a planner's paths scatter.
@@ -125,13 +130,20 @@ def compare(
     began = datetime.now(UTC).astimezone()
     limits: Any = {"memory": execution.memory, "patience": execution.patience}
     radius = (robot or Robot()).radius
-    made = partial(Case, robot_radius=radius, field_of=execution.field_of)
+    zones = check_zones(zones)
+    made = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
     named = named_maps(maps, read_map)
+    for name, one in named.items():
+        if isinstance(one, OccupancyGrid):
+            check_on_map(zones, one)
+        elif zones:
+            raise ConfigError(f"map {shown(name)} is a costmap with its own zones; leave zones out")
     settings = {
         "versions": versions(),
         "maps": {name: digest_of(one) for name, one in named.items()},
         "fields": {label: described_field(config) for label, config in fields.items()},
         "criterion": criterion,
+        **({"zones": zones.digest} if zones else {}),
         "queries": described_queries(queries),
         "planners": {spec.label: spec.identity() for spec in specs},
         "weights": asked and [float(weight) for weight in asked],

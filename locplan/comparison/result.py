@@ -22,6 +22,7 @@ from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.queries import Query
 
@@ -45,6 +46,8 @@ class Case:
     """The settings of the field; None for a user's own costmap."""
     criterion: str | None = None
     """The scalar that u is made of; None for a user's own costmap."""
+    zones: Zones = dataclasses.field(default_factory=Zones)
+    """The zones of the map."""
     own: Costmap | None = None
     """The user's own costmap, which has no field."""
     queries: tuple[Query, ...] = ()
@@ -63,7 +66,7 @@ class Case:
             assert self.own is not None
             return self.own, None
         made = self.field_of(self.grid, self.settings)
-        about: Any = {"robot": self.robot_radius, "criterion": self.criterion}
+        about: Any = {"robot": self.robot_radius, "criterion": self.criterion, "zones": self.zones}
         return Costmap.from_field(self.grid, made, **about), made
 
 

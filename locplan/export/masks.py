@@ -402,7 +402,8 @@ def keepout_mask(
 
     Every free cell whose u is known has a value, or where a density of one's own is finite. Free
     cells that are blocked farther from walls than the robot's radius, as by `blocked_where`, have
-    100, which is lethal. Cells closer to walls than the robot's radius and 0.2 m, and at least
+    100, which is lethal, and so have all cells in no-go zones. Outside preferred zones a metre
+    costs 1 more, as in J. Cells closer to walls than the robot's radius and 0.2 m, and at least
     0.45 m, cost more, since a path follower stops there. A planner that does not follow masks has
     J alone.
 
@@ -433,7 +434,7 @@ def keepout_mask(
             "no cell of the costmap is passable, so a mask would be empty; check the"
             " robot's radius [m]"
         )
-    greatest, density = costs.weight, costs.unblocked_density
+    greatest, density = costs.max_excess, costs.unblocked_density
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
     runs = checked_planner(planner, planner_param)
@@ -448,6 +449,7 @@ def keepout_mask(
         conversion = dataclasses.replace(conversion, most_saturated=middle)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
+    values[costs.zones.cells(costs.grid, "no-go")] = 100
     return values, conversion
 
 

@@ -32,6 +32,7 @@ from locplan.export.parameters import (
     parameter_files,
     with_costmap,
     with_planner,
+    yaml_text,
 )
 from locplan.export.planned_paths import (
     check_paths,
@@ -42,7 +43,8 @@ from locplan.export.planned_paths import (
 )
 from locplan.export.registry import DISTRO, LEAD, SLOWEST, export_folder
 from locplan.export.servers import Server, write_servers
-from locplan.export.values import speed_mask, without_yaw, write_values
+from locplan.export.values import speed_mask, where_unturned, without_yaw, write_values
+from locplan.maps.zones import FILE as ZONES
 from locplan.planning.costmap import Costmap, about_costs
 from locplan.planning.metrics import costs_caption
 from locplan.planning.path import Path as Route
@@ -76,6 +78,9 @@ def nav2_keepout(
         fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
         either. Of a choice it is the density of the path to take (`Choice.costmap`), which is
         one of `paths`; the folder's README.md begins with the choice's advice to tune first.
+        A costmap with zones makes a zones.geojson. If a zone is slow, there is a speed_mask.yaml
+        as well, whose limits begin as far before a zone as the robot drives in a second. From
+        lyrical on, vector_objects.yaml has the no-go zones for Nav2's vector object server.
     planner : str, optional
         "smac2d", "smac-hybrid", "navfn" or "thetastar": the one that plans. By default the first
         of these that `params` has, except "navfn", which does not follow masks; else "smac2d" up
@@ -133,7 +138,11 @@ def nav2_keepout(
     if not caveat:
         values, gaps = close_gaps(costs, values, conversion, paths, layer)
         conversion = dataclasses.replace(conversion, closed=tuple(gaps))
-    merged, called = with_planner(robot, with_costmap(robot, "keepout"), conversion)
+    masks, lead = {"keepout": values}, costs.robot.kinematics.speed if costs.robot else LEAD
+    if costs.zones.has("slow"):
+        masks["speed"] = speed_mask(costs, 1.0, lead)
+        robot.warn(robot.of_speed("localizability_speed_filter"))
+    merged, called = with_planner(robot, with_costmap(robot, *masks), conversion)
     merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
     robot.warn(robot.of_planner(called))
     if caveat:
@@ -141,7 +150,9 @@ def nav2_keepout(
     compared = checked_paths(costs, values, conversion, paths, layer)
     conversion = dataclasses.replace(conversion, paths=tuple(compared))
     title = f"Localizability mask for {conversion.planner.plugin} ({called})"
-    about = {"planner_id": called, "conversion": conversion.facts().values}
+    about: dict[str, Any] = {"planner_id": called, "conversion": conversion.facts().values}
+    if "speed" in masks:
+        about["lead"] = lead
     if choice:
         about["choice"] = {"taken": choice.taken, "answer": choice.answer}
     planning = _Planning(conversion, called, edited, bool(inflation), choice)
@@ -149,7 +160,7 @@ def nav2_keepout(
         option = steeper_inflation(costs, values, robot, planning.left, conversion, paths, layer)
         planning = dataclasses.replace(planning, option=option)
     robot.warn(narrow_places(planning.planned, costs.robot_radius))
-    _write(folder, "keepout", title, costs, values, robot, merged, about, planning, force=force)
+    _write(folder, title, costs, masks, robot, merged, about, planning, force=force)
     _write_left(Path(folder), costs, robot, planning, paths, force=force)
     return conversion
 
@@ -171,7 +182,7 @@ def nav2_speed(
     folder : path
         The folder, which need not exist; an earlier export of this kind is replaced.
     costs : Costmap
-        A costmap that was made of a field.
+        A costmap that was made of a field. In its slow zones the lower of both limits counts.
     slowest : float, default 0.3
         Share of the robot's speed left where u is 1, 0.01 to 1; linear in u up to full speed. A
         lower share gives the filter more scans a metre there.
@@ -202,7 +213,8 @@ def nav2_speed(
     about = {"slowest": slowest, "lead": lead, "min_percent": least}
     robot.warn(robot.of_speed("localizability_speed_filter"))
     merged = with_costmap(robot, "speed")
-    _write(folder, "speed", title, costs, values, robot, merged, about, force=force)
+    masks = {"speed": values}
+    _write(folder, title, costs, masks, robot, merged, about, force=force)
     return least
 
 
@@ -261,10 +273,9 @@ class _Planning:
 
 def _write(
     folder: str | Path,
-    kind: str,
     title: str,
     costs: Costmap,
-    values: NDArray[np.int8],
+    masks: Mapping[str, NDArray[np.int8]],
     robot: Robot,
     merged: Nav2Parameters,
     about: dict[str, Any],
@@ -272,21 +283,18 @@ def _write(
     *,
     force: bool,
 ) -> None:
-    """Write the folder of a mask, for a planner or for the speed filter."""
+    """Write the folder of a mask, for a planner or for the speed filter, and of zones.
+
+    The first mask gives the folder its kind; a second one is that of slow zones.
+    """
     from locplan.export import figures as _figures
 
     changed, added = differences(robot.parameters.content, merged.content)
     robot.warn_changed(merged)
+    kind, values = next(iter(masks.items()))
     base = f"localizability_{kind}"
-    topic = {"topic_name": f"/{base}_mask", "frame_id": "map"}
-    files = {"yaml_filename": "mask.yaml"}
-    servers = [Server("nav2_map_server", "map_server", f"{base}_mask_server", topic, files)]
-    # The linear map from the mask's values to costs, or to speeds in per cent.
-    laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
-    topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
-    law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
-    node = "costmap_filter_info_server", f"{base}_info_server"
-    servers.append(Server("nav2_map_server", *node, law))
+    stems = {each: "mask" if each == kind else f"{each}_mask" for each in masks}
+    servers = [server for each, stem in stems.items() for server in _mask_servers(each, stem)]
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     grid, file = without_yaw(costs.grid), robot.file and robot.file.name
@@ -300,17 +308,69 @@ def _write(
     known |= {"changed": changed, "added": added, "others": robot.others}
     known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
     known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
-    known |= {"room": follower_room(costs.robot_radius)}
+    known |= {"room": follower_room(costs.robot_radius), "masks": list(masks)}
+    has_objects = robot.distribution.vector_objects and kind == "keepout"
+    shapes = _no_go_shapes(costs) if has_objects else {}
+    known["shapes"] = len(shapes)
     parameters, known["comments"] = parameter_files(robot.parameters, merged)
     with export_folder(folder, "nav2-mask.md", about, force, **known) as temporary:
         for name, content in parameters.items():
             (temporary / name).write_bytes(content)
         if planning and planning.tree is not None:
             (temporary / "tree.xml").write_text(planning.tree, "utf-8")
-        write_values(temporary / "mask", values, grid)
+        for each, stem in stems.items():
+            write_values(temporary / stem, masks[each], grid)
+        if costs.zones:
+            costs.zones.save(temporary / ZONES)
+        if shapes:
+            _write_vector_objects(temporary, shapes, grid.resolution)
         write_servers(temporary, servers, f"lifecycle_manager_{base}")
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
         above = f"{grid.name or 'map'}: {title}{costs_caption(costs)}"
         figure = _figures.values_figure(grid, values, label, above, is_speed)
         _figures.save_preview(temporary, figure, dpi=90)
+
+
+def _mask_servers(kind: str, stem: str) -> list[Server]:
+    """The nodes that publish a mask and the meaning of its values."""
+    base = f"localizability_{kind}"
+    topic = {"topic_name": f"/{base}_mask", "frame_id": "map"}
+    files = {"yaml_filename": f"{stem}.yaml"}
+    # The linear map from the mask's values to costs, or to speeds in per cent.
+    laws = {"keepout": (0, 0.0, 1.0), "speed": (1, 100.0, -1.0)}
+    topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
+    law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
+    return [
+        Server("nav2_map_server", "map_server", f"{base}_mask_server", topic, files),
+        Server("nav2_map_server", "costmap_filter_info_server", f"{base}_info_server", law),
+    ]
+
+
+VECTOR_OBJECTS = "vector_objects.yaml"
+"""The file of no-go zones for Nav2's vector object server."""
+
+
+def _no_go_shapes(costs: Costmap) -> dict[str, Any]:
+    """Polygons of the no-go zones by name, as the vector object server's parameters have them."""
+    shapes = {}
+    for number, zone in enumerate(costs.zones.closed, 1):
+        points = where_unturned(costs.grid, zone.polygon).round(6).ravel().tolist()
+        shape = {"type": "polygon", "frame_id": "map", "closed": True, "value": 100}
+        shapes[f"no_go_{number}"] = {**shape, "points": points}
+    return shapes
+
+
+def _write_vector_objects(folder: Path, shapes: Mapping[str, Any], resolution: float) -> None:
+    """Write the parameters of the nodes that vector_object_server.launch.py starts."""
+    topics = {"filter_info_topic": "/localizability_zones_info", "mask_topic": "/vo_map"}
+    # In nav2_map_server/src/vo_server of lyrical and main, -1 changes nothing, 100 is lethal.
+    server = {"map_topic": "/vo_map", "global_frame_id": "map", "resolution": resolution}
+    server |= {"default_value": -1, "overlay_type": 0, "update_frequency": 1.0}
+    content = {
+        "vector_object_server": {"ros__parameters": server | {"shapes": [*shapes], **shapes}},
+        "costmap_filter_info_server": {
+            "ros__parameters": {"type": 0, **topics, "base": 0.0, "multiplier": 1.0}
+        },
+    }
+    (folder / VECTOR_OBJECTS).write_text(yaml_text(content), "utf-8")

@@ -146,6 +146,8 @@ class Distribution:
     unsure_field: bool = True
     """Whether AMCL's likelihood field is made from an uninitialised variable (`CellData cell` in
     nav2_amcl/src/map/map_cspace.cpp), from kilted on."""
+    vector_objects: bool = False
+    """Whether nav2_map_server has a vector_object_server, from lyrical on."""
 
     def warn(self) -> None:
         """Warn of what a user of this distribution should know."""
@@ -166,8 +168,8 @@ DISTRIBUTIONS = {
         Distribution("humble", True, False, "launch", unsure_field=False),
         Distribution("jazzy", graph_by="parameters", unsure_field=False),
         Distribution("kilted"),
-        Distribution("lyrical"),
-        Distribution("rolling"),
+        Distribution("lyrical", vector_objects=True),
+        Distribution("rolling", vector_objects=True),
     )
 }
 """Distributions that exports are made for, by name."""
@@ -304,18 +306,21 @@ class Robot:
                 yield f"{name} is {plugin}, as from jazzy on, but humble has / for ::"
 
 
-def with_costmap(robot: Robot, kind: str) -> Nav2Parameters:
-    """Parameters with our filter in the global costmap, and in its list of them."""
-    base = f"localizability_{kind}"  # topics are absolute: Kilted is the first to resolve others
-    plugin = f"{base}_filter"
+def with_costmap(robot: Robot, *kinds: str) -> Nav2Parameters:
+    """Parameters with our filters in the global costmap, and in its list of them."""
     names = robot.parameters.names(GLOBAL_COSTMAP, "filters")
-    own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
-    own |= {"filter_info_topic": f"/{base}_info"}
-    if kind == "speed":
-        # The controller server obeys this one.
-        own |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
-    names = names if plugin in names else [*names, plugin]
-    return robot.parameters.changed(GLOBAL_COSTMAP, {"filters": names, **_settings(plugin, own)})
+    changes: dict[str, Any] = {}
+    for kind in kinds:
+        base = f"localizability_{kind}"  # topics are absolute: Kilted first resolves others
+        plugin = f"{base}_filter"
+        own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
+        own |= {"filter_info_topic": f"/{base}_info"}
+        if kind == "speed":
+            # The controller server obeys this one.
+            own |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
+        names = names if plugin in names else [*names, plugin]
+        changes |= _settings(plugin, own)
+    return robot.parameters.changed(GLOBAL_COSTMAP, {"filters": names, **changes})
 
 
 def with_planner(

@@ -52,7 +52,7 @@ def costmap_costs(
 
 def unblocked(costs: Costmap) -> Costmap:
     """The costmap without the robot's radius, for the paths of a smaller robot; walls stay."""
-    density = costs.unblocked_density
+    density = costs.unblocked_density  # zones included
     return Costmap.from_density(costs.grid, np.where(np.isnan(density), np.inf, density))
 
 

@@ -86,17 +86,21 @@ def percent(costs: Costmap) -> NDArray[np.int8]:
 def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
     """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
 
-    Arguments and errors are those of `nav2_speed`.
+    Where a slow zone of the costmap asks for less speed than u, its limit counts. Arguments and
+    errors are those of `nav2_speed`. If u slows nothing (`slowest` is 1), no field is needed.
     """
     import cv2
 
     number("slowest", slowest, 0.01, 1)
     number("lead", lead, 0)
-    check_has_field(costs)
-    known = ~np.isnan(costs.u)
+    if slowest < 1:
+        check_has_field(costs)
+    known = costs.grid.free if slowest == 1 else ~np.isnan(costs.u)
     if not known.any():
         raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
     given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
+    if costs.zones.has("slow"):
+        given_up = np.maximum(given_up, np.floor(100.5 - costs.zones.speed_limit(costs.grid)))
     reach = min(round(lead / costs.grid.resolution), max(costs.grid.shape))
     around = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     widened = cv2.dilate(given_up.astype(np.uint8), around.astype(np.uint8))

@@ -8,7 +8,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -32,7 +31,7 @@ from locplan._support.saved import Valued
 from locplan._support.tables import feature
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.files import read_mask
-from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.grid import OccupancyGrid, check_grid, extent_text
 from locplan.maps.occupancy import OCCUPIED
 
 ZoneKind = Literal["no-go", "slow", "prefer"]
@@ -534,15 +533,21 @@ def _find_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
     return x, y
 
 
-def load_zones(path: Path | None) -> Zones:
-    """Read the zones of a file; none without a file.
+def check_on_map(zones: Zones, grid: OccupancyGrid) -> None:
+    """Raise a ConfigError if there are zones, but none overlaps the map.
 
     Parameters
     ----------
-    path : Path or None
-        The file, see `Zones.load`.
+    zones : Zones
+        The zones.
+    grid : OccupancyGrid
+        The map.
     """
-    return Zones() if path is None else Zones.load(path)
+    if zones and not any(zones.cells(grid, kind).any() for kind in KINDS):
+        raise ConfigError(
+            f"no zone overlaps the map, which reaches from {extent_text(grid)}; draw the zones in"
+            " the map frame, in metres"
+        )
 
 
 def check_zones(zones: Zones | None) -> Zones:

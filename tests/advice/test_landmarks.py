@@ -26,7 +26,7 @@ from locplan.advice.landmark_objects import cells_under, parsed_object, with_obj
 from locplan.advice.landmarks import Outcome, Verification
 from locplan.errors import ConfigError
 from locplan.field.beams import surface_normals
-from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Zone, Zones
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives
 from locplan.simulation.verdict import DriveSet, compare
@@ -127,9 +127,15 @@ def test_what_is_no_object_is_refused(text):
 # Candidates and passages
 
 
-def tried(grid, kind, route, robot=DRIVEN, keep_out=None):
+def no_go(*rectangles):
+    """Zones of rectangles x0, y0, x1, y1."""
+    outlines = [[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in rectangles]
+    return Zones([Zone("no-go", outline) for outline in outlines])
+
+
+def tried(grid, kind, route, robot=DRIVEN, zones=None):
     """A search for one place."""
-    return place_landmarks(grid, kind, 1, paths={"a": route}, robot=robot, keep_out=keep_out)
+    return place_landmarks(grid, kind, 1, paths={"a": route}, robot=robot, zones=zones)
 
 
 @pytest.mark.parametrize(
@@ -279,19 +285,30 @@ def test_boxes_are_apart_by_their_outlines(hallway):
     assert (apart[along] > 1.05).any()
 
 
-def test_rectangles_that_are_kept_out_lie_in_the_world(hallway):
+def test_no_object_stands_in_no_go_zone(hallway):
     grid = dataclasses.replace(open_floor(), origin=(0.0, 0.0, math.pi / 2))
     route = np.array([[-2.5, 2.0], [-2.5, 7.0]])
     everywhere = positions_of(tried(grid, Pole(0.1), route))
-    made = tried(grid, Pole(0.1), route, keep_out=[(-2.0, 3.0, -1.0, 5.0)])
+    zones = no_go((-2.0, 3.0, -1.0, 5.0))
+    made = tried(grid, Pole(0.1), route, zones=zones)
     apart = np.hypot(*(everywhere[:, None] - positions_of(made)[None]).transpose(2, 0, 1))
     kept_out = everywhere[apart.min(axis=1) > 0]
     assert len(kept_out) > 1
     assert (np.abs(kept_out - (-1.5, 4.0)) <= (0.56, 1.06)).all()
     assert not (np.abs(positions_of(made) - (-1.5, 4.0)) < (0.5, 1.0)).all(axis=1).any()
-    for wrong in ([(1, 2, 3)], "abc", np.ones((3, 3), bool)):
-        with pytest.raises(LocplanError, match="keep_out"):
-            tried(hallway, Pole(0.2), ROUTE["middle"], keep_out=wrong)
+    with pytest.raises(LocplanError, match="path a crosses a no-go zone; change"):
+        tried(hallway, Pole(0.2), ROUTE["middle"], zones=no_go((0, -1, 0.1, 1)))
+
+
+def test_routes_between_places_keep_out_of_no_go_zones():
+    zones = no_go((2.0, 1.0, 4.0, 5.2))
+    places = {"a": (1.0, 5.0), "b": (5.0, 5.0)}
+    made = place_landmarks(open_floor(), Pole(0.1), 1, places=places, robot=DRIVEN, zones=zones)
+    for routes in (made.setting.routes, made.setting.on(made.grid)):
+        (path,) = routes.values()
+        assert path.length > 4.01
+        fine = path.resampled(0.01).xy
+        assert not zones.cells(made.grid, "no-go")[made.grid.cell(fine)].any()
 
 
 # Kernels
@@ -535,14 +552,14 @@ def test_places_are_joined_by_shortest_paths(hallway):
 
 
 def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
-    with pytest.raises(LocplanError, match="kept out"):
+    with pytest.raises(LocplanError, match="in a no-go zone"):
         place_landmarks(
             hallway,
             Pole(0.2),
             1,
             robot=Robot(SHORT),
             paths=ROUTE,
-            keep_out=[(-99, -99, 99, 99)],
+            zones=no_go((-99, 0.2, 99, 99), (-99, -99, 99, -0.2)),
         )
 
 
@@ -553,8 +570,7 @@ def test_nowhere_to_stand_is_said_with_the_reasons(hallway):
         ({"kind": "pole"}, "Pole or a Box"),
         ({"paths": None}, "either paths or places"),
         ({"places": [(0, 0), (1, 0)]}, "either paths or places"),
-        ({"keep_out": [(0, 0, 1, 1), (0, 0, 1)]}, "keep_out must be rectangles"),
-        ({"keep_out": [(0, 0, 1, math.nan)]}, "keep_out must be rectangles"),
+        ({"zones": "zones.geojson"}, "zones must be a Zones"),
         ({"robot": 0}, "robot must be a Robot"),
         ({"paths": {"out": np.array([[0.0, 0.0], [50.0, 0.0]])}}, "path out: leaves"),
         ({"paths": {}}, "at least one"),
@@ -760,7 +776,9 @@ def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
         "-o",
         out,
     ]
-    more = ["--set", "max_particles=100", "--set", "min_particles=100", "--keep-out", "-9,-2,0,2"]
+    more = ["--set", "max_particles=100", "--set", "min_particles=100"]
+    no_go((-9, 0.5, 0, 2), (-9, -2, 0, -0.5)).save(tmp_path / "zones.geojson")
+    more += ["--zones", tmp_path / "zones.geojson"]
     ends = ["--start", "-6,0", "--goal", "6,0"]
     code, said, err = run("landmarks", map_file, *ends, *options, *more)
     assert code == 0, err
@@ -799,7 +817,7 @@ def test_the_command_takes_places(run, map_file, tmp_path):
         ["--start", "-6,0", "--goal", "6,0", "--object", "cone"],
         ["--start", "-6,0", "--goal", "6,0", "--drives", "1"],
         ["--start", "-6,0", "--goal", "6,0", "--count", "0"],
-        ["--start", "-6,0", "--goal", "6,0", "--keep-out", "1,2"],
+        ["--start", "-6,0", "--goal", "6,0", "--zones", "none.geojson"],
         ["--start", "-60,0", "--goal", "6,0"],
     ],
 )

@@ -16,11 +16,27 @@ from support.machine import SHARED_DATA
 from support.maps import ascii_map
 
 import locplan
-from locplan import CovarianceField, FieldConfig, Lidar, LocplanError, Scan, load_map, save_map
+from locplan import (
+    Costmap,
+    CovarianceField,
+    FieldConfig,
+    Lidar,
+    LocplanError,
+    OccupancyGrid,
+    Path,
+    Scan,
+    Zone,
+    Zones,
+    load_config,
+    load_map,
+    load_or_compute,
+    save_map,
+)
 from locplan._support import public
 from locplan.app.cli.application import COMMANDS
+from locplan.export import nav2_keepout
 from locplan.field import save_config
-from locplan.maps import environments
+from locplan.maps import FREE, OCCUPIED, environments
 from locplan.planning import ParetoFront
 
 ENDS = "--start", "1,1", "--goal", "2,2"
@@ -615,6 +631,74 @@ def test_export_writes_every_format(run, room, tmp_path, to, name, small_field):
         *("export", room, "--to", to, "-o", tmp_path / name, *field, "--json", *ends)
     )
     assert json.loads(out)["to"] == to
+
+
+def square(x, y, size=0.6):
+    """Corners of a square."""
+    return [(x, y), (x + size, y), (x + size, y + size), (x, y + size)]
+
+
+ZONES = Zones(
+    [
+        Zone("no-go", square(2, 1)),
+        Zone("slow", square(1.2, 2), 40),
+        Zone("prefer", square(0.5, 0.5, 2)),
+    ]
+)
+
+
+def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
+    """The command and Python write equal bytes, from zones and from a choice with them."""
+    ZONES.save(tmp_path / "zones.geojson")
+    zones, field = ("--zones", tmp_path / "zones.geojson"), ("--field", small_field)
+    mask = "export", room, "--to", "nav2-keepout", "--distro", "lyrical"
+    code, _, err = run(*mask, *zones, *field, "-o", tmp_path / "mask")
+    assert code == 0, err
+    grid = load_map(room)
+    computed = load_or_compute(grid, load_config(small_field))
+    costs = Costmap.from_field(grid, computed, zones=Zones.load(tmp_path / "zones.geojson"))
+    with pytest.warns(UserWarning, match="lyrical"):
+        nav2_keepout(tmp_path / "python", costs, distro="lyrical")
+    names = {"zones.geojson", "mask.pgm", "speed_mask.pgm", "nav2.yaml", "vector_objects.yaml"}
+    written = [
+        {file.name: file.read_bytes() for file in (tmp_path / folder).iterdir()}
+        for folder in ("mask", "python")
+    ]
+    assert names <= written[0].keys() == written[1].keys()
+    assert written[0]["zones.geojson"] == (tmp_path / "zones.geojson").read_bytes()
+    for name in written[0].keys() - {"run.yaml", "preview.png"}:
+        assert written[0][name] == written[1][name], name
+    ends = "--start", "1,1.2", "--goal", "3.5,1.2"
+    code, _, err = run("plan", room, *ends, *zones, *field, "-o", tmp_path / "planned")
+    assert code == 0, err
+    closed = ZONES.cells(grid, "no-go")
+    for file in (tmp_path / "planned").glob("[0-9c]*.csv"):
+        if file.name != "candidates.csv":
+            assert not closed[grid.cell(Path.load(file).resampled(0.005).xy)].any()
+    code, _, err = run(*mask, "--choice", tmp_path / "planned", "-o", tmp_path / "chosen")
+    assert code == 0, err
+    assert (tmp_path / "chosen" / "zones.geojson").read_text() == ZONES.text
+    message = check_refusal(run(*mask, "--choice", tmp_path / "planned", *zones))
+    assert "--zones is not read with --choice" in message
+
+
+def test_plan_takes_keepout_mask_as_zones(run, room, tmp_path, small_field):
+    grid = load_map(room)
+    cells = np.full(grid.shape, FREE)
+    closed = Zones([Zone("no-go", square(2, 1))]).cells(grid, "no-go")
+    cells[closed] = OCCUPIED
+    save_map(OccupancyGrid(cells, grid.resolution, grid.origin), tmp_path / "keepout.yaml")
+    ends = "--start", "1,1.2", "--goal", "3.5,1.2", "--zones", tmp_path / "keepout.yaml"
+    code, out, err = run("plan", room, *ends, "--field", small_field, "--json")
+    assert code == 0, err
+    for each in json.loads(out)["candidates"]:
+        path = Path(np.array(each["path"]["xy"]))
+        assert not closed[grid.cell(path.resampled(0.005).xy)].any()
+    code, out, err = run(
+        "plan", room, *ends, "--field", small_field, "--front", "-o", tmp_path / "f"
+    )
+    assert code == 0, err
+    assert not closed[grid.cell(Path.load(tmp_path / "f" / "knee.csv").resampled(0.005).xy)].any()
 
 
 def test_export_takes_planner_of_nav2(run, room, tmp_path, small_field):

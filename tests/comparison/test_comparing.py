@@ -18,8 +18,8 @@ from locplan.comparison import Execution, RandomQueries
 from locplan.comparison.planners import PlannerSpec
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Sad
-from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planning import Costmap, Found, Query
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones
+from locplan.planning import Costmap, Found, Path, Query
 from locplan.planning.requests import options_of, with_options
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.nav2 import ParameterWarning
@@ -91,6 +91,27 @@ def test_any_angle_is_the_baseline_and_grid_costs_more(compared):
     pooled = compared.contrasts(pooled=True)
     assert {contrast.setting.map for contrast in pooled} == {None}
     assert max(contrast.pairs for contrast in pooled) == 10
+
+
+def test_compared_planners_keep_out_of_zones():
+    grid, plain = rooms(), {"configs": QUICK, "execution": ONE}
+    zones = Zones(
+        [
+            Zone("no-go", [(4.0, 0.0), (5.0, 0.5), (4.0, 1.5)]),
+            Zone("prefer", [(2.0, -1.0), (6.0, -1.0), (6.0, 5.0)]),
+        ]
+    )
+    found = locplan.compare(grid, "grid", RandomQueries(6, 3.0), SMALL, zones=zones, **plain)
+    costs, _ = found.cases["rooms", "sad, 1 m"].costmap()
+    assert costs.zones == zones
+    solved = [run for run in found.runs if run.status == "solved"]
+    assert len(solved) > 2
+    for run in solved:
+        assert not zones.cells(grid, "no-go")[grid.cell(Path(run.xy).resampled(0.01).xy)].any()
+        assert run.measures["cost"] == pytest.approx(locplan.planning.path_cost(costs, run.xy))
+    for wrong in (Costmap.blank(grid), OccupancyGrid(grid.cells, 0.1, (99.0, 0.0, 0.0))):
+        with pytest.raises(ConfigError, match=r"leave zones out|no zone overlaps the map"):
+            locplan.compare(wrong, "grid", 1, zones=zones, execution=ONE)
 
 
 def test_a_users_planner_is_measured_like_the_others(compared):

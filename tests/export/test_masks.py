@@ -41,7 +41,7 @@ from locplan.export.parameters import DistroWarning, ParametersChanged, RobotWar
 from locplan.export.registry import formats
 from locplan.export.values import YawWarning
 from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, load_or_compute
-from locplan.maps import FREE, OccupancyGrid, environments
+from locplan.maps import FREE, OccupancyGrid, Zone, Zones, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
 
 PLANNERS = ("smac2d", "smac-hybrid", "thetastar")
@@ -544,6 +544,127 @@ def test_what_stands_beside_a_nodes_parameters_stays(tmp_path, costs):
         assert merged["planner_server"]["ros__parameters"]["b"] == 2
 
 
+@pytest.fixture(scope="module")
+def zones():
+    """Zones of all kinds in the rooms of `costs`."""
+    return Zones(
+        [
+            Zone("no-go", [[3.0, 0.0], [5.0, 0.5], [4.0, 2.0]]),
+            Zone("slow", [[7.0, 0.0], [9.0, 0.0], [9.0, 3.0], [7.0, 3.0]], 30),
+            Zone("prefer", [[2.0, -1.0], [7.0, -1.0], [7.0, 6.0], [2.0, 6.0]]),
+        ]
+    )
+
+
+def in_zones(costs, zones):
+    """The costmap with zones."""
+    return Costmap.from_layers(
+        costs.grid, u=costs.u, e=costs.e, weight=costs.weight, robot=0.15, zones=zones
+    )
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_keepout_mask_has_cost_of_zones(costs, zones, name):
+    """Outside preferred zones the planner's charge is that of J, and no-go cells are lethal."""
+    zoned = in_zones(costs, zones)
+    values, conversion = keepout_mask(zoned, planner=name)
+    closed = zones.cells(costs.grid, "no-go")
+    np.testing.assert_array_equal(values == 100, closed)
+    density, open_cells = mask_density(zoned), costs.grid.free & ~closed
+    more = density[open_cells] - mask_density(costs)[open_cells]
+    np.testing.assert_allclose(more, zones.charge(costs.grid)[open_cells], atol=1e-12)
+    has_room = open_cells & (costs.grid.clearance > 0.45)
+    costs_of_values = np.floor(np.maximum(values, 0) * 2.54 + 0.5)
+    charged = conversion.planner.excess(costs_of_values, conversion.param)
+    np.testing.assert_allclose(
+        charged[has_room], density[has_room] - 1, atol=conversion.quantisation + 1e-9
+    )
+    assert conversion.quantisation < 0.1
+    assert conversion.saturated_share == 0
+
+
+def test_speed_mask_takes_lower_limit(tmp_path, costs, zones):
+    zoned = in_zones(costs, zones)
+    for slowest in (1.0, 0.3):
+        nav2_speed(tmp_path / "mask", zoned, slowest=slowest, lead=0.0)
+        mask = ros_readers.load(tmp_path / "mask" / "mask.yaml", "main")
+        limit = ros_readers.speed_limit(mask.data, 1, 100.0, -1.0)
+        slow, known = zones.cells(costs.grid, "slow"), np.isfinite(limit)
+        by_u = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
+        expected = 100 - np.where(slow, np.maximum(by_u, 70), by_u)
+        expected[expected == 100] = 0  # no limit
+        np.testing.assert_array_equal(limit[known], expected[known])
+        assert known[costs.grid.free].all()
+        assert (tmp_path / "mask" / "zones.geojson").read_text() == zones.text
+
+
+def test_speed_limit_of_zone_begins_before_it(tmp_path, costs, zones):
+    nav2_speed(tmp_path / "mask", in_zones(costs, zones), slowest=1.0, lead=0.5)
+    mask = ros_readers.load(tmp_path / "mask" / "mask.yaml", "main")
+    row, col = costs.grid.cell((6.55, 1.0))
+    near, far = mask.data[row, col - 3 : col + 2], mask.data[row, : col - 5]
+    assert set(near.tolist()) <= {0, 70, -1}
+    assert 70 in near
+    assert 70 not in far
+
+
+def test_export_with_zones_has_both_masks(tmp_path, costs, zones):
+    zoned = in_zones(costs, zones)
+    nav2_keepout(tmp_path / "out", zoned, distro="jazzy")
+    folder = folder_of(tmp_path / "out")
+    assert folder["zones.geojson"].decode() == zones.text
+    assert "vector_objects.yaml" not in folder
+    readme = folder["README.md"].decode()
+    for name in ("zones.geojson", "speed_mask.yaml", "speed_mask.pgm"):
+        assert name in folder
+        assert name in readme
+    speeds = ros_readers.load(tmp_path / "out" / "speed_mask.yaml", "main").data
+    assert set(np.unique(speeds)) == {-1, 0, 70}
+    costmap = yaml.safe_load(folder["nav2.yaml"])["global_costmap"]["global_costmap"]
+    filters = costmap["ros__parameters"]["filters"]
+    assert filters == ["localizability_keepout_filter", "localizability_speed_filter"]
+    servers = yaml.safe_load(folder["servers.yaml"])
+    (manager,) = (name for name in servers if name.startswith("lifecycle"))
+    assert servers[manager]["ros__parameters"]["node_names"] == [*servers][:-1]
+    assert len(servers) == 5
+    for each in filters:
+        info = costmap["ros__parameters"][each]["filter_info_topic"]
+        published = [s["ros__parameters"].get("filter_info_topic") for s in servers.values()]
+        assert info in published
+    assert b'value="$(dirname)/speed_mask.yaml"' in folder["localizability.launch.xml"]
+    nav2_keepout(tmp_path / "out", costs)
+    assert not {"zones.geojson", "speed_mask.yaml"} & set(folder_of(tmp_path / "out"))
+
+
+@pytest.mark.parametrize("distro", ["kilted", "lyrical", "rolling"])
+def test_vector_objects_are_the_no_go_zones(tmp_path, costs, zones, distro):
+    """From lyrical on, nav2_map_server has a vector object server."""
+    turned = dataclasses.replace(
+        in_zones(costs, zones), grid=dataclasses.replace(costs.grid, origin=(2.0, -1.0, 0.3))
+    )
+    with pytest.warns((DistroWarning, YawWarning)):
+        nav2_keepout(tmp_path / "out", turned, distro=distro)
+    folder = folder_of(tmp_path / "out")
+    if distro == "kilted":
+        assert "vector_objects.yaml" not in folder
+        return
+    server, info = (
+        each["ros__parameters"] for each in yaml.safe_load(folder["vector_objects.yaml"]).values()
+    )
+    assert (info["mask_topic"], info["type"]) == (server["map_topic"], 0)
+    assert server["shapes"] == ["no_go_1"]
+    shape = server["no_go_1"]
+    assert (shape["type"], shape["closed"], shape["value"]) == ("polygon", True, 100)
+    assert all(isinstance(value, float) for value in shape["points"])
+    # The polygon is where it is on the map without its yaw, as Nav2 has it.
+    unturned = dataclasses.replace(turned.grid, origin=(2.0, -1.0, 0.0))
+    polygon = Zones([Zone("no-go", np.reshape(shape["points"], (-1, 2)))])
+    np.testing.assert_array_equal(
+        polygon.cells(unturned, "no-go"), zones.cells(turned.grid, "no-go")
+    )
+    assert info["filter_info_topic"] in folder["README.md"].decode()
+
+
 def test_masks_of_several_kinds_go_together(tmp_path, costs):
     nav2_keepout(tmp_path / "one", costs)
     nav2_speed(tmp_path / "two", costs, params=tmp_path / "one" / "nav2.yaml")
@@ -798,17 +919,17 @@ from locplan.export.registry import ExportSummary, Format
 
 @dataclass(frozen=True)
 class ToyOptions:
-    step: float = 0.001
+    slowest: float = 0.001
     """The step of the number."""
 
     def __post_init__(self):
-        if not self.step > 0:
-            raise ConfigError(f"step must be above 0, not {self.step}")
+        if not self.slowest > 0:
+            raise ConfigError(f"slowest must be above 0, not {self.slowest}")
 
 
 def write(target, job, options):
     most = float(job.field.e[job.field.evaluated].max())
-    target.write_text(f"{round(most / options.step)}")
+    target.write_text(f"{round(most / options.slowest)}")
     return ExportSummary({"most": most}, (("greatest e", str(most)),))
 
 
@@ -829,12 +950,12 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     assert "ros-map, path, toy]" in " ".join(out.replace("│", " ").split())
     ask = "export", tmp_path / "bay.yaml", "--to", "toy"
     monkeypatch.chdir(tmp_path)
-    code, out, err = run(*ask, "--step", 0.5)
+    code, out, err = run(*ask, "--slowest", 0.5)
     assert (code, err) == (0, "")
     assert out.endswith("wrote bay-toy.txt\n")
     most = float(re.search(r"greatest e +(\S+)", out)[1])
     assert int((tmp_path / "bay-toy.txt").read_text()) == round(most / 0.5)
-    assert "step must be above 0" in check_refusal(run(*ask, "--step", 0))
+    assert "slowest must be above 0" in check_refusal(run(*ask, "--slowest", 0))
     for extra in (("--frame", "odom"), ("--start", "1,1", "--goal", "1,2")):
         message = check_refusal(run(*ask, *extra))
         assert re.search(f"{extra[0]} is for --to .*path.*, not for toy", message)

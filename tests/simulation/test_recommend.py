@@ -899,13 +899,13 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
 
 @pytest.mark.long
 def test_the_command_gives_what_python_gives(run, box, grid):
-    more = "--price", "0.2", "--seed", "4", "--json"
+    more = "--longest", "1.4", "--seed", "4", "--json"
     code, out, _ = run("plan", box, *ENDS, *SETTINGS, *more, "--field", "scan")
     assert code == 0
     lidar = Lidar(range=3.0)
     config = FieldConfig(Scan(lidar), stride=0.5)
     robot = Robot(lidar, filter=FEW)
-    choice = choose(grid, START, GOAL, robot, costs=config, drives=4, price=0.2, seed=4)
+    choice = choose(grid, START, GOAL, robot, costs=config, drives=4, longest=1.4, seed=4)
     assert json.loads(out) == json.loads(json.dumps(choice.summary()))
 
 
@@ -980,7 +980,8 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
         ((*ENDS, "--path", "grid.csv", "--planner", "grid"), "rename it"),
         ((*ENDS, "--planner", "fastest"), "planner must be one of"),
         ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'"),
-        ((*ENDS, "--price", "-1"), "price must be at least 0"),
+        ((*ENDS, "--zones", "grid.csv"), "grid.csv: is not JSON"),
+        ((*ENDS, "--zones", "away.geojson"), "away.geojson: no zone overlaps the map, which"),
         ((*ENDS, "--field", "paper"), "--field must be one of"),
         ((*ENDS, "--budget", "2", "--via", "6,5"), "a budget is for planner 'grid', without via"),
     ],
@@ -991,6 +992,7 @@ def test_bad_input_ends_the_command_before_long_work(
     monkeypatch.chdir(tmp_path)
     Path([START, GOAL]).save("wall.csv")
     Path([START, (1, 4)]).save("far.csv")
+    Zones([Zone("prefer", [(99, 0), (99, 1), (98, 1)])]).save("away.geojson")
     Path([START, (2, 5), (10, 5), GOAL]).save("grid.csv")
     monkeypatch.setattr("locplan.field.load_or_compute", None)
     code, out, err = run("plan", box, *options, "--lidar", "rplidar-a1", "-o", "out")

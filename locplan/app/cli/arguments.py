@@ -158,9 +158,6 @@ Pose = Annotated[Any, parse_with(parse_pose, "X,Y[,DEG]")]
 Poses = Annotated[tuple[Any, ...], parse_with(parse_pose, "X,Y[,DEG]", is_repeatable=True)]
 Positions = Annotated[tuple[Any, ...], parse_with(parse_position, "X,Y", is_repeatable=True)]
 Ranges = Annotated[tuple[float, ...] | None, parse_with(parse_numbers, "R1,R2")]
-Rectangles = Annotated[
-    Any, parse_with(partial(parse_numbers, count=4), "X0,Y0,X1,Y1", is_repeatable=True)
-]
 Limits = Annotated[Any, parse_with(partial(parse_numbers, count=2), "MIN,MAX")]
 Shift = Annotated[Any, parse_with(parse_shift, "X,Y,DEG")]
 InputFile = Annotated[Path | None, INPUT, Parameter(metavar="FILE")]

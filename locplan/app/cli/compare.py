@@ -28,6 +28,7 @@ from locplan.app.cli.groups import (
     RobotOptions,
     Seed,
     Threads,
+    load_zones,
     with_range,
 )
 from locplan.errors import ConfigError
@@ -51,6 +52,7 @@ def compare(
     min_distance: float | None = None,
     seeds: Count = 1,
     weight: Weights = (),
+    zones: InputFile = None,
     ranges: Ranges = None,
     time_limit: float | None = None,
     patience: float = 300.0,
@@ -82,6 +84,8 @@ def compare(
         Number of runs of a planner with random numbers.
     weight
         Detour that a degenerate metre is worth, in metres. Repeatable.
+    zones
+        Zones of all maps (GeoJSON) or a keepout mask (map YAML).
     ranges
         Ranges of the lidar to compare, in metres.
     time_limit
@@ -130,6 +134,7 @@ def compare(
             compared_robot,
             configs={f"{c.estimator.name}, {c.estimator.reach:g} m": c for c in configs},
             weights=weight or None,
+            zones=load_zones(zones),
             seeds=range(1, seeds + 1),
             baseline=baseline,
             execution=execution,

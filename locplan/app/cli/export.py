@@ -24,7 +24,7 @@ from locplan.app.cli.arguments import (
     read_paths,
     refuse,
 )
-from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight
+from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight, load_zones
 from locplan.errors import ConfigError
 from locplan.export.formats import NavPlannerName
 from locplan.export.registry import DISTRO, FRAME, SLOWEST, Distro, formats
@@ -75,7 +75,7 @@ def export(
     tree: TreeFile = None,
     slowest: Slowest = None,
     frame: Frame = None,
-    step: Annotated[float | None, Parameter(metavar="METRES")] = None,
+    zones: InputFile = None,
     graph: InputFile = None,
     set_cost: Switch = False,
     robot: RobotOptions = RobotOptions(),
@@ -103,8 +103,8 @@ def export(
         Planner of Nav2: smac2d, smac-hybrid, navfn or thetastar.
     tree
         Behaviour tree to copy with the mask's planner.
-    step
-        Maximum distance between the poses of a path, in metres.
+    zones
+        Zones (GeoJSON) or a keepout mask (map YAML).
     graph
         Route graph (GeoJSON) whose edges get our cost, instead of paths.
     set_cost
@@ -126,21 +126,23 @@ def export(
         tree=tree,
         slowest=slowest,
         frame=frame,
-        step=step,
         graph=graph,
         set_cost=set_cost or None,
     )
+    if zones and to == "ros-map":
+        refuse("with --to ros-map, which has u alone", zones=zones)
+    grid = locplan.load_map(map_file)
     if choice:
-        refuse("with --choice, which has its own", start=start, weight=weight, lidar=robot.lidar)
+        refuse("with --choice, which has its own", start=start, weight=weight, zones=zones)
+        refuse("with --choice, which has its own", lidar=robot.lidar)
         refuse("with --choice, which has its own", field=field.field, set=robot.set)
         config, make_job = _job_of_choices(format, choice, path)
     else:
-        config, make_job = _job_of_options(path, start, goal, weight, robot, field)
+        config, make_job = _job_of_options(grid, path, start, goal, weight, zones, robot, field)
     n_paths = len(path) + len(choice) + (start is not None)
     if format.paths == "one" and n_paths != 1:
         raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal, or --choice")
     format.check(options, n_paths)
-    grid = locplan.load_map(map_file)
     target = output.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=output.force)
     job = make_job(field.compute(grid, config, threads))
@@ -156,21 +158,25 @@ MakeJob = Callable[["CovarianceField"], "ExportJob"]
 
 
 def _job_of_options(
+    grid: locplan.OccupancyGrid,
     path_files: tuple[Path, ...],
     start: Any,
     goal: Any,
     weight: float | None,
+    zones_file: Path | None,
     robot: RobotOptions,
     field: FieldOptions,
 ) -> tuple[FieldConfig, MakeJob]:
     """Return the settings of the field, and the job of the paths that options name."""
     from locplan.export import registry
 
-    paths = read_paths(path_files)
+    paths, zones = read_paths(path_files), load_zones(zones_file, grid)
     on_map, config = field.choose(robot.load())
 
     def make_job(computed: CovarianceField) -> ExportJob:
-        costs = locplan.Costmap.from_field(computed.grid, computed, robot=on_map, weight=weight)
+        costs = locplan.Costmap.from_field(
+            computed.grid, computed, robot=on_map, weight=weight, zones=zones
+        )
         if start and goal:
             paths["aware"] = _plan_path(costs, start, goal)
         return registry.ExportJob(costs, computed, paths, robot=on_map)

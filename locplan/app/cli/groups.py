@@ -201,6 +201,27 @@ FilterMapFile = Annotated[
 ]
 
 
+def load_zones(file: Path | None, grid: OccupancyGrid | None = None) -> locplan.Zones:
+    """Return the zones of a file, none without a file; a ConfigError if none is on the map.
+
+    Parameters
+    ----------
+    file : path or None
+        The file, see `Zones.load`.
+    grid : OccupancyGrid, optional
+        The map.
+    """
+    from locplan.maps.zones import check_on_map
+
+    zones = locplan.Zones() if file is None else locplan.Zones.load(file)
+    if grid is not None:
+        try:
+            check_on_map(zones, grid)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}") from None
+    return zones
+
+
 def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | None:
     """Return the filter's map, if it was named; warn of masks and of maps to repair.
 

@@ -14,12 +14,11 @@ from locplan.app.cli.arguments import (
     MapFile,
     PathFiles,
     Position,
-    Rectangles,
     Whole,
     check_ends,
     read_paths,
 )
-from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads
+from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads, load_zones
 from locplan.errors import ConfigError
 
 
@@ -37,7 +36,7 @@ def landmarks(
     places: InputFile = None,
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2",
     count: Whole = 6,
-    keep_out: Rectangles = None,
+    zones: InputFile = None,
     drives: Whole = 100,
     robot: RobotOptions = RobotOptions(),
     seed: Seed = SEED,
@@ -64,8 +63,8 @@ def landmarks(
         pole:DIAMETER or box:LENGTH,WIDTH, in metres.
     count
         Maximum number of objects.
-    keep_out
-        Rectangle in which no object may stand, in metres. Repeatable.
+    zones
+        Zones (GeoJSON) or a keepout mask (map YAML). No object stands in a no-go zone.
     drives
         Number of drives that verify them, 0 for none.
     """
@@ -93,7 +92,7 @@ def landmarks(
             paths=read_paths(path) if path else None,
             places=named_places,
             robot=simulated,
-            keep_out=keep_out or (),
+            zones=load_zones(zones, grid),
             threads=threads,
             progress=progress,
         )

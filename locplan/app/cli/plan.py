@@ -13,6 +13,7 @@ from locplan._support.progress import later_progress_bar, working
 from locplan._support.runs import as_argument, typed as typed_words
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
+    InputFile,
     MapFile,
     PathFiles,
     PlannerTexts,
@@ -34,6 +35,7 @@ from locplan.app.cli.groups import (
     Threads,
     Weight,
     load_filter_map,
+    load_zones,
 )
 from locplan.errors import ConfigError
 
@@ -46,7 +48,7 @@ MAX_DRIVES = 1024
 """Maximum number of confirming drives that `plan` simulates."""
 ROBOT_OPTIONS = "--robot", "--lidar", "--set", "--filter-map"
 Error = Literal["rmse", "lost", "goal-error", "heading"]
-LONGEST, MAX_CONFIRMING, PRICE = 1.5, 64, 0.3
+LONGEST, MAX_CONFIRMING = 1.5, 64
 MINIMISE: Error = "rmse"
 """Defaults of options that --front does not read."""
 FRONT_TIME = 30.0
@@ -76,7 +78,7 @@ def plan(
     drives: Whole = MAX_CONFIRMING,
     thorough: Switch = False,
     minimise: Annotated[Error, Parameter(show_choices=False)] = MINIMISE,
-    price: float = PRICE,
+    zones: InputFile = None,
     robot: RobotOptions = RobotOptions(),
     filter_map: FilterMapFile = None,
     field: FieldOptions = FieldOptions(),
@@ -119,8 +121,8 @@ def plan(
         Simulate 40 closed-loop drives instead of 16.
     minimise
         Error: rmse, lost, goal-error or heading.
-    price
-        Weight of the length next to the error.
+    zones
+        Zones (GeoJSON) or a keepout mask (map YAML).
     """
     if front:
         refuse(
@@ -135,11 +137,10 @@ def plan(
             drives=drives != MAX_CONFIRMING,
             thorough=thorough,
             minimise=minimise != MINIMISE,
-            price=price != PRICE,
             seed=seed != SEED,
             filter_map=filter_map,
         )
-        return _find_front(map_file, start, goal, robot, field, threads, output)
+        return _find_front(map_file, start, goal, zones, robot, field, threads, output)
     simulated, config = field.choose(robot.load())
     if simulated.lidar is not None and drives != 0:
         robot.warn(simulated)
@@ -165,13 +166,13 @@ def plan(
             costs=config,
             candidates=candidates,
             compute=lambda grid, points=None: field.compute(grid, config, threads, points),
+            zones=load_zones(zones, grid),
             via=via,
             max_e=max_e,
             budget=budget,
             longest=longest,
             weight=weight,
             minimise=minimise,
-            price=price,
             drives=drives,
             thorough=thorough,
             filter_map=load_filter_map(filter_map, [map_file]),
@@ -242,6 +243,7 @@ def _find_front(
     map_file: Any,
     start: Any,
     goal: Any,
+    zones_file: Any,
     robot: RobotOptions,
     field: FieldOptions,
     threads: int | None,
@@ -255,10 +257,11 @@ def _find_front(
         raise ConfigError("--front has no headings; give --start and --goal as X,Y")
     on_map, config = field.choose(robot.load())
     grid = locplan.load_map(map_file)
-    check_ends(locplan.Costmap.blank(grid, robot=on_map), start, goal)
+    zones = load_zones(zones_file, grid)
+    check_ends(locplan.Costmap.blank(grid, robot=on_map, zones=zones), start, goal)
     output.check(locplan.ParetoFront.files)
     computed = field.compute(grid, config, threads)
-    costs = locplan.Costmap.from_field(grid, computed, robot=on_map)
+    costs = locplan.Costmap.from_field(grid, computed, robot=on_map, zones=zones)
     with working("searching the front"):
         front = locplan.pareto_front(costs, start, goal, time_limit=FRONT_TIME)
     output.finish(front)
