@@ -11,10 +11,11 @@ import math
 
 import numpy as np
 import pytest
-from support.explorer_page import FLAGS, STATIC, Seen, browser_file
+from support.browser import FLAGS, Window, browser_file
 
-from locplan.app.explorer.explorer import opened
+from locplan.app.explorer.explorer import open_explorer
 from locplan.app.explorer.scene import Opening
+from locplan.app.explorer.sharing import PAGE
 from locplan.field import FieldConfig, Fisher, covariance_field
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.maps.environments import make
@@ -38,8 +39,8 @@ ANSWERS = """() => {
         const question = JSON.parse(text);
         if (question.do === "plan" && !question.draft) asked.set(question.id, performance.now());
         if (!asked.hears) this.addEventListener("message", ({ data }) => {
-            const { re, aware } = JSON.parse(data);
-            if (aware && asked.has(re)) full_plans.push(performance.now() - asked.get(re));
+            const { re, recommended } = JSON.parse(data);
+            if (recommended && asked.has(re)) full_plans.push(performance.now() - asked.get(re));
         });
         asked.hears = true;
         return send.call(this, text);
@@ -82,8 +83,8 @@ def parts(request):
 def begun(parts):
     """A server whose field and costs are there."""
     grid, opening, field = parts
-    explorer = opened(grid, opening, field=field)
-    explorer.session.latest.result()
+    explorer = open_explorer(grid, opening, field=field)
+    explorer.session.wait()
     return explorer
 
 
@@ -96,7 +97,7 @@ def server(parts):
 @pytest.fixture
 def seen(browser, server):
     context = browser.new_context(viewport={"width": 1400, "height": 900})
-    page = Seen(context.new_page())
+    page = Window(context.new_page())
     page.page.set_default_timeout(120_000)
     yield page.open(server.address)
     assert page.faults == []
@@ -121,7 +122,7 @@ def test_drag(benchmark, seen, server):
     seen.page.mouse.down()
     painted = seen.value("painted")
     seen.page.mouse.move(x - 5, y)  # what follows finds the searches of this end done
-    seen.await_change("painted", painted)
+    seen.wait_for_change("painted", painted)
     seen.page.evaluate("() => performance.clearMeasures()")
 
     def dragged():
@@ -133,11 +134,11 @@ def test_drag(benchmark, seen, server):
     found = benchmark.pedantic(dragged, rounds=1)
     painted = seen.value("painted")
     seen.page.mouse.up()
-    seen.await_change("painted", painted)
-    seen.page.locator("#live", has_text="Aware path").wait_for(state="attached")
-    costs = server._server.session.scene.costs
+    seen.wait_for_change("painted", painted)
+    seen.settle()
+    costs = server.session.scene.costs
     start, goal = seen.place("start"), seen.place("goal")
-    length = float(seen.text("#shortest-length").split()[0])
+    length = float(seen.text("tr:nth-child(2) td:nth-child(2)").split()[0])
     plain = plan_beside_shortest(costs, start, goal)["shortest"]
     assert length == pytest.approx(plain.path.length, rel=0.02)
     kept(benchmark, found, benchmark.stats.stats.total)
@@ -151,7 +152,7 @@ def test_full_plans_of_a_drag(benchmark, seen, server, held, waited):
     Full plans count from the question to its answer in the page. The drag begins as soon as the
     page is ready and nothing is searched yet, or after a while.
     """
-    server._server.session.kept.forget(lambda key: False)
+    server.session.searches.forget(lambda key: False)
     seen.page.evaluate(ANSWERS)
     x, y = seen.middle(f".marker.{held}")
     back = -1 if held == "goal" else 1
@@ -177,7 +178,7 @@ def test_full_plans_of_a_drag(benchmark, seen, server, held, waited):
         moved = len(found)
         seen.page.mouse.move(x + back * 70, y)
         seen.page.mouse.up()
-        seen.page.locator("#live", has_text="Aware path").wait_for(state="attached")
+        seen.settle()
         return [found[0], found[moved - 1], answered(moved + 1)[-1]]
 
     seen.page.locator(f".marker.{held}").focus()
@@ -191,20 +192,20 @@ def test_full_plans_of_a_drag(benchmark, seen, server, held, waited):
     figures = {name: round(value, 1) for name, value in milliseconds.items()}
     kept(benchmark, [first, later, release], **figures)
     start, goal = seen.place("start"), seen.place("goal")
-    plans = plan_beside_shortest(server._server.session.scene.costs, start, goal)
-    length = float(seen.text("#aware-length").split()[0])
+    plans = plan_beside_shortest(server.session.scene.costs, start, goal)
+    length = float(seen.text("tr.best td:nth-child(2)").split()[0])
     assert length == pytest.approx(plans["localizability-aware"].path.length, rel=0.02)
 
 
 def test_weight(benchmark, seen):
     """The weight's slider, pushed by its keys."""
-    seen.page.locator("#weight").focus()
+    seen.page.locator("aside input[type=range]").focus()
 
     def pushed():
         for _ in range(MOVES // 3):
             painted = seen.value("painted")
             seen.page.keyboard.press("ArrowRight")
-            seen.await_change("painted", painted)
+            seen.wait_for_change("painted", painted)
         return seen.page.evaluate(DRAGS)
 
     kept(benchmark, benchmark.pedantic(pushed, rounds=1), benchmark.stats.stats.total)
@@ -212,13 +213,13 @@ def test_weight(benchmark, seen):
 
 def test_edit(benchmark, seen):
     """A pole put in, until the map that holds it is painted; and until its field is whole."""
-    seen.page.locator("#overlay").focus()
+    seen.page.locator("#map").focus()
     seen.page.keyboard.press("p")
     before = seen.value("map")
 
     def put():
         seen.page.keyboard.press("Enter")
-        seen.await_change("map", before)
+        seen.wait_for_change("map", before)
 
     benchmark.pedantic(put, rounds=1)
     seen.page.keyboard.press("Control+z")
@@ -243,13 +244,13 @@ def test_ready(benchmark, browser, parts):
         return (context.new_page(), explorer.address), {}
 
     def opened_page(page, address):
-        seen = Seen(page)
+        seen = Window(page)
         page.set_default_timeout(120_000)
         seen.open(address)
 
     with left:
         benchmark.pedantic(opened_page, setup=start, rounds=3, warmup_rounds=1)
-    size = sum(file.stat().st_size for file in STATIC.iterdir())
+    size = sum(file.stat().st_size for file in PAGE.iterdir())
     kept(benchmark, [1000 * each for each in benchmark.stats.stats.data], page_kB=size / 1000)
 
 

@@ -20,7 +20,7 @@ export function Panel() {
 function Section({ title, name, children }) {
 	const outdated = name && outdatedText(name);
 	const isDim = name && !["none", "fresh"].includes(status[name].value);
-	return html`<section aria-label=${title} class=${isDim ? "outdated" : ""}><h2>${title}</h2>
+	return html`<section id=${name} aria-label=${title} class=${isDim ? "outdated" : ""}><h2>${title}</h2>
 		${outdated && html`<p class="strip" role="status">${outdated}</p>`}${children}</section>`;
 }
 
@@ -104,7 +104,7 @@ function Primary() {
 const JOBS = { simulate: "Simulating", report: "Reading the report", export: "Exporting", share: "Making the page" };
 const PRIMARY = {
 	cancel: { act: () => cancel(job.value.kind) },
-	fix: { title: "Show the fix", act: () => (isFixShown.value = true) },
+	fix: { title: "Show the fix", act: showFix },
 	export: { title: "Export for Nav2", act: exportRoute },
 	simulate: { title: "Simulate this route", act: simulate },
 };
@@ -120,6 +120,11 @@ function Receipt() {
 	if (!receipt) return null;
 	if (!fresh("receipt")) return html`<p class="strip" role="status">${outdatedText("receipt") || "Outdated."} Export again.</p>`;
 	return html`<div class="receipt"><p>${receipt.files.length} files are in ${receipt.folder}.</p>${receipt.warnings.map((warning) => html`<p class="sub">${warning}</p>`)}</div>`;
+}
+
+function showFix() {
+	isFixShown.value = true;
+	document.getElementById("report").scrollIntoView({ behavior: "smooth" });
 }
 
 function simulate() {
@@ -190,7 +195,7 @@ function Report() {
 	return html`<${Section} title="Check report" name="report"><p><b>${known.next}</b></p>
 		${best && html`<p class="sub">Lost drives: ${percent(lost(known.baseline.lost))} → ${percent(lost(best.lost))}${Array.isArray(best.lost) && best.lost.length > 2 ? ` ${interval(best.lost.slice(1), percent)}` : ""}</p>`}
 		<details open=${isFixShown.value}><summary>Routes and fixes</summary>
-		<table class="small"><thead><tr><th scope="col">route</th><th scope="col">lost</th></tr></thead><tbody>${known.routes.map((one) => html`<tr><th scope="row"><button class="plain" disabled=${Boolean(shared)} onClick=${() => setRoute({ start: one.start, goal: one.goal, via: [] })}>${one.title ?? one.name}</button></th><td>${percent(lost(one.lost))}</td></tr>`)}</tbody></table>
+		<table class="small"><thead><tr><th scope="col">route</th><th scope="col">lost</th></tr></thead><tbody>${known.routes.map((one) => html`<tr><th scope="row"><button class="plain" disabled=${Boolean(shared)} onClick=${() => setRoute({ start: one.start, goal: one.goal, via: [] })}>${one.name}</button><small>${one.title}</small></th><td>${percent(lost(one.lost))}</td></tr>`)}</tbody></table>
 		<table class="small"><thead><tr><th scope="col">fix</th><th scope="col">lost</th></tr></thead><tbody>${known.fixes.map((fix) => html`<tr class=${fix === best ? "best" : ""}><th scope="row">${fix.title}</th><td>${percent(lost(fix.lost))}</td></tr>`)}</tbody></table>
 		${best?.settings && html`<${Settings} settings=${best.settings} />`}</details>
 		${status.report.value === "fresh" && html`<label class="check"><input type="checkbox" checked=${isFixShown.value} onChange=${({ target }) => (isFixShown.value = target.checked)} /> Show on the map</label>`}<//>`;

@@ -84,7 +84,7 @@ export const layer = computed(() => server.value?.layers.find(({ name }) => name
 export const primary = computed(() => {
 	if (job.value) return "cancel";
 	if (shared || !server.value?.field || !hasPath.value) return "none";
-	if (fresh("report") && !isTouched.value && !isFixShown.value) return "fix";
+	if (fresh("report")?.recommended.length && !isTouched.value && !isFixShown.value) return "fix";
 	return fresh("simulated") && about.value.can_export ? "export" : "simulate";
 });
 
