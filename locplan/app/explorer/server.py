@@ -227,8 +227,8 @@ class Server:
         """Answer with an array that never changes, which is packed once."""
         packed: bytes | None = self.session.files.get(key)
         if packed is None:
-            if octets is None:
-                return _answer_missing()
+            if octets is None:  # a newer one is on its way; browsers note each 404 as an error
+                return Response(status_code=204)
             packed = gzip.compress(np.ascontiguousarray(octets).tobytes(), 3, mtime=0)
             self.session.files.put(key, packed, len(packed))
         headers = {
