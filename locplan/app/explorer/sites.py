@@ -55,10 +55,18 @@ class Site:
         return equipped(self.named_robot, self.config)
 
     @cached_property
+    def digests(self) -> dict[str, str]:
+        """Digests of the map, the robot and the zones."""
+        return {
+            "map": self.grid.digest,
+            "robot": self.robot.digest,
+            "zones": self.zones.digest,
+        }
+
+    @cached_property
     def key(self) -> str:
         """Text that equal sites share."""
-        facts = [self.grid.digest, self.robot.digest, self.zones.digest, self.config.to_json()]
-        return json.dumps(facts, sort_keys=True)
+        return json.dumps([self.digests, self.config.to_json()], sort_keys=True)
 
     def with_changes(self, changes: Sequence[Change]) -> Site:
         """Return the site after changes, which are applied in their order.

@@ -99,9 +99,7 @@ def name_weak_spots(scene: Scene, report: CheckReport | None = None) -> list[Nam
     reach = float(scene.field.config.estimator.reach)
     costs = scene.costs
     if costs.zones:  # weak spots do not depend on zones
-        settings: Any = {"weight": costs.weight, "robot": costs.robot_radius}
-        settings |= {"criterion": costs.settings.criterion} if costs.settings else {}
-        costs = Costmap.from_field(costs.grid, scene.field, **settings)
+        costs = Costmap.from_field(costs.grid, scene.field, robot=costs.robot_radius)
     spots: Sequence[WeakSpot] = weak_spots(costs, scene.field, reach, {})
     if report is not None:
         spots = [_with_outline(facts, spots) for facts in report.facts["weak_spots"]]
