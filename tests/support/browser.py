@@ -18,7 +18,7 @@ from locplan.robots import Lidar, Robot
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-WAIT = 300_000
+WAIT = 100_000
 """Time after which nothing appears any more, however busy the machine is [ms]."""
 LIDAR = Lidar(range=6.0)
 
