@@ -11,7 +11,7 @@ from matplotlib.path import Path
 from support.maps import ascii_map, random_rooms
 
 import locplan
-from locplan.advice.weak_spots import degenerate_areas, meeting
+from locplan.advice.weak_spots import degenerate_areas, meeting, weak_spots
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow
 from locplan.field.covariance import DEGENERATE
@@ -323,3 +323,16 @@ def test_what_areas_cannot_be_made_of_is_refused(corridors):
         degenerate_areas(Costmap.blank(other), field)
     with pytest.raises(ConfigError, match="field must be"):
         degenerate_areas(costs, None)
+
+
+def test_weak_spots_without_routes_lie_in_largest_part(corridors):
+    costs, field = corridors
+    path = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0)).path
+    (spot, *_), (of_route, *_) = (
+        weak_spots(costs, field, 6.0, paths) for paths in ({}, {"": path})
+    )
+    assert (spot.length, spot.missing, spot.routes) == (of_route.length, of_route.missing, ())
+    part = costs.blocked_where(
+        np.arange(costs.grid.shape[1])[None] > costs.grid.cell((12.0, 3.0))[1]
+    )
+    assert all(other.x < 13.0 for other in weak_spots(part, field, 6.0, {}))
