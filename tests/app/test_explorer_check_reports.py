@@ -60,6 +60,10 @@ def test_report_is_read_with_routes_and_fixes(checked):
     letters = [spot["letter"] for spot in about["weak_spots"] if spot["letter"]]
     assert [spot["letter"] for spot in describe_state(session)["weak_spots"]] == letters
     assert told["basis"] == {**session.scene.basis, "route": None}
+    pole = {"kind": "pole", "points": [[5.0, 5.0]], "width": 1.0}
+    ask(session, "change", changes=[pole])
+    assert ask(session, "report")["basis"]["map"] == told["basis"]["map"]
+    assert session.scene.basis["map"] != told["basis"]["map"]
     assert told["recommended"] == about["recommended"]
     assert about["recommended"][0] == "map"
     assert told["next"] == about["next"]["sentence"]

@@ -140,6 +140,26 @@ def test_pages_do_not_overtake_each_other(server, page, held):
         assert other.wait(two)["n"] == 2
 
 
+def test_plan_of_another_page_ends_preparation(server, page, monkeypatch):
+    begun = threading.Semaphore(0)
+
+    def prepare(session, scene, question, job):
+        begun.release()
+        while True:
+            job.check()
+
+    entry = dataclasses.replace(QUESTIONS["plan"], follow_up=prepare)
+    monkeypatch.setitem(QUESTIONS, "plan", entry)
+    route = page.state["route"]
+    assert page.ask("plan", **route)["recommended"]
+    assert begun.acquire(timeout=TIMEOUT)
+    with connect_socket(server) as link:
+        assert Page(link).ask("plan", **route)["recommended"]
+    assert begun.acquire(timeout=TIMEOUT)
+    monkeypatch.undo()
+    assert page.ask("plan", **route)["recommended"]
+
+
 def test_cancelled_question_ends(page, held):
     begun, let_go = held
     number = page.send("simulate")

@@ -134,7 +134,10 @@ def describe_report(
         recommended = report.recommended_path(route["name"])
         paths = {"xy": _round(shortest), "chosen": recommended and _round(recommended)}
         routes.append({**route, "title": route["problem"], **paths})
+    # It holds for the map and the robot before any change.
+    basis = {**scene.basis, **session.original.digests, "route": None}
     return {
+        "basis": basis,
         "routes": routes,
         "fixes": facts["fixes"],
         "recommended": facts["recommended"],

@@ -32,10 +32,7 @@ def export(session: Session, scene: Scene, question: Question, job: Job) -> dict
     replaced.
     """
     opening, site = session.opening, scene.site
-    if scene.field is None:
-        raise ConfigError("the field is still being computed; wait until it is there")
-    if not scene.is_whole:
-        raise ConfigError("the field still follows the last change; wait until it is there")
+    scene.check_field()
     if opening.folder is None:
         raise ConfigError("the page was opened without an output folder; name one to export")
     distro = cast(Distro, question.one_of("distro", get_args(Distro), DISTRO))

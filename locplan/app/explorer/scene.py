@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from locplan._support.kernels.arrays import Bools, Shorts
 from locplan._support.poses import window_around
 from locplan.app.explorer.sites import Site
-from locplan.errors import PoseError
+from locplan.errors import ConfigError, PoseError
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
@@ -213,6 +213,12 @@ class Scene:
     def is_whole(self) -> bool:
         """True if all values of the field are those of the map."""
         return self.step == 0
+
+    def check_field(self) -> CovarianceField:
+        """Return the field; raise a ConfigError before all its values are those of the map."""
+        if self.field is None or not self.is_whole:
+            raise ConfigError("the field is still being computed; wait until it is there")
+        return self.field
 
     @cached_property
     def digest(self) -> str | None:

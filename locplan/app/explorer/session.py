@@ -70,6 +70,8 @@ class Session:
         self.searches = Store(opening.limits.search_bytes)
         self.files = Store(opening.limits.file_bytes)
         self.scenes = Store(opening.limits.scene_bytes)
+        self.n_plans = 0
+        """Number of plans that pages have asked for."""
         self.listeners: list[Callable[[dict[str, Any]], None]] = []
         self.lock = threading.RLock()
         self._worker = ThreadPoolExecutor(1, "field")

@@ -40,8 +40,7 @@ def share(session: Session, scene: Scene, question: Question, job: Job) -> dict[
 
     Equal views make equal pages: they hold no date, and no path of the machine.
     """
-    if scene.field is None:
-        raise ConfigError("the field is still being computed; wait until it is there")
+    scene.check_field()
     job.progress(0, 2, "planning")
     has_route = question.has("start") and question.has("goal")
     path = plan(session, scene, question, job) if has_route else None

@@ -16,6 +16,7 @@ from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.path import Path
 from locplan.planning.plans import SHORTEST
+from locplan.simulation.problem import Compute
 from locplan.simulation.race import Candidate
 from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
@@ -40,8 +41,7 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
     The page's own path is a candidate. Of the page's field it takes the points that a field for
     this recommendation has. Cancelled work ends after the present drives.
     """
-    if scene.field is None:
-        raise ConfigError("the field is still being computed; wait until it is there")
+    field = scene.check_field()
     drives = int(question.number("drives", 2, MAX_DRIVES, MAX_DRIVES))
     job.progress(0, drives, "planning")
     stops, _ = read_stops(question, scene.parts)
@@ -55,7 +55,7 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
         site.robot,
         costs=site.config,
         candidates={SHOWN: Path(shown)} if shown else {},
-        compute=_field_of(scene) if scene.is_whole else None,
+        compute=_read_points(field),
         via=via,
         zones=site.zones,
         weight=weight,
@@ -68,10 +68,8 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
     return describe_choice(choice)
 
 
-def _field_of(scene: Scene) -> Any:
-    """Return a function that gives the field of a scene at some of its points."""
-    field = scene.field
-    assert field is not None
+def _read_points(field: CovarianceField) -> Compute:
+    """Return a function that gives a field at some of its points."""
 
     def compute(grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:
         if points is None:

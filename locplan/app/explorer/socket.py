@@ -82,6 +82,8 @@ class Link:
         self._waiting[question.id] = cancel
         if not QUESTIONS[question.do].is_queued:
             self._newest[question.do] = turn
+        if QUESTIONS[question.do].follow_up:
+            self._session.n_plans += 1
         self._begin(self._answer(question, cancel, turn))
 
     def _cancel(self, question: Question) -> dict[str, Any]:
@@ -106,11 +108,6 @@ class Link:
             either.check()
             return entry.answer(session, question, job)
 
-        def follow_up() -> None:
-            either.check()
-            if entry.follow_up:
-                entry.follow_up(session, session.scene, question, job)
-
         try:
             answer = await self._loop.run_in_executor(lane, work)
         except Cancelled:
@@ -125,8 +122,13 @@ class Link:
             del self._waiting[question.id]
         await self._send({"re": question.id, **answer})
         if entry.follow_up and "basis" in answer:
+            n_plans = session.n_plans  # a plan of any page ends the preparation
+            over = Cancel(lambda: either.is_cancelled or session.n_plans != n_plans)
+            job = Job(job.progress, over.check)
             with suppress(Cancelled, LocplanError, MemoryError, RuntimeError):
-                await self._loop.run_in_executor(lane, follow_up)
+                await self._loop.run_in_executor(
+                    lane, entry.follow_up, session, session.scene, question, job
+                )
 
     def _progress(self, number: int, cancel: Cancel) -> Any:
         def progress(done: int, total: int, doing: str = "") -> None:
