@@ -29,9 +29,9 @@ const headline = computed(() => {
 	if (lines.value.isSimulated) return results.simulated.value.verdict;
 	if (!hasBoth.value) return server.value?.field ? (status.plan.value === "waiting" ? "Planning …" : (results.plan.value?.why ?? "Planning …")) : "Computing how well scans fix the position …";
 	const { recommended, shortest } = lines.value;
-	const fewer = shortest.degenerate - recommended.degenerate;
-	if (recommended.length - shortest.length < 0.05 && fewer < 0.05) return "The shortest route is fine";
-	return `The longer route avoids ${metres(Math.max(0, fewer), fewer < 10 ? 1 : 0)} of weak localization`;
+	const [longer, fewer] = [recommended.length - shortest.length, shortest.degenerate - recommended.degenerate];
+	if (fewer < 0.05) return longer < 0.05 ? "The shortest route is fine" : `The recommended route is ${metres(longer)} longer`;
+	return `The longer route avoids ${metres(fewer, fewer < 10 ? 1 : 0)} of weak localization`;
 });
 const evidence = computed(() => {
 	if (lines.value.isSimulated) return results.simulated.value.evidence ?? "";
