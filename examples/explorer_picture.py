@@ -42,10 +42,9 @@ def photographed(address: str, browser: str) -> bytes:
         page = chromium.new_page(viewport=SIZE, color_scheme="light", reduced_motion="reduce")
         page.set_default_timeout(PATIENCE)
         page.goto(address)
-        page.locator("#aware-length", has_text="m").wait_for()
-        page.locator("#hint-close").click()
+        page.locator('html[data-plan="fresh"][data-spots="fresh"]').wait_for(state="attached")
         page.mouse.move(*POINTED)
-        page.locator("#readout", has_text="degeneracy").wait_for()
+        page.locator(".readout", has_text="Position").wait_for()
         picture = page.screenshot()
         chromium.close()
     return picture

@@ -85,7 +85,7 @@ function Bar() {
 	return html`<header><h1>locplan</h1><span class="name">${mapName()}</span><${Robot} />
 		${link.value === "offline" ? html`<span class="strip" role="status">The server does not answer. Trying again …</span>` : html`<${Busy} />`}<span class="grow"></span>
 		${!shared && html`<button id="undo" disabled=${!canUndo.value} onClick=${() => step(true)}>Undo</button><button id="redo" disabled=${!canRedo.value} onClick=${() => step(false)}>Redo</button>
-		<button id="share" disabled=${Boolean(job.value) || !hasRoute.value} onClick=${share}>Share</button>`}<button id="help-open" aria-label="Keys and hints" onClick=${openHelp}>?</button></header>`;
+		<button id="share" disabled=${Boolean(job.value) || !hasRoute.value || !server.value.field?.is_whole} onClick=${share}>Share</button>`}<button id="help-open" aria-label="Keys and hints" onClick=${openHelp}>?</button></header>`;
 }
 
 function Busy() {
@@ -130,10 +130,10 @@ function Readout() {
 	if (!at || held.value) return null;
 	const [px, py] = screenOf([at.x, at.y]) ?? [0, 0];
 	const main = byId("map").getBoundingClientRect();
-	const style = { transform: `translate(${px > main.width - 280 ? `calc(${px - 20}px - 100%)` : `${px + 20}px`}, ${py > main.height - 150 ? `calc(${py - 20}px - 100%)` : `${py + 20}px`})` };
+	const style = { transform: `translate(${px > main.width - 320 ? `calc(${px - 20}px - 100%)` : `${px + 20}px`}, ${py > main.height - 150 ? `calc(${py - 20}px - 100%)` : `${py + 20}px`})` };
 	const factor = ellipseFactor();
 	return html`<div class="readout" style=${style}><p><b>${probeTitle(at)}</b></p>${at.known && html`${at.reason && html`<p>${at.reason}</p>`}<p>Position ± ${at.axes[0] < 1.05 * at.axes[1] ? centimetres(at.axes[0]) : `${centimetres(at.axes[0])} × ${centimetres(at.axes[1])}`}${Number.isFinite(at.heading_deg) ? `, heading ± ${at.heading_deg.toFixed(1)}°` : ""}</p>`}
-		<p class="sub">${at.x.toFixed(2)}, ${metres(at.y, 2)}${Number.isFinite(at.clearance) ? `, ${metres(at.clearance, 2)} from an obstacle` : ""}${at.known && factor > 1 ? `. Ellipse enlarged ${factor} ×` : ""}</p></div>`;
+		<p class="sub">${at.x.toFixed(2)}, ${metres(at.y, 2)}${Number.isFinite(at.clearance) ? `, ${metres(at.clearance, 2)} from an obstacle` : ""}${at.known && factor > 1 ? `. Ellipse enlarged ${factor}\u202f×` : ""}</p></div>`;
 }
 
 function Hint() {

@@ -83,7 +83,7 @@ export const layer = computed(() => server.value?.layers.find(({ name }) => name
 /** What the primary button does: "none", "cancel", "fix", "export" or "simulate". */
 export const primary = computed(() => {
 	if (job.value) return "cancel";
-	if (shared || !server.value?.field || !hasPath.value) return "none";
+	if (shared || !server.value?.field?.is_whole || !hasPath.value) return "none";
 	if (fresh("report")?.recommended.length && !isTouched.value && !isFixShown.value) return "fix";
 	return fresh("simulated") && about.value.can_export ? "export" : "simulate";
 });
