@@ -109,11 +109,11 @@ def explore(
     open_browser: bool = True,
     folder: str | os.PathLike[str] | None = None,
 ) -> Explorer:
-    """Open a page on this machine where the map's weak spots and paths are explored.
+    """Open a page on this machine that shows the weak spots and paths of a map.
 
-    A person drags start and goal, changes weight and lidar, draws walls, and sees what
-    follows. Nobody on another machine can open the page. The call returns at once; the page lives
-    until the explorer is closed or the program ends. A script ends with ``.wait()``.
+    It simulates routes, applies changes to the map, the lidar and zones, and exports for Nav2.
+    Nobody on another machine can open it. The call returns at once; the page lives until the
+    explorer is closed or the program ends. A script ends with ``.wait()``.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def explore(
     field : CovarianceField, optional
         The map's field; by default it is read from the cache, or computed while the page is used.
     robot : Robot, optional
-        The robot; where its lidar is not known, it has the field's.
+        The robot; without a lidar it gets the field's.
     estimator : FieldConfig or Estimator, optional
         Settings of the field; by default `Fused` of the lidar, or `Sad` without one.
     port : int, default 0
@@ -130,7 +130,7 @@ def explore(
     open_browser : bool, default True
         False opens no browser. In a notebook none is opened: the page is displayed there.
     folder : path, optional
-        Folder that the page may write maps and exports to; without it, it writes none.
+        Folder that the page may write exports to; without it, it writes none.
 
     Returns
     -------
@@ -161,15 +161,11 @@ def explore(
         config = FieldConfig(Fused(robot.lidar) if robot.lidar else Sad())
     else:
         config = config_of(estimator)
-    opening = Opening(
-        config,
-        robot,
-        folder=None if folder is None else Path(file_path("folder", folder)),
-    )
+    target = None if folder is None else Path(file_path("folder", folder))
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None
     is_notebook = getattr(shell, "kernel", None) is not None
-    explorer = open_explorer(grid, opening, port=port, field=field)
+    explorer = open_explorer(grid, Opening(config, robot, folder=target), port=port, field=field)
     if open_browser and not is_notebook:
         explorer.open()
     return explorer
@@ -195,7 +191,7 @@ def open_explorer(
     grid : OccupancyGrid
         The map.
     opening : Opening
-        What the page begins with.
+        The settings of the session.
     port : int, default 0
         Port of the server, 0 to 65535; 0 takes any free one.
     field : CovarianceField, optional
@@ -216,8 +212,8 @@ def open_explorer(
     from locplan.app.explorer.session import Session
 
     whole("port", port, 0, 65535)
-    _check_stops(grid, opening)
     session = Session(grid, opening)
+    _check_stops(session.scene.costs, opening)
     if not np.isfinite(session.scene.costs.density).any():
         raise ConfigError(
             f"a robot of radius {opening.robot.radius:g} m has no room on this map; give it a"
@@ -230,14 +226,10 @@ def open_explorer(
     return Explorer(server)
 
 
-def _check_stops(grid: OccupancyGrid, opening: Opening) -> None:
-    """Raise a PoseError if a place of the first path lies outside the map.
-
-    One in a wall is moved by the page to the nearest free cell.
-    """
-    named = {"start": opening.start, "goal": opening.goal}
-    named |= {f"waypoint {n}": xy for n, xy in enumerate(opening.via, 1)}
-    for role, xy in named.items():
-        if xy is not None and not grid.contains(*grid.cell(xy[:2])):
-            # A blank costmap makes the sentence of the planners, with the nearest free place.
-            Costmap.blank(grid, robot=opening.robot).cell_of(xy, role)
+def _check_stops(costs: Costmap, opening: Opening) -> None:
+    """Raise a PoseError if a stop of the first route lies outside the map; others are snapped."""
+    stops = {"start": opening.start, "goal": opening.goal}
+    stops |= {f"waypoint {n}": xy for n, xy in enumerate(opening.via, 1)}
+    for role, xy in stops.items():
+        if xy is not None and not costs.grid.contains(*costs.grid.cell(xy[:2])):
+            costs.cell_of(xy, role)
