@@ -10,6 +10,7 @@ import pytest
 from support.explorer_sessions import (
     GOAL,
     POINT,
+    ROUTE,
     SAD,
     START,
     ask,
@@ -124,6 +125,26 @@ def test_clearance_needs_no_array_of_map():
     assert clearance == [session.grid.clearance[session.grid.cell(xy)] for xy in places]
     free = Session(OccupancyGrid(np.full((4, 4), FREE), 0.1), Opening(SAD, POINT))
     assert ask(free, "at", x=0.1, y=0.1)["clearance"] is None
+
+
+@pytest.mark.parametrize(
+    ("change", "digests"),
+    [
+        ({"kind": "wall", "points": [[5.0, 3.0], [6.0, 3.0]], "width": 0.2}, {"map", "field"}),
+        ({"kind": "erase", "points": [[20.0, 1.9]], "width": 0.5}, {"map", "field"}),
+        ({"kind": "pole", "points": [[5.0, 3.0]], "width": 0.2}, {"map", "field"}),
+        ({"kind": "lidar", "lidar": None, "range": 4.0}, {"robot", "field"}),
+        ({"kind": "zone", "zone": "slow", "polygon": [[2, 2], [3, 2], [3, 3]]}, {"zones"}),
+    ],
+)
+def test_change_and_undo_move_the_basis_there_and_back(session, change, digests):
+    before = ask(session, "plan", **ROUTE, route="key")
+    ask(session, "change", changes=[change])
+    after = ask(session, "plan", **ROUTE, route="other key")
+    different = {name for name, digest in after["basis"].items() if before["basis"][name] != digest}
+    assert different == {*digests, "route"}
+    ask(session, "change", changes=[])
+    assert ask(session, "plan", **ROUTE, route="key") == before
 
 
 def test_refused_change_changes_nothing():
