@@ -24,6 +24,16 @@ MOVED = """([x, y]) => {
     const { left, top } = document.querySelector(".marker.start").getBoundingClientRect();
     return left < x && top < y;
 }"""
+NOTE_STATUSES = """() => {
+    window.noted = new Set();
+    const note = (changes) => {
+        for (const { attributeName } of changes) {
+            const name = attributeName.slice(5);
+            if (document.documentElement.dataset[name] !== "fresh") noted.add(name);
+        }
+    };
+    new MutationObserver(note).observe(document.documentElement, { attributes: true });
+}"""
 CANDIDATE = {"error": 0.1, "error_interval": [0.08, 0.2], "lost": 0.0, "lost_interval": [0, 0.2]}
 
 
@@ -110,18 +120,19 @@ def test_each_change_outdates_results_and_undo_restores_them(visit):
     window.page.locator('[data-do="simulate"]').click()
     window.page.locator('[data-do="export"]').click()
     window.wait('html[data-receipt="fresh"]')
+    window.page.evaluate(NOTE_STATUSES)
     for name, (act, outdated) in CHANGES.items():
+        window.page.evaluate("() => noted.clear()")
         act(window)
         window.wait("#undo:enabled")
         if name == "lidar":  # its field takes long
             window.wait('html[data-report="robot"]')
         else:
             window.settle()
-            if name == "wall":
-                window.wait('html[data-spots="fresh"]')
-        seen = {key for key, value in statuses(window).items() if value != "fresh"} - {"plan"}
-        assert seen - {"spots"} == outdated - {"spots"}, name
-        assert ("spots" in seen) == (name == "lidar"), name  # after a wall they are new ones
+            window.wait('html[data-spots="fresh"]')  # after a wall they are new ones
+        seen = {key for key, value in statuses(window).items() if value != "fresh"}
+        assert seen - {"plan", "spots"} == outdated - {"spots"}, name
+        assert set(window.page.evaluate("() => [...noted]")) >= outdated | {"plan"}, name
         strips = window.page.locator("aside .strip").all_inner_texts()
         assert len([text for text in strips if "Outdated" in text]) == len(outdated - {"spots"})
         assert window.text(".tag") == "predicted" if name != "lidar" else True
