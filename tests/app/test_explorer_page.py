@@ -153,6 +153,14 @@ def test_results_are_hidden_until_change_is_answered(visit, browser):
     assert "–" in window.text("aside table")
 
 
+def test_refused_change_is_taken_back(visit):
+    window = visit(answers={"change": lambda question, basis: {"error": "The wall is too long."}})
+    window.draw("wall")
+    window.page.locator(".toast", has_text="The wall is too long.").wait_for()
+    window.settle()
+    assert window.page.locator('section[aria-label="Changes"] li, #undo:enabled').count() == 0
+
+
 def test_first_view_is_small_and_names_next_step(visit):
     window = visit(viewport={"width": 1400, "height": 900})
     window.wait('html[data-spots="fresh"]')

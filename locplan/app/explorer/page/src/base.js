@@ -7,13 +7,16 @@ const KEPT = 64; // tiles
 const OPACITY = 0.9;
 const tiles = new Map(); // key -> canvas, the newest last
 let pyramid = []; // levels {cells, rows, cols}; row 0 on top; 0 unknown, 1 free, 2 occupied
-let texels = null; // steps of the layer on its lattice, row 0 on top
-let spread = null; // the same, two points wider, so that smoothing reaches the walls
+let spread = null; // steps of the layer, two points wider than its lattice, so that smoothing reaches the walls
 let picture = null;
+
+/** The part of the map that is not unknown: [column, row from the top, columns, rows]. */
+export let knownPart = [0, 0, 1, 1];
 
 /** Take the cells of a map. Halving keeps the highest class, so that thin walls survive. */
 export function setCells(cells, rows, cols) {
 	pyramid = [{ cells, rows, cols }];
+	knownPart = boxOfKnown(pyramid[0]);
 	while (Math.max(pyramid.at(-1).rows, pyramid.at(-1).cols) > EDGE) pyramid.push(halve(pyramid.at(-1)));
 	tiles.clear();
 }
@@ -21,7 +24,6 @@ export function setCells(cells, rows, cols) {
 /** Take the steps of a layer, or null. */
 export function setTexels(values) {
 	const { rows, cols } = server.value.field ?? {};
-	texels = values;
 	spread = values && dilate(dilate(values, rows, cols), rows, cols);
 	colourBase();
 }
@@ -36,9 +38,7 @@ export function colourBase() {
 	picture = drawCanvas(rows, cols, (row, column) => table[spread[row * cols + column]]);
 }
 
-/** The part of the map that is not unknown: [column, row from the top, columns, rows]. */
-export function knownPart() {
-	const [{ cells, rows, cols }] = pyramid;
+function boxOfKnown({ cells, rows, cols }) {
 	let [left, right, top, bottom] = [cols, -1, rows, -1];
 	for (let row = 0; row < rows; row++) {
 		const line = cells.subarray(row * cols, (row + 1) * cols);

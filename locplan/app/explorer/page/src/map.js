@@ -65,7 +65,7 @@ export function startMap(target, layers) {
 /** Show the whole map. */
 export function showWhole() {
 	const { resolution, rows } = about.value.map;
-	const [left, top, cols, high] = knownPart();
+	const [left, top, cols, high] = knownPart;
 	const extent = [left, rows - top - high, left + cols, rows - top].map((cells) => cells * resolution);
 	const isNarrow = map.getSize()[0] < 640;
 	map.getView().fit(extent, { padding: isNarrow ? [60, 16, 16, 16] : [64, 24, 96, 24] });
@@ -92,7 +92,7 @@ export function screenOf(xy) {
 /** The known part of the map's position nearest to a world position. */
 export function withinMap(xy) {
 	const { resolution, rows } = about.value.map;
-	const [left, top, cols, high] = knownPart();
+	const [left, top, cols, high] = knownPart;
 	const clamp = (value, low, size) => Math.min(Math.max(value, (low + 0.5) * resolution), (low + size - 0.5) * resolution);
 	const [across, up] = toPlane(xy);
 	return toWorld([clamp(across, left, cols), clamp(up, rows - top - high, high)]);
@@ -106,11 +106,6 @@ export function perMetre() {
 /** World position in the middle of the map, where keys act. */
 export function middle() {
 	return toWorld(map.getView().getCenter());
-}
-
-/** Draw now, in this frame. */
-export function drawNow() {
-	map.renderSync();
 }
 
 function repaintBase() {

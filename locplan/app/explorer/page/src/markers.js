@@ -1,10 +1,9 @@
 // Start, goal and waypoints as buttons: dragged by the pointer, moved by arrows, removed by Delete.
 import { effect } from "@preact/signals";
-import { map, screenOf, withinMap, worldAt } from "./map.js";
+import { map, perMetre, screenOf, withinMap, worldAt } from "./map.js";
 import { addWaypoint, moveMarker, note, planNow, planSoon, removeWaypoint } from "./route.js";
 import { about, held, probe, route, shared, tool } from "./state.js";
 import { metres } from "./text.js";
-import { perMetre } from "./map.js";
 
 const STEP = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const buttons = new Map(); // name -> button

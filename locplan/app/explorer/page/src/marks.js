@@ -8,9 +8,9 @@ import VectorLayer from "ol/layer/Vector.js";
 import VectorSource from "ol/source/Vector.js";
 import { Circle, Fill, Stroke, Style, Text } from "ol/style.js";
 import { pointAlong, toPlane } from "./geometry.js";
-import { drawNow, map, perMetre } from "./map.js";
+import { map, perMetre } from "./map.js";
 import { onPlan } from "./route.js";
-import { about, along, changes, digests, fresh, held, isFixShown, lines, probe, status } from "./state.js";
+import { along, changes, digests, fresh, held, isFixShown, lines, probe } from "./state.js";
 import { palette, theme } from "./theme.js";
 
 const FACTORS = [1, 2, 5, 10, 20, 50, 100, 200];
@@ -69,7 +69,7 @@ export function ellipseFactor() {
 // For the benchmark and the tests: the number of painted answers, and times from a move to the painted path.
 let painted = 0;
 function paintPlan(moment) {
-	drawNow();
+	map.renderSync();
 	document.documentElement.dataset.painted = String(++painted);
 	if (moment === null) return;
 	if (painted % 1000 === 0) performance.clearMeasures("locplan:drag");

@@ -16,17 +16,15 @@ let turn = 0;
 export const canUndo = computed(() => past.value.length > 0);
 export const canRedo = computed(() => future.value.length > 0);
 
-/** Plan again whenever the map, the robot or the zones change. */
+/** Plan again whenever the map, the field, the robot or the zones change. */
 export function startRoute() {
 	noted = now();
-	effect(() => {
-		const { map, robot, field, zones } = digests.value;
-		if (map && robot && zones && field !== undefined) untracked(planNow);
-	});
+	effect(() => digests.value.map && untracked(planNow));
 }
 
-/** Call `listener(moment)` after each answer of a plan; the benchmark measures from the moment of the move. */
 let paint = () => {};
+
+/** Call `listener(moment)` after each answer of a plan, with the moment of the move that it answers. */
 export function onPlan(listener) {
 	paint = listener;
 }
@@ -122,30 +120,38 @@ function now() {
 	return { changes: changes.value, route: route.value };
 }
 
-let sent = 0;
+let newest = 0;
+let isWaiting = false; // for the answer to the newest list of changes
+
 async function sendChanges(next) {
-	const mine = ++sent;
+	const mine = ++newest;
+	isWaiting = true;
 	batch(() => {
 		changes.value = next;
 		digests.value = {};
 	});
 	try {
 		const { basis } = await ask("change", { changes: next });
-		if (mine === sent) digests.value = basis;
+		if (mine === newest) endWaiting(basis, next);
 	} catch (error) {
-		if (mine === sent) batch(() => takeChanges(server.value));
+		if (mine === newest) endWaiting(server.value.basis, server.value.changes);
 		complain(error);
 	}
-	if (mine === sent) sent = 0;
+}
+
+function endWaiting(basis, list) {
+	isWaiting = false;
+	takeChanges({ basis, changes: list });
 }
 
 /** Take the changes of a state event, unless a change of this page is under way. */
 export function takeChanges({ basis, changes: list }) {
-	if (sent && isLinked() && !digests.value.map) return;
-	const isSame = JSON.stringify(list) === JSON.stringify(changes.value);
-	if (!isSame) changes.value = list;
+	if (isWaiting) return;
 	const { map, robot, field, zones } = basis;
-	digests.value = { map, robot, field, zones };
+	batch(() => {
+		if (JSON.stringify(list) !== JSON.stringify(changes.value)) changes.value = list;
+		digests.value = { map, robot, field, zones };
+	});
 }
 
 function isLarge() {
