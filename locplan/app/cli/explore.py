@@ -43,7 +43,7 @@ def explore(
     threads: Threads = None,
     output: Output = Output(),
 ) -> None:
-    """Explore a map in the browser: drag start and goal, change the lidar, draw walls.
+    """Explore a map in the browser: drag start and goal, draw walls and zones.
 
     Serves the page to this machine alone. The page writes only into the output folder.
     Ctrl-C ends it.
