@@ -153,6 +153,29 @@ def test_results_are_hidden_until_change_is_answered(visit, browser):
     assert "–" in window.text("aside table")
 
 
+def test_page_shows_shortest_path_while_field_is_computed(visit):
+    xy = [[3, 1], [39, 1]]
+    path = {"xy": xy, "length": 36.0, "degenerate": None, "mean_sigma_cm": None}
+    path |= {"profile": {"s": [0, 36], "sigma_cm": [None, None]}}
+    empty = {
+        "recommended": None,
+        "shortest": path,
+        "why": "The field is not there.",
+        "draft": False,
+    }
+    stops = {"start": xy[0], "goal": xy[1], "via": []}
+    state = {"field": None, "layers": [], "weak_spots": None}
+    window = visit(answers={"state": lambda *_: state, "plan": lambda *_: {**empty, **stops}})
+    assert "Computing" in window.text("aside .head")
+    assert window.text("aside tbody") == "Recommended – – – Shortest 36.0 m – –"
+    assert window.page.locator("aside .main").count() == 0
+
+
+def test_failed_plan_names_reason(visit):
+    window = visit(answers={"plan": lambda *_: {"error": "Start and goal are too close."}})
+    assert window.text("aside .head") == "Start and goal are too close."
+
+
 def test_refused_change_is_taken_back(visit):
     window = visit(answers={"change": lambda question, basis: {"error": "The wall is too long."}})
     window.draw("wall")

@@ -102,7 +102,7 @@ class Window:
         """Answer some questions in place of the server; call it before the page is opened.
 
         A function takes the question and the server's basis, and returns the answer, or None to
-        answer never.
+        answer never. That of "state" returns what differs in the server's state events.
         """
         basis: dict[str, Any] = {}
 
@@ -112,7 +112,9 @@ class Window:
             def hear(text: str) -> None:
                 message = json.loads(text)
                 basis.update(message.get("basis", {}))
-                socket.send(text)
+                if message.get("event") == "state" and "state" in answers:
+                    message |= answers["state"](message, basis)
+                socket.send(json.dumps(message))
 
             def ask(text: str) -> None:
                 question = json.loads(text)

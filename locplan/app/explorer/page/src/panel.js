@@ -49,7 +49,7 @@ function cellText(path, column, isSimulated) {
 	if (!path) return "–";
 	if (column === 0) return metres(path.length);
 	if (isSimulated) return column === 1 ? errorMetres(path.error) : percent(path.lost);
-	const value = column === 1 ? path.degenerate : path.mean_sigma_cm / 100;
+	const value = column === 1 ? path.degenerate : (path.mean_sigma_cm ?? NaN) / 100;
 	return Number.isFinite(value) ? (column === 1 ? metres(value) : errorMetres(value)) : "–";
 }
 
@@ -153,7 +153,7 @@ export function share() {
 function WeakSpots() {
 	const state = server.value;
 	const list = fresh("spots")?.list ?? [];
-	const text = !state?.field ? "" : !state.weak_spots || status.spots.value !== "fresh" ? "Looking for weak spots …" : list.length ? "" : "A scan fixes the position everywhere.";
+	const text = !state?.field ? "Computing …" : !state.weak_spots || status.spots.value !== "fresh" ? "Looking for weak spots …" : list.length ? "" : "A scan fixes the position everywhere.";
 	return html`<${Section} title="Weak spots">${text && html`<p class="sub">${text}</p>`}
 		<ul>${list.slice(0, 3).map(spotRow)}</ul>
 		${list.length > 3 && html`<details><summary>${list.length - 3} more</summary><ul>${list.slice(3).map(spotRow)}</ul></details>`}<//>`;

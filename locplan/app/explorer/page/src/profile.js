@@ -19,7 +19,7 @@ const series = computed(() => {
 		const { along: errors } = results.simulated.value;
 		last = ["shortest", "recommended"].filter((name) => errors[name]).map((name) => ({ name, s: errors[name].s, values: errors[name].median_cm, band: errors[name].high_cm }));
 	} else if (!recommended && !shortest) last = [];
-	else if (recommended?.profile || shortest?.profile) last = [["shortest", shortest], ["recommended", recommended]].filter(([, path]) => path?.profile).map(([name, path]) => ({ name, s: path.profile.s, values: path.profile.sigma_cm }));
+	else if (recommended?.profile || shortest?.profile) last = [["shortest", shortest], ["recommended", recommended]].filter(([, path]) => path?.profile?.sigma_cm.some(Number.isFinite)).map(([name, path]) => ({ name, s: path.profile.s, values: path.profile.sigma_cm }));
 	return last;
 });
 const longest = computed(() => Math.max(0.1, ...series.value.map(({ s }) => s.at(-1) ?? 0)));

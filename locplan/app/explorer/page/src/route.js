@@ -2,7 +2,7 @@
 import { batch, computed, effect, signal, untracked } from "@preact/signals";
 import { nearestAlong, pointAlong } from "./geometry.js";
 import { ask, isLinked } from "./link.js";
-import { about, changes, complain, digests, held, isTouched, lines, results, route, routeKey, server, shared, spoken } from "./state.js";
+import { about, changes, complain, digests, held, isTouched, keyOf, lines, results, route, routeKey, server, shared, spoken } from "./state.js";
 import { metres } from "./text.js";
 
 const REST = 120; // milliseconds after the last answer of a drag
@@ -160,25 +160,27 @@ function isLarge() {
 
 async function requestPlan(hold, draft, moment = null) {
 	if (shared || !isLinked() || !route.value) return;
+	const content = routeContent();
 	try {
-		const answer = await ask("plan", { ...routeContent(), hold, draft });
+		const answer = await ask("plan", { ...content, hold, draft });
 		if (answer && !answer.cancelled) takePlan(answer, moment);
 	} catch (error) {
-		complain(error);
+		if (isLinked()) takePlan({ ...content, basis: { ...digests.value, route: content.route }, draft, why: error.message, recommended: null, shortest: null }, moment);
 	}
 }
 
-// At rest the markers go where the server put them; the answer is about these places.
+// At rest the markers go where the server put them. A second answer about the same places may follow.
 function takePlan(answer, moment) {
 	batch(() => {
 		const { start, goal, via } = answer;
-		const isPresent = answer.basis.route === routeKey.value;
-		if (isPresent && !held.value && [start, goal, ...via].every(Boolean)) {
-			const isUndoable = JSON.stringify(noted?.route) === JSON.stringify(route.value);
-			route.value = { ...route.value, start, goal, via };
-			answer.basis.route = routeKey.value;
-			if (isUndoable && noted) noted = { ...noted, route: route.value };
+		const stops = { ...route.value, start, goal, via };
+		const isWhole = [start, goal, ...via].every(Boolean);
+		if (isWhole && !held.value && answer.basis.route === routeKey.value) {
+			if (JSON.stringify(noted.route) === JSON.stringify(route.value)) noted = { ...noted, route: stops };
+			route.value = stops;
 		}
+		const weight = JSON.parse(answer.basis.route).at(-1);
+		if (isWhole && keyOf({ ...stops, weight }) === routeKey.value) answer.basis.route = routeKey.value;
 		results.plan.value = answer;
 	});
 	paint(moment);

@@ -33,11 +33,12 @@ const PARTS = { plan: ALL, simulated: ALL, receipt: ALL, spots: MAP, report: ["m
 const NAMES = { map: "the map", robot: "the lidar", field: "the map", zones: "the zones", route: "the route" };
 
 /** The route as text, which the server puts into the basis of its answers. */
-export const routeKey = computed(() => {
-	if (!route.value) return null;
-	const { start, via, goal, weight } = route.value;
+export const routeKey = computed(() => route.value && keyOf(route.value));
+
+/** A route as text. */
+export function keyOf({ start, via, goal, weight }) {
 	return JSON.stringify([...[start, ...via, goal].map((place) => place.map((value) => Math.round(1000 * value) / 1000)), weight]);
-});
+}
 
 /** For each result: "none", "fresh", "waiting" for the answer to a change, or the first part that differs. */
 export const status = Object.fromEntries(Object.keys(results).map((name) => [name, computed(() => statusOf(name))]));
