@@ -27,6 +27,7 @@ NAV2_FILES = {
     "nav2.yaml": "Nav2's parameters, with these files in use",
     "graph.geojson": "the route graph for Nav2's route server",
     "mask.yaml": "the mask, as a map of Nav2",
+    "speed_mask.yaml": "the speeds in slow zones, as a map of Nav2",
     "preview.png": "the picture",
 }
 """Purpose of the files for Nav2 by name, the most useful first."""

@@ -376,7 +376,7 @@ class Zones:
         return limit
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=8)
 def _cells(
     zones: Zones,
     kind: ZoneKind,

@@ -4,6 +4,7 @@ import pickle
 import numpy as np
 import pytest
 from support.machine import SHARED_DATA
+from support.zones import inside, random_outline
 
 from locplan import Zone, Zones
 from locplan.errors import ConfigError, LocplanError
@@ -16,25 +17,6 @@ ALL = Zones([Zone("no-go", BOX), Zone("slow", TRIANGLE, 30), Zone("prefer", np.a
 
 def open_grid(rows=30, cols=40, resolution=0.1, origin=(0.0, 0.0, 0.0)):
     return OccupancyGrid(np.full((rows, cols), FREE), resolution, origin)
-
-
-def random_outline(rng, centre, size, corners):
-    """A star-shaped outline, which does not cross itself."""
-    angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
-    angles[:3] = angles[0], angles[0] + 2.1, angles[0] + 4.2
-    angles, radius = np.sort(angles), rng.uniform(0.2, 1.0, corners) * size
-    return centre + radius[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def inside(polygon, points):
-    """True for each point inside a polygon, by its even or odd number of crossings."""
-    result = np.zeros(len(points), bool)
-    for (x0, y0), (x1, y1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        between = (y0 <= points[:, 1]) != (y1 <= points[:, 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x = x0 + (points[:, 1] - y0) / (y1 - y0) * (x1 - x0)
-        result ^= between & (points[:, 0] > x)
-    return result
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (-3.7, 12.4, 0.5)])
@@ -211,8 +193,10 @@ def test_raw_mask_is_closed_at_100_alone(tmp_path):
     assert cells.tolist() == [[False] * 4 + [True, False]]
 
 
-@pytest.mark.parametrize("name", ["nav2_warehouse_keepout", "nav2_depot_keepout"])
-def test_published_masks_are_read(name):
+@pytest.mark.parametrize(
+    "name", ["nav2_depot_keepout", pytest.param("nav2_warehouse_keepout", marks=pytest.mark.long)]
+)
+def test_published_mask_is_read(name):
     folder = SHARED_DATA / "rosmaps" / name
     if not folder.is_dir():
         pytest.skip("the real maps (../shared/data/rosmaps) are not here")
