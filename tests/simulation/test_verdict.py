@@ -265,7 +265,7 @@ class DrawnSite:
         better = [kind for kind, trial in trials.items() if trial.contrast.verdict.word == BETTER]
         order = sorted(better, key=lambda kind: trials[kind].contrast.score)
         selected = select_fixes((), order, self.drive, self.many)
-        return confirm_fixes((), selected, self.drive, self.fresh).kinds
+        return confirm_fixes((), selected, self.drive, self.many, self.fresh).kinds
 
 
 def test_check_rarely_recommends_one_of_eight_equals():
