@@ -59,7 +59,7 @@ def inline_workers(monkeypatch):
     """Comparisons start no processes: for tests of what is compared, not of what runs it."""
     from support.comparison_runs import InlineWorkers
 
-    monkeypatch.setattr("locplan.comparison.comparing.Workers", InlineWorkers)
+    monkeypatch.setattr("locplan.comparison.experiment.Workers", InlineWorkers)
 
 
 @pytest.fixture

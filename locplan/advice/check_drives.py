@@ -40,8 +40,8 @@ from locplan.robots.amcl import Amcl
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.driver import CHOOSING, FRESH
 from locplan.simulation.levels import USUAL
-from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommender import choose
 from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare
 
 FAILING = 16

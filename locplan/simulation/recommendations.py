@@ -33,8 +33,8 @@ from locplan.robots.robot import Robot
 from locplan.simulation.drives import LOST
 from locplan.simulation.problem import ChoiceSettings
 from locplan.simulation.race import Candidate
-from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommender import choose
 from locplan.simulation.worlds import check_of_one_map
 
 

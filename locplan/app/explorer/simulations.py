@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from locplan.app.explorer.scene import MAX_DRIVES
 from locplan.errors import ConfigError
 from locplan.planning.path import Path
-from locplan.simulation.recommend import choose
+from locplan.simulation.recommender import choose
 
 SHOWN = "shown path"
 """Name of the candidate that the page shows."""
