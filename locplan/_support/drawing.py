@@ -38,9 +38,11 @@ BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
 COLOURS: tuple[str, ...] = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of several things in turn, which colour-blind people can tell apart (Okabe and Ito)."""
+RECOMMENDED = BLUE
+"""Colour of the recommended path."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},
-    {"color": BLUE, "linestyle": "-"},
+    {"color": RECOMMENDED, "linestyle": "-"},
     {"color": GREEN, "linestyle": (0, (1, 1))},
     {"color": PURPLE, "linestyle": (0, (6, 1, 1, 1))},
 )
