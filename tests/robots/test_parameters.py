@@ -285,6 +285,7 @@ def test_zones_of_filters_are_reported(tmp_path, enabled, start):
     _, notes = load(*written(tmp_path, COSTMAP % plugin))
     assert len(notes) == bool(start)
     assert all(note.startswith(start) for note in notes)
+    assert all("give its mask to `plan` with --zones" in note for note in notes)
 
 
 @pytest.mark.parametrize(
