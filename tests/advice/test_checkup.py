@@ -191,6 +191,17 @@ def test_weak_spots_lie_where_routes_can_pass():
     assert sizes in " ".join(found.report().split())
 
 
+def test_long_routes_are_driven_less_often():
+    """On routes of 100 m a third of the drives has as many places to fail."""
+    cells = np.full((30, 1020), FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    lidar = locplan.Lidar(range=6.0, beams=30)
+    robot = locplan.Robot(lidar).changed({"min_particles": 10, "max_particles": 10})
+    stations = {"west": (1.0, 1.5), "east": (101.0, 1.5)}
+    report = check(OccupancyGrid(cells, 0.1), robot, stations, effort="quick")
+    assert (report.baseline.n_drives, report.baseline.n_closed) == (11, 6)
+
+
 @pytest.mark.long
 def test_fixes_that_do_not_lead_are_stopped():
     robot = ROBOT.changed({**UPDATES, "laser_max_range": 5.9})
