@@ -52,6 +52,8 @@ drives that remains: a long route has more places at which drives fail."""
 LOSING, LOSING_LENGTH = 3, 100.0
 """Maximum number of routes for which other paths are tried, and their maximum length together [m]:
 a dozen candidates drive along each."""
+LONGEST_ROUTES = 400.0
+"""Length of all routes together up to which poles are tried [m]: three help on small sites."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,9 @@ class FixTrials:
             if other_paths := _fixes.chosen_paths(self.site, choices, self._score):
                 results.append(self._try(other_paths))
                 yield results[-1]
-        if not self.effort.landmarks or is_rare(rates.lost) or not self._is_still_lost(results):
+        length = sum(path.length for path in self.site.paths.values())
+        is_small = self.effort.landmarks and length <= LONGEST_ROUTES
+        if not is_small or is_rare(rates.lost) or not self._is_still_lost(results):
             return
         if poles := _fixes.landmarks(self.site, self.threads):
             yield self._try(poles)

@@ -157,24 +157,25 @@ class PresetChoice:
     def hardest_level(self) -> str:
         """The rates of both settings at the fault with which drives are most often off at the end.
 
-        Empty if the user's settings stay, if few drives are off, so that only the preset drove, or
-        if recordings decided.
+        Empty if the user's settings stay, if no drive is off, or if recordings decided.
         """
-        if self.recordings or not self.is_preset:
-            return ""
-        rows = {(result.settings, result.case): result for result in self.results}
         levels = [
-            (result.off_at_end, rows[OWN, result.case].off_at_end, result.case)
+            result
             for result in self.results
             if result.settings == self.name
             and not result.case.endswith(USUAL.name)
-            and (OWN, result.case) in rows
             and result.off_at_end.value > 0
         ]
-        if not levels:
+        if self.recordings or not self.is_preset or not levels:
             return ""
-        off, user_off, case = max(levels)
-        return f"Level {case}: {share(off)} off at the end, {BASELINE} {share(user_off)}."
+        hardest = max(levels, key=lambda result: result.off_at_end)
+        baseline = [
+            share(result.off_at_end)
+            for result in self.results
+            if (result.settings, result.case) == (OWN, hardest.case)
+        ]
+        rates = f"{share(hardest.off_at_end)} off at the end, {BASELINE}"
+        return f"Level {hardest.case}: {rates} {baseline[0] if baseline else 'not driven'}."
 
     def advise_recording(self, command: Sequence[str]) -> str:
         """Return the advice to test the precise preset on a recording; empty if there is no reason.

@@ -185,6 +185,9 @@ def test_choice_states_both_rates_at_hardest_level():
         "Level standstill: 38 % [27, 50] off at the end, baseline 31 % [21, 43]."
     )
     assert choose(usual, recordings=[Recorded((0.2, 0.06, 0.1))]).hardest_level == ""
+    harmful, _ = case_of(BETTER, (9, 64, 1), "slip", "odometry slips")
+    quick = choose(usual, harmful, drives_all=False)
+    assert quick.hardest_level == "Level slip: 3 % [1, 16] off at the end, baseline not driven."
 
 
 def test_preset_that_does_not_lead_is_driven_less():
