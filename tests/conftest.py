@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from _pytest.doctest import DoctestModule
 from support.kernel_cache import keep_kernels
 from support.machine import SHARED_DATA
 
@@ -23,6 +24,19 @@ def pytest_configure() -> None:
     keep_kernels()
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Import neither helpers nor benchmarks to look for tests."""
+    is_test = any(collection_path.match(pattern) for pattern in config.getini("python_files"))
+    return True if collection_path.suffix == ".py" and not is_test else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file():
+    """Look for doctests in the package only."""
+    collectors = yield
+    return [item for item in collectors if not isinstance(item, DoctestModule)]
 
 
 @pytest.fixture(autouse=True)
