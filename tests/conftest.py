@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from pathlib import Path
@@ -39,6 +40,18 @@ def pytest_collect_file():
     return [item for item in collectors if not isinstance(item, DoctestModule)]
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Search for garbage rarely, and not among thousands of tests, which are kept to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+        gc.set_threshold(20_000)
+
+
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path_factory, monkeypatch):
     """No test reads or writes the user's cache."""
@@ -74,6 +87,18 @@ def inline_workers(monkeypatch):
     from support.comparison_runs import InlineWorkers
 
     monkeypatch.setattr("locplan.comparison.experiment.Workers", InlineWorkers)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pictures are empty files, since drawing takes longer than what the test looks at."""
+    from locplan._support.drawing import Picture
+
+    def write_nothing(_, target, **_options):
+        if isinstance(target, str | Path):
+            Path(target).touch()
+
+    monkeypatch.setattr(Picture, "savefig", write_nothing)
 
 
 @pytest.fixture

@@ -12,6 +12,8 @@ import locplan
 from locplan import check, save_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
 
 

@@ -25,6 +25,8 @@ from locplan.simulation import LEVELS, USUAL, Drives, simulate
 from locplan.simulation.verdict import DriveSet
 from locplan.simulation.worlds import poses_along
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 FEW = {"min_particles": 30, "max_particles": 60}
 LIDAR = Lidar(range=6.0, beams=60)
 PRECISE_SETTINGS, SAFE_SETTINGS = amcl_presets(Amcl()).values()

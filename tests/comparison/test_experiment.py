@@ -24,6 +24,8 @@ from locplan.planning.requests import options_of, with_options
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.nav2 import ParameterWarning
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 ONE = Execution(workers=1)
 SMALL = Robot(footprint=0.1, margin=0.0)
@@ -54,7 +56,7 @@ def compared():
         weights=[0.0, 4.0],
         seeds=[1, 2],
         configs={"1 m": QUICK, "2 m": change_estimator(QUICK, range=2.0)},
-        execution=Execution(workers=2, time_limit=0.2),
+        execution=Execution(workers=1, time_limit=60.0),
     )
 
 

@@ -44,6 +44,8 @@ from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, l
 from locplan.maps import FREE, OccupancyGrid, Zone, Zones, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PLANNERS = ("smac2d", "smac-hybrid", "thetastar")
 
 
@@ -164,7 +166,7 @@ def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
 def corridors(tmp_path_factory):
     """A folder with the mask of two_corridors, its costmap, and its walls as Nav2 has them."""
     grid = environments.make("two_corridors", resolution=0.05)
-    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()))
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig(stride=0.5)))
     folder = tmp_path_factory.mktemp("corridors") / "mask"
     nav2_keepout(folder, costs)
     walls = np.select([grid.free, grid.cells == 0], [0, 100], -1).astype(np.int8)
