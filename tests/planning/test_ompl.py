@@ -76,7 +76,7 @@ DEAR = {(name, "ReedsShepp") for name in ("FMT", "BFMT", "InformedRRTstar", "SOR
 DEAR |= {(name, "Dubins") for name in ("InformedRRTstar", "SORRTstar", "BITstar")}
 """Whose curves take up to a second each; every space and planner is tried without them."""
 TRIED = [each for each in ABLE if each not in DEAR]
-USUAL = [each for each in TRIED if each[1] == "R2" or each[0] in ("RRTstar", "RRT")]
+USUAL = [e for e in TRIED if e[1] == "R2" or e[0] == "RRT" or e == ("RRTstar", "Dubins")]
 
 
 @pytest.mark.parametrize(
