@@ -40,6 +40,14 @@ SETS_UP = "python3 -m venv"
 
 QUICK = {"locplan tune maps/": "--paths 5 --drives 2"}
 """Further options of commands that take long, by their beginning; no page depends on these."""
+QUICK_TUNE = """
+from locplan.advice import preset_choice, tuning
+from locplan.__main__ import main
+
+preset_choice.LEVEL_DRIVES = tuning.LEVEL_DRIVES = 8  # instead of 64
+main()
+"""
+"""A program that is `locplan tune` with fewer drives at each level of disturbance."""
 FINISHED: dict[str, Path] = {}
 """Results of blocks that read only a reader's first files, by text: README.md repeats some."""
 
@@ -105,7 +113,15 @@ def given_folder(tmp_path, monkeypatch):
     commands = tmp_path.parent / f"{tmp_path.name}_commands"
     commands.mkdir()
     command = commands / "locplan"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m locplan "$@"\n', "utf-8")
+    quick_tune = commands / "tune.py"
+    quick_tune.write_text(QUICK_TUNE, "utf-8")
+    command.write_text(
+        f"""#!/bin/sh
+[ "$1" = tune ] && exec "{sys.executable}" "{quick_tune}" "$@"
+exec "{sys.executable}" -m locplan "$@"
+""",
+        "utf-8",
+    )
     command.chmod(command.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", str(commands), prepend=os.pathsep)
     monkeypatch.setenv("PYTHONPATH", str(PROJECT), prepend=os.pathsep)
