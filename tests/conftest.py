@@ -52,6 +52,11 @@ def pytest_collection():
         gc.set_threshold(20_000)
 
 
+def pytest_unconfigure() -> None:
+    """Let the end of the program free all, or OMPL's bindings report leaks."""
+    gc.unfreeze()
+
+
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path_factory, monkeypatch):
     """No test reads or writes the user's cache."""
