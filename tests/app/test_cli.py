@@ -657,8 +657,9 @@ def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     for name in written[0].keys() - {"run.yaml", "preview.png"}:
         assert written[0][name] == written[1][name], name
     ends = "--start", "1,1.2", "--goal", "3.5,1.2"
-    code, _, err = run("plan", room, *ends, *zones, *field, "-o", tmp_path / "planned")
+    code, out, err = run("plan", room, *ends, *zones, *field, "-o", tmp_path / "planned")
     assert code == 0, err
+    assert f"zones of {tmp_path / 'zones.geojson'}: 1 no-go, 1 slow, 1 prefer\n" in out
     closed = ZONES.cells(grid, "no-go")
     for file in (tmp_path / "planned").glob("[0-9c]*.csv"):
         if file.name != "candidates.csv":
@@ -687,6 +688,7 @@ def test_plan_takes_keepout_mask_as_zones(run, room, tmp_path, small_field):
         "plan", room, *ends, "--field", small_field, "--front", "-o", tmp_path / "f"
     )
     assert code == 0, err
+    assert f"zones of {ends[-1]}: 1 no-go\n" in out
     assert not closed[grid.cell(Path.load(tmp_path / "f" / "knee.csv").resampled(0.005).xy)].any()
 
 
