@@ -24,7 +24,7 @@ from locplan._support.drawing import (
 )
 from locplan._support.intervals import Interval, in_metres
 from locplan._support.kernels.arrays import Floats
-from locplan.maps.figures import draw_map, map_around, map_size, zoomed_to
+from locplan.maps.figures import draw_map, draw_zones, map_around, map_size, zoomed_to
 from locplan.planning.figures import (
     along_norm,
     draw_along,
@@ -251,10 +251,11 @@ def choice_figure(choice: Choice) -> Figure:
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
     )
-    upper = axes[0, 0]
+    upper, zones = axes[0, 0], []
     if choice.costs is not None and part is not None:
         draw_map(upper, part)
         draw_inset(upper, choice.costs.grid, part, paths)
+        zones = draw_zones(upper, choice.costs.zones, part)
         if choice.judgement is None:
             draw_degeneracy(figure, upper, choice.costs, part)
     else:
@@ -268,7 +269,7 @@ def choice_figure(choice: Choice) -> Figure:
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
     marks = place_handles(each.arrivals for each in choice.candidates)
-    figure.key([*_handles(choice), *marks, *end_handles()], ncols=3)
+    figure.key([*_handles(choice), *marks, *end_handles(), *zones], ncols=3)
     name = choice.map["name"] or "map"
     figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.driven)
     return figure

@@ -9,10 +9,16 @@ from support.zones import inside, random_outline
 from locplan import Zone, Zones
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, read_map, save_map
+from locplan.maps.figures import draw_zones, map_axes
 
 BOX = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]]
 TRIANGLE = [[0.3, 0.2], [2.6, 0.4], [1.1, 2.3]]
 ALL = Zones([Zone("no-go", BOX), Zone("slow", TRIANGLE, 30), Zone("prefer", np.array(BOX) + 2)])
+
+
+def center_positions(grid):
+    """World positions of the centres of all cells."""
+    return np.column_stack(grid.grid_to_world(*(np.indices(grid.shape).reshape(2, -1) + 0.5)))
 
 
 def open_grid(rows=30, cols=40, resolution=0.1, origin=(0.0, 0.0, 0.0)):
@@ -203,3 +209,31 @@ def test_published_mask_is_read(name):
     (file,) = folder.glob("*.yaml")
     (mask, _), zones = read_map(file), Zones.load(file)
     np.testing.assert_array_equal(zones.cells(mask, "no-go"), mask.cells == OCCUPIED)
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (-3.7, 12.4, 0.5)])
+def test_drawn_no_go_zones_cover_their_cells(origin):
+    """Zones of a mask are drawn together, with their holes."""
+    rng = np.random.default_rng(3)
+    grid = OccupancyGrid(np.where(rng.random((30, 40)) < 0.3, OCCUPIED, FREE), 0.1, origin)
+    zones = Zones.from_mask(grid)
+    axes = map_axes(grid)[1]
+    (handle,) = draw_zones(axes, zones, grid)
+    assert handle.get_label() == "no-go zone"
+    (patch,) = axes.patches
+    turns = np.zeros(grid.cells.size)
+    for ring in patch.get_path().to_polygons():
+        area = ring[:-1, 0] @ ring[1:, 1] - ring[:-1, 1] @ ring[1:, 0]
+        turns += np.sign(area) * inside(ring[:-1], center_positions(grid))
+    np.testing.assert_array_equal(turns.reshape(grid.shape) != 0, grid.cells == OCCUPIED)
+
+
+def test_draw_zones_leaves_out_zones_beside_the_map():
+    grid = open_grid()
+    axes = map_axes(grid)[1]
+    labels = [handle.get_label() for handle in draw_zones(axes, ALL, grid)]
+    assert labels == ["no-go zone", "slow zone", "preferred zone"]
+    np.testing.assert_array_equal(axes.patches[1].get_path().vertices[:3], TRIANGLE)
+    part = grid.part(slice(0, 3), slice(0, 3))
+    assert [handle.get_label() for handle in draw_zones(axes, ALL, part)] == ["no-go zone"]
+    assert not draw_zones(axes, Zones(), grid)

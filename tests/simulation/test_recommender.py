@@ -381,6 +381,8 @@ def test_no_candidate_crosses_no_go_zone(grid, fielded):
     assert len(choice.candidates) > 1
     for each in choice.candidates:
         assert not crosses(zones, grid, each.path.xy)
+    texts = [text.get_text() for text in choice_figure(choice).legends[0].get_texts()]
+    assert "no-go zone" in texts
     # A choice that was loaded, and the costmap of its path, have the zones, too.
     assert choice.costmap().zones == zones
     assert Zones.from_json(choice.about["zones"]) == zones
