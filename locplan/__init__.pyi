@@ -17,7 +17,7 @@ from .advice.checkup import check as check
 from .advice.landmarks import place_landmarks as place_landmarks
 from .advice.repair import mend as mend
 from .app.explorer.explorer import explore as explore
-from .comparison.comparing import compare as compare
+from .comparison.experiment import compare as compare
 from .errors import LocplanError as LocplanError
 from .field.config import (
     FieldConfig as FieldConfig,
@@ -41,8 +41,8 @@ from .recordings.location import locate as locate
 from .robots.lidar import Lidar as Lidar
 from .robots.parts import Footprint as Footprint
 from .robots.robot import Robot as Robot
-from .simulation.recommend import choose as choose
 from .simulation.recommendation import Choice as Choice
 from .simulation.recommendations import choose_many as choose_many
+from .simulation.recommender import choose as choose
 
 __version__: str

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from pathlib import Path
 
 import pytest
+from _pytest.doctest import DoctestModule
 from support.kernel_cache import keep_kernels
 from support.machine import SHARED_DATA
 
@@ -23,6 +25,36 @@ def pytest_configure() -> None:
     keep_kernels()
     sys.dont_write_bytecode = False
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Import neither helpers nor benchmarks to look for tests."""
+    is_test = any(collection_path.match(pattern) for pattern in config.getini("python_files"))
+    return True if collection_path.suffix == ".py" and not is_test else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file():
+    """Look for doctests in the package only."""
+    collectors = yield
+    return [item for item in collectors if not isinstance(item, DoctestModule)]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Search for garbage rarely, and not among thousands of tests, which are kept to the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+        gc.set_threshold(20_000)
+
+
+def pytest_unconfigure() -> None:
+    """Let the end of the program free all, or OMPL's bindings report leaks."""
+    gc.unfreeze()
 
 
 @pytest.fixture(autouse=True)
@@ -59,7 +91,19 @@ def inline_workers(monkeypatch):
     """Comparisons start no processes: for tests of what is compared, not of what runs it."""
     from support.comparison_runs import InlineWorkers
 
-    monkeypatch.setattr("locplan.comparison.comparing.Workers", InlineWorkers)
+    monkeypatch.setattr("locplan.comparison.experiment.Workers", InlineWorkers)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pictures are empty files, since drawing takes longer than what the test looks at."""
+    from locplan._support.drawing import Picture
+
+    def write_nothing(_, target, **_options):
+        if isinstance(target, str | Path):
+            Path(target).touch()
+
+    monkeypatch.setattr(Picture, "savefig", write_nothing)
 
 
 @pytest.fixture

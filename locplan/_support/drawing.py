@@ -36,15 +36,24 @@ from locplan._support.records import FILE_DPI
 
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
+RED, AMBER, TEAL = "#c62828", "#b26a00", "#00796b"
 COLOURS: tuple[str, ...] = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of several things in turn, which colour-blind people can tell apart (Okabe and Ito)."""
+RECOMMENDED = BLUE
+"""Colour of the recommended path."""
 PATH_STYLES: tuple[dict[str, Any], ...] = (
     {"color": "black", "linestyle": (0, (4, 1.5))},
-    {"color": BLUE, "linestyle": "-"},
+    {"color": RECOMMENDED, "linestyle": "-"},
     {"color": GREEN, "linestyle": (0, (1, 1))},
     {"color": PURPLE, "linestyle": (0, (6, 1, 1, 1))},
 )
 """Line styles of several paths in turn, the shortest first; they differ in dashes and colour."""
+ZONE_STYLES: dict[str, dict[str, Any]] = {
+    "no-go": {"edgecolor": RED, "facecolor": (RED, 0.25), "hatch": "////", "linewidth": 0.8},
+    "slow": {"edgecolor": AMBER, "fill": False, "linestyle": (0, (4, 2)), "linewidth": 1.8},
+    "prefer": {"edgecolor": TEAL, "fill": False, "linestyle": (0, (1, 1.2)), "linewidth": 1.8},
+}
+"""Styles of zones by their kind; they differ in filling, dashes and colour."""
 END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 """Style of the markers of a path's ends."""
 MAP_COLOURS = ListedColormap(["black", "0.82", "white", "0.6"])

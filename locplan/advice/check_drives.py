@@ -40,18 +40,20 @@ from locplan.robots.amcl import Amcl
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.driver import CHOOSING, FRESH
 from locplan.simulation.levels import USUAL
-from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommender import choose
 from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare
 
 FAILING = 16
-"""Number of closed-loop drives along a route on which a drive fails."""
-LONG, MIN_SHARE = 30.0, 0.5
+"""Number of closed-loop drives along a route on which a drive fails, unless routes are long."""
+LONG, MIN_SHARE = 30.0, 1 / 3
 """Mean length of routes from which on they are driven less often [m], and the least share of the
 drives that remains: a long route has more places at which drives fail."""
 LOSING, LOSING_LENGTH = 3, 100.0
-"""Maximum number of routes for which other paths are tried, and their maximum length together [m],
-which the first one may exceed: a dozen candidates drive along each."""
+"""Maximum number of routes for which other paths are tried, and their maximum length together [m]:
+a dozen candidates drive along each."""
+LONGEST_ROUTES = 400.0
+"""Length of all routes together up to which poles are tried [m]: three help on small sites."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +125,10 @@ class FixTrials:
         mean_length = sum(path.length for path in site.paths.values()) / len(site.paths)
         share = min(1.0, max(MIN_SHARE, LONG / mean_length))
         few, many, closed = (
-            math.ceil(number * size / len(site.paths))
-            for number, size in ((effort.few, 1.0), (effort.drives, share), (effort.closed, share))
+            math.ceil(number * share / len(site.paths))
+            for number in (effort.few, effort.drives, effort.closed)
         )
+        self._failing = math.ceil(FAILING * share)
         # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
         self._few, self._many = range(CHOOSING, CHOOSING + few), range(many)
         self._fresh = range(FRESH, FRESH + many)
@@ -152,7 +155,7 @@ class FixTrials:
         # A route with a failure is driven often enough to be ranked.
         for name, lost in zip(paths, outcome.lost, strict=True):
             if lost.any() or (name in arrivals and arrivals[name].failed):
-                self._n_closed[name] = max(FAILING, self._n_closed[name])
+                self._n_closed[name] = max(self._failing, self._n_closed[name])
         arrivals = self._drive_closed(self.site, self._n_closed)
         steps[1](n_drives, n_drives)
         spots, failures = blame_spots(spots, paths, [*outcome.lost_at], arrivals)
@@ -210,7 +213,9 @@ class FixTrials:
             if other_paths := _fixes.chosen_paths(self.site, choices, self._score):
                 results.append(self._try(other_paths))
                 yield results[-1]
-        if not self.effort.landmarks or is_rare(rates.lost) or not self._is_still_lost(results):
+        length = sum(path.length for path in self.site.paths.values())
+        is_small = self.effort.landmarks and length <= LONGEST_ROUTES
+        if not is_small or is_rare(rates.lost) or not self._is_still_lost(results):
             return
         if poles := _fixes.landmarks(self.site, self.threads):
             yield self._try(poles)
@@ -221,9 +226,10 @@ class FixTrials:
         def drive_usual(amcl: Amcl, numbers: range) -> DriveSet:
             return self._drive(_fixes.with_settings(self.site, amcl), numbers).drive_set
 
+        looks = [len(self._few)] if len(self._few) < len(self._many) else []
         return choose_settings(
             self.site,
-            Case(USUAL.name, drive_usual, (len(self._many),)),
+            Case(USUAL.name, drive_usual, (*looks, len(self._many))),
             self._recorded,
             drives_all=self.effort.all_levels,
             seed=self.seed,
@@ -263,9 +269,10 @@ class FixTrials:
         """Return the recommended paths of the routes that lose most drives."""
         site, found = self.site, {}
         losses = dict(zip(site.paths, self._before.lost.sum(axis=1), strict=True))
-        losing = sorted(filter(losses.get, losses), key=lambda name: -losses[name])[:LOSING]
+        losing = [name for name, path in site.paths.items() if path.length <= LOSING_LENGTH]
+        losing = sorted(filter(losses.get, losing), key=lambda name: -losses[name])[:LOSING]
         lengths = np.cumsum([site.paths[name].length for name in losing])
-        losing = losing[: max(1, int((lengths <= LOSING_LENGTH).sum()))]
+        losing = losing[: int((lengths <= LOSING_LENGTH).sum())]
         for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
             start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
             choice = choose(
@@ -319,7 +326,7 @@ class FixTrials:
     def combine(
         self, results: Sequence[FixResult], progress: ProgressCallback
     ) -> tuple[DriveRates, DriveRates, Verdict | None]:
-        """Combine the fixes that help, and confirm them by fresh drives.
+        """Combine the fixes that help, and confirm those that drives selected by fresh drives.
 
         Parameters
         ----------
@@ -331,14 +338,16 @@ class FixTrials:
         Returns
         -------
         before, after, verdict
-            Rates of the fresh drives without and with the fixes, and their verdict.
+            Rates of the drives without and with the fixes, and their verdict.
         """
         rates = self._baseline.rates
         selected = self._select(results)
         if self._is_contradicted(selected):
             selected = self._sure
         if selected:
-            combination = confirm_fixes(self._sure, selected, self._drive_together, self._fresh)
+            combination = confirm_fixes(
+                self._sure, selected, self._drive_together, self._many, self._fresh
+            )
             self.taken = combination.kinds
         progress(1, 1)
         if not self.taken:

@@ -17,9 +17,11 @@ from locplan._support.poses import Poses, updates_of
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column, Table
 from locplan._support.saved import plain
+from locplan.advice.trials import is_hopeless
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import PRECISE, amcl_presets, describe_preset
 from locplan.simulation.drives import OFF, Drives, rate_column
+from locplan.simulation.levels import USUAL
 from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare
 
 OWN, BASELINE = "your settings", "baseline"
@@ -151,6 +153,30 @@ class PresetChoice:
         """The settings to use, with what they change and what they cost."""
         return f"{self.name}: {self.changes}" if self.is_preset else self.name
 
+    @property
+    def hardest_level(self) -> str:
+        """The rates of both settings at the fault with which drives are most often off at the end.
+
+        Empty if the user's settings stay, if no drive is off, or if recordings decided.
+        """
+        levels = [
+            result
+            for result in self.results
+            if result.settings == self.name
+            and not result.case.endswith(USUAL.name)
+            and result.off_at_end.value > 0
+        ]
+        if self.recordings or not self.is_preset or not levels:
+            return ""
+        hardest = max(levels, key=lambda result: result.off_at_end)
+        baseline = [
+            share(result.off_at_end)
+            for result in self.results
+            if (result.settings, result.case) == (OWN, hardest.case)
+        ]
+        rates = f"{share(hardest.off_at_end)} off at the end, {BASELINE}"
+        return f"Level {hardest.case}: {rates} {baseline[0] if baseline else 'not driven'}."
+
     def advise_recording(self, command: Sequence[str]) -> str:
         """Return the advice to test the precise preset on a recording; empty if there is no reason.
 
@@ -253,10 +279,11 @@ def choose_preset(
         The settings to use, and the evidence.
     """
     trial = _PresetTrial(user_settings, cases, recordings, drives_all, progress)
-    for name in trial.presets:
-        trial.compare_at_usual_level(name)
-    if drives_all and not recordings:
-        trial.drive_all()
+    if not recordings:  # which otherwise decide first
+        for name in trial.presets:
+            trial.compare_at_usual_level(name)
+        if drives_all:
+            trial.drive_all()
     for name in trial.presets:
         if name == PRECISE and not are_recordings_sound:
             objection = f"{name} settings need a recording whose odometry and map fit the scans"
@@ -296,10 +323,19 @@ class _PresetTrial:
         self._n_steps = n_cases * len(self._settings)
 
     def compare_at_usual_level(self, name: str) -> None:
-        """Compare a preset with the user's settings in all cases of the usual level together."""
-        pairs = [(self._drive(OWN, case), self._drive(name, case)) for case in self._usual]
-        baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
-        # Both presets share the error probability, and there is no other look.
+        """Compare a preset with the user's settings in all cases of the usual level together.
+
+        A preset that does not lead at an earlier look is not driven further.
+        """
+        last = max(len(case.looks) for case in self._usual)
+        for n_looks in range(last if self._drives_all else 1, last + 1):
+            pairs = [
+                [self._drive(each, case, n_looks) for each in (OWN, name)] for case in self._usual
+            ]
+            baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
+            if is_hopeless(baseline, alternative):
+                break
+        # Both presets share the error probability. A look that only ends drives spends none of it.
         self._verdicts[name] = compare(
             baseline, alternative, looks_left=None, n_alternatives=len(self.presets)
         )
@@ -355,13 +391,14 @@ class _PresetTrial:
         yield from range(len(case.looks) if self._drives_all else 1, len(case.looks) + 1)
 
     def object_on_recordings(self, name: str) -> str:
-        """Return why recorded drives speak against a preset; empty if they do not."""
-        if self._verdicts[name].word == WORSE:
-            return f"{name} settings are worse than {OWN} in simulation"
+        """Return why recorded drives, or then simulated ones, speak against a preset."""
         for recording in self._recordings:
             before, after = (self._replay(each, recording) for each in (OWN, name))
             if objection := find_objection(before, after):
                 return f"{name} settings: {objection} on {recording.name}"
+        self.compare_at_usual_level(name)
+        if self._verdicts[name].word == WORSE:
+            return f"{name} settings are worse than {OWN} in simulation"
         return ""
 
     def choose(self, name: str, lines: Sequence[Poses]) -> PresetChoice:

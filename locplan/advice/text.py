@@ -68,7 +68,8 @@ ROWS = (
 )
 """Numbers of further notes, weak spots, routes and fixes, and the amount of details, of which the
 output has the first that fit. 1 leaves out the legend, reasons against presets, and simulated rows
-next to replays; 0 also the advice on recordings. Findings on map and recordings always stay."""
+next to replays; 0 also the advice on recordings, and the level at which most drives are off at the
+end. Findings on map and recordings always stay."""
 NARROW = 100
 """Width of a terminal below which columns have short titles."""
 FAILS = {
@@ -269,7 +270,8 @@ def settings_texts(check: Check, detail: int = 2) -> tuple[str, ...]:
     objections = choice.objections.values() if is_contradicted and detail == 2 else ()
     texts = [f"{text[:1].upper()}{text[1:]}." for text in objections]
     if choice.is_preset and SETTINGS in check.recommended:
-        texts.insert(0, f"{choice.title}.")
+        hardest = [choice.hardest_level] if detail and choice.hardest_level else []
+        texts = [f"{choice.title}.", *hardest, *texts]
     return (*texts, advice) if advice and detail else tuple(texts)
 
 

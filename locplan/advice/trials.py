@@ -19,7 +19,7 @@ WORTHWHILE = 0.9
 """Ratio of errors from which on a fix is worth its effort, as for paths."""
 
 
-MIN_FRESH = 32
+MIN_FRESH = 24
 """Least number of fresh drives from which rates are reported."""
 SUPERFLUOUS = 0.95
 """Ratio of errors that a fix of several must fall below, if it keeps no drive from getting lost."""
@@ -118,15 +118,15 @@ def paired_shares(ones: int, others: int, trials: int) -> Interval:
     return Interval((ones - others) / trials, max(-1.0, p - q - half), min(1.0, p - q + half))
 
 
-def is_hopeless(before: Outcome, after: Outcome) -> bool:
+def is_hopeless(before: DriveSet, after: DriveSet) -> bool:
     """True if a fix has shown after a few drives that it is not better.
 
     Parameters
     ----------
-    before, after : Outcome
+    before, after : DriveSet
         Drives of the same numbers without the fix and with it.
     """
-    scores = (after.log_error + after.lost - before.log_error - before.lost).ravel()
+    scores = after.log_error + after.lost - before.log_error - before.lost
     error = scores.std(ddof=1) / math.sqrt(scores.size)
     # One-sided at 7 %, as in the race of paths; no effect at all is none later on either.
     return bool(scores.mean() - 1.5 * error >= math.log(WORTHWHILE) / 2)
@@ -159,7 +159,7 @@ def try_fix(
     """
     outcome = drive(few[0])
     first = contrast(few[1], outcome)
-    if is_hopeless(few[1], outcome) and first.verdict.word != BETTER:
+    if is_hopeless(few[1].drive_set, outcome.drive_set) and first.verdict.word != BETTER:
         return Trial(first, outcome, True)
     outcome = drive(many[0])
     return Trial(contrast(many[1], outcome), outcome, False)
@@ -171,9 +171,9 @@ class Combination(NamedTuple):
     kinds: tuple[str, ...]
     """Kinds of the fixes; empty if fresh drives confirm none."""
     before: Outcome
-    """Fresh drives of the baseline."""
+    """Drives of the baseline, fresh ones if fixes had to be confirmed."""
     after: Outcome
-    """Fresh drives with all of the fixes."""
+    """The same drives with all of the fixes."""
 
 
 DriveFixes = Callable[[tuple[str, ...], range], Outcome]
@@ -213,9 +213,11 @@ def select_fixes(
 
 
 def confirm_fixes(
-    sure: tuple[str, ...], taken: tuple[str, ...], drive: DriveFixes, fresh: range
+    sure: tuple[str, ...], taken: tuple[str, ...], drive: DriveFixes, known: range, fresh: range
 ) -> Combination:
     """Confirm a combination of fixes by fresh drives, which alone decide.
+
+    Fixes that are done whatever drives show need no confirmation: they have known drives.
 
     Parameters
     ----------
@@ -225,9 +227,12 @@ def confirm_fixes(
         Kinds of all fixes of the combination.
     drive : callable
         Drives with fixes of some kinds.
+    known : range
+        Numbers of the drives that selected the fixes.
     fresh : range
-        Numbers of the drives.
+        Numbers of other drives.
     """
+    numbers = known
     if taken != sure:
         n_routes = len(drive(taken, fresh[:1]).lost)
         half = (len(fresh) + 1) // 2
@@ -237,9 +242,9 @@ def confirm_fixes(
             fresh,
             looks=[half, len(fresh)] if is_early and half < len(fresh) else [len(fresh)],
         )
-        fresh = fresh[: verdict.n_drives // n_routes]
+        numbers = fresh[: verdict.n_drives // n_routes]
         taken = taken if verdict.word == BETTER else sure
-    return Combination(taken, drive((), fresh), drive(taken, fresh))
+    return Combination(taken, drive((), numbers), drive(taken, numbers))
 
 
 def _next_fix(

@@ -421,7 +421,7 @@ def tune(
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     >>> robot = locplan.Robot().changed({"min_particles": 20, "max_particles": 20})
-    >>> result = tune(grid, robot, paths=5, drives=2)
+    >>> result = tune(grid, robot, paths=5, drives=2, levels=LEVELS[:1])
     >>> result.winner.max_particles
     20
     """

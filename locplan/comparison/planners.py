@@ -28,7 +28,7 @@ from locplan.planning.requests import (
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import needs_lattice
 from locplan.robots.robot import Robot
-from locplan.simulation.recommend import SimulatedChoice
+from locplan.simulation.recommender import SimulatedChoice
 
 
 @dataclass(frozen=True)

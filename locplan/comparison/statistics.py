@@ -11,7 +11,6 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from locplan._support.intervals import Interval, wilson
 from locplan._support.records import Column
@@ -426,4 +425,6 @@ def _half_width(values: Array, maps: NDArray[np.intp]) -> float:
         return np.nan
     means = np.bincount(maps, values) / np.maximum(counts, 1)
     variance = np.sum((values - means[maps]) ** 2) / freedom
+    from scipy.special import stdtrit
+
     return float(stdtrit(freedom, 0.975) * np.sqrt(variance / len(values)))

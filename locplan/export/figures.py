@@ -15,8 +15,17 @@ from numpy.typing import NDArray
 
 from locplan._support.drawing import FIELD_COLOURS, LIGHT_MAP_COLOURS, PREVIEW_DPI, save_figure
 from locplan.export.route_graph import RouteGraph
-from locplan.maps.figures import coarse, draw_cells, draw_map, map_axes, map_size, shrunk
+from locplan.maps.figures import (
+    coarse,
+    draw_cells,
+    draw_map,
+    draw_zones,
+    map_axes,
+    map_size,
+    shrunk,
+)
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.metrics import costs_caption
 
@@ -27,7 +36,12 @@ def save_preview(folder: Path, figure: Figure, dpi: int = PREVIEW_DPI) -> None:
 
 
 def values_figure(
-    grid: OccupancyGrid, values: NDArray[Any], label: str, title: str, falling: bool = False
+    grid: OccupancyGrid,
+    values: NDArray[Any],
+    label: str,
+    title: str,
+    falling: bool = False,
+    zones: Zones | None = None,
 ) -> Figure:
     """A figure of the values of a mask over its map.
 
@@ -44,6 +58,8 @@ def values_figure(
     falling : bool, default False
         Whether the scale names what is left of 100, such as the speed of which the values say how
         much is given up.
+    zones : Zones, optional
+        The zones to draw.
     """
     grid, shown = coarse(grid, 1000), shrunk(values, maximum=True, most=1000)
     figure, axes = map_axes(grid)
@@ -54,6 +70,8 @@ def values_figure(
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
         if falling:
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 - value:.0f}"))
+    if zones and (handles := draw_zones(axes, zones, grid)):
+        figure.key(handles, ncols=3)
     axes.set_title(title, fontsize="medium")
     return figure
 
@@ -90,6 +108,8 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
         capstyle="round",
     )
     axes.add_collection(lines)
+    if handles := draw_zones(axes, costs.zones, costs.grid):
+        figure.key(handles, ncols=3)
     size = np.clip(2 * drawn, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
     figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)

@@ -17,6 +17,7 @@ from locplan.export.registry import (
     InDistro,
     InFrame,
     NoOptions,
+    option,
 )
 from locplan.robots.parameters import read_parameters
 
@@ -28,8 +29,8 @@ NavPlannerName = Literal["smac2d", "smac-hybrid", "navfn", "thetastar"]
 class MaskOptions(NoOptions):
     """The planner whose costs a mask makes J."""
 
-    planner: NavPlannerName | None = None
-    """Planner of Nav2 whose costs become J; by default the first in --robot that follows masks,
+    planner: NavPlannerName | None = option(None, flag="nav2-planner")
+    """Planner of Nav2 whose costs become J. By default the first in --robot that follows masks,
     otherwise smac2d up to a million cells and thetastar on larger maps."""
     planner_param: float | None = None
     """The planner's cost_travel_multiplier, cost_penalty or w_traversal_cost; by default such
@@ -59,15 +60,15 @@ class Nav2Options(InDistro):
 class ChargedOptions(MaskOptions, Nav2Options):
     """The options of masks that a planner's costs are made of."""
 
-    tree: Path | None = None
-    """Behaviour tree of the robot (XML), a copy of which plans with the mask's planner."""
+    tree: Path | None = option(None, metavar="XML")
+    """Behaviour tree to copy with the mask's planner."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedOptions(Nav2Options):
     """The options of a speed mask."""
 
-    slowest: float = SLOWEST
+    slowest: float = option(SLOWEST)
     """Share of the speed that is left where u is 1."""
     speed_lead: float | None = None
     """Distance before a place at which its speed holds already, in metres; 1 s of driving by
@@ -115,10 +116,10 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
 class RoutesOptions(Nav2Options, InFrame):
     """The options of route graphs."""
 
-    graph: Path | None = None
-    """GeoJSON route graph whose edges get our cost, in place of paths."""
-    set_cost: bool = False
-    """Also write our cost as Nav2's cost of each edge of --graph."""
+    graph: Path | None = option(None, metavar="FILE")
+    """Route graph (GeoJSON) whose edges get our cost, instead of paths."""
+    set_cost: bool = option(False)
+    """Write our cost as Nav2's cost of the edges, too."""
 
     def __post_init__(self) -> None:
         from locplan.export.user_graph import UserGraph
@@ -160,7 +161,7 @@ class PathOptions(InFrame):
     """The options of a path."""
 
     step: float | None = None
-    """Maximum distance between poses of the path, in metres; by default they are its corners."""
+    """Maximum distance between poses of the path, in metres. By default they are its corners."""
 
     def __post_init__(self) -> None:
         if self.step is not None:

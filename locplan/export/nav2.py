@@ -43,8 +43,8 @@ from locplan.export.planned_paths import (
 )
 from locplan.export.registry import DISTRO, LEAD, SLOWEST, export_folder
 from locplan.export.servers import Server, write_servers
-from locplan.export.values import speed_mask, where_unturned, without_yaw, write_values
-from locplan.maps.zones import FILE as ZONES
+from locplan.export.values import speed_mask, unturn, write_values
+from locplan.maps.zones import FILE as ZONES, Zones
 from locplan.planning.costmap import Costmap, about_costs
 from locplan.planning.metrics import costs_caption
 from locplan.planning.path import Path as Route
@@ -297,7 +297,8 @@ def _write(
     servers = [server for each, stem in stems.items() for server in _mask_servers(each, stem)]
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
-    grid, file = without_yaw(costs.grid), robot.file and robot.file.name
+    unturned, file = unturn(costs), robot.file and robot.file.name
+    grid = unturned.grid
     known: dict[str, Any] = {
         "title": title,
         "costs": costs,
@@ -310,7 +311,7 @@ def _write(
     known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
     known |= {"room": follower_room(costs.robot_radius), "masks": list(masks)}
     has_objects = robot.distribution.vector_objects and kind == "keepout"
-    shapes = _no_go_shapes(costs) if has_objects else {}
+    shapes = _no_go_shapes(unturned.zones) if has_objects else {}
     known["shapes"] = len(shapes)
     parameters, known["comments"] = parameter_files(robot.parameters, merged)
     with export_folder(folder, "nav2-mask.md", about, force, **known) as temporary:
@@ -328,7 +329,7 @@ def _write(
         is_speed = kind == "speed"
         label = "speed limit [% of the robot's own]" if is_speed else f"{kind} mask [0-100]"
         above = f"{grid.name or 'map'}: {title}{costs_caption(costs)}"
-        figure = _figures.values_figure(grid, values, label, above, is_speed)
+        figure = _figures.values_figure(grid, values, label, above, is_speed, unturned.zones)
         _figures.save_preview(temporary, figure, dpi=90)
 
 
@@ -351,11 +352,11 @@ VECTOR_OBJECTS = "vector_objects.yaml"
 """The file of no-go zones for Nav2's vector object server."""
 
 
-def _no_go_shapes(costs: Costmap) -> dict[str, Any]:
+def _no_go_shapes(zones: Zones) -> dict[str, Any]:
     """Polygons of the no-go zones by name, as the vector object server's parameters have them."""
     shapes = {}
-    for number, zone in enumerate(costs.zones.closed, 1):
-        points = where_unturned(costs.grid, zone.polygon).round(6).ravel().tolist()
+    for number, zone in enumerate(zones.closed, 1):
+        points = zone.polygon.round(6).ravel().tolist()
         shape = {"type": "polygon", "frame_id": "map", "closed": True, "value": 100}
         shapes[f"no_go_{number}"] = {**shape, "points": points}
     return shapes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,7 +24,7 @@ from locplan.export.route_graph import (
     to_geojson,
     write_graph,
 )
-from locplan.export.values import where_unturned, without_yaw
+from locplan.export.values import unturn, where_unturned
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, about_costs
 from locplan.planning.path import Path
@@ -186,7 +185,7 @@ def nav2_routes(
     """
     robot = Robot.of(params, distro)
     grid = costs.grid
-    unturned = dataclasses.replace(costs, grid=without_yaw(grid))
+    unturned = unturn(costs)
     if grid.origin[2]:
         paths = {name: _unturned(grid, path) for name, path in paths.items()}
     ways = recommended_ways(unturned, paths)

@@ -27,6 +27,7 @@ NAV2_FILES = {
     "nav2.yaml": "Nav2's parameters, with these files in use",
     "graph.geojson": "the route graph for Nav2's route server",
     "mask.yaml": "the mask, as a map of Nav2",
+    "speed_mask.yaml": "the speeds in slow zones, as a map of Nav2",
     "preview.png": "the picture",
 }
 """Purpose of the files for Nav2 by name, the most useful first."""
@@ -131,6 +132,24 @@ class ExportSummary:
     """The facts for people: a label and a text each."""
 
 
+def option(default: Any, *, flag: str = "", metavar: str = "") -> Any:
+    """Return the field of an option that the command `export` has as well.
+
+    Its help is the first sentence below the field.
+
+    Parameters
+    ----------
+    default : object
+        The default.
+    flag : str, optional
+        The option's name on the command line; by default that of the field.
+    metavar : str, optional
+        The word for the value in the help; by default that of its type.
+    """
+    metadata = {"is_option": True, "flag": flag, "metavar": metavar}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
 @dataclass(frozen=True)
 class NoOptions:
     """The options of a format that has none, and what all options are."""
@@ -143,7 +162,7 @@ class NoOptions:
 class InFrame(NoOptions):
     """The frame of what is written."""
 
-    frame: str = FRAME
+    frame: str = option(FRAME)
     """Frame of the coordinates."""
 
 
@@ -151,7 +170,7 @@ class InFrame(NoOptions):
 class InDistro(NoOptions):
     """The robot's distribution of ROS 2."""
 
-    distro: Distro = DISTRO
+    distro: Distro = option(DISTRO)
     """Distribution of ROS 2."""
 
 

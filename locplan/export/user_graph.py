@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from locplan.export.joined_ways import Lines
 from locplan.export.parameters import Params, Robot
 from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
-from locplan.export.values import without_yaw
+from locplan.export.values import unturn
 from locplan.maps.grid import extent_text
 from locplan.planning.costmap import Costmap, about_costs
 
@@ -152,7 +151,7 @@ def annotate_graph(
     >>> annotate_graph(costs, graph)["features"][2]["properties"]
     {'id': 2, 'startid': 0, 'endid': 1, 'metadata': {'localization': 3.0}}
     """
-    unturned = dataclasses.replace(costs, grid=without_yaw(costs.grid))
+    unturned = unturn(costs)
     user_graph = UserGraph.of(graph, frame)
     measured, _ = measure_graph(user_graph, unturned, set_cost=set_cost)
     return user_graph.with_costs(measured.cost, set_cost=set_cost)
@@ -226,7 +225,7 @@ def nav2_graph(
     """
     user_graph = UserGraph.read(graph, frame)
     robot = Robot.of(params, distro)
-    unturned = dataclasses.replace(costs, grid=without_yaw(costs.grid))
+    unturned = unturn(costs)
     try:
         measured, near = measure_graph(user_graph, unturned, set_cost=set_cost)
     except ConfigError as error:

@@ -18,6 +18,7 @@ from locplan._support.reading import dumped
 from locplan.errors import ConfigError
 from locplan.export.registry import check_has_field, export_folder
 from locplan.maps.grid import OccupancyGrid
+from locplan.maps.zones import Zones
 from locplan.planning.costmap import Costmap, about_costs
 from locplan.planning.metrics import costs_caption
 
@@ -34,6 +35,18 @@ def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
     text = f"{grid.name or 'the map'} has a yaw of {yaw:g} rad, which the stacks ignore:"
     warnings.warn(YawWarning(f"{text} written as they have it, unturned"), stacklevel=2)
     return dataclasses.replace(grid, origin=(x, y, 0.0))
+
+
+def unturn(costs: Costmap) -> Costmap:
+    """The costmap and its zones on the map without its yaw; warns if there is one."""
+    grid = without_yaw(costs.grid)
+    if grid is costs.grid:
+        return costs
+    zones = [
+        dataclasses.replace(zone, polygon=where_unturned(costs.grid, zone.polygon))
+        for zone in costs.zones
+    ]
+    return dataclasses.replace(costs, grid=grid, zones=Zones(zones))
 
 
 def where_unturned(grid: OccupancyGrid, xy: Floats) -> Floats:

@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path as Outline
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
@@ -21,6 +23,7 @@ from locplan._support.kernels.arrays import Floats, Octets
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults
 from locplan.maps.occupancy import UNKNOWN
+from locplan.maps.zones import KINDS, ZoneKind, Zones
 
 DRAWN_CELLS = 2000
 """Most cells along a side that are drawn one by one; beyond, blocks of them are."""
@@ -271,6 +274,49 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     """
     draw_cells(axes, grid, shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **limits_of(grid))
+
+
+def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
+    """Draw the zones that overlap a map: no-go ones hatched, the others as outlines.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        The Axes to draw on, in world coordinates [m].
+    zones : Zones
+        The zones; without any nothing is drawn.
+    grid : OccupancyGrid
+        The map, or the part of it that is drawn.
+
+    Returns
+    -------
+    list of matplotlib.patches.Patch
+        Entries of a legend, one for each kind.
+    """
+    drawn, handles = coarse(grid, DRAWN_CELLS) if zones else grid, []
+    for kind in KINDS:
+        if not zones.cells(drawn, kind).any():
+            continue
+        rings = [Outline([*ring, ring[0]], closed=True) for ring in _outlines(zones, kind, drawn)]
+        style, label = styles.ZONE_STYLES[kind], {"prefer": "preferred"}.get(kind, kind)
+        around = styles.outline(style["linewidth"] + 1.6) if kind != "no-go" else []
+        outlines = Outline.make_compound_path(*rings)
+        axes.add_patch(PathPatch(outlines, path_effects=around, **style))
+        handles.append(Patch(label=f"{label} zone", **style))
+    return handles
+
+
+def _outlines(zones: Zones, kind: ZoneKind, grid: OccupancyGrid) -> list[Floats]:
+    """Outlines of the zones of a kind; no-go ones, of which a mask has many, are joined."""
+    if kind != "no-go":
+        return [zone.polygon for zone in zones if zone.kind == kind]
+    import cv2
+
+    # An outline passes through the middles of pixels: with two a cell, it is near the cell's edge.
+    pixels = zones.cells(grid, kind).astype(np.uint8).repeat(2, axis=0).repeat(2, axis=1)
+    contours, _ = cv2.findContours(pixels, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    corners = [(contour[:, 0, ::-1] + 0.5) / 2 for contour in contours]
+    return [np.column_stack(grid.grid_to_world(*ring.T)) for ring in corners]
 
 
 def shades(grid: OccupancyGrid) -> Octets:

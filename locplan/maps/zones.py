@@ -192,8 +192,11 @@ class Zones:
         return iter(self.items)
 
     def __repr__(self) -> str:
+        return f"Zones({self})"
+
+    def __str__(self) -> str:
         counts = [(sum(zone.kind == kind for zone in self), kind) for kind in KINDS]
-        return f"Zones({', '.join(f'{count} {kind}' for count, kind in counts if count)})"
+        return ", ".join(f"{count} {kind}" for count, kind in counts if count)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Zones) and self.digest == other.digest
@@ -376,7 +379,7 @@ class Zones:
         return limit
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=8)
 def _cells(
     zones: Zones,
     kind: ZoneKind,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize, to_rgba_array
@@ -42,6 +43,7 @@ from locplan.maps.figures import (
     coarse,
     draw_cells,
     draw_map,
+    draw_zones,
     is_small,
     limits_of,
     map_axes,
@@ -338,7 +340,7 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         draw_path(upper, path, **style)
     _draw_stops(upper, plans)
     _draw_profiles(lower, costs, found)
-    handles = _handles(plans, found, field.e_unit)
+    handles = [*_handles(plans, found, field.e_unit), *draw_zones(upper, costs.zones, part)]
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     weak = weak_spots(field, image.get_array())
@@ -354,7 +356,7 @@ Drawn = tuple[str, "Plan", Path, dict[str, Any]]
 
 def _map_and_plot(
     grid: OccupancyGrid, shown: Sequence[Path], height: float
-) -> tuple[Figure, Axes, Axes, OccupancyGrid]:
+) -> tuple[Picture, Axes, Axes, OccupancyGrid]:
     """A figure, Axes for a map and for a plot of some height [inch] below it, and the part shown.
 
     The part of the map is what lies around some paths, where that is small.
@@ -408,9 +410,9 @@ def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
         axes.set_xticks([])
 
 
-def _handles(plans: Mapping[str, Plan], found: Sequence[Drawn], e_unit: str) -> list[Line2D]:
+def _handles(plans: Mapping[str, Plan], found: Sequence[Drawn], e_unit: str) -> list[Artist]:
     """Entries of the legend: each plan with its metrics, or why it has no path, and its stops."""
-    handles = []
+    handles: list[Artist] = []
     for label, plan, _, style in found:
         metrics = plan.metrics
         assert metrics is not None
@@ -504,6 +506,8 @@ def _draw_outline(axes: Axes, outline: Footprint, pose: Floats, **style: Any) ->
 def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
     figure, axes = map_axes(part)
     draw_map(axes, part)
+    if handles := draw_zones(axes, costs.zones, part):
+        figure.key(handles, ncols=3)
     greatest = draw_degeneracy(figure, axes, costs, part)
     weak = "" if greatest >= HARMLESS else f"\nno weak spot: u is {greatest:.2f} at most"
     axes.set_title(f"{costs.grid.name or 'map'}: {title}{weak}", fontsize="medium")
@@ -564,6 +568,8 @@ def front_figure(front: ParetoFront) -> Figure:
         assert path is not None
         draw_path(upper, path, color=colours(norm(front.length[index])), **style)
     draw_ends(upper, front.start, front.goal)
+    if handles := draw_zones(upper, front.costs.zones, part):
+        figure.key(handles, ncols=3)
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
     name = grid.name or "map"
     title = f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}"

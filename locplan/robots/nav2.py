@@ -178,6 +178,8 @@ def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
             if kind in kinds and kind not in reported and enabled is not False and not ours:
                 reported.add(kind)
                 what = f"{name} {kinds[kind]} that `plan` and `check` do not know"
+                if kind == "KeepoutFilter":
+                    what += "; give its mask to `plan` with --zones"
                 if isinstance(enabled, str):
                     yield f"If your launch enables it (enabled: {shown(enabled)}), {what}"
                 else:

@@ -4,9 +4,9 @@ from locplan.simulation.arrivals import Arrivals, Closed
 from locplan.simulation.driver import drive_closed, drive_open
 from locplan.simulation.drives import Drives
 from locplan.simulation.levels import LEVELS, USUAL, Level, levels_for
-from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
 from locplan.simulation.recommendations import choose_many
+from locplan.simulation.recommender import choose
 from locplan.simulation.simulations import Simulation, simulate
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import Verdict

@@ -54,12 +54,12 @@ class Closed(Settings):
             positive("replan", self.replan, "s")
 
 
-LEAVES: str = "leaves the path by 0.5 m"
+APART = 0.5
+"""Distance from the path, and between two stops, from which a place is one of its own [m]."""
+LEAVES: str = f"leaves the path by {APART:g} m"
 STOPS: str = "stops"
 ENDS: str = "ends"
 """What is at a place."""
-APART = 0.5
-"""Distance from the path, and between two stops, from which a place is one of its own [m]."""
 NOWHERE = np.empty((0, 3))
 Place = tuple[float, float, float]
 
@@ -79,9 +79,9 @@ class Arrival(Valued):
     standstills: int = 0
     """Number of times that the robot stood still because its way led into a wall."""
     stops: tuple[Place, ...] = ()
-    """True poses at which the robot stood for 2 s or more, at most one in half a metre."""
+    """True poses at which the robot stood for 2 s or more, at least `APART` from each other."""
     leaves: tuple[Place, ...] = ()
-    """True poses at which it was 0.5 m off the path, each time anew."""
+    """True poses at which it was `APART` off the path, each time anew."""
     fault: str = ""
     """What fails with perfect localization, too: the follower, or the world, in which no way leads
     to the goal; empty if nothing does."""
@@ -195,7 +195,7 @@ class Arrivals(Valued):
         return wilson(found / len(self.drives), len(self.drives))
 
     def places(self) -> Table:
-        """Where robots stop, end without having arrived, and leave the path by over 0.5 m."""
+        """Where robots stop, end without having arrived, and leave the path."""
         every = [(n, *place) for n, each in enumerate(self.drives) for place in each.places]
         columns = Column("drive"), Column("what"), *POSE
         return Table(columns, tuple((n, what, *pose) for n, what, poses in every for pose in poses))

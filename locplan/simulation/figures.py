@@ -12,9 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from locplan._support.drawing import (
+    BLUE,
     COLOURS,
     MIN_ERROR,
     PATH_STYLES,
+    RECOMMENDED,
     Picture,
     label_plainly,
     lines_within,
@@ -22,7 +24,7 @@ from locplan._support.drawing import (
 )
 from locplan._support.intervals import Interval, in_metres
 from locplan._support.kernels.arrays import Floats
-from locplan.maps.figures import draw_map, map_around, map_size, zoomed_to
+from locplan.maps.figures import draw_map, draw_zones, map_around, map_size, zoomed_to
 from locplan.planning.figures import (
     along_norm,
     draw_along,
@@ -46,7 +48,6 @@ if TYPE_CHECKING:
     from locplan.simulation.simulations import Simulation
 
 
-POOLED = "#0072b2"
 MAP_MARKS = (*zip(COLOURS, "o^sDvP", strict=True),)
 """Colour and marker of each map; where there are more maps, all of them look alike."""
 
@@ -165,11 +166,11 @@ def queries_figure(routes: Routes) -> Figure:
     left, *others = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
     ends = _equal_ends(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
-    left.plot(*rmse.T, "o", color=POOLED, alpha=0.7)
+    left.plot(*rmse.T, "o", color=BLUE, alpha=0.7)
     left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
     for right in others:
         right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
-        right.plot(*lost.T, "o", color=POOLED, alpha=0.7)
+        right.plot(*lost.T, "o", color=BLUE, alpha=0.7)
         right.set(
             xlim=(-0.03, 1.03),
             ylim=(-0.03, 1.03),
@@ -222,7 +223,7 @@ def _formatted(interval: Interval) -> str:
 
 WIDTH = 8.6
 """Minimum width of the figure [inch]."""
-COLOURS, WIDTHS = ("0.72", "black", "#0072b2"), (1.0, 2.0, 3.6)
+LINE_COLOURS, LINE_WIDTHS = ("0.72", "black", RECOMMENDED), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the recommended one."""
 
 
@@ -250,10 +251,11 @@ def choice_figure(choice: Choice) -> Figure:
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
     )
-    upper = axes[0, 0]
+    upper, zones = axes[0, 0], []
     if choice.costs is not None and part is not None:
         draw_map(upper, part)
         draw_inset(upper, choice.costs.grid, part, paths)
+        zones = draw_zones(upper, choice.costs.zones, part)
         if choice.judgement is None:
             draw_degeneracy(figure, upper, choice.costs, part)
     else:
@@ -261,13 +263,13 @@ def choice_figure(choice: Choice) -> Figure:
     # The recommended path is drawn last.
     for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
         rank = _rank(choice, each)
-        draw_places(upper, each.arrivals, COLOURS[rank])
-        draw_path(upper, each.path, color=COLOURS[rank], linewidth=WIDTHS[rank])
+        draw_places(upper, each.arrivals, LINE_COLOURS[rank])
+        draw_path(upper, each.path, color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank])
     draw_ends(upper, choice.start, choice.goal)
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
     marks = place_handles(each.arrivals for each in choice.candidates)
-    figure.key([*_handles(choice), *marks, *end_handles()], ncols=3)
+    figure.key([*_handles(choice), *marks, *end_handles(), *zones], ncols=3)
     name = choice.map["name"] or "map"
     figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.driven)
     return figure
@@ -294,12 +296,12 @@ def _handles(choice: Choice) -> list[Line2D]:
         recommended = "recommended" if choice.judgement else "untested"
         role = f"{recommended}: " if each is choice.chosen else ""
         label = f"{role}{name}, {_figures(each)}"
-        line = Line2D([], [], color=COLOURS[rank], linewidth=WIDTHS[rank], label=label)
+        line = Line2D([], [], color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank], label=label)
         handles.append(line)
     others = len(choice.candidates) - len(handles)
     if others > 0:
         label = f"{others} other candidate{'s' if others > 1 else ''}"
-        handles.append(Line2D([], [], color=COLOURS[0], linewidth=WIDTHS[0], label=label))
+        handles.append(Line2D([], [], color=LINE_COLOURS[0], linewidth=LINE_WIDTHS[0], label=label))
     return handles
 
 
@@ -322,9 +324,9 @@ def _draw_errors(axes: Axes, choice: Choice) -> None:
             continue
         distance, median, low, high = each.driven.profile.T
         rank = _rank(choice, each)
-        colour = COLOURS[rank]
+        colour = LINE_COLOURS[rank]
         axes.fill_between(distance, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(distance, median, color=colour, linewidth=0.8 * WIDTHS[rank])
+        axes.plot(distance, median, color=colour, linewidth=0.8 * LINE_WIDTHS[rank])
     axes.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
     axes.set_yscale("log")
     axes.set_ylim(bottom=max(MIN_ERROR / 2, axes.get_ylim()[0]))
@@ -338,7 +340,7 @@ def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
     """The degeneracy along each path of which it is known."""
     costs: Any = choice.costs
     paths = [
-        (each.path, {"color": COLOURS[_rank(choice, each)]})
+        (each.path, {"color": LINE_COLOURS[_rank(choice, each)]})
         for each in (choice.candidates if costs else ())
         if np.isfinite(each.metrics.integrated_u)
     ]

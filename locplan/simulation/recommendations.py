@@ -33,8 +33,8 @@ from locplan.robots.robot import Robot
 from locplan.simulation.drives import LOST
 from locplan.simulation.problem import ChoiceSettings
 from locplan.simulation.race import Candidate
-from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommender import choose
 from locplan.simulation.worlds import check_of_one_map
 
 
@@ -332,11 +332,12 @@ def choose_many(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> robot = locplan.Robot(locplan.Lidar(range=6.0)).changed({"max_particles": 500})
-    >>> ends = [((2.0, 3.0), (38.0, 3.0)), ((38.0, 3.0), (2.0, 3.0))]
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
+    >>> robot = robot.changed({"min_particles": 100, "max_particles": 100})
+    >>> ends = [((2.0, 3.0), (8.0, 3.0)), ((8.0, 3.0), (2.0, 3.0))]
     >>> choices = choose_many(locplan.Costmap.blank(grid), ends, robot=robot, drives=4)
     >>> [each.choice.verdict for each in choices]
-    ['better', 'better']
+    ['undecided', 'undecided']
     """
     check_threads(threads)
     named = named_maps(maps)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 import yaml
+from support.cases import sample_cases
 from support.maps import ascii_map
 
 from locplan._support import output
@@ -17,6 +18,8 @@ from locplan._support.runs import Run, running, take_written
 from locplan._support.tables import rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 ENDS = ("--start", "1,3", "--goal", "4,3")
 PLAN = ("plan", *ENDS, "--stride", "0.5")
@@ -264,7 +267,7 @@ with Output(Path("out"), "plan").writing() as new:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no SIGKILL")
-@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize("there", sample_cases([True, False]))
 def test_next_run_completes_or_undoes_a_killed_one(tmp_path, there):
     """One process is killed before its first step, the next one before its second step, ..."""
     old = {"a": "1", "b": "1", "c": "1"} if there else {}

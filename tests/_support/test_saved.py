@@ -3,6 +3,7 @@
 import json
 import math
 import zipfile
+from functools import cache
 from io import BytesIO
 
 import numpy as np
@@ -34,6 +35,7 @@ ENDS = (0.75, 0.1), (4.25, 1.1)
 SEEDS = range(6)
 
 
+@cache
 def small_field(estimator=None, **more):
     window = SearchWindow(half_rotation_deg=20)
     return locplan.covariance_field(
@@ -41,8 +43,9 @@ def small_field(estimator=None, **more):
     )
 
 
-FIELD = small_field()
-SEEN = small_field(locplan.Fisher(Lidar(range=3.0, field_of_view_deg=180.0, beams=31)), headings=4)
+def seen_field():
+    lidar = Lidar(range=3.0, field_of_view_deg=180.0, beams=31)
+    return small_field(locplan.Fisher(lidar), headings=4)
 
 
 def again(made, folder):
@@ -74,9 +77,10 @@ def test_robots_come_back_as_they_were(tmp_path, seed):
     assert again(robot, tmp_path) == robot
 
 
-@pytest.mark.parametrize("field", [FIELD, SEEN])
+@pytest.mark.parametrize("make_field", [small_field, seen_field])
 @pytest.mark.parametrize("law", ["logarithmic", "linear", "cube-root"])
-def test_costmaps_come_back_as_they_were(tmp_path, field, law):
+def test_costmaps_come_back_as_they_were(tmp_path, make_field, law):
+    field = make_field()
     rng = np.random.default_rng(len(law))
     options = {"weight": rng.uniform(0, 1e9), "robot": rng.uniform(0, 0.6), "law": law}
     costs = Costmap.from_field(ROOM, field, **options)
@@ -85,7 +89,7 @@ def test_costmaps_come_back_as_they_were(tmp_path, field, law):
     assert hash(found) == hash(costs)
     assert found.grid.name == ROOM.name
     assert not found.u.flags.writeable
-    if field is SEEN:
+    if make_field is seen_field:
         np.testing.assert_array_equal(found.density_of_heading, costs.density_of_heading)
     assert found != costs.with_weight(costs.weight + 1)
 
@@ -101,7 +105,7 @@ def test_costmaps_of_ones_own_come_back_as_they_were(tmp_path, seed):
 
 @pytest.mark.parametrize("more", [{}, {"via": [(2.75, 0.6)]}, {"max_e": 1e-9}, {"budget": 9.0}])
 def test_plans_come_back_as_they_were(tmp_path, more):
-    for costs in (Costmap.from_field(ROOM, FIELD, robot=0.1), Costmap.blank(ROOM)):
+    for costs in (Costmap.from_field(ROOM, small_field(), robot=0.1), Costmap.blank(ROOM)):
         if costs.settings is None and more:
             continue
         plan = locplan.plan(costs, *ENDS, planner="grid" if "budget" in more else None, **more)
@@ -116,7 +120,7 @@ def test_plans_come_back_as_they_were(tmp_path, more):
 
 @pytest.mark.parametrize("objective", ["u", "e"])
 def test_fronts_come_back_as_they_were(tmp_path, objective):
-    costs = Costmap.from_field(ROOM, FIELD, robot=0.1)
+    costs = Costmap.from_field(ROOM, small_field(), robot=0.1)
     front = locplan.pareto_front(costs, *ENDS, objective=objective)
     found = again(front, tmp_path)
     assert found == front
@@ -126,7 +130,7 @@ def test_fronts_come_back_as_they_were(tmp_path, objective):
 
 def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
     walls = ascii_map("###########", "#...###...#", "###########", resolution=0.5)
-    field = locplan.covariance_field(walls, FIELD.config)
+    field = locplan.covariance_field(walls, small_field().config)
     front = locplan.pareto_front(
         Costmap.from_field(walls, field, robot=0.0), (0.75, 0.75), (4.25, 0.75)
     )
@@ -134,8 +138,9 @@ def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
     assert again(front, tmp_path) == front
 
 
-@pytest.mark.parametrize("field", [FIELD, SEEN])
-def test_fields_come_back_as_they_were(tmp_path, field):
+@pytest.mark.parametrize("make_field", [small_field, seen_field])
+def test_fields_come_back_as_they_were(tmp_path, make_field):
+    field = make_field()
     found = again(field, tmp_path)
     assert found == field
     assert found != CovarianceField(2 * field.covariance, field.grid, field.config, field.layers)
@@ -143,7 +148,7 @@ def test_fields_come_back_as_they_were(tmp_path, field):
 
 def saved(folder):
     """A file of each kind, and the function that reads it."""
-    costs = Costmap.from_field(ROOM, FIELD, robot=0.1)
+    costs = Costmap.from_field(ROOM, small_field(), robot=0.1)
     Robot("turtlebot4").save(folder / "robot.yaml")
     costs.save(folder / "costs.npz")
     locplan.plan(costs, *ENDS).save(folder / "plan")
@@ -218,7 +223,7 @@ def test_a_costmap_of_an_estimator_without_a_name_is_not_saved(tmp_path):
     class Mine(Sad):
         name = "nobody's"
 
-    estimator = Mine(range=1.0, window=FIELD.config.estimator.window)
+    estimator = Mine(range=1.0, window=small_field().config.estimator.window)
     field = locplan.covariance_field(ROOM, FieldConfig(estimator, stride=0.5))
     with pytest.raises(LocplanError, match="could not be read back"):
         Costmap.from_field(ROOM, field).save(tmp_path / "mine.npz")

@@ -12,6 +12,8 @@ import locplan
 from locplan import check, save_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ALPHAS = {f"alpha{n}": 2.0 for n in range(1, 6)}
 
 
@@ -33,9 +35,9 @@ def test_threshold_helps_if_unknown_grey_is_free(tmp_path):
 
 
 def driven_round(factor=1.0):
-    """A drive of some 70 m about the room, on a map whose lengths are so many times the true."""
+    """A drive of some 45 m about the room, on a map whose lengths are so many times the true."""
     corners = [(7, 1), (7, 2), (1, 2.2), (1, 5), (4, 4), (7, 4), (7, 1.5), (4.5, 1), (1, 1)]
-    path = locplan.Path([(1, 1), *corners * 3])
+    path = locplan.Path([(1, 1), *corners * 2])
     drive = locplan.recordings.record_drive(furnished_room(), path, ROBOT, seed=3)
     return dataclasses.replace(drive, poses=drive.poses * [factor, factor, 1.0])
 

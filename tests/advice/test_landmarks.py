@@ -720,6 +720,7 @@ def test_the_table_tells_how_many_landmarks_pay(placed):
     assert "less than 5%" not in all_pay.report()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_placement_is_saved_with_outlines_and_sizes(placed, tmp_path):
     placed.save(tmp_path)
     made = json.loads((tmp_path / "landmarks.geojson").read_text())["features"]
@@ -762,6 +763,7 @@ def map_file(tmp_path, hallway):
     return tmp_path / "hallway.yaml"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_writes_places_and_the_map(run, map_file, tmp_path):
     out = tmp_path / "marked"
     options = [

@@ -12,6 +12,8 @@ from locplan import load_map, mend, save_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, faults, hollowed
 from locplan.maps.files import as_meant, meant_header, read_map
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 ROOM = ascii_map("########", *["#......#"] * 4, "########", resolution=0.5)
 
 

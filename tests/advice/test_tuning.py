@@ -25,6 +25,8 @@ from locplan.simulation import LEVELS, USUAL, Drives, simulate
 from locplan.simulation.verdict import DriveSet
 from locplan.simulation.worlds import poses_along
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 FEW = {"min_particles": 30, "max_particles": 60}
 LIDAR = Lidar(range=6.0, beams=60)
 PRECISE_SETTINGS, SAFE_SETTINGS = amcl_presets(Amcl()).values()
@@ -173,6 +175,36 @@ def test_level_ends_as_soon_as_it_is_decided(off, name, driven):
     assert (choice.name, places) == (name, driven)
     drives = {row.settings: row.n_drives for row in choice.results if row.case == "slip"}
     assert drives[PRECISE] == 16 * driven.count(1)
+
+
+def test_choice_states_both_rates_at_hardest_level():
+    """Harm that 64 drives cannot prove is visible, with intervals."""
+    usual, _ = case_of(BETTER, (1, 40, 2))
+    slip, _ = case_of(BETTER, (9, 64, 10), "slip", "odometry slips")
+    standstill, _ = case_of(BETTER, (20, 64, 24), "standstill", "odometry stands still")
+    choice = choose(usual, slip, standstill)
+    assert choice.hardest_level == (
+        "Level standstill: 38 % [27, 50] off at the end, baseline 31 % [21, 43]."
+    )
+    assert choose(usual, recordings=[Recorded((0.2, 0.06, 0.1))]).hardest_level == ""
+    harmful, _ = case_of(BETTER, (9, 64, 1), "slip", "odometry slips")
+    quick = choose(usual, harmful, drives_all=False)
+    assert quick.hardest_level == "Level slip: 3 % [1, 16] off at the end, baseline not driven."
+
+
+def test_preset_that_does_not_lead_is_driven_less():
+    (case, places) = case_of((0.2, 0.3, 0.1))
+    usual = dataclasses.replace(case, looks=(24, 64))
+    choice = choose(usual, drives_all=False)
+    assert (choice.name, places) == (SAFE, [0, 1, 2, 0, 2])
+    drives = {row.settings: row.n_drives for row in choice.results}
+    assert drives == {OWN: 64, PRECISE: 24, SAFE: 64}
+
+
+def test_preset_that_recording_contradicts_is_not_simulated():
+    usual, places = case_of(BETTER)
+    assert choose(usual, recordings=[Recorded((0.2, 0.3, 0.1))]).name == SAFE
+    assert 1 not in places
 
 
 def test_preset_may_not_lose_significantly_more_drives():

@@ -69,6 +69,7 @@ def test_json_is_json(run, room):
     assert about["config"]["estimator"]["weights"]["name"] == "inverse-square"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_plan_writes_paths_plan_and_picture(run, room, tmp_path):
     out_dir = tmp_path / "out"
     ends = "--start", "1,2", "--goal", "4,3.5"
@@ -97,7 +98,7 @@ def test_plan_compares_the_shortest_path_with_the_aware_one_on_the_same_costs(ru
     grid = environments.make("two_corridors", resolution=0.1)
     save_map(grid, tmp_path / "map.yaml")
     ends = "--start", "2,3", "--goal", "38,3"
-    code, out, _ = run("plan", tmp_path / "map.yaml", *ends, "--json")
+    code, out, _ = run("plan", tmp_path / "map.yaml", *ends, "--stride", "0.5", "--json")
     assert code == 0
     first, second = json.loads(out)["candidates"]
     assert (first["name"], second["name"]) == ("shortest", "localizability-aware")
@@ -126,6 +127,7 @@ def test_interrupting_says_so(run, room, monkeypatch):
     assert err == "locplan: interrupted\n"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_unreachable_goal_is_a_result(run, tmp_path):
     save_map(ascii_map("...#...", resolution=1.0), tmp_path / "parted.yaml")
     ends = "--start", "0.5,0.5", "--goal", "6.5,0.5"
@@ -203,6 +205,7 @@ def test_info_writes_files_of_built_in_map(run, tmp_path):
     assert (tmp_path / "mine" / "hall.yaml").read_text() == "mine"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch, small_field):
     monkeypatch.chdir(tmp_path)
     code, out, _ = run("info", "two_corridors")
@@ -217,10 +220,9 @@ def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch, small_
 
 
 def test_field_draws_any_scalar(run, room, tmp_path):
-    for scalar in ("position_rms", "heading_std"):  # the others are drawn elsewhere
-        picture = tmp_path / f"{scalar}.png"
-        assert run("field", room, "-o", picture, "--picture", scalar)[0] == 0
-        assert picture.stat().st_size > 1000
+    picture = tmp_path / "heading_std.png"  # the others are drawn elsewhere
+    assert run("field", room, "-o", picture, "--picture", "heading_std")[0] == 0
+    assert picture.stat().st_size > 1000
     code, out, _ = run("field", room, "-o", tmp_path / "default.pdf")
     assert code == 0
     assert f"wrote {tmp_path / 'default.pdf'}" in out
@@ -234,6 +236,7 @@ def test_field_writes_numpy_file(run, room, tmp_path):
         assert json.loads(str(arrays["about"]))["config"]["estimator"]["range"] == 6.0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_field_draws_many_maps_into_folder(run, room, tmp_path):
     save_map(load_map(room), tmp_path / "other.yaml")
     assert run("field", tmp_path, "--picture", "e", "-o", tmp_path / "drawn")[0] == 0
@@ -265,21 +268,6 @@ def test_malformed_maps_never_end_in_a_traceback(run):
         result = run("field", case / "map.yaml")
         if result[0] or expected[case.name] == "clear-error":
             check_refusal(result)
-
-
-def test_version_and_usage_errors():
-    def call(*arguments):
-        return subprocess.run(
-            [sys.executable, "-c", "from locplan.app.cli import main; main()", *arguments],
-            capture_output=True,
-            text=True,
-        )
-
-    assert call("--version").stdout.startswith("locplan 0.")
-    wrong = call("fly")
-    assert wrong.returncode == 2
-    assert "Traceback" not in wrong.stderr
-    assert call("--help").returncode == 0
 
 
 def test_many_maps_share_one_table(run, room, tmp_path):
@@ -368,6 +356,7 @@ def test_a_footprint_sets_the_radius(run, room):
         assert "footprint" in check_refusal(run("plan", room, *ends[:-1], f"footprint={bad}"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_plan_front_prints_and_writes_front(run, room, tmp_path):
     ends = "--start", "1,2", "--goal", "4,3.5"
     code, out, _ = run("plan", room, *ends, "--front", "-o", tmp_path / "front")
@@ -405,6 +394,7 @@ def test_plan_front_refuses_wrong_options(run, room, arguments, told):
     assert told in check_refusal(run("plan", room, *ends, "--front", *arguments))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_ompls_planners_are_at_hand(run, room, tmp_path):
     folder = tmp_path / "out"
     ends = "--start", "1,1,90", "--goal", "4,3.5,0"
@@ -446,7 +436,7 @@ def my_planner(tmp_path):
     return tmp_path / "my.py"
 
 
-@pytest.mark.usefixtures("inline_workers")
+@pytest.mark.usefixtures("inline_workers", "undrawn")
 def test_compare_runs_function_of_file(run, room, tmp_path, my_planner):
     words = "--planner", f"{my_planner}:mine:weight=2", "--planner", "rrt*:range=1,iterations=50"
     words = *words, "--random", 1, "--min-distance", 1, "-o", tmp_path / "out"
@@ -537,10 +527,9 @@ def test_fields_that_know_the_sensor(run, room, tmp_path):
     ends = "--start", "1,1", "--goal", "4,3.5", "--drives", "0"
     code, out, _ = run("plan", room, *ends, *sensor)
     assert code == 0
-    for scalar in ("ambiguity", "position_std"):
-        picture = tmp_path / f"{scalar}.png"
-        assert run("field", room, *sensor, "-o", picture, "--picture", scalar)[0] == 0
-        assert picture.stat().st_size > 1000
+    picture = tmp_path / "ambiguity.png"
+    assert run("field", room, *sensor, "-o", picture, "--picture", "ambiguity")[0] == 0
+    assert picture.stat().st_size > 1000
 
 
 @pytest.mark.long
@@ -619,18 +608,16 @@ def test_impossible_sensors_are_refused(run, room, options, message):
 def test_export_writes_every_format(run, room, tmp_path, to, name, small_field):
     field = "--field", small_field
     ends = ("--start", "1,1", "--goal", "4,1") if to in ("path", "nav2-routes") else ()
-    code, out, err = run("export", room, "--to", to, "-o", tmp_path / name, *field, *ends)
+    written = "-o", tmp_path / name
+    code, out, err = run("export", room, "--to", to, *written, *field, *ends, "--json")
     assert code == 0, err
-    assert to in out
+    assert json.loads(out)["to"] == to
     assert (tmp_path / name).exists()
+    assert name != "out" or (tmp_path / name / "preview.png").stat().st_size > 1000
     runs = [] if (tmp_path / name).is_dir() else [f"{name}.run.yaml"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
         ["room.yaml", "room.pgm", name, *runs]
     )
-    code, out, _ = run(
-        *("export", room, "--to", to, "-o", tmp_path / name, *field, "--json", *ends)
-    )
-    assert json.loads(out)["to"] == to
 
 
 def square(x, y, size=0.6):
@@ -647,6 +634,7 @@ ZONES = Zones(
 )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     """The command and Python write equal bytes, from zones and from a choice with them."""
     ZONES.save(tmp_path / "zones.geojson")
@@ -669,8 +657,9 @@ def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     for name in written[0].keys() - {"run.yaml", "preview.png"}:
         assert written[0][name] == written[1][name], name
     ends = "--start", "1,1.2", "--goal", "3.5,1.2"
-    code, _, err = run("plan", room, *ends, *zones, *field, "-o", tmp_path / "planned")
+    code, out, err = run("plan", room, *ends, *zones, *field, "-o", tmp_path / "planned")
     assert code == 0, err
+    assert f"zones of {tmp_path / 'zones.geojson'}: 1 no-go, 1 slow, 1 prefer\n" in out
     closed = ZONES.cells(grid, "no-go")
     for file in (tmp_path / "planned").glob("[0-9c]*.csv"):
         if file.name != "candidates.csv":
@@ -682,6 +671,7 @@ def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     assert "--zones is not read with --choice" in message
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_plan_takes_keepout_mask_as_zones(run, room, tmp_path, small_field):
     grid = load_map(room)
     cells = np.full(grid.shape, FREE)
@@ -698,13 +688,16 @@ def test_plan_takes_keepout_mask_as_zones(run, room, tmp_path, small_field):
         "plan", room, *ends, "--field", small_field, "--front", "-o", tmp_path / "f"
     )
     assert code == 0, err
+    assert f"zones of {ends[-1]}: 1 no-go\n" in out
     assert not closed[grid.cell(Path.load(tmp_path / "f" / "knee.csv").resampled(0.005).xy)].any()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_export_takes_planner_of_nav2(run, room, tmp_path, small_field):
     field = "--field", small_field, "--nav2-planner", "smac-hybrid"
     code, out, _ = run("export", room, "--to", "nav2-keepout", *field, "-o", tmp_path / "mask")
     assert code == 0
+    assert "nav2-keepout" in out
     assert re.search("planner +smac-hybrid", out)
 
 
@@ -744,12 +737,19 @@ def test_a_folder_with_one_map_stands_for_it(run, room, tmp_path):
     assert "holds 2 maps; name one" in check_refusal(run("info", tmp_path))
 
 
-def test_the_help_of_every_command_has_headings_and_an_example(run):
+def test_help_of_all_commands_fits_terminal(run):
+    """Texts have line ends and indents in the source that would be odd on a terminal."""
     _, out, _ = run("--help")
     for command in COMMANDS:
         assert re.search(rf"^│ {command} +[A-Z]", out, re.MULTILINE), command
         code, own, _ = run(command, "--help")
         assert code == 0
+        for panel in own.split("╭")[1:]:
+            lines = [line.strip("│").rstrip() for line in panel.splitlines() if line[:1] == "│"]
+            indents = {len(line) - len(line.lstrip()) for line in lines}
+            assert len({indent for indent in indents if indent > 8}) <= 1, (command, lines)
+        examples = own.split("Examples\n")[-1]
+        assert all(len(line) <= 100 for line in examples.splitlines()), command
         assert f"Examples\n  locplan {command}" in own
         assert "─ Output ─" in own
     _, out, _ = run("plan", "-h")
@@ -771,18 +771,6 @@ def test_slips_get_a_hint(run, room):
     assert "the data sheet of rplidar-a1 names 12, not 1200" in check_refusal(
         run("plan", room, *way, "2,2", *lidar)
     )
-
-
-def test_helps_fill_their_lines(run):
-    """Texts have line ends and indents in the source that would be odd on a terminal."""
-    for command in COMMANDS:
-        _, out, _ = run(command, "--help")
-        for panel in out.split("╭")[1:]:
-            lines = [line.strip("│").rstrip() for line in panel.splitlines() if line[:1] == "│"]
-            indents = {len(line) - len(line.lstrip()) for line in lines}
-            assert len({indent for indent in indents if indent > 8}) <= 1, (command, lines)
-        examples = out.split("Examples\n")[-1]
-        assert all(len(line) <= 100 for line in examples.splitlines()), command
 
 
 def test_a_command_is_a_module_and_a_line(run, monkeypatch):

@@ -94,6 +94,7 @@ class Elements(HTMLParser):
         return (own[name] or "" for _, own in self.found if name in own)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_hostile_names_are_text(hostile_page: str) -> None:
     page = hostile_page
     elements = Elements(page)
@@ -131,6 +132,7 @@ def several(case: Case, factor: float = 1.25) -> Comparison:
     return Comparison(tuple(runs), "any-angle", {case.key: case}, ABOUT)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("factor", "title", "sentence"),
     [
@@ -150,6 +152,7 @@ def test_report_begins_with_answer(
     assert "solves 83%" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_few_queries_are_too_few_to_tell(tmp_path: Path, case: Case) -> None:
     whole = several(case)
     runs = [run for run in whole.runs if run.task.query in ("a", "b")]

@@ -20,6 +20,8 @@ from locplan.robots import Amcl
 from locplan.robots.parameter_edits import edited_parameters
 from locplan.simulation.amcl_parameters import write_tuned
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PARAMS = """# The robot of hall 3.
 bt_navigator:
   ros__parameters:

@@ -18,6 +18,8 @@ from locplan.planning import Costmap, path_metrics, plan
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation.problem import ChoiceSettings
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 START, GOAL = (2.0, 3.0), (38.0, 3.0)
 ROBOT = Robot(Lidar(range=6.0), filter=Amcl(min_particles=100, max_particles=100))
 

@@ -1,6 +1,7 @@
 """Exports, read as the stacks read them: their loaders, layers, filters and planners' costs."""
 
 import dataclasses
+import io
 import itertools
 import json
 import math
@@ -13,6 +14,8 @@ from importlib import import_module
 import numpy as np
 import pytest
 import yaml
+from matplotlib.colors import to_rgb
+from PIL import Image
 from support import ros_readers
 from support.cases import sample_cases
 from support.command_line import check_refusal
@@ -27,6 +30,7 @@ from support.smac import (
 )
 
 from locplan import load_map, save_map
+from locplan._support.drawing import RED
 from locplan._support.public import field_docs
 from locplan.errors import LocplanError
 from locplan.export import (
@@ -39,10 +43,12 @@ from locplan.export import (
 from locplan.export.masks import keepout_mask, mask_density
 from locplan.export.parameters import DistroWarning, ParametersChanged, RobotWarning
 from locplan.export.registry import formats
-from locplan.export.values import YawWarning
+from locplan.export.values import YawWarning, unturn
 from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, Zone, Zones, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 PLANNERS = ("smac2d", "smac-hybrid", "thetastar")
 
@@ -164,7 +170,7 @@ def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
 def corridors(tmp_path_factory):
     """A folder with the mask of two_corridors, its costmap, and its walls as Nav2 has them."""
     grid = environments.make("two_corridors", resolution=0.05)
-    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()))
+    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig(stride=0.5)))
     folder = tmp_path_factory.mktemp("corridors") / "mask"
     nav2_keepout(folder, costs)
     walls = np.select([grid.free, grid.cells == 0], [0, 100], -1).astype(np.int8)
@@ -580,7 +586,8 @@ def test_keepout_mask_has_cost_of_zones(costs, zones, name):
         charged[has_room], density[has_room] - 1, atol=conversion.quantisation + 1e-9
     )
     assert conversion.quantisation < 0.1
-    assert conversion.saturated_share == 0
+    _, plain = keepout_mask(costs, planner=name)
+    assert conversion.greatest == pytest.approx(plain.greatest + 1, abs=0.02)
 
 
 def test_speed_mask_takes_lower_limit(tmp_path, costs, zones):
@@ -632,8 +639,36 @@ def test_export_with_zones_has_both_masks(tmp_path, costs, zones):
         published = [s["ros__parameters"].get("filter_info_topic") for s in servers.values()]
         assert info in published
     assert b'value="$(dirname)/speed_mask.yaml"' in folder["localizability.launch.xml"]
+    assert has_red(folder["preview.png"])
     nav2_keepout(tmp_path / "out", costs)
-    assert not {"zones.geojson", "speed_mask.yaml"} & set(folder_of(tmp_path / "out"))
+    folder = folder_of(tmp_path / "out")
+    assert not {"zones.geojson", "speed_mask.yaml"} & set(folder)
+    assert not has_red(folder["preview.png"])
+
+
+def has_red(picture):
+    """True if a picture has the colour of no-go zones, as in its legend."""
+    colours = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
+    return bool((colours == np.round(np.multiply(to_rgb(RED), 255))).all(axis=-1).any())
+
+
+def test_unturned_costmap_has_its_zones_in_the_same_cells(costs, zones):
+    turned = dataclasses.replace(costs.grid, origin=(2.0, -1.0, 0.3))
+    polygons = [
+        dataclasses.replace(
+            zone,
+            polygon=np.column_stack(
+                turned.grid_to_world(*costs.grid.world_to_grid(*zone.polygon.T))
+            ),
+        )
+        for zone in zones
+    ]
+    with pytest.warns(YawWarning):
+        unturned = unturn(dataclasses.replace(costs, grid=turned, zones=Zones(polygons)))
+    for kind in ("no-go", "slow", "prefer"):
+        cells = zones.cells(costs.grid, kind)
+        assert cells.any()
+        np.testing.assert_array_equal(unturned.zones.cells(unturned.grid, kind), cells)
 
 
 @pytest.mark.parametrize("distro", ["kilted", "lyrical", "rolling"])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from support import ros_readers
+from support.cases import sample_cases
 from support.maps import random_rooms
 
 from locplan import load_or_compute, plan
@@ -17,6 +18,8 @@ from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planning import Costmap, path_metrics
 from locplan.robots import Lidar, Robot, read_parameters
 from locplan.robots.parts import Inflation
+
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,10 @@ ENDS = (
 
 
 @pytest.mark.parametrize("name", ["smac2d", "thetastar"])
-@pytest.mark.parametrize(("radius", "factor"), [(0.7, 3.0), (0.55, 10.0), (1.0, 3.0), (1.5, 1.5)])
+@pytest.mark.parametrize(
+    ("radius", "factor"),
+    sample_cases([(0.55, 10.0), (1.5, 1.5), (0.7, 3.0), (1.0, 3.0)], 2, are_rows=True),
+)
 def test_no_inflation_hides_a_mask(corridors, name, radius, factor):
     inflation = inflated(radius, factor)
     values, conversion = keepout_mask(corridors, planner=name, inflation=inflation)

@@ -26,6 +26,8 @@ from locplan.field import FieldConfig
 from locplan.maps import FREE, OccupancyGrid, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 STATIONS = {"dock": (2.0, 3.0), "gate": (38.0, 3.0), "desk": (5.0, 10.0), "shelf": (36.0, 12.0)}
 
 

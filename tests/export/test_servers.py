@@ -11,6 +11,8 @@ from locplan.export import nav2_routes
 from locplan.export.parameters import ParametersChanged
 from locplan.maps import environments
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 PARAMS = """planner_server: {ros__parameters: {planner_plugins: [GridBased]}}
 route_server:
   ros__parameters:

@@ -22,6 +22,8 @@ from locplan.export.values import YawWarning
 from locplan.maps import OccupancyGrid
 from locplan.planning import Costmap, Path, path_cost
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 HALL = (
     "##########",
     "#........#",

@@ -3,6 +3,7 @@
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 
 import numpy as np
@@ -13,20 +14,27 @@ from locplan.errors import FieldError
 from locplan.field import FieldConfig, Sad, SearchWindow, covariance_field, load_or_compute
 from locplan.maps import OccupancyGrid
 
-distributed = pytest.importorskip("distributed", reason="the extra locplan[dask] is not installed")
 pytestmark = pytest.mark.filterwarnings("default")  # of dask's own shutting down
 CONFIG = FieldConfig(Sad(range=1.0, window=SearchWindow(half_width=0.6)))
 
 
-@pytest.fixture(scope="module")
-def client():
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
+@pytest.fixture
+def start_client():
+    distributed = pytest.importorskip(
+        "distributed", reason="the extra locplan[dask] is not installed"
+    )
+
+    @contextmanager
+    def start(workers):
+        with (
+            distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
+            ) as cluster,
+            distributed.Client(cluster, set_as_default=False) as client,
+        ):
+            yield client
+
+    return start
 
 
 @pytest.fixture
@@ -34,16 +42,17 @@ def grid() -> OccupancyGrid:
     return OccupancyGrid(random_rooms((300, 320), seed=6, blocks=30), 0.05, name="rooms")
 
 
-def test_cluster_computes_same_field(client, grid, monkeypatch):
+def test_cluster_computes_same_field(start_client, grid, monkeypatch):
     monkeypatch.setattr("locplan.field.tiles.TILE", 16)
     expected = covariance_field(grid, CONFIG)
     monkeypatch.setattr("locplan.field.compute.ThreadPoolExecutor", None)  # not here
-    field = covariance_field(grid, CONFIG, executor=client.get_executor())
+    with start_client(1) as client:
+        field = covariance_field(grid, CONFIG, executor=client.get_executor())
     np.testing.assert_array_equal(field.covariance, expected.covariance)
 
 
 @pytest.mark.long
-def test_a_worker_killed_mid_run_costs_nothing_but_time(client, grid, tmp_path, monkeypatch):
+def test_a_worker_killed_mid_run_costs_nothing_but_time(start_client, grid, tmp_path, monkeypatch):
     monkeypatch.setattr("locplan.field.tiles.TILE", 8)
     expected = covariance_field(grid, CONFIG)
     killed = []
@@ -53,14 +62,25 @@ def test_a_worker_killed_mid_run_costs_nothing_but_time(client, grid, tmp_path, 
             killed.append(next(iter(client.run(os.getpid).values())))
             os.kill(killed[0], signal.SIGKILL)
 
-    executor = client.get_executor()
-    field = load_or_compute(grid, CONFIG, executor=executor, cache_dir=tmp_path, progress=kill_one)
+    with start_client(2) as client:
+        computed = {"executor": client.get_executor(), "cache_dir": tmp_path}
+        field = load_or_compute(grid, CONFIG, **computed, progress=kill_one)
     assert killed
     np.testing.assert_array_equal(field.covariance, expected.covariance)
 
 
-def test_workers_with_another_engine_are_refused(grid, monkeypatch):
+@pytest.fixture(scope="module")
+def process():
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        monkeypatch.setattr("locplan.field.tiles.ENGINE", 99)
-        with pytest.raises(FieldError, match="another locplan"):
-            covariance_field(grid, CONFIG, executor=executor)
+        yield executor
+
+
+def test_process_computes_same_field(process, grid):
+    field = covariance_field(grid, CONFIG, executor=process)
+    np.testing.assert_array_equal(field.covariance, covariance_field(grid, CONFIG).covariance)
+
+
+def test_workers_with_another_engine_are_refused(process, grid, monkeypatch):
+    monkeypatch.setattr("locplan.field.tiles.ENGINE", 99)
+    with pytest.raises(FieldError, match="another locplan"):
+        covariance_field(grid, CONFIG, executor=process)

@@ -25,6 +25,8 @@ from locplan.planning.metrics import compare_lidars
 from locplan.robots import Lidar, Robot
 from locplan.simulation import simulate
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 MAPS = "hall", "office", "places", "two_corridors", "warehouse"
 ROUND = Lidar(range=12.0, beams=360)
 HALF = replace(ROUND, field_of_view_deg=180.0, beams=180)

@@ -4,37 +4,25 @@ import pickle
 import numpy as np
 import pytest
 from support.machine import SHARED_DATA
+from support.zones import inside, random_outline
 
 from locplan import Zone, Zones
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, read_map, save_map
+from locplan.maps.figures import draw_zones, map_axes
 
 BOX = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]]
 TRIANGLE = [[0.3, 0.2], [2.6, 0.4], [1.1, 2.3]]
 ALL = Zones([Zone("no-go", BOX), Zone("slow", TRIANGLE, 30), Zone("prefer", np.array(BOX) + 2)])
 
 
+def center_positions(grid):
+    """World positions of the centres of all cells."""
+    return np.column_stack(grid.grid_to_world(*(np.indices(grid.shape).reshape(2, -1) + 0.5)))
+
+
 def open_grid(rows=30, cols=40, resolution=0.1, origin=(0.0, 0.0, 0.0)):
     return OccupancyGrid(np.full((rows, cols), FREE), resolution, origin)
-
-
-def random_outline(rng, centre, size, corners):
-    """A star-shaped outline, which does not cross itself."""
-    angles = np.sort(rng.uniform(0, 2 * np.pi, corners))
-    angles[:3] = angles[0], angles[0] + 2.1, angles[0] + 4.2
-    angles, radius = np.sort(angles), rng.uniform(0.2, 1.0, corners) * size
-    return centre + radius[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def inside(polygon, points):
-    """True for each point inside a polygon, by its even or odd number of crossings."""
-    result = np.zeros(len(points), bool)
-    for (x0, y0), (x1, y1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        between = (y0 <= points[:, 1]) != (y1 <= points[:, 1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            x = x0 + (points[:, 1] - y0) / (y1 - y0) * (x1 - x0)
-        result ^= between & (points[:, 0] > x)
-    return result
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (-3.7, 12.4, 0.5)])
@@ -211,11 +199,41 @@ def test_raw_mask_is_closed_at_100_alone(tmp_path):
     assert cells.tolist() == [[False] * 4 + [True, False]]
 
 
-@pytest.mark.parametrize("name", ["nav2_warehouse_keepout", "nav2_depot_keepout"])
-def test_published_masks_are_read(name):
+@pytest.mark.parametrize(
+    "name", ["nav2_depot_keepout", pytest.param("nav2_warehouse_keepout", marks=pytest.mark.long)]
+)
+def test_published_mask_is_read(name):
     folder = SHARED_DATA / "rosmaps" / name
     if not folder.is_dir():
         pytest.skip("the real maps (../shared/data/rosmaps) are not here")
     (file,) = folder.glob("*.yaml")
     (mask, _), zones = read_map(file), Zones.load(file)
     np.testing.assert_array_equal(zones.cells(mask, "no-go"), mask.cells == OCCUPIED)
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (-3.7, 12.4, 0.5)])
+def test_drawn_no_go_zones_cover_their_cells(origin):
+    """Zones of a mask are drawn together, with their holes."""
+    rng = np.random.default_rng(3)
+    grid = OccupancyGrid(np.where(rng.random((30, 40)) < 0.3, OCCUPIED, FREE), 0.1, origin)
+    zones = Zones.from_mask(grid)
+    axes = map_axes(grid)[1]
+    (handle,) = draw_zones(axes, zones, grid)
+    assert handle.get_label() == "no-go zone"
+    (patch,) = axes.patches
+    turns = np.zeros(grid.cells.size)
+    for ring in patch.get_path().to_polygons():
+        area = ring[:-1, 0] @ ring[1:, 1] - ring[:-1, 1] @ ring[1:, 0]
+        turns += np.sign(area) * inside(ring[:-1], center_positions(grid))
+    np.testing.assert_array_equal(turns.reshape(grid.shape) != 0, grid.cells == OCCUPIED)
+
+
+def test_draw_zones_leaves_out_zones_beside_the_map():
+    grid = open_grid()
+    axes = map_axes(grid)[1]
+    labels = [handle.get_label() for handle in draw_zones(axes, ALL, grid)]
+    assert labels == ["no-go zone", "slow zone", "preferred zone"]
+    np.testing.assert_array_equal(axes.patches[1].get_path().vertices[:3], TRIANGLE)
+    part = grid.part(slice(0, 3), slice(0, 3))
+    assert [handle.get_label() for handle in draw_zones(axes, ALL, part)] == ["no-go zone"]
+    assert not draw_zones(axes, Zones(), grid)

@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from matplotlib.patches import PathPatch
 from PIL import Image
 from support.maps import ascii_map, random_rooms
 
@@ -9,7 +10,7 @@ from locplan._support.drawing import save_figure
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, Scan, covariance_field
 from locplan.field.figures import field_figure, fields_figure
-from locplan.maps import FREE, OccupancyGrid
+from locplan.maps import FREE, OccupancyGrid, Zone, Zones
 from locplan.planning import Costmap, Plan, pareto_front, plan
 from locplan.planning.figures import front_figure, plan_figure
 from locplan.robots import Lidar
@@ -115,3 +116,27 @@ def test_fields_of_several_estimators_are_drawn_on_one_scale():
     ((low, high),) = scales
     assert low == pytest.approx(min(least))
     assert high == pytest.approx(max(greatest))
+
+
+def test_figures_show_zones():
+    """Without zones pictures stay as they are."""
+    grid = ascii_map("#" * 20, *["#" + "." * 18 + "#"] * 8, "#" * 20, resolution=0.2)
+    field = covariance_field(grid, FieldConfig(Sad(range=2.0)))
+    zones = Zones(
+        [
+            Zone("no-go", [[1.6, 0.7], [2.1, 0.7], [2.1, 1.1], [1.6, 1.1]]),
+            Zone("slow", [[2.4, 0.3], [3.0, 0.3], [3.0, 1.1]], 30),
+            Zone("prefer", [[0.3, 0.3], [1.2, 0.3], [1.2, 1.5]]),
+        ]
+    )
+    labels = ["no-go zone", "slow zone", "preferred zone"]
+    for drawn in (zones, Zones()):
+        costs, ends = Costmap.from_field(grid, field, zones=drawn, robot=0.0), (0.5, 0.5, 3.5, 0.5)
+        path = plan(costs, ends[:2], ends[2:])
+        figures = [costs.figure(), path.figure(), plan_figure(costs, field, {"aware": path})]
+        figures.append(front_figure(pareto_front(costs, ends[:2], ends[2:])))
+        for figure in figures:
+            shown = [patch for patch in figure.axes[0].patches if isinstance(patch, PathPatch)]
+            texts = [text.get_text() for each in figure.legends for text in each.get_texts()]
+            assert len(shown) == len(drawn)
+            assert [text for text in texts if "zone" in text] == labels[: len(drawn)]

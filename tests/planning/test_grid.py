@@ -215,6 +215,7 @@ def test_expansions_are_summed_over_waypoints():
     assert plan(costs, stops[0], stops[2], via=stops[1:2]).expanded is None
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_expansions_stand_in_the_runs_of_a_comparison(tmp_path):
     costs = costs_of(np.ones((12, 12)))
     execution = Execution(workers=1, journal=tmp_path / "runs.jsonl")

@@ -167,7 +167,7 @@ def test_the_bound_is_below_the_cost_everywhere(kinematics):
 
 def test_swept_cells_are_those_of_plain_loops():
     rng = np.random.default_rng(4)
-    for _ in range(5):
+    for _ in range(3):
         outline = Footprint(rng.normal(size=(3, 2)) / 2 + np.array([(3, 0), (-2, 2), (-2, -2)]))
         poses = rng.uniform(-1, 1, (3, 3))
         reach = 6
@@ -547,7 +547,7 @@ def ground_and_poses(seed, kind, blocked=0.02):
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
     compared = 0
-    for seed in range(4):
+    for seed in range(3):
         ground, density, poses = ground_and_poses(seed, kind)
         drive = made_drive(kind, turn, sideways=seed % 2 == 0)
         length = np.random.default_rng(seed).uniform(-2.5, 3, len(poses))

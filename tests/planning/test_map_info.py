@@ -387,7 +387,8 @@ def test_the_command_prints_a_table_or_json_and_draws(run, tmp_path):
     about = json.loads(out)
     assert about["pairs"][0]["distance"] > 7
     assert "--set" not in about["pairs"][0]["command"]
-    code, out, _ = run(*shlex.split(command)[1:], "--set", "range=1", "--drives", 2, "--json")
+    few = "--set", "min_particles=100", "--set", "max_particles=100", "--drives", 2
+    code, out, _ = run(*shlex.split(command)[1:], "--set", "range=1", *few, "--json")
     assert code == 0
     assert json.loads(out)["robot"]["lidar"]["range"] == 1
 

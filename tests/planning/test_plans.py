@@ -6,13 +6,15 @@ import pytest
 from skimage.graph import MCP_Geometric
 from support import oracles
 from support.costmaps import costmap_from_density, random_density
+from support.machine import SHARED_DATA
 from support.maps import ascii_map, random_rooms
 from support.toy_planner import ToyPlanner
+from support.zones import crosses, random_zones
 
 from locplan._support.kernels import search
 from locplan.comparison import Execution, RandomQueries, compare
 from locplan.errors import ConfigError, LocplanError, PoseError
-from locplan.maps import OccupancyGrid
+from locplan.maps import OccupancyGrid, read_map
 from locplan.planning import (
     PLANNERS,
     Costmap,
@@ -23,6 +25,7 @@ from locplan.planning import (
     path_metrics,
     plan,
     plan_field,
+    random_queries,
 )
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.grid import GridPlanner
@@ -30,6 +33,41 @@ from locplan.planning.ompl.planner import Ompl
 from locplan.planning.plans import plan_beside_shortest
 from locplan.planning.registry import Entry, names
 from locplan.planning.requests import planner_for
+
+
+@pytest.mark.parametrize("planner", ["grid", "any-angle", "lattice"])
+def test_no_path_crosses_zone(planner):
+    """Zones lie on the path without zones; paths keep out of the polygons, not of cells alone."""
+    grid = OccupancyGrid(random_rooms((60, 90), seed=6), 0.1, (2.0, -1.0, 0.3))
+    blank, rng, solved = Costmap.blank(grid, robot=0.1), np.random.default_rng(3), 0
+    for query in random_queries(blank, 2, seed=2, min_distance=4.0):
+        before = plan(blank, query.start, query.goal, planner="grid").path
+        zones = random_zones(rng, grid, before.resampled(0.1).xy)
+        assert crosses(zones, grid, before.xy)
+        costs = Costmap.from_layers(grid, u=rng.random(grid.shape), robot=0.1, zones=zones)
+        for each in (costs, costs.for_shortest, Costmap.blank(grid, robot=0.1, zones=zones)):
+            path = plan(each, query.start, query.goal, planner=planner).path
+            if path is not None:
+                solved += 1
+                assert not crosses(zones, grid, path.xy)
+    assert solved > 2
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["nav2_depot", "rmf_office_scan", "tb4_maze"])
+def test_no_path_crosses_zone_on_real_map(name):
+    folder = SHARED_DATA / "rosmaps" / name
+    if not folder.is_dir():
+        pytest.skip("the real maps (../shared/data/rosmaps) are not here")
+    grid, _ = read_map(min(folder.glob("*.yaml")))
+    blank, rng = Costmap.blank(grid, robot=0.2), np.random.default_rng(1)
+    for query in random_queries(blank, 4, seed=2, min_distance=3.0):
+        before = plan(blank, query.start, query.goal, planner="grid").path
+        zones = random_zones(rng, grid, before.resampled(0.1).xy)
+        costs = Costmap.from_layers(grid, u=rng.random(grid.shape), robot=0.2, zones=zones)
+        for planner in ("grid", "any-angle"):
+            path = plan(costs, query.start, query.goal, planner=planner).path
+            assert path is None or not crosses(zones, grid, path.xy)
 
 
 def costs_from_corner(density, corner_cutting) -> np.ndarray:

@@ -122,6 +122,7 @@ def test_ompl_note_names_a_tighter_radius():
     assert found.note.startswith("RRTstar ignores the robot's turning radius and lack of a reverse")
 
 
+@pytest.mark.usefixtures("inline_workers")
 def test_compare_takes_the_robots_planner():
     costs = costs_for(ROBOTS["both"])
     execution = locplan.comparison.Execution(workers=1)

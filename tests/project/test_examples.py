@@ -35,6 +35,7 @@ LONG = (
 """What these do has tests of its own."""
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "path",
     [pytest.param(path, marks=[pytest.mark.long] * (path.stem in LONG)) for path in EXAMPLES],

@@ -65,12 +65,22 @@ class Straight:
         return Found(Path([start, goal]))
 '''
 FORMAT = '''
-from locplan.export.registry import ExportSummary
+from dataclasses import dataclass
+
+from locplan.export.registry import ExportSummary, NoOptions, option
+
+
+@dataclass(frozen=True, kw_only=True)
+class NameOptions(NoOptions):
+    """The options of a name."""
+
+    prefix: str = option("the ")
+    """Text before the name."""
 
 
 def write_name(target, job, options):
     """Write the name of the map."""
-    target.write_text(job.costs.grid.name)
+    target.write_text(options.prefix + job.costs.grid.name)
     return ExportSummary()
 '''
 COMMAND = '''
@@ -120,11 +130,15 @@ NEW_LINES = [
     ),
     ("planning/registry.py", '    "grid":', '    "straight": Entry(Straight, None),\n'),
     # export format
-    ("export/formats.py", "from locplan.robots", "from locplan.export.name import write_name\n"),
+    (
+        "export/formats.py",
+        "from locplan.robots",
+        "from locplan.export.name import NameOptions, write_name\n",
+    ),
     (
         "export/formats.py",
         '    Format("nav2-speed"',
-        '    Format("name", "the name of the map", write_name, suffixes=(".txt",)),\n',
+        '    Format("name", "a name", write_name, NameOptions, suffixes=(".txt",)),\n',
     ),
     # command
     ("app/cli/application.py", '    "info":', '    "hello": "Start",\n'),
@@ -236,8 +250,9 @@ def test_recipes_add_one_of_each(run_copy):
 
 
 def test_added_estimator_and_format_work_in_commands(run_copy):
-    line = "export bay.yaml --to name --field uniform --json"
-    assert '"name"' in run_copy("-m", "locplan", *line.split())
+    line = "export bay.yaml --to name --field uniform --json -o name.txt"
+    assert '"name"' in run_copy("-m", "locplan", *line.split(), "--prefix", "my ")
+    assert run_copy("-c", "print(open('name.txt').read())") == "my bay\n"
 
 
 def test_help_lists_added_command(run_copy):

@@ -46,9 +46,7 @@ def test_locplan_exports_at_most_50_names():
 def test_no_module_is_named_by_a_string():
     """Tools that follow imports do not see such a name."""
     for path in MODULES:
-        for node in ast.walk(parse(path)):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                assert not re.fullmatch(r"locplan(\.\w+)+:\w+", node.value), path
+        assert not re.search(r"""["']locplan(\.\w+)+:\w+["']""", path.read_text("utf-8")), path
 
 
 def test_kernels_stand_in_folders_of_kernels():
@@ -60,17 +58,18 @@ def test_kernels_stand_in_folders_of_kernels():
             )
 
 
-@pytest.mark.parametrize("package", ["maps", "robots", "field", "planning", "simulation"])
-def test_package_import_loads_no_heavy_library(package):
-    code = f"import sys, locplan.{package}; print(sorted({HEAVY} & set(sys.modules)))"
+def test_package_imports_load_no_heavy_library():
+    packages = ("maps", "robots", "field", "planning", "simulation")
+    imports = ", ".join(f"locplan.{package}" for package in packages)
+    code = f"import sys, {imports}; print(sorted({HEAVY} & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.stdout.strip() == "[]", result.stderr
 
 
 def test_modules_of_posix_are_imported_inside_functions():
     for path in MODULES:
-        imports = [node for node in parse(path).body if isinstance(node, ast.Import)]
-        assert not {alias.name for node in imports for alias in node.names} & POSIX, path
+        imports = re.findall(r"^import (.+)$", path.read_text("utf-8"), re.MULTILINE)
+        assert not set(re.findall(r"\w+", " ".join(imports))) & POSIX, path
 
 
 def test_command_line_starts_without_heavy_libraries():

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from support import oracles
+from support.cases import sample_cases
 from support.machine import SHARED_DATA
 from support.small_drive import FILE, MAP
 
@@ -209,7 +210,7 @@ def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
     assert [each.kind for each in found.faults(grid)] == ["resolution"] * (ratio != 1)
 
 
-@pytest.mark.parametrize("cells", [1, 2, 3])
+@pytest.mark.parametrize("cells", sample_cases([1, 2, 3], 2))
 def test_walls_that_are_inflated_are_deep(office, drive, cells):
     around = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((2 * cells + 1,) * 2))
     grid = replace(office, cells=np.where(around > 0, np.uint8(OCCUPIED), office.cells))

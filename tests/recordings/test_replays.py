@@ -25,6 +25,8 @@ from locplan.robots.particles import compared_ends
 from locplan.simulation import Simulator, drive_open
 from locplan.simulation.worlds import poses_along
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 RESOLUTION = 0.1
 FEW = {"min_particles": 100, "max_particles": 300}
 SHARP = Amcl(laser_model_type="likelihood_field_prob", alpha1=0.05, alpha2=0.05, **FEW)

@@ -24,6 +24,8 @@ from locplan.recordings.kernels import least_squares, trajectory as kernels
 from locplan.recordings.smoothing import referenced, smooth, trajectory_of
 from locplan.recordings.trajectory import Jump
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 GRID = locplan.maps.environments.make("places", resolution=0.1)
 ROBOT = locplan.Robot(locplan.Lidar(range=8.0, beams=180))
 

@@ -17,6 +17,8 @@ from locplan import Lidar, Robot
 from locplan.recordings import Recording, record_drive, study_recording
 from locplan.recordings.faults import find_recording_faults
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 LIDAR = Lidar(range=8.0, beams=90, model="own")
 FEW = "--set", "min_particles=50", "--set", "max_particles=100"
 

@@ -13,6 +13,8 @@ from locplan.robots.nav2 import planner_types, read_amcl
 from locplan.robots.parameter_edits import edited_files
 from locplan.robots.parts import Inflation
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 COSTMAP = "global_costmap: {global_costmap: {ros__parameters: {robot_radius: 0.3, %s}}}\n"
 PLANNERS = "planner_server: {ros__parameters: {%s}}\n"
 OMNI = "amcl: {ros__parameters: {robot_model_type: 'nav2_amcl::OmniMotionModel'}}\n"
@@ -285,6 +287,7 @@ def test_zones_of_filters_are_reported(tmp_path, enabled, start):
     _, notes = load(*written(tmp_path, COSTMAP % plugin))
     assert len(notes) == bool(start)
     assert all(note.startswith(start) for note in notes)
+    assert all("give its mask to `plan` with --zones" in note for note in notes)
 
 
 @pytest.mark.parametrize(

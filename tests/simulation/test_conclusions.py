@@ -159,11 +159,13 @@ def test_simulate_takes_the_paths_that_plan_writes(run, map_file, tmp_path):
     assert about["robot"]["lidar"]["range"] == 12.0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_simulate_random_queries_of_several_maps(run, map_file, tmp_path):
     other = tmp_path / "b.yaml"
     locplan.save_map(environments.make("places", resolution=0.1), other)
     asked = "--random", 5, "--drives", 2, "--min-distance", 4
-    code, table, _ = run("simulate", map_file, other, *asked, "-o", tmp_path / "out")
+    few = "--set", "min_particles=100", "--set", "max_particles=100"
+    code, table, _ = run("simulate", map_file, other, *asked, *few, "-o", tmp_path / "out")
     assert code == 0
     assert "of 5 queries" in table
     assert len(list((tmp_path / "out").glob("*.png"))) == 2
@@ -196,6 +198,7 @@ def test_an_unreachable_goal_is_a_result(run, tmp_path):
     assert json.loads(out) == {"status": "unreachable"}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
     run("plan", map_file, *ENDS, "-o", tmp_path)
     before = (tmp_path / "01-shortest.csv").read_bytes()

@@ -32,6 +32,8 @@ from locplan.simulation.query_routes import simulate_queries
 from locplan.simulation.worlds import poses_along
 from locplan.testing import check_filter
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 FEW = {"min_particles": 100, "max_particles": 200}
 STRAIGHT = {"distance_bias": 0.0, "heading_drift_deg": 0.0, "heading_bias_deg": 0.0}
 REPLAYS = 14
@@ -344,6 +346,7 @@ def test_commands_take_the_map_of_the_filter(command, run, tmp_path, monkeypatch
     THROUGH["through"].save("through.csv")
     options, error_of = COMMANDS[command]
     own = "--lidar", "rplidar-a1", "--set", "range=5", "--drives", "4", "--json"
+    own += "--set", "min_particles=100", "--set", "max_particles=200"
     error = []
     for extra in ("room.yaml", "old.yaml"):
         code, out, err = run(command, "room.yaml", *options, *own, "--filter-map", extra)

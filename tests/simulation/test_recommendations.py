@@ -19,15 +19,17 @@ from locplan.robots import Amcl, Robot
 from locplan.simulation import choose, choose_many, recommendations as module
 from locplan.simulation.recommendations import Choices, read_choices
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60)
-AMCL = Amcl(min_particles=100, max_particles=300)
+AMCL = Amcl(min_particles=100, max_particles=100)
 QUERIES = (
     Query("far", (2.0, 3.0), (14.0, 3.0)),
     Query("near", (2.0, 3.0), (5.0, 10.0)),
     Query("back", (14.0, 3.0), (3.0, 10.0)),
 )
 ROBOT = Robot(filter=AMCL)
-QUICK = {"robot": ROBOT, "drives": 2}
+QUICK = {"robot": ROBOT, "drives": 2, "rival": None}
 
 
 @pytest.fixture(scope="module")

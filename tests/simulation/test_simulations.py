@@ -29,6 +29,8 @@ from locplan.simulation.figures import simulation_figure
 from locplan.simulation.query_routes import Route, Routes, RoutesOnMaps, simulate_queries
 from locplan.simulation.worlds import poses_along
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 QUIET = {
     "boundary_noise": 0.0,
     "outliers": 0.0,

@@ -265,7 +265,7 @@ class DrawnSite:
         better = [kind for kind, trial in trials.items() if trial.contrast.verdict.word == BETTER]
         order = sorted(better, key=lambda kind: trials[kind].contrast.score)
         selected = select_fixes((), order, self.drive, self.many)
-        return confirm_fixes((), selected, self.drive, self.fresh).kinds
+        return confirm_fixes((), selected, self.drive, self.many, self.fresh).kinds
 
 
 def test_check_rarely_recommends_one_of_eight_equals():
@@ -374,7 +374,7 @@ MENDING = "locplan.advice.repair.drive_open"
     ("words_of", "count"),
     [
         (words_of_landmarks, 400),
-        (words_of_mend, 80),  # a call plans its routes, which takes 30 ms
+        (words_of_mend, 40),  # a call plans its routes, which takes 30 ms
         pytest.param(words_of_mend, 800, marks=pytest.mark.long),
     ],
 )

@@ -6,6 +6,7 @@ import ast
 import inspect
 import logging
 import pkgutil
+import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -91,6 +92,9 @@ def read_summary(name: str) -> str:
 
     The imports of all commands would take most of the time of `locplan --help`.
     """
+    module = sys.modules.get(f"locplan.app.cli.{name}")
+    if module:
+        return str(getattr(module, name).help).partition("\n\n")[0]
     source = pkgutil.get_data("locplan.app.cli", f"{name}.py") or b""
     functions = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
     docstrings = [ast.get_docstring(node) or "" for node in functions if node.name == name]
@@ -140,9 +144,11 @@ def application(*names: str) -> App:
     for n, (name, title) in enumerate(COMMANDS.items()):
         if name in (names or COMMANDS):
             # Without names the commands are only listed, so that none is imported.
-            summary = None if names else read_summary(name)
-            path = f"locplan.app.cli.{name}:{name}"
-            app.command(path, name=name, help=summary, group=headings[title], sort_key=n)
+            place: Any = {"name": name, "group": headings[title], "sort_key": n}
+            if names:
+                app.command(f"locplan.app.cli.{name}:{name}", **place)
+            else:
+                app.command(App(help=read_summary(name), **place))
     flags = (Group("Help", sort_key=len(headings)),)
     app.register_install_completion_command(
         INSTALL_COMPLETION, help="Install the completion of commands and options for your shell."
@@ -156,7 +162,7 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
     """Run the command that is named, and import no other; return its exit code and its run."""
     first = next((token for token in tokens if not token.startswith("-")), "")
     completing = INSTALL_COMPLETION in tokens  # which needs all commands
-    app = application(*({first} & COMMANDS.keys() if not completing else ()))
+    app = application(*(COMMANDS if completing else {first} & COMMANDS.keys()))
     app.meta.suppress_keyboard_interrupt = False
 
     @app.meta.default

@@ -21,6 +21,7 @@ import locplan
 from locplan._support.checks import MAX_AMOUNT, shown
 from locplan._support.files import keep_input
 from locplan._support.reading import parsed_json, read_text
+from locplan.app.cli.application import format_default
 from locplan.errors import ConfigError, LocplanError, one_line
 
 if TYPE_CHECKING:
@@ -41,6 +42,11 @@ def parse_with(
 
     # A text may begin with a minus sign, such as -2,3.
     return Parameter(converter=convert, n_tokens=1, allow_leading_hyphen=True, metavar=metavar)
+
+
+def show_default(read: Callable[[], object]) -> Parameter:
+    """Return a parameter whose help shows a default of the library, which is read only then."""
+    return Parameter(show_default=lambda _: format_default(read()))
 
 
 def check_with(check: Callable[[Any], object]) -> Parameter:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shlex
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -20,6 +20,7 @@ from locplan.app.cli.arguments import (
     Ranges,
     parse_planners,
     refuse,
+    show_default,
 )
 from locplan.app.cli.groups import (
     SEED,
@@ -33,7 +34,20 @@ from locplan.app.cli.groups import (
 )
 from locplan.errors import ConfigError
 
+if TYPE_CHECKING:
+    from locplan.comparison.settings import RandomQueries
+
 Weights = Annotated[tuple[float, ...], Parameter(metavar="METRES")]
+
+
+def _random_queries() -> type[RandomQueries]:
+    from locplan.comparison.settings import RandomQueries
+
+    return RandomQueries
+
+
+QueryCount = Annotated[Count | None, show_default(lambda: _random_queries().count)]
+MinDistance = Annotated[float | None, show_default(lambda: _random_queries().min_distance)]
 
 
 @command(
@@ -48,8 +62,8 @@ def compare(
     planner: PlannerTexts = (),
     baseline: str | None = None,
     queries: InputFile = None,
-    random: Count | None = None,
-    min_distance: float | None = None,
+    random: QueryCount = None,
+    min_distance: MinDistance = None,
     seeds: Count = 1,
     weight: Weights = (),
     zones: InputFile = None,
@@ -77,9 +91,9 @@ def compare(
     queries
         Queries (CSV), stations (CSV of name,x,y) or MovingAI .scen.
     random
-        Number of random queries on each map. [default: 10]
+        Number of random queries on each map.
     min_distance
-        Minimum distance from start to goal, in metres. [default: 5]
+        Minimum distance from start to goal, in metres.
     seeds
         Number of runs of a planner with random numbers.
     weight
@@ -108,8 +122,8 @@ def compare(
     if queries is not None:
         refuse("with --queries", min_distance=min_distance, seed=seed != SEED)
     random_queries = RandomQueries(
-        count=10 if random is None else random,
-        min_distance=5.0 if min_distance is None else min_distance,
+        count=RandomQueries.count if random is None else random,
+        min_distance=RandomQueries.min_distance if min_distance is None else min_distance,
         seed=seed,
     )
     planners = specs_of(parse_planners(planner)) if planner else None

@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from cyclopts import Parameter
 
 import locplan
 from locplan._support.progress import working
-from locplan.app.cli.application import command
+from locplan._support.public import field_docs
+from locplan.app.cli.application import command, format_default
 from locplan.app.cli.arguments import (
     INPUT,
     InputFile,
@@ -19,15 +20,13 @@ from locplan.app.cli.arguments import (
     MapFile,
     PathFiles,
     Position,
-    Switch,
     check_ends,
     read_paths,
     refuse,
 )
 from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight, load_zones
 from locplan.errors import ConfigError
-from locplan.export.formats import NavPlannerName
-from locplan.export.registry import DISTRO, FRAME, SLOWEST, Distro, formats
+from locplan.export.registry import formats
 
 if TYPE_CHECKING:
     from locplan.export.registry import ExportJob, Format
@@ -36,23 +35,60 @@ if TYPE_CHECKING:
 
 FORMATS = formats()
 WITH_PATHS = [name for name, format in FORMATS.items() if format.paths != "none"]
-FLAGS = {"set_cost": "set-cost", "planner": "nav2-planner"}
-"""Options of the command line that have another name than the format's."""
 FormatName = Annotated[str, Parameter(metavar="FORMAT", choices=tuple(FORMATS), help="Format.")]
-NavPlanner = Annotated[NavPlannerName | None, Parameter(show_choices=False)]
-DistroName = Annotated[
-    Distro | None,
-    Parameter(
-        show_choices=False,
-        help=f"{', '.join(get_args(Distro)[:-1])} or {get_args(Distro)[-1]}. [default: {DISTRO}]",
-    ),
-]
-Slowest = Annotated[
-    float | None,
-    Parameter(help=f"Share of the speed that remains at u = 1. [default: {SLOWEST:g}]"),
-]
-Frame = Annotated[str | None, Parameter(help=f"Frame of the coordinates. [default: {FRAME}]")]
-TreeFile = Annotated[Path | None, INPUT, Parameter(metavar="XML")]
+
+
+def _options() -> dict[str, dataclasses.Field[Any]]:
+    """Return the options of all formats by their names in Python."""
+    fields = (field for format in FORMATS.values() for field in dataclasses.fields(format.options))
+    return {field.name: field for field in fields if "is_option" in field.metadata}
+
+
+def _flag(field: dataclasses.Field[Any]) -> str:
+    """Return the name of an option on the command line."""
+    return field.metadata["flag"] or field.name.replace("_", "-")
+
+
+def _words(kind: Any) -> tuple[str, ...]:
+    """Return the words that a type allows, none if it is not `Literal`."""
+    return get_args(kind) if get_origin(kind) is Literal else ()
+
+
+def _option_types() -> list[tuple[str, Any, None]]:
+    """Return the names and types of all options of formats; those that are not typed are None."""
+    types: dict[str, Any] = {}
+    docs: dict[str, str] = {}
+    for format in FORMATS.values():
+        types |= get_type_hints(format.options)
+        docs |= field_docs(format.options)
+    typed = []
+    for name, field in _options().items():
+        words = [word for kind in (types[name], *get_args(types[name])) for word in _words(kind)]
+        sentence = " ".join(docs[name].split()).partition(". ")[0].removesuffix(".")
+        parameter = Parameter(
+            name=f"--{_flag(field)}",
+            metavar=field.metadata["metavar"] or None,
+            help=f"{', '.join(words[:-1])} or {words[-1]}." if words else f"{sentence}.",
+            show_choices=False,
+            show_default=format_default(field.default) or False,
+        )
+        # Types that are computed go into no brackets that mypy reads.
+        parameters = [parameter, INPUT] if Path in get_args(types[name]) else [parameter]
+        kind = Annotated.__class_getitem__((types[name] | None, *parameters))  # type: ignore[attr-defined]
+        typed.append((name, kind, None))
+    return typed
+
+
+FormatOptions: Any = Parameter(name="*")(
+    dataclasses.make_dataclass(
+        "FormatOptions",
+        _option_types(),
+        namespace={"__module__": __name__},
+        frozen=True,
+        kw_only=True,
+    )
+)
+"""The options of all formats."""
 
 
 @command(
@@ -70,14 +106,8 @@ def export(
     start: Position = None,
     goal: Position = None,
     weight: Weight = None,
-    nav2_planner: NavPlanner = None,
-    distro: DistroName = None,
-    tree: TreeFile = None,
-    slowest: Slowest = None,
-    frame: Frame = None,
     zones: InputFile = None,
-    graph: InputFile = None,
-    set_cost: Switch = False,
+    options: FormatOptions = FormatOptions(),
     robot: RobotOptions = RobotOptions(),
     field: FieldOptions = FieldOptions(),
     threads: Threads = None,
@@ -99,16 +129,8 @@ def export(
         Goal of this path, in metres.
     weight
         Detour that a degenerate metre is worth, in metres.
-    nav2_planner
-        Planner of Nav2: smac2d, smac-hybrid, navfn or thetastar.
-    tree
-        Behaviour tree to copy with the mask's planner.
     zones
         Zones (GeoJSON) or a keepout mask (map YAML).
-    graph
-        Route graph (GeoJSON) whose edges get our cost, instead of paths.
-    set_cost
-        Write our cost as Nav2's cost of the edges, too.
     """
     from locplan._support.tables import table
 
@@ -118,17 +140,7 @@ def export(
         for name, value in (("path", path), ("choice", choice), ("start", start)):
             if value:
                 raise ConfigError(f"--{name} is for --to {', '.join(WITH_PATHS)}, not for {to}")
-    options = _format_options(
-        format,
-        robot.nav2_files(),
-        planner=nav2_planner,
-        distro=distro,
-        tree=tree,
-        slowest=slowest,
-        frame=frame,
-        graph=graph,
-        set_cost=set_cost or None,
-    )
+    format_options = _read_options(format, options, robot.nav2_files())
     if zones and to == "ros-map":
         refuse("with --to ros-map, which has u alone", zones=zones)
     grid = locplan.load_map(map_file)
@@ -142,12 +154,14 @@ def export(
     n_paths = len(path) + len(choice) + (start is not None)
     if format.paths == "one" and n_paths != 1:
         raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal, or --choice")
-    format.check(options, n_paths)
+    format.check(format_options, n_paths)
     target = output.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=output.force)
     job = make_job(field.compute(grid, config, threads))
     with working(f"writing {target.name}"):
-        summary = format.export(target, dataclasses.replace(job, force=output.force), options)
+        summary = format.export(
+            target, dataclasses.replace(job, force=output.force), format_options
+        )
     values = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
     output.show(values, table([], [*rows, *job.rows, *summary.rows]), target)
@@ -207,10 +221,10 @@ def _job_of_choices(
     return first.config, make_job
 
 
-def _format_options(format: Format, params: list[Path], **options: Any) -> Any:
+def _read_options(format: Format, options: Any, params: list[Path]) -> Any:
     """Return the options of a format; a ConfigError if one is not for it."""
     fields = {field.name for field in dataclasses.fields(format.options)}
-    values = {name: value for name, value in options.items() if value is not None}
+    values = {name: value for name, value in vars(options).items() if value is not None}
     for name in values:
         if name not in fields:
             readers = [
@@ -218,7 +232,7 @@ def _format_options(format: Format, params: list[Path], **options: Any) -> Any:
                 for other in FORMATS.values()
                 if name in {field.name for field in dataclasses.fields(other.options)}
             ]
-            flag = FLAGS.get(name, name)
+            flag = _flag(_options()[name])
             raise ConfigError(f"--{flag} is for --to {', '.join(readers)}, not for {format.name}")
     if "params" in fields:
         values["params"] = tuple(params)

@@ -222,6 +222,20 @@ def load_zones(file: Path | None, grid: OccupancyGrid | None = None) -> locplan.
     return zones
 
 
+def print_zones(file: Path | None, zones: locplan.Zones) -> None:
+    """Print which zones of which file count; nothing without a file.
+
+    Parameters
+    ----------
+    file : path or None
+        The file.
+    zones : Zones
+        Its zones.
+    """
+    if file is not None:
+        print(one_line(f"zones of {file}: {str(zones) or 'none'}"))
+
+
 def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | None:
     """Return the filter's map, if it was named; warn of masks and of maps to repair.
 

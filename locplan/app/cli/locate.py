@@ -10,15 +10,21 @@ from cyclopts.validators import Number
 import locplan
 from locplan._support.progress import progress_bar, working
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import WHOLE, Count, InputFile, MapFile, refuse
+from locplan.app.cli.arguments import WHOLE, Count, InputFile, MapFile, refuse, show_default
 from locplan.app.cli.groups import Output, RecordingFile, Threads, read_recording
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.recordings.recording import Recording
 
-WITHIN = 3.0
-"""Default of --within [m]."""
+
+def _default_distance() -> float:
+    from locplan.recordings.location import WITHIN
+
+    return WITHIN
+
+
+Within = Annotated[float | None, show_default(_default_distance)]
 
 
 @command(
@@ -34,7 +40,7 @@ def locate(
     at: Annotated[float | None, Parameter(metavar="SECONDS")] = None,
     every: Count | None = None,
     near_path: InputFile = None,
-    within: float | None = None,
+    within: Within = None,
     count: Count = 10,
     threads: Threads = None,
     output: Output = Output(),
@@ -56,11 +62,11 @@ def locate(
     near_path
         Path (CSV of x,y) near which places count. All do by default.
     within
-        Maximum distance from the path, in metres. [default: 3]
+        Maximum distance from the path, in metres.
     count
         Maximum number of places.
     """
-    from locplan.recordings.location import LocatedDrive, locate_drive
+    from locplan.recordings.location import WITHIN, LocatedDrive, locate_drive
     from locplan.recordings.map_fit import check_place
     from locplan.recordings.matching import ScanDatabase
 

@@ -36,6 +36,7 @@ from locplan.app.cli.groups import (
     Weight,
     load_filter_map,
     load_zones,
+    print_zones,
 )
 from locplan.errors import ConfigError
 
@@ -157,6 +158,7 @@ def plan(
         candidates[name] = candidate
     output.check(locplan.Choice.files, "history.png")
     grid = locplan.load_map(map_file)
+    polygons = load_zones(zones, grid)
     with later_progress_bar("driving the candidates", "drives") as progress:
         choice = locplan.choose(
             grid,
@@ -166,7 +168,7 @@ def plan(
             costs=config,
             candidates=candidates,
             compute=lambda grid, points=None: field.compute(grid, config, threads, points),
-            zones=load_zones(zones, grid),
+            zones=polygons,
             via=via,
             max_e=max_e,
             budget=budget,
@@ -181,7 +183,10 @@ def plan(
             progress=progress,
         )
     output.finish(choice)
-    if not output.json and (step := _next_step(choice, str(map_file), output)):
+    if output.json:
+        return
+    print_zones(zones, polygons)
+    if step := _next_step(choice, str(map_file), output):
         print(f"\nNext: {step[0]}", *step[1:], sep="\n  ")
 
 
@@ -266,4 +271,5 @@ def _find_front(
         front = locplan.pareto_front(costs, start, goal, time_limit=FRONT_TIME)
     output.finish(front)
     if not output.json:
+        print_zones(zones_file, zones)
         print(about_field(computed))

@@ -18,8 +18,8 @@ from locplan.planning.path import Path
 from locplan.planning.plans import SHORTEST
 from locplan.simulation.problem import Compute
 from locplan.simulation.race import Candidate
-from locplan.simulation.recommend import choose
 from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommender import choose
 
 if TYPE_CHECKING:
     from locplan.app.explorer.messages import Job, Question

@@ -128,7 +128,8 @@ def choose(
     --------
     >>> import locplan
     >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
-    >>> robot = locplan.Robot(locplan.Lidar(range=6.0)).changed({"max_particles": 500})
+    >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
+    >>> robot = robot.changed({"min_particles": 100, "max_particles": 100})
     >>> blank = locplan.Costmap.blank(grid)
     >>> choice = choose(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=blank, drives=8)
     >>> choice.verdict

@@ -24,6 +24,8 @@ from locplan.planning.requests import options_of, with_options
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.nav2 import ParameterWarning
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 QUICK = FieldConfig(Sad(range=1.0), stride=0.4)
 ONE = Execution(workers=1)
 SMALL = Robot(footprint=0.1, margin=0.0)
@@ -54,7 +56,7 @@ def compared():
         weights=[0.0, 4.0],
         seeds=[1, 2],
         configs={"1 m": QUICK, "2 m": change_estimator(QUICK, range=2.0)},
-        execution=Execution(workers=2, time_limit=0.2),
+        execution=Execution(workers=1, time_limit=60.0),
     )
 
 
@@ -512,7 +514,7 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
         asked.append(options)
         return types.SimpleNamespace(path=None, status="unreachable")
 
-    monkeypatch.setattr("locplan.simulation.recommend.choose", choose)
+    monkeypatch.setattr("locplan.simulation.recommender.choose", choose)
     spec = PlannerSpec.of(f"simulated choice:price=3,longest=1.2,robot={nav2}")
     assert spec.seeds([4, 5]) == (4, 5)
     plan = spec.plan(corridors, CORRIDOR.start, CORRIDOR.goal, 5)
@@ -589,7 +591,7 @@ def test_the_robot_decides_the_fields_and_is_driven(monkeypatch, tmp_path):
         asked.append(robot)
         return types.SimpleNamespace(path=None, status="unreachable")
 
-    monkeypatch.setattr("locplan.simulation.recommend.choose", choose)
+    monkeypatch.setattr("locplan.simulation.recommender.choose", choose)
     robot = Robot(LIDAR, footprint=0.1, margin=0.0, filter=Amcl(alpha1=0.05))
     grid, ends = rooms(), [((2.5, -0.5), (4.0, -0.5))]
     found = locplan.compare(grid, "simulated choice", ends, robot)

@@ -23,6 +23,7 @@ from locplan import (
     LocplanError,
     OccupancyGrid,
     Path,
+    Sad,
     Scan,
     choose,
     covariance_field,
@@ -55,6 +56,12 @@ QUICK = {"robot": ROBOT, "drives": 4, "rival": None}
 @pytest.fixture(autouse=True)
 def _wide(monkeypatch):
     monkeypatch.setenv("COLUMNS", "110")
+
+
+@pytest.fixture
+def one_steered_drive(monkeypatch):
+    """Only one robot is steered along each path: for tests of candidates, not of arrivals."""
+    monkeypatch.setattr("locplan.simulation.problem.CLOSED_DRIVES", 1)
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +137,7 @@ def test_each_minimised_error_is_that_of_its_part_of_the_drive():
 # Candidates
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_candidates_are_other_paths_that_are_not_much_longer(choice):
     shortest = choice.shortest.path
     assert names_of(choice)[0] == "shortest"
@@ -144,6 +152,7 @@ def test_candidates_are_other_paths_that_are_not_much_longer(choice):
     assert all(each.path.length <= 1.05 * shortest.length for each in fewer.candidates)
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_what_nav2_would_drive_is_a_candidate_with_the_robots_inflation(grid, costs):
     wide = dataclasses.replace(
         ROBOT, inflation=Inflation(inflation_radius=1.5, cost_scaling_factor=1.0)
@@ -156,6 +165,7 @@ def test_what_nav2_would_drive_is_a_candidate_with_the_robots_inflation(grid, co
     assert "inflated" not in names_of(found)  # it is the shortest
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_aware_paths_are_candidates_however_near_another_one(grid, fielded):
     found = choose(grid, START, GOAL, costs=fielded, weight=30.0, **QUICK)
     aware = [name for name in names_of(found) if name.startswith("aware")]
@@ -169,6 +179,7 @@ def test_aware_paths_are_candidates_however_near_another_one(grid, fielded):
             assert path.metrics.length == pytest.approx(own.path.length, rel=0.02)
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded):
     heavy = fielded.with_weight(50.0)
     found = choose(grid, START, GOAL, costs=heavy, **QUICK)
@@ -177,6 +188,7 @@ def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded
     assert plan(heavy, START, GOAL).path.length > own.length + 0.1
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
     found = choose(grid, START, GOAL, **QUICK)
     assert found.costs.settings.config.estimator == Fused(ROBOT.lidar)
@@ -185,6 +197,7 @@ def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
     assert of_field.robot.lidar == SHORT_LIDAR
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid, fielded):
     front = pareto_front(fielded, START, GOAL)
     array = np.array([START, (3, 5), (9, 5), GOAL])
@@ -201,6 +214,7 @@ def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid, fielded):
         choose(grid, START, GOAL, costs=fielded, candidates=["grid", "grid"], **QUICK)
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
     long = Path([START, (1, 5), (11, 4.5), (1, 5), (11, 4.5), GOAL])
     own = dict.fromkeys(("shortest", "way around 1", "aware and clear"), long)
@@ -208,6 +222,7 @@ def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
     assert names_of(found)[-3:] == [f"own {name}" for name in own]
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_choose_races_requested_paths_of_any_length(grid, costs, fielded):
     class Winding(AnyAngle):
         name = "winding"
@@ -239,6 +254,7 @@ PLANNED = {
 }
 
 
+@pytest.mark.usefixtures("one_steered_drive", "undrawn")
 @pytest.mark.parametrize(
     ("longest", "reason"),
     [
@@ -320,6 +336,7 @@ def test_a_choice_with_another_filter_is_loaded_with_its_name(grid, costs, tmp_p
         choose(grid, START, GOAL, loaded.robot, costs=costs, drives=4)
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_a_candidate_without_a_path_is_left_out(grid, costs):
     no_path = plan(costs, START, (11.6, 5.6))  # it ends in the closed cell
     found = choose(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)
@@ -328,6 +345,7 @@ def test_a_candidate_without_a_path_is_left_out(grid, costs):
     assert "left out: none: no path joins" in found.report()
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_user_path_replaces_planned_twin(grid, costs, choice):
     """The answer is then about the user's path, and its drives are not made twice."""
     (planned,) = (each for each in choice.candidates if each.name == "clear of walls")
@@ -345,6 +363,7 @@ def crosses(zones, grid, xy) -> bool:
     return bool(closed[grid.cell(fine)].any())
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_no_candidate_crosses_no_go_zone(grid, fielded):
     """The way along the lower side of the box is closed; the upper one is free but for a corner."""
     zones = Zones(
@@ -362,6 +381,8 @@ def test_no_candidate_crosses_no_go_zone(grid, fielded):
     assert len(choice.candidates) > 1
     for each in choice.candidates:
         assert not crosses(zones, grid, each.path.xy)
+    texts = [text.get_text() for text in choice_figure(choice).legends[0].get_texts()]
+    assert "no-go zone" in texts
     # A choice that was loaded, and the costmap of its path, have the zones, too.
     assert choice.costmap().zones == zones
     assert Zones.from_json(choice.about["zones"]) == zones
@@ -370,6 +391,7 @@ def test_no_candidate_crosses_no_go_zone(grid, fielded):
             choose(grid, START, GOAL, **wrong, **QUICK)
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_candidates_pay_outside_preferred_zones(grid, fielded):
     """The longer way round the box is preferred; the shortest path does not take it."""
     zones = Zones([Zone("prefer", [[0, 0], [12, 0], [12, 3.2], [0, 3.2]])])
@@ -381,6 +403,7 @@ def test_candidates_pay_outside_preferred_zones(grid, fielded):
         assert next_one < 3.1
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_waypoints_bind_all_candidates(grid, costs):
     above, own = (6.0, 5.0), Path([START, (2.0, 1.0), (10.0, 1.0), GOAL])
     found = choose(grid, START, GOAL, costs=costs, via=[above], candidates={"below": own}, **QUICK)
@@ -390,6 +413,7 @@ def test_waypoints_bind_all_candidates(grid, costs):
     assert found.left_out["below"] == "does not visit 6,5"
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_limits_of_the_field_bind_all_candidates(grid, fielded):
     free = choose(grid, START, GOAL, costs=fielded, **QUICK)
     degenerate = sorted(each.metrics.integrated_u for each in free.candidates)
@@ -408,6 +432,7 @@ def test_limits_of_the_field_bind_all_candidates(grid, fielded):
     assert "every path enters cells with e above" in nowhere.sentence
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_candidates_keep_the_outline_clear_of_walls(grid, costs):
     ends = (1.5, 3.0), (10.5, 3.0)
     long = Footprint([(0.7, 0.3), (0.7, -0.3), (-0.7, -0.3), (-0.7, 0.3)])
@@ -606,6 +631,7 @@ def test_a_high_price_of_metres_keeps_the_shortest(corridors, better):
     assert priced.chosen.path.length <= 1.1 * priced.shortest.path.length
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_a_time_limit_leaves_one_look(corridors, better):
     ratio = better.judgement.ratio
     found = two_ways(corridors, time_limit=1e-9, drives=64)
@@ -694,6 +720,7 @@ def test_an_unreachable_goal_is_a_result(grid, costs):
     assert len(found._repr_png_()) > 1000
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_no_field_is_computed_where_none_is_needed(grid, costs):
     def compute(*_):
         raise AssertionError
@@ -710,7 +737,7 @@ def test_no_field_is_computed_where_none_is_needed(grid, costs):
 
 def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     grid = corridors.grid
-    found = choose(grid, (2.0, 3.0), (38.0, 3.0))
+    found = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=FieldConfig(Sad(), stride=0.5))
     assert names_of(found) == ["shortest", "localizability-aware"]
     assert found.path is found.candidates[1].path
     assert found.candidates[1].metrics.integrated_u < found.shortest.metrics.integrated_u
@@ -719,13 +746,16 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert "--lidar" in found.answer[1]
     labels = [each.get_text() for each in found.figure().legends[0].get_texts()]
     assert sum(each.startswith("untested: localizability-aware") for each in labels) == 1
-    undriven = choose(grid, (2.0, 3.0), (38.0, 3.0), Robot(Lidar(range=6.0)), drives=0)
+    robot = Robot(Lidar(range=6.0))
+    coarse = FieldConfig(Fisher(robot.lidar), stride=1.0)
+    undriven = choose(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=coarse, drives=0)
     assert "drives=0" in undriven.answer[1]
     assert all(each.driven is None for each in undriven.candidates)
     blank = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=corridors)
     assert names_of(blank) == ["shortest"]
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
     u = np.zeros(grid.shape)
     u[:14] = 1.0  # the way below the box, which is the shorter one
@@ -830,6 +860,7 @@ def test_a_costmap_of_another_map_is_refused(grid):
 # The command and its files
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_choice_that_is_saved_is_loaded_as_it_was(better, tmp_path):
     better.save(tmp_path / "a")
     loaded = Choice.load(tmp_path / "a")
@@ -855,6 +886,7 @@ SETTINGS = "--drives", "4", "--set", "min_particles=100", "--set", "max_particle
 SETTINGS += "--stride", "0.5", "--set", "range=3"
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_parameters_that_work_badly_are_warned_of(run, box):
     silly = "--set", "z_hit=0.9", "--set", "z_rand=0.5"
     code, _, err = run("plan", box, *ENDS, *SETTINGS, *silly)
@@ -862,6 +894,7 @@ def test_parameters_that_work_badly_are_warned_of(run, box):
     assert err.count("locplan: warning: z_hit") == 1
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     params = "amcl: {ros__parameters: {alpha1: 0.1, beam_count: 3}}"
     (tmp_path / "nav2.yaml").write_text(params)
@@ -916,6 +949,7 @@ def next_commands(out):
     return [shlex.split(line) for line in lines[at + 1 :]]
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("verdict", "output", "command", "option"),
     [
@@ -959,6 +993,7 @@ def test_plan_names_lidar_option_if_lidar_is_unknown(run, box):
     assert next_commands(out)[0][-1] == "--lidar=turtlebot4"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
     ends = "--start", "1,3", "--goal", "11.5,5.5"
     code, out, _ = run("plan", box, *ends, *SETTINGS, "-o", tmp_path / "out")
@@ -1062,6 +1097,7 @@ def test_the_filters_title_names_what_differs_from_the_defaults():
     assert Amcl(max_particles=1_000_000).title == "AMCL's max_particles 1000000"
 
 
+@pytest.mark.usefixtures("one_steered_drive")
 def test_the_shortest_path_is_that_of_simulate(grid, fielded):
     found = choose(grid, START, GOAL, costs=fielded, **QUICK)
     paths = plan_beside_shortest(fielded, START, GOAL)
@@ -1087,6 +1123,7 @@ def with_arrivals(choice, shortest, leader):
     return dataclasses.replace(choice, candidates=candidates)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_path):
     leader = better.judgement.leader
     assert better.best == leader > 0
@@ -1125,6 +1162,7 @@ def test_choice_names_fewer_robots_that_reach_goal(better):
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
     better.save(tmp_path / "out")
     file = tmp_path / "out" / "choice.json"
