@@ -33,7 +33,16 @@ def case() -> Case:
     config = locplan.FieldConfig(stride=4)
     field = locplan.covariance_field(grid, config)
     queries = Query(HOSTILE, *ENDS), Query("second", *ENDS)
-    return Case(HOSTILE, HOSTILE, grid, 0.25, config, "e", None, queries, lambda *_: field)
+    return Case(
+        HOSTILE,
+        HOSTILE,
+        grid,
+        robot_radius=0.25,
+        settings=config,
+        criterion="e",
+        queries=queries,
+        field_of=lambda *_: field,
+    )
 
 
 def run_of(

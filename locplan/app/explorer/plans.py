@@ -128,7 +128,9 @@ def measure_path(scene: Scene, path: Path, weight: float, has_profile: bool) -> 
     else:
         u, density = np.nan_to_num(costs.u[rows, cols]), costs.density[rows, cols]
         degenerate = float(u @ lengths)
-        density = np.where(np.isfinite(density), density, 1 + costs.weight * u)
+        # Blocked cells have no density: the largest charge stands for their zones.
+        open_density = 1 + costs.weight * u + scene.site.zones.max_charge
+        density = np.where(np.isfinite(density), density, open_density)
         cost = float(density @ lengths)
         answer |= {"degenerate": degenerate, "cost": cost + (weight - costs.weight) * degenerate}
         middles = np.column_stack(costs.grid.grid_to_world(rows + 0.5, cols + 0.5))
