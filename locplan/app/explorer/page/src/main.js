@@ -79,7 +79,7 @@ function Page() {
 		<footer><div class="row"><h2>${profileTitle}</h2><span class="sub">${profileNote}</span></div><canvas id="chart" tabindex="0" role="slider" aria-label="Place along the route" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></canvas></footer>
 		<${Toast} /><div class="unseen" aria-live="polite">${spoken}</div><${Help} />`;
 }
-const profileNote = computed(() => (lines.value.isSimulated ? "shaded: 90 % of the drives" : "of the position"));
+const profileNote = computed(() => (lines.value.isSimulated ? "shaded: 90 % of the drives" : ""));
 
 function Bar() {
 	return html`<header><h1>locplan</h1><span class="name">${mapName()}</span><${Robot} />
@@ -122,7 +122,7 @@ function Legend() {
 	if (!shown) return null;
 	theme.value;
 	return html`<div class="legend"><select aria-label="Layer" onChange=${({ target }) => (layerName.value = target.value)}>${server.value.layers.map(({ name, title }) => html`<option value=${name} selected=${name === shown.name}>${title}</option>`)}</select>
-		<div class="ramp" style=${{ background: rampGradient() }}></div><div class="row"><span>${shown.labels[0]}</span><span>${shown.labels[1]}</span></div></div>`;
+		<div class="ramp" style=${{ background: rampGradient() }}></div><div class="row"><span>${shown.labels[0]}</span><span>${shown.labels[1]}</span></div>${server.value.weak_spots?.length ? html`<div class="row"><span>Outlined: weak</span></div>` : null}</div>`;
 }
 
 function Readout() {

@@ -42,7 +42,7 @@ const evidence = computed(() => {
 });
 const tag = computed(() => (lines.value.isSimulated ? "simulated" : "predicted"));
 const isSimulated = computed(() => lines.value.isSimulated);
-const columns = computed(() => (isSimulated.value ? ["length", "error", "lost"] : ["length", "weak", "deviation"]));
+const columns = computed(() => (isSimulated.value ? ["length", "error", "lost"] : ["length", "weak", "mean ±"]));
 const cells = ["recommended", "shortest"].map((name) => [0, 1, 2].map((column) => computed(() => cellText(lines.value[name], column, lines.value.isSimulated))));
 
 function cellText(path, column, isSimulated) {
@@ -167,7 +167,7 @@ function Changes() {
 	const list = changes.value;
 	if (shared && !list.length) return null;
 	return html`<${Section} title="Changes"><ul>${list.map((change, index) => html`<${Change} key=${index} change=${change} index=${index} />`)}</ul>
-		${list.length === 0 && html`<p class="sub">Draw on the map, or change the lidar above.</p>`}<//>`;
+		${list.length === 0 && html`<p class="sub">Draw on the map, or change the lidar.</p>`}<//>`;
 }
 
 function Change({ change, index }) {

@@ -25,7 +25,7 @@ const series = computed(() => {
 const longest = computed(() => Math.max(0.1, ...series.value.map(({ s }) => s.at(-1) ?? 0)));
 
 /** Title of the chart. */
-export const profileTitle = computed(() => (lines.value.isSimulated ? "Error along the route" : "Standard deviation along the route"));
+export const profileTitle = computed(() => (lines.value.isSimulated ? "Error along the route" : "Uncertainty of the position along the route"));
 
 /** Connect the canvas. */
 export function startProfile(canvas) {
