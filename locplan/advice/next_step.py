@@ -89,7 +89,7 @@ def _nothing_to_do(check: Check) -> str:
         sentences.append(f"{title}{detail} would lower the error from {now} to {then}.")
     if check.effort == "quick":
         most = 100 * check.baseline.lost.high
-        sentences.append(f"--effort quick may miss a loss of up to {most:.0f} %.")
+        sentences.append(f"A quick check may miss a loss of up to {most:.0f} %.")
     return " ".join(sentences)
 
 
@@ -140,7 +140,7 @@ def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, st
         command = ["locplan", "recording", *drive[:1], map_file, "-o", "recording"]
         return "no fix helps. See where the scans do not fit the map:", shlex.join(command)
     return (
-        "no fix helps. Record a drive on the site, and check again with --recording drive:",
+        "no fix helps. Record a drive on the site, and check again with it:",
         "ros2 bag record -o drive /scan /odom /tf /tf_static",
     )
 

@@ -15,6 +15,7 @@ from support.small_drive import FILE
 import locplan
 from locplan import check, save_map
 from locplan.advice.limits import Limit
+from locplan.advice.next_step import next_action
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.robots.presets import UPDATES
 
@@ -58,7 +59,7 @@ def test_check_has_nothing_to_do_for_tuned_robot(fine):
     assert fine.fixed_site is fine.site or fine.fixed_site.paths == fine.site.paths
     high = 100 * fine.baseline.lost.high
     text = " ".join(fine.report().split())
-    assert f"Nothing to do. --effort quick may miss a loss of up to {high:.0f} %." in text
+    assert f"Nothing to do. A quick check may miss a loss of up to {high:.0f} %." in text
 
 
 @pytest.mark.parametrize("columns", [58, 64, 71, 80])
@@ -347,6 +348,8 @@ def test_where_nothing_helps_the_next_action_can_be_done(solid):
     assert quick.report().splitlines()[-1].startswith("  locplan check ")
     driven = dataclasses.replace(usual, recorded=("drive 1: The map fits",))
     assert driven.report().splitlines()[-1].startswith("  locplan recording ")
+    for report in (usual, quick, driven):  # the page of the explorer shows the sentence alone
+        assert "--" not in next_action(report).sentence
 
 
 def test_check_reports_findings_before_drives_end(watched):

@@ -44,10 +44,10 @@ def checked(tmp_path_factory):
     return folder / "report"
 
 
-def session_on(folder) -> Session:
+def session_on(folder, **opening) -> Session:
     report = CheckReport.read(folder)
     grid, config = load_map(report.map_file), config_of(report.robot)
-    session = Session(grid, Opening(config, report.robot, report=report))
+    session = Session(grid, Opening(config, report.robot, report=report, **opening))
     session.begin(load_or_compute(grid, config))
     session.wait()
     return session
@@ -66,7 +66,8 @@ def test_report_is_read_with_routes_and_fixes(checked):
     assert session.scene.basis["map"] != told["basis"]["map"]
     assert told["recommended"] == about["recommended"]
     assert about["recommended"][0] == "map"
-    assert told["next"] == about["next"]["sentence"]
+    sentence = about["next"]["sentence"].removesuffix(":")
+    assert told["next"] == f"{sentence[0].upper()}{sentence[1:]}."
     assert [each["title"] for each in told["fixes"]] == [each["title"] for each in about["fixes"]]
     for route, each in zip(told["routes"], about["routes"], strict=True):
         assert np.allclose(
@@ -74,6 +75,12 @@ def test_report_is_read_with_routes_and_fixes(checked):
         )
         assert locplan.Path(route["xy"]).length == pytest.approx(each["length"], abs=0.01)
     assert CheckReport.read(checked).robot.known_lidar.range == 6.0
+
+
+def test_weak_spots_of_report_are_shown_with_zones(checked):
+    zone = {"kind": "zone", "zone": "slow", "polygon": [[1, 1], [2, 1], [2, 2]], "percent": 30}
+    spots = describe_state(session_on(checked))["weak_spots"]
+    assert describe_state(session_on(checked, changes=(zone,)))["weak_spots"] == spots
 
 
 def test_page_begins_with_route_that_fails_most(checked, run, monkeypatch):

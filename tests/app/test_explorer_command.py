@@ -23,7 +23,7 @@ from locplan._support import public
 from locplan.app.explorer.explorer import Explorer
 from locplan.app.explorer.state import describe_state
 from locplan.errors import LocplanError
-from locplan.maps import OCCUPIED, OccupancyGrid
+from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 
 ARGUMENTS = ("--stride", "0.4", "--no-browser")
 
@@ -89,6 +89,9 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     given = ["--set=footprint=0.1", "--set=margin=0", "--set=alpha1=0.05", f"--field={small_field}"]
     given += ["--start=1,2", "--goal=3,2", "--via=-0.5,2", "--weight=7"]
     given += ["--threads=1", "--force", "-o", tmp_path / "out"]
+    zones = locplan.Zones([locplan.Zone("slow", [[1, 1], [2, 1], [2, 2]], 30)])
+    zones.save(tmp_path / "zones.geojson")
+    given += ["--zones", tmp_path / "zones.geojson"]
     code, out, err = run("explore", map_file, *given)
     assert code == 0
     assert err.startswith("locplan: the page opens in your browser, or open the address above;")
@@ -103,6 +106,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
     assert session.scene.site.robot.filter.alpha1 == 0.05
     assert session.opening.folder == tmp_path / "out"
     assert session.opening.force
+    assert session.scene.site.zones == zones
     assert not (tmp_path / "out").exists()
 
 
@@ -118,6 +122,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
         (("--goal", "400,120"), "goal 400,120 lies outside the map"),
         (("--via", "1,2", "--via", "1,-9"), "waypoint 2 1,-9 lies outside the map"),
         (("--weight", "-1"), "weight must be"),
+        (("--zones", "nowhere.geojson"), "nowhere.geojson"),
         (("--lidar", "x"), "--lidar must be one of"),
     ],
 )
@@ -148,6 +153,39 @@ def test_from_python_a_field_that_is_there_is_shown():
             locplan.explore(room(), port=port_of(page), open_browser=False)
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(("127.0.0.1", port_of(page)))
+
+
+def test_zones_of_opening_can_be_edited(tmp_path):
+    """Masks have a rectangle of cells for each zone."""
+    cells = np.full((40, 50), FREE, np.uint8)
+    cells[5:9, 10:20] = OCCUPIED
+    mask = locplan.Zones.from_mask(OccupancyGrid(cells, 0.1, (-1.0, 0.0, 0.0)))
+    prefer = locplan.Zone("prefer", [[0, 0], [2, 0], [2, 2]])
+    zones = locplan.Zones([*mask, prefer])
+    config = locplan.FieldConfig(locplan.Sad(range=1.0), stride=0.4)
+    with locplan.explore(room(), estimator=config, zones=zones, open_browser=False) as page:
+        page.session.wait()
+        changes = describe_state(page.session)["changes"]
+        assert page.session.scene.costs.zones == zones
+        basis = page.session.scene.basis
+        page.session.answer("change", changes=changes[:1])
+        assert page.session.scene.costs.zones == mask
+        page.session.answer("change", changes=changes)
+        assert page.session.scene.basis == basis
+        page.session.answer("change", changes=[])
+        assert not page.session.scene.costs.zones
+
+
+def test_zones_of_opening_are_checked():
+    far = locplan.Zone("no-go", [[100, 100], [101, 100], [101, 101]])
+    near = locplan.Zone("no-go", [[1, 1], [2, 1], [2, 2]])
+    faults = {
+        "no zone overlaps": [far],
+        "1,501 zones with 4,503 corners are too many": [near] * 1501,
+    }
+    for fault, zones in faults.items():
+        with pytest.raises(LocplanError, match=fault):
+            locplan.explore(room(), zones=locplan.Zones(zones), open_browser=False)
 
 
 def test_from_python_the_lidar_decides_the_estimator(monkeypatch):

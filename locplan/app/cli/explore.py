@@ -12,8 +12,8 @@ from cyclopts import Parameter
 import locplan
 from locplan._support.progress import working
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import MapFile, Position, Positions, Switch, Whole, refuse
-from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight
+from locplan.app.cli.arguments import InputFile, MapFile, Position, Positions, Switch, Whole, refuse
+from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight, load_zones
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def explore(
     goal: Position = None,
     via: Positions = (),
     weight: Weight = None,
+    zones: InputFile = None,
     port: Whole = 0,
     no_browser: Switch = False,
     robot: RobotOptions = RobotOptions(),
@@ -62,6 +63,8 @@ def explore(
         Place to visit on the way at first, in metres. Repeatable.
     weight
         Detour that a degenerate metre is worth, in metres.
+    zones
+        Zones (GeoJSON) or a keepout mask (map YAML) to begin with.
     port
         Port of the page. [default: any]
     no_browser
@@ -70,6 +73,7 @@ def explore(
     from locplan.app.explorer import check_reports
     from locplan.app.explorer.explorer import check_installed, open_explorer
     from locplan.app.explorer.scene import Opening
+    from locplan.app.explorer.sites import zones_as_changes
 
     refuse("by explore", json=output.json)
     check_installed()
@@ -91,6 +95,7 @@ def explore(
         start=start or ends.get("start"),
         goal=goal or ends.get("goal"),
         via=via,
+        changes=zones_as_changes(load_zones(zones, grid)),
         report=report,
     )
     with working("opening the page"):

@@ -14,6 +14,7 @@ from locplan._support.checks import file_path
 from locplan._support.reading import MAX_BYTES, document, read_content
 from locplan._support.runs import RUN_FILE, Run
 from locplan._support.tables import file_name
+from locplan.app.explorer.messages import format_sentence
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import COARSE_STRIDE
 from locplan.maps.files import load_map
@@ -142,7 +143,7 @@ def describe_report(
         "fixes": facts["fixes"],
         "recommended": facts["recommended"],
         "baseline": facts["baseline"],
-        "next": facts["next"]["sentence"],
+        "next": format_sentence(facts["next"]["sentence"].removesuffix(":")),
         "poles": report.poles,
     }
 

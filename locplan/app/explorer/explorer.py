@@ -21,6 +21,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.fisher import Fused
 from locplan.field.sad import Sad
 from locplan.maps.grid import OccupancyGrid, check_grid
+from locplan.maps.zones import Zones, check_on_map, check_zones
 from locplan.planning.costmap import Costmap
 from locplan.robots.robot import Robot
 
@@ -108,6 +109,7 @@ def explore(
     port: int = 0,
     open_browser: bool = True,
     folder: str | os.PathLike[str] | None = None,
+    zones: Zones | None = None,
 ) -> Explorer:
     """Open a page on this machine that shows the weak spots and paths of a map.
 
@@ -131,6 +133,8 @@ def explore(
         False opens no browser. In a notebook none is opened: the page is displayed there.
     folder : path, optional
         Folder that the page may write exports to; without it, it writes none.
+    zones : Zones, optional
+        Zones that the page begins with, 1500 at most; it can edit and remove them.
 
     Returns
     -------
@@ -151,8 +155,11 @@ def explore(
     True
     """
     from locplan.app.explorer.scene import Opening
+    from locplan.app.explorer.sites import zones_as_changes
 
     check_grid(grid)
+    zones = check_zones(zones)
+    check_on_map(zones, grid)
     robot = Robot() if robot is None else robot
     instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
     if field is not None and estimator is None:
@@ -165,7 +172,8 @@ def explore(
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None
     is_notebook = getattr(shell, "kernel", None) is not None
-    explorer = open_explorer(grid, Opening(config, robot, folder=target), port=port, field=field)
+    opening = Opening(config, robot, folder=target, changes=zones_as_changes(zones))
+    explorer = open_explorer(grid, opening, port=port, field=field)
     if open_browser and not is_notebook:
         explorer.open()
     return explorer

@@ -137,6 +137,17 @@ def _refuse(constant: str) -> NoReturn:
     raise ValueError(constant)
 
 
+def format_sentence(text: str) -> str:
+    """Return a text with a capital letter and a full stop.
+
+    Examples
+    --------
+    >>> format_sentence("no path joins them; move one")
+    'No path joins them; move one.'
+    """
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '?', '!')) else '.'}"
+
+
 class Cancelled(Exception):
     """Signal that work was cancelled, which is no error of the user's."""
 

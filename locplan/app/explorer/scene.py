@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Bools, Shorts
 from locplan._support.poses import window_around
-from locplan.app.explorer.sites import Site
+from locplan.app.explorer.sites import Change, Site
 from locplan.errors import ConfigError, PoseError
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
@@ -85,6 +85,8 @@ class Opening:
     """Number of threads for fields and drives; None for all cores."""
     force: bool = False
     """True replaces earlier exports."""
+    changes: tuple[Change, ...] = ()
+    """Changes that the page begins with, see `zones_as_changes`."""
     report: CheckReport | None = None
     """The report of a check that the page shows."""
     limits: Limits = Limits()

@@ -59,8 +59,8 @@ class Session:
     def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
         self.opening = opening
         self.original = Site(grid, opening.config, opening.robot)
-        self.scene = make_blank_scene(self.original)
-        self.changes: tuple[Change, ...] = ()
+        self.changes = opening.changes
+        self.scene = make_blank_scene(self.original.with_changes(self.changes))
         self.busy: tuple[int, int] | None = None
         """Finished steps and all steps of the field; 0 of 0 before they are known."""
         self.route: Stops | None = None
@@ -105,7 +105,7 @@ class Session:
         with self.lock:
             self._cancel = cancel = Cancel()
             self.busy = 0, 0
-            scenes = self._compute(self.original, cancel, field)
+            scenes = self._compute(self.scene.site, cancel, field)
             self._work = self._worker.submit(self._run, scenes, cancel)
 
     def apply_changes(self, changes: Sequence[Change]) -> Scene:
@@ -281,7 +281,9 @@ class Session:
         """Find the weak spots of the scene, and the first route if there is none."""
         scene = self.scene
         if self.weak_spots is None:
-            is_checked = scene.site.key == self.original.key
+            is_checked = all(
+                self.original.digests[name] == scene.basis[name] for name in ("map", "robot")
+            )
             spots = name_weak_spots(scene, self.opening.report if is_checked else None)
             self.files.put(("spots", scene.digest), spots, sum(spot.bytes for spot in spots))
             self.tell({"event": "state"})

@@ -27,8 +27,10 @@ from locplan.robots.robot import Robot
 if TYPE_CHECKING:
     from locplan.app.explorer.messages import Question
 
-MAX_CHANGES, MAX_POINTS = 500, 5000
+MAX_CHANGES, MAX_POINTS = 2000, 5000
 """Maximum numbers of changes, and of points in one."""
+MAX_ZONES, MAX_CORNERS = 1500, 10_000
+"""Maximum numbers of zones and their corners at the opening, which leave room for changes."""
 SPEED = 50.0
 """Share of the top speed in a slow zone without another one [%]."""
 KINDS = "wall", "erase", "pole", "lidar", "zone"
@@ -167,6 +169,31 @@ def _read_zone(item: Question) -> Change:
     polygon = [list(xy) for xy in item.positions("polygon", MAX_POINTS)]
     percent = item.number("percent", 1, 100, SPEED) if zone == "slow" else None
     return {"zone": zone, "polygon": polygon, "percent": percent}
+
+
+def zones_as_changes(zones: Zones) -> tuple[Change, ...]:
+    """Return the changes that draw zones, which the page can edit and remove.
+
+    Raises
+    ------
+    ConfigError
+        If there are too many.
+    """
+    corners = sum(len(zone.polygon) for zone in zones)
+    if len(zones) > MAX_ZONES or corners > MAX_CORNERS:
+        raise ConfigError(
+            f"{len(zones):,} zones with {corners:,} corners are too many for the page; draw at most"
+            f" {MAX_ZONES:,} with {MAX_CORNERS:,}"
+        )
+    return tuple(
+        {
+            "kind": "zone",
+            "zone": zone.kind,
+            "polygon": zone.polygon.tolist(),
+            "percent": zone.percent,
+        }
+        for zone in zones
+    )
 
 
 def _make_zone(change: Change) -> Zone:

@@ -21,6 +21,7 @@ from locplan.app.explorer.messages import (
     Cancelled,
     Job,
     Question,
+    format_sentence,
     read_question,
 )
 from locplan.app.explorer.questions import QUESTIONS
@@ -113,7 +114,7 @@ class Link:
         except Cancelled:
             answer = {"cancelled": True} if cancel.is_cancelled else {"stale": True}
         except LocplanError as error:
-            answer = {"error": format_error(str(error))}
+            answer = {"error": format_sentence(str(error))}
         except MemoryError:
             answer = {"error": "The memory does not suffice; ask for less."}
         except Exception as error:  # our own error must not end the page
@@ -171,17 +172,6 @@ class Link:
         async with self._sending:
             with suppress(WebSocketDisconnect, RuntimeError):  # the page has closed
                 await self._socket.send_text(text)
-
-
-def format_error(text: str) -> str:
-    """Return an error as a sentence, with a capital letter and a full stop.
-
-    Examples
-    --------
-    >>> format_error("no path joins them; move one")
-    'No path joins them; move one.'
-    """
-    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith(('.', '?', '!')) else '.'}"
 
 
 def _dump(answer: dict[str, Any]) -> str:
