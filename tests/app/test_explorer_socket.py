@@ -155,7 +155,7 @@ def test_plan_of_another_page_ends_preparation(server, page, monkeypatch):
     assert begun.acquire(timeout=TIMEOUT)
     with connect_socket(server) as link:
         assert Page(link).ask("plan", **route)["recommended"]
-    assert begun.acquire(timeout=TIMEOUT)
+        assert begun.acquire(timeout=TIMEOUT)  # a page that closes prepares nothing
     monkeypatch.undo()
     assert page.ask("plan", **route)["recommended"]
 
