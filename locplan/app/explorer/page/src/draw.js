@@ -51,7 +51,7 @@ export function drawAtMiddle() {
 	if (tool.value === "pole") return add("pole", [place]);
 	if (!begin.value) {
 		begin.value = place;
-		spoken.value = "It begins here. Move the map and press Enter to end it.";
+		spoken.value = "It starts here. Move the map, then press Enter to finish.";
 		return undefined;
 	}
 	const [from, to] = [begin.value, place].map(toPlane);

@@ -159,13 +159,13 @@ function Help() {
 		<dt><kbd>Tab</kbd>, arrows</dt><dd>Choose a marker, the map or the chart, and move it; <kbd>Shift</kbd> moves markers farther</dd>
 		<dt><kbd>+</kbd> <kbd>-</kbd> <kbd>0</kbd></dt><dd>Zoom, whole map</dd>
 		<dt><kbd>Delete</kbd></dt><dd>Remove the focused waypoint</dd>
-		<dt><kbd>A</kbd></dt><dd>Add a waypoint half way</dd>
+		<dt><kbd>A</kbd></dt><dd>Add a waypoint halfway</dd>
 		${TOOLS.map(({ title, key }) => html`<dt><kbd>${key.toUpperCase()}</kbd></dt><dd>${title}</dd>`)}
 		<dt><kbd>Enter</kbd></dt><dd>Use the tool at the middle of the map; twice for a line or a zone</dd>
 		<dt><kbd>Ctrl</kbd> <kbd>Z</kbd></dt><dd>Undo; with <kbd>Shift</kbd> redo</dd>
 		<dt><kbd>L</kbd></dt><dd>Next layer</dd>
-		<dt><kbd>Esc</kbd></dt><dd>Move again</dd></dl>
-		<p class="sub">Localization is weak where a scan looks the same after a move. The recommended route avoids such metres for a detour that you set.</p>
+		<dt><kbd>Esc</kbd></dt><dd>Back to Move</dd></dl>
+		<p class="sub">Localization is weak where a scan looks the same after a move. The recommended path avoids such places. You set the detour that a metre of them is worth.</p>
 		<form method="dialog"><button class="main">Close</button></form></dialog>`;
 }
 

@@ -30,8 +30,8 @@ const headline = computed(() => {
 	if (!hasBoth.value) return server.value?.field ? (status.plan.value === "waiting" ? "Planning …" : (results.plan.value?.why ?? "Planning …")) : "Computing how well scans fix the position …";
 	const { recommended, shortest } = lines.value;
 	const [longer, fewer] = [recommended.length - shortest.length, shortest.degenerate - recommended.degenerate];
-	if (fewer < 0.05) return longer < 0.05 ? "The shortest route is fine" : `The recommended route is ${metres(longer)} longer`;
-	return `The longer route avoids ${metres(fewer, fewer < 10 ? 1 : 0)} of weak localization`;
+	if (fewer < 0.05) return longer < 0.05 ? "The shortest path is fine" : `The recommended path is ${metres(longer)} longer`;
+	return `The longer path avoids ${metres(fewer, fewer < 10 ? 1 : 0)} of weak localization`;
 });
 const evidence = computed(() => {
 	if (lines.value.isSimulated) return results.simulated.value.evidence ?? "";
@@ -59,7 +59,7 @@ function Route() {
 		${outdatedText("simulated") && html`<p class="strip" role="status">${outdatedText("simulated")} <span class="nowrap">Simulate again.</span></p>`}
 		<p class="head">${headline}</p>
 		<p class="sub">${evidence}${hasBoth.value && html` <span class="tag ${tag}">${tag}</span>`}</p>
-		<table><thead><tr><th scope="col"><span class="unseen">Route</span></th>${head.map((title) => html`<th scope="col">${title}</th>`)}</tr></thead><tbody>
+		<table><thead><tr><th scope="col"><span class="unseen">Path</span></th>${head.map((title) => html`<th scope="col">${title}</th>`)}</tr></thead><tbody>
 		${["Recommended", "Shortest"].map((title, row) => html`<tr class=${row ? "" : "best"}><th scope="row"><i class="line ${row ? "dashed" : ""}"></i>${title}</th>${cells[row].map((cell) => html`<td>${cell}</td>`)}</tr>`)}</tbody></table>
 		<${Candidates} /><${Weight} /><${Primary} /></section>`;
 }
@@ -68,7 +68,7 @@ function Candidates() {
 	const known = fresh("simulated");
 	if (!known) return null;
 	const others = known.candidates.filter((one) => !one.is_recommended && !one.is_shortest).length;
-	return html`<details><summary>${others ? `${others} other ${others > 1 ? "routes" : "route"}, intervals` : "Intervals"}</summary><table class="small"><thead><tr><th scope="col">route</th><th scope="col">length</th><th scope="col">error</th><th scope="col">lost</th></tr></thead><tbody>
+	return html`<details><summary>${others ? `${others} other ${others > 1 ? "paths" : "path"}, intervals` : "Intervals"}</summary><table class="small"><thead><tr><th scope="col">path</th><th scope="col">length</th><th scope="col">error</th><th scope="col">lost</th></tr></thead><tbody>
 		${known.candidates.map((one) => html`<tr><th scope="row">${one.title}</th><td>${metres(one.length)}</td><td>${errorMetres(one.error)}<small>${one.error_interval?.every(Number.isFinite) ? interval(one.error_interval, errorMetres) : ""}</small></td>
 			<td>${percent(one.lost)}<small>${one.lost_interval?.every(Number.isFinite) ? interval(one.lost_interval, percent) : ""}</small></td></tr>`)}
 		</tbody></table>${(known.advice ?? []).map((sentence) => html`<p class="sub">${sentence}</p>`)}</details>`;
@@ -203,6 +203,6 @@ function Report() {
 
 function Settings({ settings }) {
 	const text = typeof settings === "string" ? settings : Object.entries(settings).map(([name, value]) => `${name}: ${value}`).join("\n");
-	const copy = () => navigator.clipboard.writeText(text).then(() => say("Copied."), () => say("The browser does not allow to copy.", true));
+	const copy = () => navigator.clipboard.writeText(text).then(() => say("Copied."), () => say("The browser does not allow copying.", true));
 	return text ? html`<pre tabindex="0">${text}</pre><button onClick=${copy}>Copy settings</button>` : null;
 }

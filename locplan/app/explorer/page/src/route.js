@@ -65,7 +65,7 @@ export function setRoute(part) {
 	return planNow();
 }
 
-/** Put a waypoint at a position, or half way; returns its index. */
+/** Put a waypoint at a position, or halfway; returns its index. */
 export function addWaypoint(position) {
 	if (shared || !route.value) return null;
 	const path = lines.value.recommended ?? lines.value.shortest;
@@ -103,7 +103,7 @@ export function step(isUndo) {
 		route.value = snapshot.route;
 		noted = snapshot;
 	});
-	spoken.value = isUndo ? "Undone." : "Done again.";
+	spoken.value = isUndo ? "Undone." : "Redone.";
 	if (snapshot.changes !== changes.value) sendChanges(snapshot.changes);
 	else planNow();
 }
