@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from locplan._support.checks import check_threads, instance
 from locplan._support.intervals import Interval, blocks_along, intervals
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.kernels.particles import STILL
 from locplan._support.poses import updates_of, way_along, way_between, wrapped
 from locplan._support.progress import ProgressCallback
 from locplan._support.tables import table
@@ -275,6 +274,8 @@ class _Increments:
     @classmethod
     def of(cls, poses: Floats, odometry: Floats) -> _Increments:
         """Increments from each pose to the next."""
+        from locplan._support.kernels.particles import STILL
+
         begin = np.arange(len(poses) - 1)
         true, reported = (_ways(each, begin, begin + 1) for each in (poses, odometry))
         way = np.hypot(reported[:, 0], reported[:, 1])
