@@ -107,7 +107,8 @@ class PresetChoice:
     results: tuple[CaseResult, ...]
     """The drives with each settings, case by case."""
     verdicts: Mapping[str, Verdict]
-    """Verdict on each preset at the usual level, by its name."""
+    """Verdict on each preset at the usual level, by its name, if it was simulated: a preset that a
+    recording contradicts is not."""
     objections: Mapping[str, str]
     """Why presets are not to be used, by name, in a sentence without a full stop."""
     cost_ratio: float
@@ -279,7 +280,7 @@ def choose_preset(
         The settings to use, and the evidence.
     """
     trial = _PresetTrial(user_settings, cases, recordings, drives_all, progress)
-    if not recordings:  # which otherwise decide first
+    if not recordings:  # they decide first if there are some
         for name in trial.presets:
             trial.compare_at_usual_level(name)
         if drives_all:

@@ -93,8 +93,8 @@ def compare(
     criterion : str, optional
         Scalar that u is made of, see `Costmap.from_field`; the estimator's own by default.
     zones : Zones, optional
-        The zones of all maps: no path crosses a no-go one, and J is 1 a metre more outside
-        preferred ones. A Costmap has its own.
+        The zones of all maps: no path crosses a no-go one, and J rises by 1 per metre
+        outside preferred ones. A Costmap has its own.
     seeds : iterable of int, default (1,)
         Seeds of planners with random numbers, each 1 to 2^32 - 1; the others run once. Give several
         where a planner's paths scatter.

@@ -40,7 +40,7 @@ KINDS: tuple[ZoneKind, ...] = get_args(ZoneKind)
 FILE = "zones.geojson"
 """Name of the file of zones in the folder of an export."""
 OUTSIDE = 1.0
-"""Cost per metre outside the preferred zones, beside that of the length and of u."""
+"""Cost per metre outside the preferred zones, on top of those of the length and of u."""
 MAX_ZONES, MAX_CORNERS, MAX_ALL_CORNERS = 25_000, 1000, 100_000
 """Maximum number of zones, of the corners of one, and of all corners."""
 DIGITS = 3
@@ -102,9 +102,9 @@ class Zone(Valued):
 
     def to_json(self) -> dict[str, Any]:
         """The zone as a feature of GeoJSON."""
-        about = {"kind": self.kind} | ({"percent": self.percent} if self.kind == "slow" else {})
+        percent = {"percent": self.percent} if self.kind == "slow" else {}
         ring = self.polygon.tolist()
-        return feature("Polygon", [[*ring, ring[0]]], about)
+        return feature("Polygon", [[*ring, ring[0]]], {"kind": self.kind} | percent)
 
     @classmethod
     def from_json(cls, entries: Any) -> Zone:
@@ -120,8 +120,8 @@ class Zone(Valued):
         ConfigError
             If it is no such feature.
         """
-        about, shape = (_entry(entries, name) for name in ("properties", "geometry"))
-        if not isinstance(about, dict) or "kind" not in about:
+        properties, shape = (_entry(entries, name) for name in ("properties", "geometry"))
+        if not isinstance(properties, dict) or "kind" not in properties:
             raise ConfigError(f"has no kind; write one of {', '.join(KINDS)} into its properties")
         kind = _entry(shape, "type")
         if kind == "MultiPolygon":
@@ -134,7 +134,7 @@ class Zone(Valued):
         if len(rings) > 1:
             raise ConfigError("has a hole; split the zone into polygons without holes")
         ring = rings[0][:-1] if _is_closed(rings[0]) else rings[0]
-        return cls(about["kind"], ring, about.get("percent"))
+        return cls(properties["kind"], ring, properties.get("percent"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -271,7 +271,8 @@ class Zones:
         Raises
         ------
         ConfigError
-            If it is none, or a feature is no zone. The error names the feature, counted from 1.
+            If it is no collection, or a feature is no zone. The error names the feature, counted
+            from 1.
         """
         features = _entry(entries, "features")
         if _entry(entries, "type") != "FeatureCollection" or not isinstance(features, list):
@@ -281,9 +282,9 @@ class Zones:
         if len(features) > MAX_ZONES:
             raise ConfigError(f"has {len(features):,} features; draw at most {MAX_ZONES:,} zones")
         zones = []
-        for place, each in enumerate(features, 1):
+        for place, entry in enumerate(features, 1):
             try:
-                zones.append(Zone.from_json(each))
+                zones.append(Zone.from_json(entry))
             except ConfigError as error:
                 raise ConfigError(f"feature {place}: {error}") from None
         return cls(zones)
@@ -309,7 +310,7 @@ class Zones:
         Parameters
         ----------
         path : path
-            The file, named .geojson or .json; one that is there is replaced.
+            The file, named .geojson or .json. An existing file is replaced.
 
         Raises
         ------
@@ -440,18 +441,18 @@ def _crossed(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints, Ints]:
     from locplan._support.kernels.rays import cells_of_lines
 
     starts, ends = starts[~is_between], ends[~is_between]
-    way = ends - starts
+    steps = ends - starts
     with np.errstate(divide="ignore", invalid="ignore"):
         # NaN is an edge along a border of the map, which does not limit it.
-        bounds = np.stack([-starts / way, (shape - starts) / way])
-    is_outside = ((way == 0) & ((starts < 0) | (starts > shape))).any(axis=1)
+        bounds = np.stack([-starts / steps, (shape - starts) / steps])
+    is_outside = ((steps == 0) & ((starts < 0) | (starts > shape))).any(axis=1)
     enter = np.nanmax(bounds.min(axis=0), axis=1, initial=0.0)
     leave = np.nanmin(bounds.max(axis=0), axis=1, initial=1.0)
     is_seen = (enter < leave) & ~is_outside
-    starts, way, enter, leave = starts[is_seen], way[is_seen], enter[is_seen], leave[is_seen]
+    starts, steps, enter, leave = (values[is_seen] for values in (starts, steps, enter, leave))
     rows, cols, lengths, _ = cells_of_lines(
-        np.clip(starts + enter[:, None] * way, 0, shape),
-        np.clip(starts + leave[:, None] * way, 0, shape),
+        np.clip(starts + enter[:, None] * steps, 0, shape),
+        np.clip(starts + leave[:, None] * steps, 0, shape),
     )
     is_inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
     is_inside &= lengths > 1e-6
@@ -461,15 +462,15 @@ def _crossed(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints, Ints]:
 def _rectangles(mask: Bools) -> list[tuple[int, int, int, int]]:
     """First row and column of rectangles that make up a mask, and those after their last ones."""
     edges = np.diff(np.pad(mask, ((0, 1), (1, 1))).astype(np.int8), axis=1)
-    begun: dict[tuple[int, int], int] = {}
+    open_runs: dict[tuple[int, int], int] = {}
     rectangles: list[tuple[int, int, int, int]] = []
     for row, steps in enumerate(edges):
         firsts, lasts = np.flatnonzero(steps > 0).tolist(), np.flatnonzero(steps < 0).tolist()
         runs = set(zip(firsts, lasts, strict=True))
-        for run in sorted(begun.keys() - runs):
-            rectangles.append((begun.pop(run), run[0], row, run[1]))
-        for run in runs - begun.keys():
-            begun[run] = row
+        for run in sorted(open_runs.keys() - runs):
+            rectangles.append((open_runs.pop(run), run[0], row, run[1]))
+        for run in runs - open_runs.keys():
+            open_runs[run] = row
     return sorted(rectangles)
 
 
@@ -524,15 +525,15 @@ def _cross(one: Floats, other: Floats) -> Floats:
 
 def _find_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
     """A place where two edges of an outline cross, not only touch; None without any."""
-    way = ends - starts
-    begin, end = (_cross(way[:, None], each[None] - starts[:, None]) for each in (starts, ends))
+    steps = ends - starts
+    begin, end = (_cross(steps[:, None], xy[None] - starts[:, None]) for xy in (starts, ends))
     is_across = begin * end < 0
     pairs = np.argwhere(np.triu(is_across & is_across.T))
     if not len(pairs):
         return None
     one, other = pairs[0]
     share = begin[one, other] / (begin[one, other] - end[one, other])
-    x, y = (starts[other] + share * way[other]).tolist()
+    x, y = (starts[other] + share * steps[other]).tolist()
     return x, y
 
 
@@ -554,7 +555,7 @@ def check_on_map(zones: Zones, grid: OccupancyGrid) -> None:
 
 
 def check_zones(zones: Zones | None) -> Zones:
-    """Return zones that a function was given, which may be None; a ConfigError if they are none.
+    """Return the zones, or empty ones for None; raise a ConfigError if they are no Zones.
 
     Parameters
     ----------

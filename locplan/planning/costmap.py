@@ -180,8 +180,8 @@ class Costmap(CostLayers, Saved):
             their "mean" over the headings, or that of the "worst" heading. Planners whose states
             have a heading take its own.
         zones : Zones, optional
-            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1 a
-            metre more.
+            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1
+            more per metre.
 
         Raises
         ------
@@ -249,8 +249,8 @@ class Costmap(CostLayers, Saved):
             The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
             cell's centre is blocked.
         zones : Zones, optional
-            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1 a
-            metre more.
+            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1
+            more per metre.
 
         Raises
         ------
@@ -298,8 +298,8 @@ class Costmap(CostLayers, Saved):
             blocked as well;
             0 where the density has done that.
         zones : Zones, optional
-            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1 a
-            metre more.
+            The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1
+            more per metre.
 
         Raises
         ------

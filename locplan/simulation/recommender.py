@@ -94,9 +94,9 @@ def choose(
         of the field; by default it is `Fused` for the lidar, or `Sad` without one. A field that
         simulates a lidar has its `stride` near the aware paths, and twice as much elsewhere.
     zones : Zones, optional
-        The zones: no candidate crosses a no-go one, nor does a robot that plans again in a
-        closed-loop drive. Outside preferred zones every candidate but the shortest path pays 1 a
-        metre more. A costmap has its own.
+        The zones: no candidate crosses a no-go one, and robots that plan again in closed-loop
+        drives keep out of them. Outside preferred zones every candidate but the shortest path
+        pays 1 more per metre. A costmap has its own.
     candidates : sequence or mapping by name, default ()
         Further candidates: paths, arrays of positions (n, 2) [m], plans, Pareto fronts, planners
         or their names.

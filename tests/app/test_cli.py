@@ -640,8 +640,9 @@ def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     ZONES.save(tmp_path / "zones.geojson")
     zones, field = ("--zones", tmp_path / "zones.geojson"), ("--field", small_field)
     mask = "export", room, "--to", "nav2-keepout", "--distro", "lyrical"
-    code, _, err = run(*mask, *zones, *field, "-o", tmp_path / "mask")
+    code, out, err = run(*mask, *zones, *field, "-o", tmp_path / "mask")
     assert code == 0, err
+    assert re.search(r"zones +1 no-go, 1 slow, 1 prefer\n", out)
     grid = load_map(room)
     computed = load_or_compute(grid, load_config(small_field))
     costs = Costmap.from_field(grid, computed, zones=Zones.load(tmp_path / "zones.geojson"))

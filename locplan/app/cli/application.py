@@ -126,9 +126,9 @@ def application(*names: str) -> App:
         help_format="plaintext",
         help_formatter=Filling(),
         help_epilogue=(
-            f"The exit code is 0 for a result, {SYSTEM_ERROR} where the system fails, {WRONG_INPUT}"
-            f" for a wrong input, {BEYOND_LIMIT} where a limit of check is exceeded, and"
-            f" {INTERRUPTED} after Ctrl-C and {TERMINATED} after SIGTERM."
+            f"The exit code is 0 for a result, {SYSTEM_ERROR} if the system fails, {WRONG_INPUT}"
+            f" for wrong input, {BEYOND_LIMIT} if a limit of check is exceeded,"
+            f" {INTERRUPTED} after Ctrl-C, and {TERMINATED} after SIGTERM."
         ),
         group_parameters=OPTIONS,
         default_parameter=Parameter(

@@ -52,21 +52,21 @@ def explore(
     Parameters
     ----------
     map_file
-        Map YAML, folder with one, or built-in map. None with --check.
+        Map YAML, folder with one, or built-in map. Leave it out with --check.
     check
         Folder that `locplan check -o` wrote: shows weak spots, routes and fixes.
     start
-        First start of the path, in metres.
+        Initial start, in metres.
     goal
-        First goal of the path, in metres.
+        Initial goal, in metres.
     via
-        Place to visit on the way at first, in metres. Repeatable.
+        Initial waypoint, in metres. Repeatable.
     weight
         Detour that a degenerate metre is worth, in metres.
     zones
         Zones (GeoJSON) or a keepout mask (map YAML) to begin with.
     port
-        Port of the page. [default: any]
+        Port of the page, 0 for any free one.
     no_browser
         Open no browser.
     """

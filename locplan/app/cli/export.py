@@ -164,6 +164,8 @@ def export(
         )
     values = {"map": grid.name, "to": to, "target": str(target), **summary.values}
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
+    if job.costs.zones:
+        rows.append(("zones", str(job.costs.zones)))
     output.show(values, table([], [*rows, *job.rows, *summary.rows]), target)
 
 

@@ -64,7 +64,7 @@ def landmarks(
     count
         Maximum number of objects.
     zones
-        Zones (GeoJSON) or a keepout mask (map YAML). No-go zones get no object.
+        Zones (GeoJSON) or a keepout mask (map YAML) that objects leave free.
     drives
         Number of drives that verify them, 0 for none.
     """
