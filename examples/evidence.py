@@ -125,9 +125,9 @@ class Judged:
     log_error: Mapping[str, np.ndarray]
     """Logarithm of the RMSE of each fresh drive of the paths [ln m]."""
     lost: Mapping[str, np.ndarray]
-    """True for each fresh drive that was off by more than 1 m at some time."""
+    """True for each fresh drive that was lost."""
     off_at_end: Mapping[str, np.ndarray]
-    """True for each fresh drive that was off by more than 1 m where it ends."""
+    """True for each fresh drive that was off at the end."""
     arrivals: Mapping[str, Arrivals]
     """Fresh closed-loop drives of the paths."""
 
@@ -353,9 +353,9 @@ class Case:
     log_error: list[float]
     """Logarithm of the RMSE of each drive [ln m]."""
     lost: list[bool]
-    """True for each drive that was off by more than 1 m at some time."""
+    """True for each drive that was lost."""
     off_at_end: list[bool]
-    """True for each drive that was off by more than 1 m where it ends."""
+    """True for each drive that was off at the end."""
 
     @classmethod
     def from_drives(

@@ -290,7 +290,7 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
     for name, density in densities.items():
         ground = part.whole_map if name in requested else part
         path = ground.plan_on(density(ground))
-        # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m off all.
+        # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m away from all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
         limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
         if isinstance(path, str):

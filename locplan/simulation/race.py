@@ -269,7 +269,7 @@ class Driven(Valued):
     """How the drives went whose figures are shown of a candidate."""
 
     derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_end_rate")
-    former: ClassVar[tuple[str, ...]] = ("off", "off_at_goal")  # off by more than 0.5 m
+    former: ClassVar[tuple[str, ...]] = ("off", "off_at_goal")  # with a limit of 0.5 m
 
     numbers: range
     """Numbers of the drives; those of the same number are pairs."""

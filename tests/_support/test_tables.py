@@ -96,7 +96,7 @@ def test_tables_break_at_spaces_alone_and_their_headings_first():
     rates = Interval(1.0, 0.68, 1.0)
     columns = (
         Column("name", title="path"),
-        Column("share", title="off by > 1 m at some time", people="%", digits=0, interval=True),
+        Column("share", title="off by > 2 m at some time", people="%", digits=0, interval=True),
         Column("error", "m", title="error of a drive", interval=True),
     )
     rows = (("localizability-aware", rates, rates), ("clear way around 2", rates, rates))

@@ -18,6 +18,7 @@ from locplan.advice.limits import Limit
 from locplan.advice.next_step import next_action
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.robots.presets import UPDATES
+from locplan.simulation.drives import LOST
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -257,7 +258,7 @@ def test_output_is_short_and_names_all_fixes(
         assert ("Weak spot A" in text) == bool(each.spots)
         for fix in each.fixes:
             assert set(fix.title.split()) <= set(text.split())  # its cell may fold
-        assert text.startswith("Your robot gets lost (error > 1 m) in")
+        assert text.startswith(f"Your robot gets lost (error > {LOST:g} m) in")
     assert "repaired map" in solid.report()
 
 

@@ -22,6 +22,8 @@ from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
 
+from locplan.simulation.drives import LOST
+
 PROJECT = Path(__file__).resolve().parents[2]
 GUIDES = PROJECT / "examples" / "guides"
 PAGES = sorted(set(GUIDES.glob("*.md")) - {GUIDES / "README.md"})
@@ -162,6 +164,14 @@ def test_every_guide_stands_in_the_index_and_says_what_comes_next():
 def without_code(text: str) -> str:
     """Markdown without blocks and spans of code."""
     return re.sub(r"`[^`\n]*`", "", re.sub(r"^ *```.*?^ *```$", "", text, flags=re.M | re.S))
+
+
+@pytest.mark.parametrize("page", LINKING, ids=lambda page: page.name)
+def test_page_defines_lost_at_most_once(page):
+    """So that one edit a page follows one of `LOST`; shown output aside."""
+    words = " ".join(without_code(page.read_text("utf-8")).split())
+    pattern = r"\boff by (?:more than|over|>) ([\d.]+ m|a metre)\b(?! at the goal)"
+    assert re.findall(pattern, words) in ([], [f"{LOST:g} m"])
 
 
 def anchors(text: str) -> set[str]:

@@ -224,9 +224,9 @@ def test_worlds_differ_from_the_map_and_from_each_other(two_corridors):
 def test_lost_drives_and_their_intervals(two_corridors):
     short = Path(np.array([[2.0, 3.0], [30.0, 3.0]]))
     drives = simulate(two_corridors, {"a": short}, drives=30).drives["a"]
-    assert drives.lost.tolist() == (drives.position_error > 1).any(axis=1).tolist()
+    assert drives.lost.tolist() == (drives.position_error > LOST).any(axis=1).tolist()
     assert 0 < drives.lost_rate.low < drives.lost_rate.value < drives.lost_rate.high < 1
-    assert drives.off_at_end.tolist() == (drives.position_error[:, -1] > 1.0).tolist()
+    assert drives.off_at_end.tolist() == (drives.position_error[:, -1] > LOST).tolist()
     assert drives.off_at_end_rate.value == drives.off_at_end.mean()
     mean_square = (drives.errors[..., :2] ** 2).sum(axis=2).mean()
     assert drives.rmse.value == pytest.approx(math.sqrt(mean_square))
@@ -260,13 +260,13 @@ def test_the_legend_of_a_narrow_map_is_within_the_picture():
 def test_where_all_drives_are_lost_none_is_left_to_tell_of():
     poses = np.column_stack([np.linspace(0, 9, 10), np.zeros((10, 2))])
     errors = np.zeros((6, 10, 3))
-    errors[:, 4, 1] = 2.0
+    errors[:, 4, 1] = 2 * LOST
     drives = Drives(poses, errors)
     assert drives.lost.all()
     assert np.isnan(drives.kept_rmse).all()
     assert values_of(DRIVEN, drives)["kept_rmse"] == [None] * 3
     assert drives.median_error == (0.0, 0.0, 0.0)
-    errors[:2, 4, 1] = 0.5  # two are too few for an interval
+    errors[:2, 4, 1] = LOST / 2  # two are too few for an interval
     kept = Drives(poses, errors).kept_rmse
     assert kept.value == pytest.approx(0.5 / math.sqrt(10))
     assert np.isnan(kept[1:]).all()
@@ -390,7 +390,7 @@ def test_intervals_of_too_few_drives():
     two = drives_with([[2.0], [8.0]])
     assert two.typical_rmse.value == pytest.approx(4.0)
     assert rmse_ratio(two, drives_with([[1.0], [1.0]])).value == pytest.approx(4.0)
-    assert np.isnan(drives_with([[2.0]] * 6).kept_rmse).all()
+    assert np.isnan(drives_with([[2 * LOST]] * 6).kept_rmse).all()
 
 
 # What AMCL is told.

@@ -24,6 +24,7 @@ from locplan.robots import Amcl
 from locplan.robots.presets import amcl_presets
 from locplan.simulation import Drives
 from locplan.simulation.driver import CHOOSING
+from locplan.simulation.drives import LOST
 from locplan.simulation.race import Scores, judged
 from locplan.simulation.verdict import (
     BETTER,
@@ -37,11 +38,11 @@ from locplan.simulation.verdict import (
     plan_looks,
 )
 
-DEVIATION, LOST = 0.45, 0.1
+DEVIATION, LOST_SHARE = 0.45, 0.1
 LINE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 
 
-def draw_pairs(ratios, n_drives, seed, lost=(LOST, LOST)):
+def draw_pairs(ratios, n_drives, seed, lost=(LOST_SHARE, LOST_SHARE)):
     """Draw (baseline, alternative) log errors and lost flags of some ratios, (ratios, n_drives)."""
     random = np.random.default_rng(seed)
     shape = len(ratios), n_drives
@@ -55,7 +56,7 @@ def draw_pairs(ratios, n_drives, seed, lost=(LOST, LOST)):
     return errors, [ranks < lost[0], others < lost[1]]
 
 
-def look_at(ratio, n_drives=64, count=4000, seed=1, lost=(LOST, LOST), **more):
+def look_at(ratio, n_drives=64, count=4000, seed=1, lost=(LOST_SHARE, LOST_SHARE), **more):
     (before, after), flags = draw_pairs([ratio] * count, n_drives, seed, lost)
     return look(after - before, *flags, **more)
 
@@ -147,12 +148,12 @@ def test_verdict_intervals_cover_the_truth():
 
 def test_drive_set_joins_lines_and_knows_the_end():
     errors = np.zeros((3, 5, 3))
-    errors[0, 2, 0], errors[1, -1, 1], errors[2, -1, 0] = 1.5, 1.1, 0.9
+    errors[0, 2, 0], errors[1, -1, 1], errors[2, -1, 0] = LOST + 0.5, LOST + 0.1, LOST - 0.1
     drives = Drives(np.zeros((5, 3)), errors)
     joined = DriveSet.from_drives([drives, drives])
     assert joined.lost.tolist() == [True, True, False] * 2
     assert joined.off_at_end.tolist() == [False, True, False] * 2
-    assert joined.log_error[0] == pytest.approx(0.5 * math.log(1.5**2 / 5), abs=1e-5)
+    assert joined.log_error[0] == pytest.approx(0.5 * math.log((LOST + 0.5) ** 2 / 5), abs=1e-5)
     verdict = compare(joined, joined)
     assert verdict.off_at_end.alternative.value == pytest.approx(1 / 3)
 
@@ -205,7 +206,7 @@ def choose_among(ratios, seed, drives=64):
     shape = len(ratios), drives + 8
     errors = 0.4 * random.normal(size=shape[1]) + random.normal(0, DEVIATION / math.sqrt(2), shape)
     errors += np.log(ratios)[:, None]
-    lost = random.uniform(size=shape) < LOST
+    lost = random.uniform(size=shape) < LOST_SHARE
 
     def drive(paths, numbers):
         at = np.ix_([*paths], place_of(numbers, drives))
@@ -246,7 +247,7 @@ class DrawnSite:
         spread = DEVIATION / math.sqrt(2)
         self.errors = 0.4 * random.normal(size=shape[1:]) + spread * random.normal(size=shape)
         self.errors[1:] += np.log(ratios)[:, None, None]
-        rates = np.array(lost or [LOST] * shape[0])[:, None, None]
+        rates = np.array(lost or [LOST_SHARE] * shape[0])[:, None, None]
         self.lost = random.uniform(size=shape) < rates
 
     def drive(self, kinds, numbers):
@@ -319,10 +320,10 @@ def test_check_lets_fresh_drives_alone_decide():
 
 
 def drives_of(log_errors, lost, n_poses=400):
-    """Return Drives of these errors; lost ones are off by more than 1 m at one pose."""
+    """Return Drives of these errors; lost ones are off by more than LOST at one pose."""
     errors = np.zeros((len(lost), n_poses, 3))
-    errors[..., 0] = np.minimum(np.exp(log_errors), 0.9)[:, None]
-    errors[lost, n_poses // 2, 0] = 1.1
+    errors[..., 0] = np.minimum(np.exp(log_errors), LOST - 0.1)[:, None]
+    errors[lost, n_poses // 2, 0] = LOST + 0.1
     return Drives(np.zeros((n_poses, 3)), errors)
 
 
@@ -424,7 +425,7 @@ def drawn_tuning(ratios, seed):
     shape = len(settings), 64
     errors = 0.4 * random.normal(size=64) + random.normal(0, DEVIATION / math.sqrt(2), shape)
     errors += np.log(ratios)[:, None] - 2
-    lost = random.uniform(size=shape) < LOST
+    lost = random.uniform(size=shape) < LOST_SHARE
 
     def drive(amcl, numbers):
         row = settings.index(amcl)
