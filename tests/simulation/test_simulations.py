@@ -268,7 +268,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
     assert drives.median_error == (0.0, 0.0, 0.0)
     errors[:2, 4, 1] = LOST / 2  # two are too few for an interval
     kept = Drives(poses, errors).kept_rmse
-    assert kept.value == pytest.approx(0.5 / math.sqrt(10))
+    assert kept.value == pytest.approx(LOST / 2 / math.sqrt(10))
     assert np.isnan(kept[1:]).all()
 
 
