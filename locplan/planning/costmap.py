@@ -16,6 +16,7 @@ from locplan._support.kernels.arrays import Bools
 from locplan._support.saved import Saved
 from locplan._support.tables import finite
 from locplan.errors import ConfigError, FieldError
+from locplan.field.beams import LidarEstimator
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.zones import Zones, check_zones
@@ -160,8 +161,8 @@ class Costmap(CostLayers, Saved):
         field : CovarianceField
             The field; u is made of Sigma + Q, whether or not its estimator adds Q.
         weight : float, optional
-            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own,
-            4 of `Sad` and 8 of the others. More avoids degenerate places by longer paths.
+            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own.
+            More avoids degenerate places by longer paths.
         robot : Robot, or float, default 0.25
             The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
             cell's centre is blocked;
@@ -227,7 +228,7 @@ class Costmap(CostLayers, Saved):
         *,
         u: ArrayLike,
         e: ArrayLike | None = None,
-        weight: float = 8.0,
+        weight: float = LidarEstimator.weight,
         robot: Robot | float = ROBOT_RADIUS,
         zones: Zones | None = None,
     ) -> Costmap:
@@ -243,8 +244,9 @@ class Costmap(CostLayers, Saved):
         e : (H, W) array, optional
             Uncertainty of each free cell, >= 0 [m^2 rad], of which paths have the integral; without
             it a path's `integrated_e` is NaN.
-        weight : float, default 8.0
-            Metres of detour accepted per degenerate metre, >= 0.
+        weight : float, optional
+            Metres of detour accepted per degenerate metre, >= 0; by default that of the estimators
+            that simulate a lidar.
         robot : Robot, or float, default 0.25
             The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
             cell's centre is blocked.

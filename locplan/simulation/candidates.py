@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from locplan._support.checks import shown
 from locplan.errors import ConfigError
+from locplan.field.beams import LidarEstimator
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
 from locplan.field.fisher import Fused
@@ -33,8 +34,8 @@ from locplan.robots.robot import Robot
 from locplan.simulation.problem import NEAR, Ask, distances_to
 from locplan.simulation.worlds import Window, inflated, poses_along, window_about
 
-WEIGHTS = (4.0, 8.0, 12.0)
-"""Weights of the degeneracy u of the aware paths."""
+WEIGHTS = tuple(share * LidarEstimator.weight for share in (0.5, 1.0, 1.5))
+"""Weights of the degeneracy u of the aware paths, about the default one."""
 
 
 @dataclass(frozen=True)
