@@ -354,6 +354,8 @@ def cut_path(path: Path, where: float) -> Path:
     return Path(np.column_stack([cut(values) for values in path.xy.T]), heading)
 
 
+PATHS, DRIVES = 16, 4
+"""Default number of random paths on each map, and of drives along each."""
 FEWEST_PATHS = 5
 """Minimum number of paths: drives along few of them are alike."""
 
@@ -362,8 +364,8 @@ def tune(
     grid: OccupancyGrid | Sequence[OccupancyGrid],
     robot: Robot | None = None,
     *,
-    paths: int = 16,
-    drives: int = 4,
+    paths: int = PATHS,
+    drives: int = DRIVES,
     levels: Sequence[Level] = LEVELS,
     filter_map: OccupancyGrid | None = None,
     others: Mapping[str, object] | None = None,
@@ -494,8 +496,9 @@ def number_names(names: Sequence[str]) -> list[str]:
     return [f"{name} {count}" if count > 1 else name for name, count in pairs]
 
 
-PATHS, DRIVES = 12, 4
-"""Number of random paths on each map that settings are simulated on, and of drives along each."""
+SIMULATED_PATHS, SIMULATED_DRIVES = 12, 4
+"""Number of random paths on each map that settings are simulated on next to recordings, and of
+drives along each."""
 
 
 def tune_on_drive(
@@ -588,13 +591,13 @@ def tune_on_drive(
     map_labels = number_names([one.name or "map" for one in maps]) if maps[1:] else [""]
     cases = []
     for one, label in zip(maps, map_labels, strict=True):
-        paths = plan_random_paths(Costmap.blank(one, robot=known), PATHS, seed)
+        paths = plan_random_paths(Costmap.blank(one, robot=known), SIMULATED_PATHS, seed)
         cases += simulated_cases(
             one,
             known,
             paths,
             [USUAL],
-            drives=DRIVES,
+            drives=SIMULATED_DRIVES,
             label=label,
             filter_map=filter_map,
             seed=seed,
@@ -621,8 +624,8 @@ def tune_on_drive(
         choice=choice,
         beams_left=beams_left,
         warnings=warn_of_settings(known, choice.settings, beams_left, others),
-        paths=PATHS,
-        drives=DRIVES,
+        paths=SIMULATED_PATHS,
+        drives=SIMULATED_DRIVES,
         seed=seed,
         recording=", ".join(labels),
         filter_map=filter_map,

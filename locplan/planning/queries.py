@@ -57,6 +57,10 @@ class Query:
     """Position of the goal in the world [m], or a pose with a heading [rad]."""
 
 
+MIN_DISTANCE = 10.0
+"""Default minimum distance between the ends of random queries that are simulated [m]."""
+
+
 def check_random(count: int, seed: int, min_distance: float) -> None:
     """Raise a ConfigError unless random queries can be drawn; to be called before long work.
 

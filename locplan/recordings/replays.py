@@ -389,12 +389,16 @@ class Replay(Result):
         return replay_report(self)
 
 
+REPLAY_RUNS = 20
+"""Default number of runs of `replay`."""
+
+
 def replay(
     recording: Recording,
     grid: OccupancyGrid,
     robot: Robot | None = None,
     *,
-    runs: int = 20,
+    runs: int = REPLAY_RUNS,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,

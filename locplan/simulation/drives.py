@@ -29,6 +29,8 @@ from locplan.robots.robot import Robot
 
 MAX_DRIVES = 100_000
 """Maximum number of drives along a path, or to a place."""
+DEFAULT_DRIVES = 100
+"""Default number of drives along a path."""
 LOST = 1.0
 """Error of the position above which a robot is lost at any time of a drive, and off at the end
 where the drive ends [m]."""

@@ -25,7 +25,14 @@ from locplan.planning.plans import AWARE, SHORTEST, plan_beside_shortest
 from locplan.planning.queries import Query
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import DRIVEN, OFF_SHORT, Drives, check_drives, rmse_ratio
+from locplan.simulation.drives import (
+    DEFAULT_DRIVES,
+    DRIVEN,
+    OFF_SHORT,
+    Drives,
+    check_drives,
+    rmse_ratio,
+)
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.worlds import about_filter
 
@@ -294,7 +301,7 @@ def simulate_queries(
     queries: Sequence[Query],
     robot: Robot | None = None,
     *,
-    drives: int = 100,
+    drives: int = DEFAULT_DRIVES,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,

@@ -28,7 +28,7 @@ from locplan.field.store import load_or_compute
 from locplan.planning.costmap import Costmap
 from locplan.planning.named_maps import named_maps
 from locplan.planning.plans import check_ends
-from locplan.planning.queries import Query, check_random, queries_of
+from locplan.planning.queries import MIN_DISTANCE, Query, check_random, queries_of
 from locplan.robots.robot import Robot
 from locplan.simulation.drives import LOST
 from locplan.simulation.problem import ChoiceSettings
@@ -276,7 +276,7 @@ def choose_many(
     *,
     executor: Executor | None = None,
     seed: int = 1,
-    min_distance: float = 10.0,
+    min_distance: float = MIN_DISTANCE,
     query_seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,

@@ -23,7 +23,14 @@ from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import ARRIVING, SHARES, Arrivals, Closed, ends_of
 from locplan.simulation.driver import drive_closed, drive_open
-from locplan.simulation.drives import DRIVEN, Drives, check_drives, contrasts, profiles
+from locplan.simulation.drives import (
+    DEFAULT_DRIVES,
+    DRIVEN,
+    Drives,
+    check_drives,
+    contrasts,
+    profiles,
+)
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.worlds import about_filter
 
@@ -143,7 +150,7 @@ def simulate(
     paths: Mapping[str, Path | ArrayLike],
     robot: Robot | None = None,
     *,
-    drives: int = 100,
+    drives: int = DEFAULT_DRIVES,
     closed: Closed | None = None,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,

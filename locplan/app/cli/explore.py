@@ -12,7 +12,16 @@ from cyclopts import Parameter
 import locplan
 from locplan._support.progress import working
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import InputFile, MapFile, Position, Positions, Switch, Whole, refuse
+from locplan.app.cli.arguments import (
+    InputFile,
+    MapFile,
+    Position,
+    Positions,
+    Switch,
+    Whole,
+    refuse,
+    show_default,
+)
 from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight, load_zones
 from locplan.errors import ConfigError
 
@@ -37,7 +46,7 @@ def explore(
     via: Positions = (),
     weight: Weight = None,
     zones: InputFile = None,
-    port: Whole = 0,
+    port: Annotated[Whole, show_default(lambda: None)] = 0,
     no_browser: Switch = False,
     robot: RobotOptions = RobotOptions(),
     field: FieldOptions = FieldOptions(),

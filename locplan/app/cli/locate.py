@@ -24,7 +24,14 @@ def _default_distance() -> float:
     return WITHIN
 
 
+def _default_count() -> int:
+    from locplan.recordings.location import COUNT
+
+    return COUNT
+
+
 Within = Annotated[float | None, show_default(_default_distance)]
+PlaceCount = Annotated[Count | None, show_default(_default_count)]
 
 
 @command(
@@ -41,7 +48,7 @@ def locate(
     every: Count | None = None,
     near_path: InputFile = None,
     within: Within = None,
-    count: Count = 10,
+    count: PlaceCount = None,
     threads: Threads = None,
     output: Output = Output(),
 ) -> None:
@@ -66,7 +73,7 @@ def locate(
     count
         Maximum number of places.
     """
-    from locplan.recordings.location import WITHIN, LocatedDrive, locate_drive
+    from locplan.recordings.location import COUNT, WITHIN, LocatedDrive, locate_drive
     from locplan.recordings.map_fit import check_place
     from locplan.recordings.matching import ScanDatabase
 
@@ -92,7 +99,7 @@ def locate(
             grid,
             near=locplan.Path.load(near_path) if near_path else None,
             within=WITHIN if within is None else within,
-            count=count,
+            count=COUNT if count is None else count,
             database=database,
             threads=threads,
             progress=progress,

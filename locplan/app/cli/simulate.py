@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import locplan
 from locplan._support.progress import progress_bar
@@ -16,6 +17,7 @@ from locplan.app.cli.arguments import (
     check_ends,
     read_paths,
     refuse,
+    show_default,
 )
 from locplan.app.cli.groups import (
     SEED,
@@ -33,6 +35,23 @@ from locplan.app.cli.groups import (
 from locplan.errors import ConfigError
 
 
+def _default_distance() -> float:
+    from locplan.planning.queries import MIN_DISTANCE
+
+    return MIN_DISTANCE
+
+
+def _default_drives() -> str:
+    from locplan.recordings.replays import REPLAY_RUNS
+    from locplan.simulation.drives import DEFAULT_DRIVES
+
+    return f"{DEFAULT_DRIVES} or {REPLAY_RUNS}"
+
+
+MinDistance = Annotated[float | None, show_default(_default_distance)]
+DriveCount = Annotated[PairCount | None, show_default(_default_drives)]
+
+
 @command(
     "simulate lab.yaml --start 2,3 --goal 38,3 -o simulated",
     "simulate lab.yaml --path planned/01-shortest.csv --path mine.csv -o simulated",
@@ -47,10 +66,10 @@ def simulate(
     goal: Position = None,
     path: PathFiles = (),
     random: PairCount | None = None,
-    min_distance: float | None = None,
+    min_distance: MinDistance = None,
     recording: RecordingFile = None,
     weight: Weight = None,
-    drives: PairCount | None = None,
+    drives: DriveCount = None,
     closed: PairCount | None = None,
     replan: float | None = None,
     robot: RobotOptions = RobotOptions(),
@@ -77,11 +96,11 @@ def simulate(
     random
         Number of random queries on each map, instead of a start.
     min_distance
-        Minimum distance of random queries, in metres. [default: 10]
+        Minimum distance of random queries, in metres.
     weight
         Detour that a degenerate metre is worth, in metres.
     drives
-        Number of drives per path, or of replays. [default: 100 or 20]
+        Number of drives per path, or of replays.
     closed
         Number of further closed-loop drives along each path.
     replan
@@ -91,9 +110,10 @@ def simulate(
     from locplan.maps.files import find_maps
     from locplan.planning import plans
     from locplan.planning.plans import plan_beside_shortest
-    from locplan.planning.queries import check_random, random_queries
+    from locplan.planning.queries import MIN_DISTANCE, check_random, random_queries
     from locplan.simulation import simulations
     from locplan.simulation.arrivals import Closed
+    from locplan.simulation.drives import DEFAULT_DRIVES
     from locplan.simulation.query_routes import RoutesOnMaps, simulate_queries
     from locplan.simulation.simulations import Simulation
 
@@ -115,7 +135,7 @@ def simulate(
     if recording:
         refuse("with --recording", start=start, goal=goal, path=path, random=random, weight=weight)
         refuse("with --recording", closed=closed, field=field.field, stride=field.stride)
-        return _replay(recording, files[0], drives or 20, robot, filter_map, seed, threads, output)
+        return _replay(recording, files[0], drives, robot, filter_map, seed, threads, output)
     simulated, config = field.choose(robot.load())
     is_assumed = simulated.lidar is None
     simulated = equipped(simulated, config)
@@ -129,7 +149,7 @@ def simulate(
 
     if random is not None:
         refuse("with --random", closed=closed)
-        distance = 10.0 if min_distance is None else min_distance
+        distance = MIN_DISTANCE if min_distance is None else min_distance
         check_random(random, seed, distance)
         kind = RoutesOnMaps
         output.check(kind.files, *kind.pictures([grid.name for grid in grids]))
@@ -143,7 +163,7 @@ def simulate(
                         costs,
                         queries,
                         simulated,
-                        drives=drives or 100,
+                        drives=drives or DEFAULT_DRIVES,
                         filter_map=filter_grid,
                         seed=seed,
                         threads=threads,
@@ -170,7 +190,7 @@ def simulate(
             paths,
             simulated,
             costs=path_costs,
-            drives=drives or 100,
+            drives=drives or DEFAULT_DRIVES,
             closed=Closed(drives=closed, replan=replan) if closed else None,
             filter_map=filter_grid,
             seed=seed,
@@ -186,7 +206,7 @@ def simulate(
 def _replay(
     recording: Path,
     map_file: Path,
-    runs: int,
+    runs: int | None,
     robot: RobotOptions,
     filter_map: Path | None,
     seed: int,
@@ -194,7 +214,7 @@ def _replay(
     output: Output,
 ) -> None:
     """Replay the filter on a recording."""
-    from locplan.recordings.replays import Replay, replay
+    from locplan.recordings.replays import REPLAY_RUNS, Replay, replay
 
     output.check(Replay.files)
     robot.check_recorded()
@@ -207,7 +227,7 @@ def _replay(
             ground_truth,
             grid,
             replayed,
-            runs=runs,
+            runs=runs or REPLAY_RUNS,
             filter_map=load_filter_map(filter_map, [map_file]),
             seed=seed,
             threads=threads,

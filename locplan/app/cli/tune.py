@@ -10,7 +10,7 @@ from cyclopts.validators import Number
 import locplan
 from locplan._support.progress import progress_bar
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import WHOLE, MapFiles, PairCount, refuse
+from locplan.app.cli.arguments import WHOLE, MapFiles, PairCount, refuse, show_default
 from locplan.app.cli.groups import (
     SEED,
     FilterMapFile,
@@ -25,6 +25,28 @@ from locplan.app.cli.groups import (
 from locplan.errors import ConfigError
 
 
+def _default_paths() -> int:
+    from locplan.advice.tuning import PATHS
+
+    return PATHS
+
+
+def _default_drives() -> str:
+    from locplan.advice.tuning import DRIVES
+    from locplan.recordings.replays import RUNS
+
+    return f"{DRIVES} or {RUNS}"
+
+
+PathCount = Annotated[
+    int | None,
+    WHOLE,
+    Parameter(validator=Number(gte=5, lte=1000)),
+    show_default(_default_paths),
+]
+DriveCount = Annotated[PairCount | None, show_default(_default_drives)]
+
+
 @command(
     "tune lab.yaml --lidar turtlebot4 --robot nav2_params.yaml -o tuned",
     "tune lab.yaml --recording drive.npz --robot nav2_params.yaml -o tuned",
@@ -34,8 +56,8 @@ def tune(
     /,
     *,
     recording: RecordingFiles = (),
-    paths: Annotated[int | None, WHOLE, Parameter(validator=Number(gte=5, lte=1000))] = None,
-    drives: PairCount | None = None,
+    paths: PathCount = None,
+    drives: DriveCount = None,
     robot: RobotOptions = RobotOptions(),
     filter_map: FilterMapFile = None,
     seed: Seed = SEED,
@@ -52,13 +74,14 @@ def tune(
     maps
         Map YAML files, folders with one, or built-in maps.
     paths
-        Number of random paths. [default: 16]
+        Number of random paths.
     drives
-        Number of drives per path, or of replays. [default: 4 or 12]
+        Number of drives per path, or of replays.
     """
     from locplan.advice import tuning
     from locplan.advice.tuning import Tuning, tune_on_drive
     from locplan.maps.files import find_maps
+    from locplan.recordings.replays import RUNS
     from locplan.robots.parameters import read_parameters
     from locplan.simulation.amcl_parameters import check_tunable
 
@@ -74,8 +97,8 @@ def tune(
             result = tuning.tune(
                 grids,
                 robot.load(),
-                paths=paths or 16,
-                drives=drives or 4,
+                paths=paths or tuning.PATHS,
+                drives=drives or tuning.DRIVES,
                 filter_map=load_filter_map(filter_map, maps),
                 others=others,
                 seed=seed,
@@ -102,7 +125,7 @@ def tune(
                 recordings,
                 grids,
                 robot.load_recorded(recordings[0]),
-                drives=drives or 12,
+                drives=drives or RUNS,
                 filter_map=load_filter_map(filter_map, maps),
                 others=others,
                 seed=seed,
