@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+PATHS, DRIVES = 5, 8
+"""Default number of paths of the verdict, and of drives along each with each map and filter."""
 DISTANCES = 10.0, 5.0, 2.0, 0.5
 """Minimum distances from start to goal of the verdict's paths, the first that the map has [m]."""
 
@@ -177,8 +179,8 @@ def mend(
     robot: Robot | None = None,
     *,
     source: MapSource | None = None,
-    paths: int = 5,
-    drives: int = 8,
+    paths: int = PATHS,
+    drives: int = DRIVES,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,

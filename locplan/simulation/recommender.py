@@ -315,13 +315,13 @@ class SimulatedChoice:
     space: ClassVar[str] = "R2"
     minimises: ClassVar[str | None] = "simulated error"
 
-    drives: int = 64
+    drives: int = ChoiceSettings.drives
     """Maximum number of confirming drives of a path, 2 to 1024."""
-    minimise: Minimise = "rmse"
+    minimise: Minimise = ChoiceSettings.minimise
     """Error that decides: "rmse", "goal-error", "heading" or "lost", see `ChoiceSettings`."""
-    price: float = 0.3
+    price: float = ChoiceSettings.price
     """What the logarithm of the length counts in the race, >= 0."""
-    longest: float = 1.5
+    longest: float = ChoiceSettings.longest
     """Maximum length of a candidate, in lengths of the shortest path, >= 1."""
     bold: bool = False
     """Whether an undecided path is taken, too, see `ChoiceSettings`."""

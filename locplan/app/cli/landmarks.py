@@ -17,9 +17,19 @@ from locplan.app.cli.arguments import (
     Whole,
     check_ends,
     read_paths,
+    show_default,
 )
 from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads, load_zones
 from locplan.errors import ConfigError
+
+
+def _default_drives() -> int:
+    from locplan.advice.landmarks import DRIVES
+
+    return DRIVES
+
+
+DriveCount = Annotated[Whole | None, show_default(_default_drives)]
 
 
 @command(
@@ -37,7 +47,7 @@ def landmarks(
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2",
     count: Whole = 6,
     zones: InputFile = None,
-    drives: Whole = 100,
+    drives: DriveCount = None,
     robot: RobotOptions = RobotOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
@@ -69,7 +79,7 @@ def landmarks(
         Number of drives that verify them, 0 for none.
     """
     from locplan.advice.landmark_objects import parsed_object
-    from locplan.advice.landmarks import Landmarks, verify_landmarks
+    from locplan.advice.landmarks import DRIVES, Landmarks, verify_landmarks
     from locplan.planning.queries import read_stations
     from locplan.simulation.drives import check_drives
 
@@ -81,6 +91,7 @@ def landmarks(
         stations = read_stations(places)
         named_places = {station.name: (station.x, station.y) for station in stations}
     kind = parsed_object(object)
+    drives = DRIVES if drives is None else drives
     check_drives(drives, or_none=True)
     simulated, grid = robot.load_simulated(), locplan.load_map(map_file)
     output.check(Landmarks.files)

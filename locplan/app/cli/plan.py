@@ -24,6 +24,7 @@ from locplan.app.cli.arguments import (
     parse_planners,
     read_paths,
     refuse,
+    show_default,
 )
 from locplan.app.cli.groups import (
     SEED,
@@ -42,6 +43,7 @@ from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.planning.protocol import Planner
+    from locplan.simulation.problem import ChoiceSettings
 
 HALF = 0.5
 """Share of failing drives from which the cause matters more than the path."""
@@ -49,11 +51,21 @@ MAX_DRIVES = 1024
 """Maximum number of confirming drives that `plan` simulates."""
 ROBOT_OPTIONS = "--robot", "--lidar", "--set", "--filter-map"
 Error = Literal["rmse", "lost", "goal-error", "heading"]
-LONGEST, MAX_CONFIRMING = 1.5, 64
-MINIMISE: Error = "rmse"
-"""Defaults of options that --front does not read."""
 FRONT_TIME = 30.0
 """Time that the search for a front may take [s]."""
+
+
+def _settings() -> type[ChoiceSettings]:
+    from locplan.simulation.problem import ChoiceSettings
+
+    return ChoiceSettings
+
+
+MaxLength = Annotated[float | None, show_default(lambda: _settings().longest)]
+DriveCount = Annotated[Whole | None, show_default(lambda: _settings().drives)]
+Minimised = Annotated[
+    Error | None, Parameter(show_choices=False), show_default(lambda: _settings().minimise)
+]
 
 
 @command(
@@ -72,13 +84,13 @@ def plan(
     planner: PlannerTexts = (),
     path: PathFiles = (),
     weight: Weight = None,
-    longest: float = LONGEST,
+    longest: MaxLength = None,
     max_e: Annotated[float | None, Parameter(metavar="E")] = None,
     budget: Annotated[float | None, Parameter(metavar="METRES")] = None,
     front: Switch = False,
-    drives: Whole = MAX_CONFIRMING,
+    drives: DriveCount = None,
     thorough: Switch = False,
-    minimise: Annotated[Error, Parameter(show_choices=False)] = MINIMISE,
+    minimise: Minimised = None,
     zones: InputFile = None,
     robot: RobotOptions = RobotOptions(),
     filter_map: FilterMapFile = None,
@@ -132,12 +144,12 @@ def plan(
             planner=planner,
             path=path,
             weight=weight,
-            longest=longest != LONGEST,
+            longest=longest,
             max_e=max_e,
             budget=budget,
-            drives=drives != MAX_CONFIRMING,
+            drives=drives,
             thorough=thorough,
-            minimise=minimise != MINIMISE,
+            minimise=minimise,
             seed=seed != SEED,
             filter_map=filter_map,
         )
@@ -159,6 +171,7 @@ def plan(
     output.check(locplan.Choice.files, "history.png")
     grid = locplan.load_map(map_file)
     polygons = load_zones(zones, grid)
+    settings = _settings()
     with later_progress_bar("driving the candidates", "drives") as progress:
         choice = locplan.choose(
             grid,
@@ -172,10 +185,10 @@ def plan(
             via=via,
             max_e=max_e,
             budget=budget,
-            longest=longest,
+            longest=settings.longest if longest is None else longest,
             weight=weight,
-            minimise=minimise,
-            drives=drives,
+            minimise=minimise or settings.minimise,
+            drives=settings.drives if drives is None else drives,
             thorough=thorough,
             filter_map=load_filter_map(filter_map, [map_file]),
             seed=seed,

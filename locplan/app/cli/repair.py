@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import locplan
 from locplan._support.progress import progress_bar
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import Count, MapFile, PairCount
+from locplan.app.cli.arguments import Count, MapFile, PairCount, show_default
 from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads
+
+
+def _default_paths() -> int:
+    from locplan.advice.repair import PATHS
+
+    return PATHS
+
+
+def _default_drives() -> int:
+    from locplan.advice.repair import DRIVES
+
+    return DRIVES
+
+
+PathCount = Annotated[Count | None, show_default(_default_paths)]
+DriveCount = Annotated[PairCount | None, show_default(_default_drives)]
 
 
 @command("repair lab.yaml --robot nav2_params.yaml -o repaired")
@@ -14,8 +32,8 @@ def repair(
     map_file: MapFile,
     /,
     *,
-    paths: Count = 5,
-    drives: PairCount = 8,
+    paths: PathCount = None,
+    drives: DriveCount = None,
     robot: RobotOptions = RobotOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
@@ -34,7 +52,7 @@ def repair(
     drives
         Number of drives along each path, with each map.
     """
-    from locplan.advice.repair import Mended, check_concerned
+    from locplan.advice.repair import DRIVES, PATHS, Mended, check_concerned
     from locplan.maps.files import read_map
 
     output.check(Mended.files)
@@ -44,8 +62,8 @@ def repair(
         result = locplan.mend(
             grid,
             simulated,
-            paths=paths,
-            drives=drives,
+            paths=paths or PATHS,
+            drives=drives or DRIVES,
             source=read_map(map_file)[1],
             seed=seed,
             threads=threads,
