@@ -970,12 +970,13 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
     monkeypatch.setattr(export_formats, "FORMATS", (*export_formats.FORMATS, *toy.FORMATS))
     save_map(ascii_map("....", "....", "....", resolution=0.5), tmp_path / "bay.yaml")
     _, out, _ = run("export", "--help")
-    assert "ros-map, path, toy]" in " ".join(out.replace("│", " ").split())
+    names = ", ".join(each.name for each in export_formats.FORMATS)  # with toy
+    assert f"{names}]" in " ".join(out.replace("│", " ").split())
     ask = "export", tmp_path / "bay.yaml", "--to", "toy"
     monkeypatch.chdir(tmp_path)
     code, out, err = run(*ask, "--slowest", 0.5)
     assert (code, err) == (0, "")
-    assert out.endswith("wrote bay-toy.txt\n")
+    assert out.endswith("wrote bay-toy.txt: the export\n")
     most = float(re.search(r"greatest e +(\S+)", out)[1])
     assert int((tmp_path / "bay-toy.txt").read_text()) == round(most / 0.5)
     assert "slowest must be above 0" in check_refusal(run(*ask, "--slowest", 0))
