@@ -63,7 +63,7 @@ LIGHT_MAP_COLOURS = ListedColormap(["0.45", "0.9", "white", "0.7"])
 PALE_MAP_COLOURS = ListedColormap(["0.72", "0.92", "white", "0.72"])
 """The colours of `MAP_COLOURS`, paler than thin lines on them."""
 FIELD_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.8, 256)))
-"""Colours of fields, never as dark as a wall."""
+"""Colours of fields, never as dark as a wall; `theme.js` of the explorer's page has them, too."""
 ERROR_COLOURS = "viridis"
 """Colours of errors, of e and of lengths."""
 MIN_ERROR = 0.02

@@ -5,7 +5,10 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
+
 import locplan
+from locplan._support.drawing import FIELD_COLOURS
 
 PAGE = Path(locplan.__file__).parent / "app" / "explorer" / "page"
 BUILT = PAGE / "dist"
@@ -45,6 +48,16 @@ def test_lock_file_names_no_registry():
 def test_page_has_no_inline_style_or_script():
     page = (BUILT / "index.html").read_text()
     assert not re.search(r" style=|<style| on\w+=|<script>|https?://", page)
+
+
+def test_page_has_colours_of_pictures():
+    """The page draws a field in the colours of `FIELD_COLOURS`, which begin at a lighter one."""
+    text = re.search(r'const STOPS = "(\w+)"', (PAGE / "src" / "theme.js").read_text())[1]
+    stops = np.frombuffer(bytes.fromhex(text), np.uint8).reshape(-1, 3)
+    shares = np.linspace(1.0, 0.0, len(stops)) / 0.8  # pictures leave out the darkest fifth
+    shown = shares <= 1
+    colours = FIELD_COLOURS(shares[shown], bytes=True)[:, :3]
+    np.testing.assert_allclose(stops[shown].astype(int), colours.astype(int), atol=4)
 
 
 def test_texts_name_no_command_or_option():

@@ -164,6 +164,11 @@ NEW_LINES = [
     ("field/sad.py", "Exponential | InverseSquare\n", "Gaussian | "),
     # column
     (
+        "comparison/result.py",
+        '    Column("sentence", value=lambda each: each.cost',
+        '    Column("solved_runs", "", "solved", 0, value=lambda each: each.summary.solved),\n',
+    ),
+    (
         "planning/metrics.py",
         '        Column("range", "m", value',
         '        Column("beams", title="beams", value=lambda share: share.lidar.beams),\n',
@@ -173,6 +178,7 @@ NEW_LINES = [
 USE_ALL = """
 import numpy as np
 import locplan
+from locplan.comparison.result import STANDINGS
 from locplan.comparison.runs import run_of
 from locplan.comparison.statistics import RUN_COLUMNS, Task
 from locplan.field.config import FieldConfig
@@ -190,6 +196,7 @@ assert plan.metrics.corners == 0, plan.path.xy
 assert "corners" in plan.table().names
 assert "corners" in [column.name for column in RUN_COLUMNS]
 assert "corners" in [column.name for column in DRIVEN]
+assert "solved_runs" in [column.name for column in STANDINGS]
 run = run_of(Task("bay", "none", "ab", 4.0, "straight", 1), plan)
 assert run.measure("corners") == 0
 
