@@ -24,6 +24,11 @@ MOVED = """([x, y]) => {
     const { left, top } = document.querySelector(".marker.start").getBoundingClientRect();
     return left < x && top < y;
 }"""
+APART = """(least) => {
+    const boxes = [".start", ".goal"].map((name) => document.querySelector(`.marker${name}`));
+    const [a, b] = boxes.map((marker) => marker.getBoundingClientRect());
+    return Math.hypot(a.left - b.left, a.top - b.top) > least;
+}"""
 NOTE_STATUSES = """() => {
     window.noted = new Set();
     const note = (changes) => {
@@ -205,6 +210,41 @@ def test_narrow_page_keeps_map_and_primary_button(visit, width):
         x, y = window.middle(f".marker.{name}")
         assert 0 < x < width
         assert 0 < y < 800 * 0.6
+
+
+@pytest.mark.long
+def test_touch_zooms_and_adds_waypoint(visit):
+    window = visit(viewport={"width": 390, "height": 800}, is_mobile=True, has_touch=True)
+    fingers = window.page.context.new_cdp_session(window.page)
+
+    def touch(kind, *points):
+        places = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    x, y = window.middle("main")
+    first, last = (window.middle(f".marker.{name}") for name in ("start", "goal"))
+    touch("touchStart", (x - 40, y), (x + 40, y))
+    for reach in (60, 90, 120):
+        touch("touchMove", (x - reach, y), (x + reach, y))
+    touch("touchEnd")
+    window.page.wait_for_function(APART, arg=1.5 * math.dist(first, last))
+    window.page.keyboard.press("0")
+    touch("touchStart", (x, y))
+    window.wait(".marker.via")
+    touch("touchEnd")
+
+
+@pytest.mark.long
+def test_marker_stays_on_map_if_dragged_out_of_window(visit):
+    window = visit()
+    window.drag(window.middle(".marker.start"), -3000, -3000)
+    window.settle()
+    x, y = window.place("start")
+    assert x >= 1.0
+    assert y <= 13.8
+    x, y = window.middle(".marker.start")
+    assert 0 < x < 1200
+    assert 0 < y < 800
 
 
 def test_paths_follow_dragged_goal(visit):

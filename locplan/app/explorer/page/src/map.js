@@ -15,6 +15,8 @@ import { degeneracyText } from "./text.js";
 import { theme } from "./theme.js";
 
 const NEAR = 14; // pixels from a path at which the pointer marks it
+const LONG_PRESS = 600; // milliseconds
+const STILL = 8; // pixels that a resting finger may move
 export let map = null;
 let paintedBase = "";
 let baseVersion = 0;
@@ -49,8 +51,11 @@ export function startMap(target, layers) {
 	viewport.addEventListener("pointerleave", leave);
 	viewport.addEventListener("contextmenu", (event) => {
 		event.preventDefault();
-		if (tool.value === "move") waypointAt(toWorld(map.getEventCoordinate(event)));
+		if (press === null) addWaypointAt(event);
 	});
+	viewport.addEventListener("pointerdown", startPress);
+	viewport.addEventListener("pointermove", (event) => Math.hypot(event.clientX - pressed?.clientX, event.clientY - pressed?.clientY) > STILL && clearTimeout(press));
+	for (const kind of ["pointerup", "pointercancel"]) viewport.addEventListener(kind, () => clearTimeout(press));
 	target.addEventListener("focus", () => isKeyboardOnMap() && probeMiddle());
 	target.addEventListener("blur", leave);
 	effect(() => void loadCells(server.value?.basis.map));
@@ -60,6 +65,20 @@ export function startMap(target, layers) {
 		colourBase();
 		repaintBase();
 	});
+}
+
+function addWaypointAt(event) {
+	if (tool.value === "move") waypointAt(toWorld(map.getEventCoordinate(event)));
+}
+
+// Some browsers have no context menu event for a finger that rests; others have one, too.
+let press = null; // the timer of the newest touch, null after a mouse
+let pressed = null;
+function startPress(event) {
+	clearTimeout(press);
+	const isTouch = event.pointerType === "touch";
+	pressed = event;
+	press = isTouch ? setTimeout(() => event.isPrimary && addWaypointAt(event), LONG_PRESS) : null;
 }
 
 /** Show the whole map. */
