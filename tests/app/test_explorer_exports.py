@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from support.explorer_sessions import MIDDLE, ROBOT, ROUTE, ask, corridors, open_corridors
 
+from locplan.app.explorer.exports import make_file_name
 from locplan.errors import ConfigError
 from locplan.export import nav2_keepout
 from locplan.maps import Zone, Zones, load_map
@@ -61,6 +64,15 @@ def test_second_export_gets_number_unless_forced(tmp_path):
         "two_corridors-nav2-3",
     ]
     assert export(tmp_path, force=True)["folder"] == folders[0]
+
+
+@pytest.mark.parametrize("name", ["../../etc", "a/b", "..", "", "naïve map", "x" * 500, "\ufffd"])
+def test_name_of_map_makes_name_of_folder(name):
+    """An export named after the map stays in the output folder."""
+    file_name = make_file_name(name)
+    assert Path(file_name).name == file_name
+    assert 0 < len(file_name) <= 80
+    assert not file_name.startswith(".")
 
 
 @pytest.mark.parametrize("wrong", [{"distro": "melodic"}, {"weight": -1}])
