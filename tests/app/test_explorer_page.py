@@ -46,14 +46,13 @@ def simulate(question, basis):
     """Answer that the path shown is the recommended one, without a drive."""
     xy = question["path"]
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(xy))
-    path = {**CANDIDATE, "xy": xy, "length": length, "off_at_end": 0.0, "reached": None}
+    path = {**CANDIDATE, "xy": xy, "length": length}
     names = {"is_recommended": "weight 8", "is_shortest": "shortest"}
     roles = [{**path, "name": name, "title": name, role: True} for role, name in names.items()]
     line = {"s": [0, length], "median_cm": [5, 9], "low_cm": [4, 8], "high_cm": [6, 12]}
     return {
         "verdict": "Take the longer route.",
         "evidence": "The error is 0.10 m instead of 0.60 m.",
-        "is_detour": True,
         "recommended": "weight 8",
         "candidates": roles,
         "along": {"recommended": line, "shortest": line},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import gzip
 import json
 import re
@@ -17,7 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import locplan
 from locplan.app.explorer.explorer import open_explorer
 from locplan.app.explorer.messages import MAX_MESSAGE
-from locplan.app.explorer.scene import Limits, Opening
+from locplan.app.explorer.scene import Opening
 from locplan.app.explorer.server import PAGE
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig
@@ -145,14 +144,6 @@ def test_page_breaks_no_rule(server):
         assert fetch(server, f"/{address}")[0] == 200
 
 
-def test_file_is_sent_once(server):
-    _, headers, content = fetch(server, "/")
-    status, _, again = fetch(server, "/", If_None_Match=headers["etag"])
-    assert (status, again) == (304, b"")
-    assert fetch(server, "/", If_None_Match='"other"')[2] == content
-    assert headers["content-type"].startswith("text/html")
-
-
 def test_file_is_packed(server):
     _, headers, packed = fetch(server, "/page.js")
     assert headers["content-encoding"] == "gzip"
@@ -207,12 +198,3 @@ def test_too_long_message_closes_socket(server):
             page.wait(2)
     with connect_socket(server) as link:
         assert "x" in Page(link).ask("at", x=1.0, y=1.0)
-
-
-def test_number_of_pages_is_limited(server, monkeypatch):
-    limited = dataclasses.replace(server.session.opening, limits=Limits(pages=2))
-    monkeypatch.setattr(server.session, "opening", limited)
-    with connect_socket(server) as one, connect_socket(server) as other:
-        Page(one), Page(other)
-        with pytest.raises(InvalidStatus):
-            connect_socket(server)

@@ -16,7 +16,6 @@ from support.maps import random_rooms
 import locplan
 from locplan.app.explorer.messages import Cancelled
 from locplan.app.explorer.questions import QUESTIONS
-from locplan.app.explorer.scene import Limits
 from locplan.app.explorer.session import Session
 from locplan.field import FieldConfig
 from locplan.maps import OCCUPIED, OccupancyGrid
@@ -195,16 +194,6 @@ def test_closed_page_ends_its_work(server, monkeypatch):
     assert seen.wait(TIMEOUT)
 
 
-def test_too_many_waiting_questions_are_refused(server, page, held, monkeypatch):
-    limited = dataclasses.replace(server.session.opening, limits=Limits(waiting=3))
-    monkeypatch.setattr(server.session, "opening", limited)
-    _, let_go = held
-    numbers = [page.send("change") for _ in range(4)]
-    assert "too many" in page.wait(numbers[3])["error"]
-    let_go.set()
-    assert [page.wait(number)["n"] for number in numbers[:3]] == [0, 0, 0]
-
-
 def test_waiting_id_is_refused(page, held):
     begun, let_go = held
     number = page.send("simulate", n=7)
@@ -253,7 +242,7 @@ def test_other_lidar_has_no_field_until_it_is_computed(page):
     basis = page.ask("change", changes=[lidar])["basis"]
     assert basis["field"] is None
     assert basis["map"] == before["basis"]["map"]
-    state = page.state_when(lambda state: state["field"] and state["field"]["range"] == 0.7)
+    state = page.state_when(lambda state: state["field"] and state["robot"]["range"] == 0.7)
     assert [layer["name"] for layer in state["layers"]] == ["degeneracy", "deviation"]
     assert any(event.get("event") == "progress" for event in page.events)
     assert page.ask("change", changes=[])["basis"]["field"] == before["basis"]["field"]

@@ -79,10 +79,10 @@ def explore(
     no_browser
         Open no browser.
     """
-    from locplan.app.explorer import check_reports
     from locplan.app.explorer.explorer import check_installed, open_explorer
     from locplan.app.explorer.scene import Opening
     from locplan.app.explorer.sites import zones_as_changes
+    from locplan.field.config import COARSE_STRIDE
 
     refuse("by explore", json=output.json)
     check_installed()
@@ -91,7 +91,7 @@ def explore(
     assert shown_map is not None
     on_map, config = field.choose(report.robot if report else robot.load())
     if report and field.stride is None:
-        config = dataclasses.replace(config, stride=check_reports.CheckReport.stride)
+        config = dataclasses.replace(config, stride=COARSE_STRIDE)
     grid = locplan.load_map(shown_map)
     ends = report.ends if report else {}
     opening = Opening(

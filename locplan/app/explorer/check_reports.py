@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path as Folder
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from locplan._support.runs import RUN_FILE, Run
 from locplan._support.tables import file_name
 from locplan.app.explorer.messages import format_sentence
 from locplan.errors import ConfigError, LocplanError
-from locplan.field.config import COARSE_STRIDE
 from locplan.maps.files import load_map
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -42,8 +41,6 @@ class CheckReport:
     """The map of the check, or the one that it wrote with the right threshold."""
     robot: Robot
     """The robot that was checked."""
-    stride: ClassVar[float] = COARSE_STRIDE
-    """Spacing of the field of a check, which is in the cache [m]."""
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> CheckReport:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import warnings
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 from locplan._support.files import make_folder
 from locplan.app.explorer.plans import read_weight
 from locplan.app.explorer.scene import Scene
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 from locplan.export.nav2 import nav2_keepout
 from locplan.export.registry import DISTRO, Distro
 from locplan.maps.files import save_map
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 MAP_FILE = "edited_map.yaml"
 """Name of the file of an edited map."""
-MAX_FOLDERS = 1000
-"""Maximum number of exports of one map in a folder."""
 
 
 def export(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
@@ -37,7 +36,7 @@ def export(session: Session, scene: Scene, question: Question, job: Job) -> dict
         raise ConfigError("the page was opened without an output folder; name one to export")
     distro = cast(Distro, question.one_of("distro", get_args(Distro), DISTRO))
     costs = scene.costs.with_weight(read_weight(question, scene))
-    job.progress(0, 1, "writing")
+    job.progress(0, 1)
     make_folder(opening.folder)
     name = f"{make_file_name(site.grid.name)}-nav2"
     target = opening.folder / name if opening.force else _unused_folder(opening.folder, name)
@@ -61,8 +60,6 @@ def make_file_name(name: str) -> str:
 
 def _unused_folder(folder: Path, name: str) -> Path:
     """Return a path in a folder that nothing has, with a number if others are there."""
-    for number in range(1, MAX_FOLDERS + 1):
-        target = folder / f"{name}{f'-{number}' if number > 1 else ''}"
-        if not target.exists() and not target.is_symlink():
-            return target
-    raise LocplanError(f"{folder}: holds {MAX_FOLDERS} such exports; remove some")
+    names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
+    targets = (folder / unused for unused in names)
+    return next(path for path in targets if not path.exists() and not path.is_symlink())

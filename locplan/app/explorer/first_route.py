@@ -80,8 +80,7 @@ def find_far_places(searches: Searches) -> list[Position]:
     parts = searches.scene.parts
     if not parts.largest:
         return []
-    labels = parts.labels.astype(np.int32)
-    pairs = farthest_pairs(parts.grid, labels, parts.largest, NAMES, 0.0)
+    pairs = farthest_pairs(parts.grid, parts.labels, parts.largest, NAMES, 0.0)
     ends = [(place.x, place.y) for pair in pairs for place in (pair.start, pair.goal)]
-    row, col = np.argwhere(labels == parts.largest)[0].tolist()
+    row, col = np.argwhere(parts.labels == parts.largest)[0].tolist()
     return list(dict.fromkeys(ends)) or [parts.grid.position(row, col)]

@@ -6,9 +6,9 @@ import json
 import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
-from locplan._support.checks import is_number, number, one_of, position, printable, shown
+from locplan._support.checks import is_number, is_whole, number, one_of, position, printable, shown
 from locplan.errors import ConfigError, LocplanError
 
 Default = TypeVar("Default")
@@ -16,8 +16,6 @@ MAX_WEIGHT = 1000.0
 """Maximum weight that the page can ask for."""
 MAX_MESSAGE = 1_000_000
 """Maximum length of a message [characters]."""
-MAX_ID = 2**53
-"""Maximum number of a question, the greatest whole number of JavaScript."""
 MAX_TEXT = 5000
 """Maximum length of a text in a question [characters]."""
 
@@ -117,24 +115,18 @@ def read_question(text: str, names: Collection[str]) -> Question:
     BadMessage
         If it is none.
     """
-    if len(text) > MAX_MESSAGE:
-        raise BadMessage(f"a message has at most {MAX_MESSAGE:,} characters, not {len(text):,}")
     try:
-        values = json.loads(text, parse_constant=_refuse)
+        values = json.loads(text)
     except (ValueError, RecursionError):
         raise BadMessage("a message must be an object of JSON") from None
     if not isinstance(values, dict):
         raise BadMessage("a message must be an object of JSON")
     number, do = values.get("id"), values.get("do")
-    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= MAX_ID:
+    if not is_whole(number) or number < 0:
         raise BadMessage("a question needs an id, a whole number from 0 on")
     if not isinstance(do, str) or do not in names:
         raise BadMessage(f"do must be one of {', '.join(names)}, not {shown(do)}", number)
     return Question(do, number, values)
-
-
-def _refuse(constant: str) -> NoReturn:
-    raise ValueError(constant)
 
 
 def format_sentence(text: str) -> str:
@@ -190,7 +182,7 @@ class Job:
     """The progress and the end of an answer that takes long."""
 
     progress: Callable[..., None]
-    """Function of (done, total) or (done, total, doing) that shows the progress on the page; it
-    raises `Cancelled` if the question was cancelled."""
+    """Function of (done, total) that shows the progress on the page; it raises `Cancelled` if the
+    question was cancelled."""
     check: Callable[[], None]
     """Function that raises `Cancelled` if the question was cancelled."""

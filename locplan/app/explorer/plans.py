@@ -136,11 +136,10 @@ def measure_path(scene: Scene, path: Path, weight: float, has_profile: bool) -> 
         middles = np.column_stack(costs.grid.grid_to_world(rows + 0.5, cols + 0.5))
         sigma = 100 * scene.field.at(middles, "position_std")
     is_known = ~np.isnan(sigma)
-    mean, worst = math.nan, math.nan
+    mean = math.nan
     if is_known.any():
         mean = np.average(sigma[is_known], weights=lengths[is_known] + TINY)
-        worst = sigma[is_known].max()
-    answer |= {"mean_sigma_cm": float(mean), "worst_sigma_cm": float(worst)}
+    answer |= {"mean_sigma_cm": float(mean)}
     return answer | ({"profile": _profile(sigma, lengths)} if has_profile else {})
 
 

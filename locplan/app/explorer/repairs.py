@@ -17,7 +17,7 @@ from locplan.field.compute import finished_chunks
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.field.tiles import untouched_points
-from locplan.planning.costmap import CellWindow, Costmap, changed_window, joined_windows
+from locplan.planning.costmap import Costmap, changed_window, joined_windows
 
 STEPS = itertools.count(1)
 """Numbers of the steps of repairs."""
@@ -28,20 +28,33 @@ def make_blank_scene(site: Site) -> Scene:
     return Scene(site, Costmap.blank(site.grid, robot=site.robot, zones=site.zones))
 
 
-def compute_scene(site: Site, opening: Opening, progress: ProgressCallback) -> Scene:
-    """Return the scene of a site; its field comes from the cache if it is there."""
-    field = load_or_compute(
-        site.grid,
-        site.config,
-        cache_dir=opening.cache_dir,
-        threads=opening.threads,
-        progress=progress,
-    )
-    return make_scene(site, field, opening)
+def compute_scene(
+    site: Site,
+    opening: Opening,
+    progress: ProgressCallback,
+    field: CovarianceField | None = None,
+) -> Scene:
+    """Return the scene of a site; its field comes from the cache unless it is there.
 
-
-def make_scene(site: Site, field: CovarianceField, opening: Opening) -> Scene:
-    """Return the scene of a site and its field."""
+    Parameters
+    ----------
+    site : Site
+        The site.
+    opening : Opening
+        The settings of the session.
+    progress : callable
+        Called with (done, total) points.
+    field : CovarianceField, optional
+        The field of the site.
+    """
+    if field is None:
+        field = load_or_compute(
+            site.grid,
+            site.config,
+            cache_dir=opening.cache_dir,
+            threads=opening.threads,
+            progress=progress,
+        )
     return Scene(site, _make_costs(site, field, opening), field, field.evaluated | field.lacking)
 
 
@@ -104,21 +117,15 @@ def repair_scene(
         stale = joined_windows(
             scene.stale, changed_window(scene.costs.grid, field, scene.costs.robot_radius)
         )
-        costs = _update_costs(scene, site, field, opening, stale)
+        if scene.site.zones == site.zones:
+            costs = scene.costs.updated(field, window=stale)
+        else:
+            costs = _make_costs(site, field, opening)
         step = 0 if is_last else next(STEPS)
         scene = Scene(site, costs, field, fresh, step, None if is_last else stale)
         yield scene
         if is_last:
             return
-
-
-def _update_costs(
-    scene: Scene, site: Site, field: CovarianceField, opening: Opening, stale: CellWindow | None
-) -> Costmap:
-    """Return the costmap of a field, read again only near the changes if the zones are the same."""
-    if scene.site.zones != site.zones:
-        return _make_costs(site, field, opening)
-    return scene.costs.updated(field, window=stale)
 
 
 def _make_costs(site: Site, field: CovarianceField, opening: Opening) -> Costmap:

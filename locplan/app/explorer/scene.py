@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.kernels.arrays import Bools, Shorts
+from locplan._support.kernels.arrays import Bools
 from locplan._support.poses import window_around
 from locplan.app.explorer.sites import Change, Site
 from locplan.errors import ConfigError, PoseError
@@ -55,10 +55,6 @@ class Limits:
     """Time that the points nearest to a change may take by the estimator's own estimate [s]."""
     min_points: int = 64
     """Minimum number of points that are computed at once."""
-    pages: int = 20
-    """Number of pages that are open at once."""
-    waiting: int = 100
-    """Number of questions of a page that wait for their answers."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +95,8 @@ class Parts:
 
     grid: OccupancyGrid
     """The map."""
-    labels: NDArray[np.int32] | Shorts
+    labels: NDArray[np.int32]
     """Number of the connected part that a cell belongs to, (H, W); 0 if it is blocked."""
-
-    @classmethod
-    def from_costs(cls, costs: Costmap) -> Parts:
-        """Return the parts in which no corner may be cut."""
-        count, labels = connected_parts(costs)
-        is_small = count <= np.iinfo(np.uint16).max
-        return cls(costs.grid, labels.astype(np.uint16) if is_small else labels)
 
     @property
     def largest(self) -> int:
@@ -122,17 +111,44 @@ class Parts:
 
     def nearest(self, xy: Position, label: int = 0) -> Position | None:
         """Return the centre of the nearest free cell within `MAX_MOVE`, of one part or any [m]."""
-        grid = self.grid
-        row, col = (float(v) for v in grid.world_to_grid(*xy[:2]))
-        reach = MAX_MOVE / grid.resolution
-        window = window_around(row, col, reach, grid.shape)
-        labels, first = self.labels[window], [axis.start for axis in window]
-        cells = np.argwhere(labels == label if label else labels > 0) + first
-        squared = ((cells + 0.5 - (row, col)) ** 2).sum(axis=1)
-        if squared.min(initial=np.inf) > reach**2:
-            return None
-        row, col = cells[squared.argmin()]
-        return grid.position(int(row), int(col))
+
+        def is_right(labels: NDArray[np.int32]) -> Bools:
+            return labels == label if label else labels > 0
+
+        reach = MAX_MOVE / self.grid.resolution
+        return nearest_centre(self.grid, xy, reach, self.labels, is_right)
+
+
+def nearest_centre(
+    grid: OccupancyGrid,
+    xy: Position,
+    reach: float,
+    values: NDArray[Any],
+    is_right: Callable[[NDArray[Any]], Bools],
+) -> Position | None:
+    """Return the centre of the nearest cell whose value is right; None without one [m].
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+        The map.
+    xy : (x, y)
+        The position [m].
+    reach : float
+        Maximum distance [cells].
+    values : (H, W) array
+        Values of the cells.
+    is_right : callable
+        Function that returns the mask of the right ones among some values.
+    """
+    at = np.array([float(v) for v in grid.world_to_grid(*xy[:2])])
+    window = window_around(*at.tolist(), reach, grid.shape)
+    cells = np.argwhere(is_right(values[window])) + [axis.start for axis in window]
+    squared = ((cells + 0.5 - at) ** 2).sum(axis=1)
+    if squared.min(initial=np.inf) > reach**2:
+        return None
+    row, col = cells[squared.argmin()]
+    return grid.position(int(row), int(col))
 
 
 def snap(parts: Parts, stops: Sequence[Position], held: int | None = None) -> list[Position]:
@@ -244,7 +260,7 @@ class Scene:
     @cached_property
     def parts(self) -> Parts:
         """The connected parts of the free space."""
-        return Parts.from_costs(self.costs)
+        return Parts(self.costs.grid, connected_parts(self.costs)[1])
 
     @cached_property
     def coarse(self) -> Costmap:

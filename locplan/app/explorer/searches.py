@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
@@ -13,8 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from locplan._support.kernels.arrays import Ints, Octets
-from locplan._support.poses import window_around
-from locplan.app.explorer.scene import Scene
+from locplan.app.explorer.scene import Scene, nearest_centre
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
 from locplan.planning.any_angle import AnyAngle, any_angle_path
@@ -128,13 +128,7 @@ class SearchGrid:
         if grid.contains(row, col) and np.isfinite(density[row, col]):
             return xy
         # A free place has a cell at most two away that is free for its greater part.
-        window = window_around(row, col, 2, grid.shape)
-        near = np.argwhere(np.isfinite(density[window])) + [axis.start for axis in window]
-        if not len(near):
-            return None
-        squared = ((near - (row, col)) ** 2).sum(axis=1)
-        row, col = near[squared.argmin()]
-        return grid.position(int(row), int(col))
+        return nearest_centre(grid, xy, 2.5 * math.sqrt(2), density, np.isfinite)
 
 
 @dataclass(frozen=True, eq=False)

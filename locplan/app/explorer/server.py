@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import hmac
 import logging
 import os
@@ -15,9 +14,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
+import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -33,9 +33,6 @@ from locplan.app.explorer.session import Download, Session
 from locplan.app.explorer.socket import Link
 from locplan.app.explorer.state import describe_session
 from locplan.errors import ConfigError
-
-if TYPE_CHECKING:
-    import uvicorn
 
 PAGE = Path(__file__).parent / "page" / "dist"
 """Folder of the files that the page is made of."""
@@ -132,9 +129,10 @@ class Server:
         self._listener = _listen(port)
         self.port = int(self._listener.getsockname()[1])
         self.secret = secrets.token_urlsafe(32)
-        self.app = Guard(self._routes(), self.port, self.secret)
-        self._server: uvicorn.Server | None = None
-        self._thread = threading.Thread(target=self._serve, name="explorer", daemon=True)
+        self._server = self._configure(Guard(self._routes(), self.port, self.secret))
+        self._thread = threading.Thread(
+            target=self._server.run, args=([self._listener],), name="explorer", daemon=True
+        )
 
     @property
     def address(self) -> str:
@@ -143,22 +141,7 @@ class Server:
 
     def start(self) -> None:
         """Begin to answer. Since the socket listens already, no request is lost."""
-        import uvicorn
-
-        config = uvicorn.Config(
-            self.app,
-            log_config=None,
-            access_log=False,
-            server_header=False,
-            lifespan="off",
-            ws="websockets-sansio",
-            ws_max_size=MAX_MESSAGE,
-            ws_per_message_deflate=False,
-            timeout_graceful_shutdown=1,
-            h11_max_incomplete_event_size=32_768,
-        )
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
-        self._server = uvicorn.Server(config)
         self._thread.start()
 
     def wait(self) -> None:
@@ -171,14 +154,24 @@ class Server:
         self.session.close()
         for lane in self.lanes.values():  # the waiting questions are dropped
             lane.shutdown(wait=False, cancel_futures=True)
-        if self._server is not None:
-            self._server.should_exit = True
-            self._thread.join(2.0)
+        self._server.should_exit = True
+        self._thread.join(2.0)
         self._listener.close()
 
-    def _serve(self) -> None:
-        assert self._server is not None
-        self._server.run(sockets=[self._listener])
+    def _configure(self, app: ASGIApp) -> uvicorn.Server:
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            lifespan="off",
+            ws="websockets-sansio",
+            ws_max_size=MAX_MESSAGE,
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=1,
+            h11_max_incomplete_event_size=32_768,
+        )
+        return uvicorn.Server(config)
 
     def _routes(self) -> Starlette:
         app = Starlette(
@@ -196,18 +189,12 @@ class Server:
         return app
 
     async def _file(self, request: Request) -> Response:
-        """Answer with a file of the page, unless the browser has it already."""
+        """Answer with a file of the page."""
         name = request.path_params.get("name", "index.html")
-        file = PAGE / name
-        if name not in FILE_TYPES or not file.is_file():
+        if name not in FILE_TYPES:
             return _answer_missing()
-        content = file.read_bytes()
-        tag = f'"{hashlib.sha256(content).hexdigest()[:32]}"'
-        headers = {"etag": tag, "cache-control": "private, no-cache"}
-        if request.headers.get("if-none-match") == tag:
-            return Response(status_code=304, headers=headers)
-        headers |= GZIP  # which all browsers take
-        return Response(_pack(content), headers=headers, media_type=FILE_TYPES[name])
+        headers = {"cache-control": "private, no-cache", **GZIP}  # which all browsers take
+        return Response(_pack(PAGE / name), headers=headers, media_type=FILE_TYPES[name])
 
     def _about(self, request: Request) -> Response:
         return JSONResponse(describe_session(self.session))
@@ -245,16 +232,13 @@ class Server:
         return Response(download.content, headers=headers, media_type="text/html")
 
     async def _socket(self, socket: WebSocket) -> None:
-        if len(self.session.listeners) >= self.session.opening.limits.pages:
-            await socket.close(1013, "too many pages are open")
-            return
         await Link(self.session, self.lanes, socket).run()
 
 
-@lru_cache(maxsize=100)
-def _pack(content: bytes) -> bytes:
+@lru_cache
+def _pack(file: Path) -> bytes:
     """Compress a file of the page, once."""
-    return gzip.compress(content, 9, mtime=0)
+    return gzip.compress(file.read_bytes(), 9, mtime=0)
 
 
 def _listen(port: int) -> socket.socket:

@@ -16,12 +16,7 @@ from locplan.app.explorer.first_route import Stops, choose_first_route
 from locplan.app.explorer.layers import Layer, make_layers
 from locplan.app.explorer.messages import Cancel, Cancelled, Job, Question
 from locplan.app.explorer.plans import has_drafts
-from locplan.app.explorer.repairs import (
-    compute_scene,
-    make_blank_scene,
-    make_scene,
-    repair_scene,
-)
+from locplan.app.explorer.repairs import compute_scene, make_blank_scene, repair_scene
 from locplan.app.explorer.scene import Opening, Scene
 from locplan.app.explorer.searches import PathTree, Searches, Store
 from locplan.app.explorer.sites import Change, Site
@@ -126,7 +121,8 @@ class Session:
             if stored is not None:
                 scene = stored
             elif base is not None:
-                scenes = self._repair(base, site, cancel)
+                progress, forget = self._progress(cancel), self.searches.forget
+                scenes = repair_scene(base, site, self.opening, self._pool, progress, forget)
                 scene = next(scenes)
             else:
                 scene, scenes = make_blank_scene(site), self._compute(site, cancel)
@@ -235,14 +231,7 @@ class Session:
         self, site: Site, cancel: Cancel, field: CovarianceField | None = None
     ) -> Iterator[Scene]:
         """Yield the scene of a site and its field, which is computed unless it is there."""
-        if field is None:
-            yield compute_scene(site, self.opening, self._progress(cancel))
-        else:
-            yield make_scene(site, field, self.opening)
-
-    def _repair(self, base: Scene, site: Site, cancel: Cancel) -> Iterator[Scene]:
-        progress, free_memory = self._progress(cancel), self.searches.forget
-        return repair_scene(base, site, self.opening, self._pool, progress, free_memory)
+        yield compute_scene(site, self.opening, self._progress(cancel), field)
 
     def _progress(self, cancel: Cancel) -> Callable[[int, int], None]:
         def report(done: int, total: int) -> None:
@@ -285,7 +274,8 @@ class Session:
                 self.original.digests[name] == scene.basis[name] for name in ("map", "robot")
             )
             spots = name_weak_spots(scene, self.opening.report if is_checked else None)
-            self.files.put(("spots", scene.digest), spots, sum(spot.bytes for spot in spots))
+            rings = [ring for spot in spots for ring in spot.spot.rings]
+            self.files.put(("spots", scene.digest), spots, sum(ring.nbytes for ring in rings))
             self.tell({"event": "state"})
         if self.route is None:
             searches = Searches(Store(self.opening.limits.search_bytes), scene, cancel.check)

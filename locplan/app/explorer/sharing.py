@@ -21,7 +21,7 @@ from locplan.app.explorer.layers import make_cell_classes
 from locplan.app.explorer.plans import plan
 from locplan.app.explorer.scene import Scene
 from locplan.app.explorer.state import describe_session, describe_state
-from locplan.errors import ConfigError, LocplanError
+from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.app.explorer.messages import Job, Question
@@ -41,11 +41,11 @@ def share(session: Session, scene: Scene, question: Question, job: Job) -> dict[
     Equal views make equal pages: they hold no date, and no path of the machine.
     """
     scene.check_field()
-    job.progress(0, 2, "planning")
+    job.progress(0, 2)
     has_route = question.has("start") and question.has("goal")
     path = plan(session, scene, question, job) if has_route else None
     basis = {**scene.basis, "route": question.text("route", None)}
-    job.progress(1, 2, "packing")
+    job.progress(1, 2)
     state, facts = describe_state(session), describe_session(session)
     layers = session.layers(str(scene.digest))
     if session.scene is not scene:
@@ -62,7 +62,7 @@ def share(session: Session, scene: Scene, question: Question, job: Job) -> dict[
     name = scene.site.grid.name or "map"
     page = make_page(f"{name} – locplan", finite(data)).encode()
     file = f"{make_file_name(name)}-locplan.html"
-    return {"download": session.add_download(file, page), "name": file, "bytes": len(page)}
+    return {"download": session.add_download(file, page)}
 
 
 def _pack(values: Octets) -> str:
@@ -81,11 +81,6 @@ def make_page(title: str, data: Mapping[str, Any]) -> str:
         Title of the page.
     data : mapping
         The data that the page shows, fit for JSON.
-
-    Raises
-    ------
-    LocplanError
-        If a file of the page is missing or lacks an element.
     """
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))  # ASCII only
     for letter in "<>&":  # texts of the user stand in a script
@@ -107,9 +102,6 @@ def make_page(title: str, data: Mapping[str, Any]) -> str:
         ICON: f'<link rel="icon" href="data:image/svg+xml;base64,{icon}">',
         SCRIPT: f'<script>{begin}</script>\n<script type="module">{script}</script>',
     }
-    for element in elements:
-        if page.count(element) != 1:
-            raise LocplanError(f"{PAGE / 'index.html'}: has no {element}; reinstall locplan")
     pattern = "|".join(map(re.escape, elements))
     return re.sub(pattern, lambda match: elements[match[0]], page)
 
@@ -121,10 +113,5 @@ def _hash(text: str) -> str:
 
 
 def _read(name: str) -> str:
-    """Return the text of a file of the page, with line ends that do not depend on the system."""
-    try:
-        return (PAGE / name).read_bytes().decode().replace("\r\n", "\n")
-    except OSError as error:
-        raise LocplanError(
-            f"{PAGE / name}: cannot be read ({error.strerror}); reinstall locplan"
-        ) from None
+    """Return the text of a file of the page."""
+    return (PAGE / name).read_text("utf-8")

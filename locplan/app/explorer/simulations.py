@@ -43,7 +43,7 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
     """
     field = scene.check_field()
     drives = int(question.number("drives", 2, MAX_DRIVES, MAX_DRIVES))
-    job.progress(0, drives, "planning")
+    job.progress(0, drives)
     stops, _ = read_stops(question, scene.parts)
     start, *via, goal = stops
     shown, weight = question.positions("path", MAX_POINTS), read_weight(question, scene)
@@ -92,7 +92,6 @@ def describe_choice(choice: Choice) -> dict[str, Any]:
         "verdict": headline,
         "evidence": choice.arrives,
         "advice": [sentence for sentence in others if sentence != choice.arrives],
-        "is_detour": chosen is not shortest,
         "recommended": chosen.name,
         "candidates": [_describe(candidate, choice) for candidate in choice.candidates],
         "along": {"recommended": _errors_along(chosen), "shortest": _errors_along(shortest)},
@@ -100,11 +99,11 @@ def describe_choice(choice: Choice) -> dict[str, Any]:
 
 
 def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
-    driven, arrivals = candidate.driven, candidate.arrivals
+    driven = candidate.driven
     nothing = Interval(math.nan, math.nan, math.nan)
-    error, lost, off = nothing, nothing, nothing
+    error, lost = nothing, nothing
     if driven is not None:
-        error, lost, off = driven.error, driven.lost_rate, driven.off_at_end_rate
+        error, lost = driven.error, driven.lost_rate
     return {
         "name": candidate.name,
         "title": TITLES.get(candidate.name, candidate.name.capitalize()),
@@ -114,9 +113,6 @@ def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
         "error_interval": [error.low, error.high],
         "lost": lost.value,
         "lost_interval": [lost.low, lost.high],
-        "off_at_end": off.value,
-        "reached": arrivals.arrived.value if arrivals else None,
-        "drives": len(driven.numbers) if driven else 0,
         "is_recommended": candidate is choice.chosen,
         "is_shortest": candidate is choice.shortest,
     }

@@ -15,7 +15,6 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from locplan._support.checks import whole
 from locplan._support.tables import finite
 from locplan.app.explorer.messages import (
-    MAX_ID,
     BadMessage,
     Cancel,
     Cancelled,
@@ -54,8 +53,7 @@ class Link:
                 message = await self._socket.receive()
                 if message["type"] != "websocket.receive":
                     break
-                text = message.get("text")
-                await self._take(text if text is not None else "")
+                await self._take(message.get("text") or "")
         except (WebSocketDisconnect, RuntimeError):  # the latter: it closed during a write
             pass
         finally:
@@ -72,8 +70,6 @@ class Link:
             if question.do == "cancel":
                 await self._send(self._cancel(question))
                 return
-            if len(self._waiting) >= self._session.opening.limits.waiting:
-                raise BadMessage("too many questions wait; ask again later", question.id)
             if question.id in self._waiting:
                 raise BadMessage("a question with this id waits already", question.id)
         except BadMessage as error:
@@ -90,7 +86,7 @@ class Link:
     def _cancel(self, question: Question) -> dict[str, Any]:
         """Cancel a question, and answer that."""
         try:
-            number = whole("of", question.values.get("of"), 0, MAX_ID)
+            number = whole("of", question.values.get("of"), 0)
         except LocplanError as error:
             return {"re": question.id, "error": str(error)}
         if number in self._waiting:
@@ -115,8 +111,6 @@ class Link:
             answer = {"cancelled": True} if cancel.is_cancelled else {"stale": True}
         except LocplanError as error:
             answer = {"error": format_sentence(str(error))}
-        except MemoryError:
-            answer = {"error": "The memory does not suffice; ask for less."}
         except Exception as error:  # our own error must not end the page
             answer = {"error": one_line(f"{question.do} failed: {type(error).__name__}: {error}")}
         finally:
@@ -132,9 +126,9 @@ class Link:
                 )
 
     def _progress(self, number: int, cancel: Cancel) -> Any:
-        def progress(done: int, total: int, doing: str = "") -> None:
+        def progress(done: int, total: int, *_: object) -> None:
             cancel.check()
-            answer = {"progress": number, "done": int(done), "total": int(total), "doing": doing}
+            answer = {"progress": number, "done": int(done), "total": int(total)}
             self._loop.call_soon_threadsafe(self._post, answer)
 
         return progress

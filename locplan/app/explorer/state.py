@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan import __version__
 from locplan._support.checks import FARTHEST, number
 from locplan._support.poses import window_around
 from locplan.app.explorer.messages import MAX_WEIGHT, Job, Question
@@ -29,7 +28,6 @@ def describe_session(session: Session) -> dict[str, Any]:
     """Return the facts that never change: the map, and the choices."""
     grid = session.original.grid
     return {
-        "version": __version__,
         "map": {
             "name": grid.name,
             "rows": grid.shape[0],
@@ -86,13 +84,9 @@ def _xy(value: Any) -> list[Any]:
 def _describe_field(scene: Scene) -> dict[str, Any] | None:
     if scene.field is None:
         return None
-    estimator = scene.field.config.estimator
     rows, cols = scene.field.covariance.shape[:2]
     return {
         "digest": scene.digest,
-        "estimator": estimator.name,
-        "title": scene.field.config.title,
-        "range": estimator.reach,
         "rows": rows,
         "cols": cols,
         "stride_cells": scene.field.stride,
@@ -119,8 +113,6 @@ def describe_place(session: Session, scene: Scene, question: Question, job: Job)
         "axes": [100 * major, 100 * minor],
         "angle": angle,
         "heading_deg": math.degrees(float(scalar(covariance, "heading_std"))),
-        "u": float(scene.costs.u[cell]),
-        "e": float(scalar(covariance, "e")),
         "reason": next((spot.reason for spot in spots if spot.contains((x, y))), None),
     }
 

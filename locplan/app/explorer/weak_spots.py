@@ -74,11 +74,6 @@ class NamedSpot:
             "outline": np.round(spot.outline, 3).tolist(),
         }
 
-    @property
-    def bytes(self) -> int:
-        """Bytes of its outline and holes."""
-        return sum(ring.nbytes for ring in self.spot.rings)
-
     def contains(self, xy: tuple[float, float]) -> bool:
         """Return whether a position lies in the spot [m]."""
         within: Bools = is_within(self.spot, np.array([xy]))
