@@ -142,7 +142,8 @@ def nearest_centre(
         Function that returns the mask of the right ones among some values.
     """
     at = np.array([float(v) for v in grid.world_to_grid(*xy[:2])])
-    window = window_around(*at.tolist(), reach, grid.shape)
+    row, col = at.tolist()
+    window = window_around(row, col, reach, grid.shape)
     cells = np.argwhere(is_right(values[window])) + [axis.start for axis in window]
     squared = ((cells + 0.5 - at) ** 2).sum(axis=1)
     if squared.min(initial=np.inf) > reach**2:
