@@ -233,6 +233,10 @@ class Scene:
         """True if all values of the field are those of the map."""
         return self.step == 0
 
+    def has_field(self, config: FieldConfig) -> bool:
+        """Return whether there is a field with these settings."""
+        return self.field is not None and self.field.config == config
+
     def check_field(self) -> CovarianceField:
         """Return the field; raise a ConfigError before all its values are those of the map."""
         if self.field is None or not self.is_whole:

@@ -116,7 +116,8 @@ class Session:
             self._cancel.cancel()
             self._cancel = cancel = Cancel()
             stored: Scene | None = self.scenes.get(site.key)
-            base = self._repairable(site)
+            earlier: list[Scene] = [self.scene, *self.scenes.results]
+            base = next((scene for scene in earlier if scene.has_field(site.config)), None)
             scenes: Iterator[Scene] = iter(())
             if stored is not None:
                 scene = stored
@@ -218,14 +219,6 @@ class Session:
 
         job = Job(progress or (lambda *_: None), lambda: None)
         return finite(QUESTIONS[do].answer(self, Question(do, 0, values), job))
-
-    def _repairable(self, site: Site) -> Scene | None:
-        """Return the latest scene whose field has the same settings; None without one."""
-        scenes: list[Scene] = [self.scene, *self.scenes.results]
-        for scene in scenes:
-            if scene.field is not None and scene.field.config == site.config:
-                return scene
-        return None
 
     def _compute(
         self, site: Site, cancel: Cancel, field: CovarianceField | None = None

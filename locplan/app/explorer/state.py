@@ -68,7 +68,6 @@ def describe_state(session: Session) -> dict[str, Any]:
             "title": robot.title,
             "lidar": lidar.model if lidar.model in LIDARS else None,
             "range": lidar.range,
-            "radius": robot.radius,
         },
         "default_weight": scene.site.config.estimator.weight if weight is None else weight,
         "route": route and {name: _xy(value) for name, value in vars(route).items()},
