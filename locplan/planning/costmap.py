@@ -244,7 +244,7 @@ class Costmap(CostLayers, Saved):
         e : (H, W) array, optional
             Uncertainty of each free cell, >= 0 [m^2 rad], of which paths have the integral; without
             it a path's `integrated_e` is NaN.
-        weight : float, optional
+        weight : float, default 8.0
             Metres of detour accepted per degenerate metre, >= 0; by default that of the estimators
             that simulate a lidar.
         robot : Robot, or float, default 0.25

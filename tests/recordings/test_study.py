@@ -48,7 +48,9 @@ def files(tmp_path, grid, drive):
 
 
 def test_recording_finds_ground_truth_on_map(run, files, grid, drive):
+    Robot(LIDAR).save(files / "robot.yaml")
     command = "recording", files / "monday.npz", files / "room.yaml", *FEW
+    command = *command, "--robot", files / "robot.yaml"
     code, out, err = run(*command, "-o", files / "monday")
     assert code == 0, err
     assert out.startswith(("Sound", "Usable: "))
@@ -57,6 +59,7 @@ def test_recording_finds_ground_truth_on_map(run, files, grid, drive):
     assert f"wrote {files / 'monday'}: 1 more file" in out
     assert out.splitlines()[-1] == (
         f"  locplan check {files / 'room.yaml'} --recording={files / 'monday' / 'drive.npz'}"
+        f" --robot={files / 'robot.yaml'}"
     )
     names = {"drive.npz", "recording.json", "recording.png", "poses.csv", "poses.tum", "robot.yaml"}
     assert {file.name for file in (files / "monday").iterdir()} == {*names, "run.yaml"}
@@ -107,7 +110,9 @@ def test_other_commands_take_written_recording(run, files):
 
 
 def test_written_robot_goes_to_other_commands(run, files):
+    Robot(LIDAR).save(files / "robot.yaml")
     command = "recording", files / "monday.npz", files / "room.yaml", *FEW
+    command = *command, "--robot", files / "robot.yaml"
     assert run(*command, "-o", files / "out")[0] == 0
     robot = files / "out" / "robot.yaml"
     ends = "--start", "1.5,2.5", "--goal", "3,2.5", "--drives", "2", "--stride", "1"

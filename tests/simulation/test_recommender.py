@@ -989,12 +989,15 @@ def test_plan_prints_next_command(
         choice = with_arrivals(choice, 8, 8)
     monkeypatch.setattr("locplan.choose", lambda *_, **__: choice)
     folder = ("-o", tmp_path / "out") * output
-    code, out, _ = run("plan", box, *ENDS, "--set", "range=3", *folder)
+    Robot(Lidar()).save(tmp_path / "robot.yaml")
+    robot_options = "--robot", tmp_path / "robot.yaml", "--set", "range=3"
+    code, out, _ = run("plan", box, *ENDS, *robot_options, *folder)
     assert code == 0
     assert out.startswith(choice.answer[0][:60])
     first, *more = next_commands(out)
     assert first[:2] == ["locplan", command]
     assert option in first
+    assert f"--robot={tmp_path / 'robot.yaml'}" in first
     assert [words[-1] for words in more] == ["--robot=tuned/nav2_params.yaml"] * (verdict == "tune")
 
 

@@ -252,7 +252,8 @@ def _next_step(choice: locplan.Choice, map_file: str, output: Output) -> tuple[s
         return "save the path, its picture and all candidates:", save
     if choice.best:
         export = ["--to", "nav2-keepout", f"--choice={output.output}", "-o", "mask"]
-        command_line = shlex.join(["locplan", "export", map_word, *export])
+        files = [word for word in robot_words if word.startswith("--robot=")]
+        command_line = shlex.join(["locplan", "export", map_word, *export, *files])
         return "write a mask that makes Nav2 follow the path:", command_line
     return ()
 

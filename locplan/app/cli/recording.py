@@ -130,5 +130,6 @@ def recording(
     output.finish(report)
     if map_file and output.output and not output.json:
         name = output.output if output.output.suffix else output.output / "drive.npz"
-        words = ["locplan", "check", str(map_file), f"--recording={name}"]
+        files = [f"--robot={file}" for file in robot.robot]
+        words = ["locplan", "check", str(map_file), f"--recording={name}", *files]
         print(f"\nNext: find what helps the robot most:\n  {shlex.join(words)}")
