@@ -16,9 +16,11 @@ from locplan.planning import Costmap
 BAND = [[15.0, 1.0], [25.0, 1.0], [25.0, 5.0], [15.0, 5.0]]
 
 
-def export(folder, *, changes=(), force=False, progress=lambda *_: None, **values):
+def export(
+    folder, *, changes=(), force=False, parameter_files=(), progress=lambda *_: None, **values
+):
     """Return the answer to an export after changes."""
-    session = open_corridors(folder=folder, force=force)
+    session = open_corridors(folder=folder, force=force, parameter_files=parameter_files)
     if changes:
         ask(session, "change", changes=list(changes))
         session.wait()
@@ -45,6 +47,14 @@ def test_export_equals_that_of_library(tmp_path):
     for name in names:
         ours = (tmp_path / "out" / "two_corridors-nav2" / name).read_bytes()
         assert ours == (tmp_path / "expected" / name).read_bytes(), name
+
+
+def test_export_merges_nav2_parameters(tmp_path):
+    file = tmp_path / "params.yaml"
+    file.write_text("amcl: {ros__parameters: {max_beams: 77}}\n")
+    export(tmp_path, parameter_files=(file,))
+    exported = (tmp_path / "two_corridors-nav2" / "nav2.yaml").read_text()
+    assert "max_beams: 77" in exported
 
 
 def test_export_holds_edited_map(tmp_path):

@@ -310,6 +310,19 @@ def test_zone_is_exported_in_four_actions(visit, server):
     assert {"zones.geojson", "mask.pgm", "mask.yaml"} <= set(files)
 
 
+def test_undo_removes_changes_of_opened_page(visit, server):
+    window = visit()
+    window.draw("no-go")
+    window.settle()
+    again = visit()
+    again.page.locator('[data-tool="slow"]').click()
+    again.page.locator(".hint", has_text="draw a zone").wait_for()
+    again.page.locator("#undo").click()
+    again.settle()
+    assert server.session.changes == ()
+    again.wait("#undo:disabled")
+
+
 def test_zone_is_edited_and_removed(visit, server):
     window = visit()
     window.draw("slow")

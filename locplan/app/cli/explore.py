@@ -101,6 +101,7 @@ def explore(
         threads=threads,
         folder=output.output,
         force=output.force,
+        parameter_files=tuple(robot.nav2_files()),
         start=start or ends.get("start"),
         goal=goal or ends.get("goal"),
         via=via,

@@ -42,7 +42,13 @@ def export(session: Session, scene: Scene, question: Question, job: Job) -> dict
     target = opening.folder / name if opening.force else _unused_folder(opening.folder, name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        nav2_keepout(target, costs, distro=distro, force=opening.force)
+        nav2_keepout(
+            target,
+            costs,
+            distro=distro,
+            params=opening.parameter_files or None,
+            force=opening.force,
+        )
         if site.grid.digest != session.original.grid.digest:
             save_map(site.grid, target / MAP_FILE)
     files = sorted(file for file in target.rglob("*") if file.is_file())

@@ -75,6 +75,8 @@ class Opening:
     """Positions to visit on the way [m]."""
     folder: FilePath | None = None
     """Folder that exports are written into; None if none may be written."""
+    parameter_files: tuple[FilePath, ...] = ()
+    """Nav2 parameters that an export merges those of the masks into."""
     cache_dir: FilePath | None = None
     """Folder of cached fields; None for the usual one."""
     threads: int | None = None

@@ -137,7 +137,9 @@ function Readout() {
 }
 
 function Hint() {
-	if (shared || isTouched.value || !hasRoute.value) return null;
+	if (shared) return null;
+	if (TOOLS.find(({ name }) => name === tool.value)?.isZone) return html`<p class="hint">Drag across the map to draw a zone.</p>`;
+	if (isTouched.value || !hasRoute.value) return null;
 	return html`<p class="hint">Drag <b>S</b> and <b class="goal">G</b>. Double-click adds a waypoint.</p>`;
 }
 

@@ -13,7 +13,7 @@ let noted = null; // the newest {changes, route} at rest
 let restTimer = 0;
 let turn = 0;
 
-export const canUndo = computed(() => past.value.length > 0);
+export const canUndo = computed(() => past.value.length > 0 || changes.value.length > 0);
 export const canRedo = computed(() => future.value.length > 0);
 
 /** Plan again whenever the map, the field, the robot or the zones change. */
@@ -95,8 +95,9 @@ export async function setChanges(next) {
 /** Go back to before the newest change, or forward again. */
 export function step(isUndo) {
 	const [from, to] = isUndo ? [past, future] : [future, past];
-	if (!from.value.length) return;
-	const snapshot = from.value.at(-1);
+	// A page that was opened again knows the list, but not how it was made.
+	const snapshot = from.value.at(-1) ?? (isUndo && changes.value.length ? { ...now(), changes: changes.value.slice(0, -1) } : null);
+	if (!snapshot) return;
 	batch(() => {
 		to.value = [...to.value, now()];
 		from.value = from.value.slice(0, -1);
