@@ -193,8 +193,12 @@ class Server:
         name = request.path_params.get("name", "index.html")
         if name not in FILE_TYPES:
             return _answer_missing()
-        headers = {"cache-control": "private, no-cache", **GZIP}  # which all browsers take
-        return Response(_pack(PAGE / name), headers=headers, media_type=FILE_TYPES[name])
+        headers = {"cache-control": "private, no-cache"}
+        if name == "index.html":  # small, and read by other programs than browsers
+            return Response(
+                (PAGE / name).read_bytes(), headers=headers, media_type=FILE_TYPES[name]
+            )
+        return Response(_pack(PAGE / name), headers=headers | GZIP, media_type=FILE_TYPES[name])
 
     def _about(self, request: Request) -> Response:
         return JSONResponse(describe_session(self.session))
