@@ -150,7 +150,7 @@ def test_each_change_outdates_results_and_undo_restores_them(visit):
 
 def test_results_are_hidden_until_change_is_answered(visit, browser):
     window = visit(answers={"change": lambda question, basis: None})
-    assert window.has_colour(TEAL)
+    window.wait_for_colour(TEAL)
     window.draw("wall")
     assert set(statuses(window).values()) <= {"none", "waiting"}
     assert not window.has_colour(TEAL)
@@ -386,7 +386,7 @@ def test_shared_page_works_from_disk(visit, tmp_path, is_edited):
     shared = visit(file.as_uri())
     assert shared.text("aside table") == window.text("aside table")
     assert shared.page.locator("aside .main, .tools, #undo").count() == 0
-    assert shared.has_colour(TEAL)
+    shared.wait_for_colour(TEAL)
     x, y = shared.middle(".marker.start")
     shared.page.mouse.move(x + 60, y)
     shared.page.locator(".readout", has_text="Position ±").wait_for()
@@ -395,9 +395,9 @@ def test_shared_page_works_from_disk(visit, tmp_path, is_edited):
 
 def test_dark_page_follows_system(visit):
     window = visit(color_scheme="dark")
-    assert window.has_colour((63, 217, 207))
+    window.wait_for_colour((63, 217, 207))
     window.page.emulate_media(color_scheme="light")
-    assert window.has_colour(TEAL)
+    window.wait_for_colour(TEAL)
 
 
 def test_page_returns_after_restart_of_server(browser, server):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -189,6 +190,12 @@ class Window:
     def has_colour(self, colour: tuple[int, int, int], selector: str = ".marks canvas") -> bool:
         """Whether a canvas has a pixel of a colour, after the next frame."""
         return bool(self.page.evaluate(HAS_COLOUR, [selector, colour]))
+
+    def wait_for_colour(self, colour: tuple[int, int, int]) -> None:
+        """Wait until the paths' canvas has a colour: a new theme takes a few frames."""
+        end = time.monotonic() + WAIT / 1000
+        while not self.has_colour(colour):
+            assert time.monotonic() < end, f"no pixel of the paths has the colour {colour}"
 
 
 def is_local(url: str) -> bool:
