@@ -323,4 +323,4 @@ def _fault_text(fault: MapFault) -> str:
         f"({(box[0] + box[2]) / 2:.1f}, {(box[1] + box[3]) / 2:.1f})"
         for box in fault.boxes[:SHOWN_PLACES]
     )
-    return f"{fault.sentence} Worst at {places}." if places else fault.sentence
+    return f"{fault.sentence}. Worst at {places}." if places else f"{fault.sentence}."

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from support.maps import ascii_map
 
 import locplan
 from locplan import Lidar, Robot
+from locplan.maps.map_faults import MapFault
 from locplan.recordings import Recording, record_drive, study_recording
 from locplan.recordings.faults import find_recording_faults
 
@@ -208,3 +210,10 @@ def test_report_counts_faults_in_first_line(drive, faults, answer):
     report = dataclasses.replace(studied, faults=dataclasses.replace(sound, **faults)).report()
     assert report.startswith(answer)
     assert ("alphas 0.05" in report) == ("jumps" in faults)
+
+
+def test_report_ends_map_fault_before_its_places(drive):
+    fault = MapFault("false walls", "the scans do not fit", "map it again", boxes=((0, 0, 2, 4),))
+    fit = SimpleNamespace(sentence="The map fits.")
+    report = dataclasses.replace(study_recording(drive), fit=fit, map_faults=(fault,)).report()
+    assert "map it again. Worst at (1.0, 2.0)." in " ".join(report.split())
