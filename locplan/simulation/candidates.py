@@ -242,12 +242,6 @@ class Part(Ground):
         same: Any = {"window": np.s_[:, :], "ask": self.ask, "longest": math.inf}
         return Part(costs.grid, costs.u, self.robot, self.accepted, costs, **same)
 
-    def with_longest(self, longest: float) -> Part:
-        """Return the part for candidates up to a length [m], which is the whole map if it grows."""
-        if longest <= self.longest:
-            return self
-        return dataclasses.replace(self.whole_map, longest=longest)
-
     @property
     def requested_weights(self) -> list[float]:
         """Weights whose aware paths race at any length: the costmap's, and the one asked for."""
@@ -266,9 +260,7 @@ class Part(Ground):
             return why_without(result)
         if path.length > self.longest:
             ratio = self.ask.settings.longest
-            is_widened = self.longest > ratio * self.accepted[SHORTEST].length
-            limit = f"{self.longest:.1f} m" if is_widened else f"{ratio:g} times the shortest"
-            return f"{path.length:.1f} m, more than {limit}"
+            return f"{path.length:.1f} m, more than {ratio:g} times the shortest"
         return self.ask.fault_of(path, costs) or path
 
     def plan_aware(self, weight: float) -> Path | str:
@@ -296,14 +288,9 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
         for weight in part.requested_weights:
             requested |= aware(weight)
         densities |= AWARE | requested
-    requested_plans = {
-        name: part.whole_map.plan_on(density(part.whole_map)) for name, density in requested.items()
-    }
-    lengths = [path.length for path in requested_plans.values() if isinstance(path, Path)]
-    # A shorter path than that of a requested weight is no worse a detour.
-    region = part.with_longest(max([part.longest, *lengths]))
     for name, density in densities.items():
-        path = requested_plans.get(name) or region.plan_on(density(region))
+        ground = part.whole_map if name in requested else part
+        path = ground.plan_on(density(ground))
         # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m away from all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
         limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
