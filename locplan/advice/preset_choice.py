@@ -331,7 +331,8 @@ class _PresetTrial:
         last = max(len(case.looks) for case in self._usual)
         for n_looks in range(last if self._drives_all else 1, last + 1):
             pairs = [
-                [self._drive(each, case, n_looks) for each in (OWN, name)] for case in self._usual
+                [self._drive(settings, case, n_looks) for settings in (OWN, name)]
+                for case in self._usual
             ]
             baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
             if is_hopeless(baseline, alternative):
@@ -394,7 +395,7 @@ class _PresetTrial:
     def object_on_recordings(self, name: str) -> str:
         """Return why recorded drives, or then simulated ones, speak against a preset."""
         for recording in self._recordings:
-            before, after = (self._replay(each, recording) for each in (OWN, name))
+            before, after = (self._replay(settings, recording) for settings in (OWN, name))
             if objection := find_objection(before, after):
                 return f"{name} settings: {objection} on {recording.name}"
         self.compare_at_usual_level(name)
@@ -447,12 +448,12 @@ class _PresetTrial:
             self._progress(len(self._driven) + len(self._replayed), self._n_steps)
 
     def _compare(self, name: str, case: Case, n_looks: int | None = None) -> Verdict:
-        sets = (self._drive(each, case, n_looks) for each in (OWN, name))
+        sets = (self._drive(settings, case, n_looks) for settings in (OWN, name))
         return compare(*sets, looks_left=len(case.looks) - n_looks if n_looks else 0)
 
     def _result(self, name: str, case: Case) -> CaseResult:
         drives = DriveSet.join(self._driven[name, case.name])
-        n_looks = min(len(self._driven.get((each, case.name), ())) for each in (OWN, name))
+        n_looks = min(len(self._driven.get((settings, case.name), ())) for settings in (OWN, name))
         if name == OWN:
             word = BASELINE
         elif [case] == self._usual:

@@ -509,8 +509,8 @@ def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
     _, labels = connected_parts(costs)
     if lines:
         rows, cols = (
-            np.clip(np.floor(each).astype(int), 0, size - 1)
-            for each, size in zip(
+            np.clip(np.floor(coordinates).astype(int), 0, size - 1)
+            for coordinates, size in zip(
                 costs.grid.world_to_grid(*np.concatenate([*lines.values()]).T),
                 labels.shape,
                 strict=True,

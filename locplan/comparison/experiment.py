@@ -131,7 +131,7 @@ def compare(
     limits: Any = {"memory": execution.memory, "patience": execution.patience}
     radius = (robot or Robot()).radius
     zones = check_zones(zones)
-    made = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
+    make_case = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
     named = named_maps(maps, read_map)
     for name, one in named.items():
         if isinstance(one, OccupancyGrid):
@@ -160,7 +160,7 @@ def compare(
         cases: list[Case] = []
         orders: list[Order] = []
         headed = any(spec.planner.space not in ("R2", LATTICE) for spec in specs)
-        for case, costs in _cases(named, fields, criterion, queries, headed, made):
+        for case, costs in _cases(named, fields, criterion, queries, headed, make_case):
             home = folder / str(len(cases))
             costs = costs if robot is None else dataclasses.replace(costs, robot=robot)
             put_costmap(costs, home)  # they may be many: no more than one is in memory here

@@ -293,8 +293,10 @@ def _write(
     robot.warn_changed(merged)
     kind, values = next(iter(masks.items()))
     base = f"localizability_{kind}"
-    stems = {each: "mask" if each == kind else f"{each}_mask" for each in masks}
-    servers = [server for each, stem in stems.items() for server in _mask_servers(each, stem)]
+    stems = {mask_kind: "mask" if mask_kind == kind else f"{mask_kind}_mask" for mask_kind in masks}
+    servers = [
+        server for mask_kind, stem in stems.items() for server in _mask_servers(mask_kind, stem)
+    ]
     about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     unturned, file = unturn(costs), robot.file and robot.file.name
@@ -319,8 +321,8 @@ def _write(
             (temporary / name).write_bytes(content)
         if planning and planning.tree is not None:
             (temporary / "tree.xml").write_text(planning.tree, "utf-8")
-        for each, stem in stems.items():
-            write_values(temporary / stem, masks[each], grid)
+        for mask_kind, stem in stems.items():
+            write_values(temporary / stem, masks[mask_kind], grid)
         if costs.zones:
             costs.zones.save(temporary / ZONES)
         if shapes:

@@ -375,7 +375,7 @@ MENDING = "locplan.advice.repair.drive_open"
     ("words_of", "count"),
     [
         (words_of_landmarks, 400),
-        (words_of_mend, 40),  # a call plans its routes, which takes 30 ms
+        (words_of_mend, 80),  # a call plans its routes, which takes 30 ms
         pytest.param(words_of_mend, 800, marks=pytest.mark.long),
     ],
 )
