@@ -41,12 +41,12 @@ def read_arrays(
     with opened(file) as content:
         try:
             with zipfile.ZipFile(content) as archive:
-                members = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
-                wanted = [name for name in members if names is None or name in names]
-                if (total := sum(members[name].file_size for name in wanted)) > limit:
+                members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+                selected_names = [name for name in members if names is None or name in names]
+                if (total := sum(members[name].file_size for name in selected_names)) > limit:
                     most = f"of at most {limit / 1e6:.0f} MB"
                     raise OSError(f"its arrays take {total / 1e6:.0f} MB, {most}")
-                return {name: _array_of(archive.read(members[name])) for name in wanted}
+                return {name: _array_of(archive.read(members[name])) for name in selected_names}
         except OSError:
             raise
         except Exception as error:  # a damaged archive fails in as many ways as it has parts

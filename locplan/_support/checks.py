@@ -221,10 +221,10 @@ class Settings:
     """Settings in a dataclass, which are checked; its repr names only what is not by default."""
 
     def __post_init__(self: Any) -> None:
-        for each in dataclasses.fields(self):
-            if known := _check_of(type(self), each.name):
-                check, *limits = known
-                keep(self, **{each.name: check(each.name, getattr(self, each.name), *limits)})
+        for setting_field in dataclasses.fields(self):
+            if check_spec := _check_of(type(self), setting_field.name):
+                check, *limits = check_spec
+                keep(self, **{setting_field.name: check(setting_field.name, getattr(self, setting_field.name), *limits)})
 
     def __repr__(self) -> str:
         changed = ", ".join(f"{name}={value!r}" for name, value in _changed(self))
@@ -234,7 +234,7 @@ class Settings:
 def _check_of(owner: type, name: str) -> tuple[Any, ...]:
     """The check of a setting, which a class that gives it another default has from its base."""
     declared = (vars(base).get("__dataclass_fields__", {}).get(name) for base in owner.__mro__)
-    checks = (each.metadata.get("check", ()) for each in declared if each)
+    checks = (setting_field.metadata.get("check", ()) for setting_field in declared if setting_field)
     return next(filter(None, checks), ())
 
 
@@ -244,13 +244,13 @@ def differing(settings: Settings) -> list[str]:
 
 
 def _changed(settings: Any) -> Iterator[tuple[str, Any]]:
-    for each in dataclasses.fields(settings):
-        value, made = getattr(settings, each.name), each.default_factory
-        default = each.default if made is dataclasses.MISSING else made()
-        if make := each.metadata.get("default"):
+    for setting_field in dataclasses.fields(settings):
+        value, default_factory = getattr(settings, setting_field.name), setting_field.default_factory
+        default = setting_field.default if default_factory is dataclasses.MISSING else default_factory()
+        if make := setting_field.metadata.get("default"):
             default = make(settings)
         if hasattr(value, "shape") or value != default:  # arrays have no one truth
-            yield each.name, value
+            yield setting_field.name, value
 
 
 def _plain(value: object) -> str:
@@ -300,11 +300,11 @@ def usable_cores() -> int:
 def usable_memory() -> int:
     """Memory that a computation may take [bytes]."""
     try:
-        every = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        total_memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):  # Windows
-        every = 8_000_000_000
+        total_memory = 8_000_000_000
     # Share of the memory that a computation may take.
-    return int(0.8 * every)
+    return int(0.8 * total_memory)
 
 
 def check_threads(threads: int | None) -> int:

@@ -172,7 +172,7 @@ class Picture(Figure):
         *lines : str
             Its lines.
         """
-        filled = (part for each in lines for part in lines_within(each, self.get_figwidth()))
+        filled = (part for title_line in lines for part in lines_within(title_line, self.get_figwidth()))
         self.suptitle("\n".join(filled), fontsize="medium")
 
     def _show_texts_as_they_are(self) -> None:
@@ -196,14 +196,14 @@ def lines_within(text: str, width: float) -> list[str]:
     width : float
         Maximum width of a line [inch].
     """
-    most = int(11.5 * width)  # the number of letters that fit within an inch
-    count = len(textwrap.wrap(text, most, break_on_hyphens=False))
+    max_letters = int(11.5 * width)  # the number of letters that fit within an inch
+    count = len(textwrap.wrap(text, max_letters, break_on_hyphens=False))
     longest = max(map(len, text.split()), default=1)
-    made = (
+    broken_titles = (
         textwrap.wrap(text, letters, break_on_hyphens=False)
-        for letters in range(min(longest, most), most + 1)
+        for letters in range(min(longest, max_letters), max_letters + 1)
     )
-    return next(lines for lines in made if len(lines) <= count)
+    return next(lines for lines in broken_titles if len(lines) <= count)
 
 
 @contextmanager
@@ -243,23 +243,23 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> Floats:
         return np.array([low])
     powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     within = low * (1 - 1e-9), high * (1 + 1e-9)
-    found = np.array([])
+    ticks = np.array([])
     # What the numbers may begin with, few first.
     for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
-        every = np.sort(np.outer(powers, digits).ravel())
-        every = every[(within[0] <= every) & (every <= within[1])]
-        if len(every) > most:
+        round_values = np.sort(np.outer(powers, digits).ravel())
+        round_values = round_values[(within[0] <= round_values) & (round_values <= within[1])]
+        if len(round_values) > most:
             # Decades are left out where even they are too many.
-            return found if len(found) >= MIN_TICKS else every[:: -(-len(every) // most)]
-        found = every
-        if len(found) >= MIN_TICKS + 1:
-            return found
+            return ticks if len(ticks) >= MIN_TICKS else round_values[:: -(-len(round_values) // most)]
+        ticks = round_values
+        if len(ticks) >= MIN_TICKS + 1:
+            return ticks
     for count in range(MIN_TICKS + 1, most + 1):
-        if len(found) >= MIN_TICKS:
+        if len(ticks) >= MIN_TICKS:
             break
-        found = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
-        found = found[(within[0] <= found) & (found <= within[1])]
-    return found
+        ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
+        ticks = ticks[(within[0] <= ticks) & (ticks <= within[1])]
+    return ticks
 
 
 def label_plainly(axis: Axis, max_ticks: int = MAX_TICKS) -> None:
@@ -295,8 +295,8 @@ def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options
     """The colour bar of a field; deviations have plain numbers at 1, 2 and 5 of each decade."""
     low, high = image.get_clim()
     values = image.get_array()
-    beyond = values is not None and high is not None and values.max() > 1.001 * high
-    extend = "max" if beyond else "neither"
+    has_larger_values = values is not None and high is not None and values.max() > 1.001 * high
+    extend = "max" if has_larger_values else "neither"
     bar = figure.colorbar(image, ax=axes, label=label, extend=extend, **options)
     if isinstance(image.norm, LogNorm) and low and high:
         if (low >= 0.1 and high <= 10_000) or high < 500 * low:  # few decades
@@ -369,10 +369,10 @@ class CellImage(AxesImage):
         import cv2
 
         colours = self._colours()
-        seen = Bbox.intersection(self.get_window_extent(), self.axes.bbox)
-        if unsampled or colours is None or seen is None:
+        visible_box = Bbox.intersection(self.get_window_extent(), self.axes.bbox)
+        if unsampled or colours is None or visible_box is None:
             return super().make_image(renderer, magnification, unsampled)
-        (left, bottom), (right, top) = magnification * seen.get_points()
+        (left, bottom), (right, top) = magnification * visible_box.get_points()
         left, bottom = math.floor(left + 0.5), math.ceil(bottom - 0.5)
         size = math.floor(right + 0.5) - left, math.ceil(top - 0.5) - bottom
         if min(size) < 1:
@@ -390,7 +390,7 @@ class CellImage(AxesImage):
         )
         to_cells = to_pixels.inverted().get_matrix()
         nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        drawn = cv2.warpAffine(colours, to_cells[:2], size, flags=nearest)
+        pixels = cv2.warpAffine(colours, to_cells[:2], size, flags=nearest)
         cells_a_pixel = float(np.hypot(*to_cells[0, :2]))
         # Cells of three pixels and more have sharp edges.
         if self.get_interpolation() != "nearest" and cells_a_pixel > 1 / 3:
@@ -401,8 +401,8 @@ class CellImage(AxesImage):
             around = cv2.BORDER_REPLICATE
             mixed = cv2.warpAffine(mixed, to_cells[:2], size, flags=smooth, borderMode=around)
             # The darker of both: no pixel of a wall is lighter beside a field that has sharp edges.
-            drawn[..., :3] = np.minimum(mixed, drawn)[..., :3]
-        return drawn, left / magnification, bottom / magnification, IdentityTransform()
+            pixels[..., :3] = np.minimum(mixed, pixels)[..., :3]
+        return pixels, left / magnification, bottom / magnification, IdentityTransform()
 
     def _colours(self) -> Octets | None:
         """Colours of the cells, (h, w, 4); None where matplotlib is to find them itself."""
@@ -410,8 +410,8 @@ class CellImage(AxesImage):
         if values is None or values.ndim != 2 or low is None or high is None:
             return None
         if values.dtype == np.uint8:
-            every = self.to_rgba(np.arange(256), bytes=True)
-            words = every.view(np.uint32)[:, 0][np.ma.getdata(values)]
+            byte_colours = self.to_rgba(np.arange(256), bytes=True)
+            words = byte_colours.view(np.uint32)[:, 0][np.ma.getdata(values)]
             return np.asarray(words.view(np.uint8).reshape(*values.shape, 4))
         shares = np.ma.filled(values.astype(np.float32), np.nan)
         if type(self.norm) is LogNorm:
@@ -447,7 +447,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: int = FILE
     suffix = FilePath(path).suffix.lower().lstrip(".")
     with replacing(path) as temporary:
         # matplotlib's writer of PDFs hides an error of the disk behind one of its own
-        drawn = BytesIO() if suffix == "pdf" else temporary
-        figure.savefig(drawn, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
-        if isinstance(drawn, BytesIO):
-            temporary.write_bytes(drawn.getvalue())
+        target = BytesIO() if suffix == "pdf" else temporary
+        figure.savefig(target, dpi=dpi, format=suffix, bbox_inches="tight", pad_inches=0.1)
+        if isinstance(target, BytesIO):
+            temporary.write_bytes(target.getvalue())

@@ -50,7 +50,7 @@ def check_folder(folder: Path) -> None:
     It is called before long work; the folder is made when there is something to write.
     """
     with errors_in_one_line(folder):
-        there = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
+        there = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))
         if not there.is_dir():
             what = "a file, not a folder" if there.exists() else "a link to nothing"
             raise LocplanError(f"{there}: is {what}; name another folder")

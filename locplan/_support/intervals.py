@@ -83,21 +83,21 @@ def of_rms(squares: Floats) -> Interval:
     total, count = squares.sum(), squares.size
     if count < MIN_SAMPLES or not total > 0:
         return _alone(float(np.sqrt(total / count)) if count else np.nan)
-    whole = np.log(total / count)
+    log_mean_square = np.log(total / count)
     with np.errstate(divide="ignore"):
-        without = np.log((total - squares) / (count - 1))
-    pseudo = of_mean(count * whole - (count - 1) * without)
+        log_leave_one_out = np.log((total - squares) / (count - 1))
+    pseudo = of_mean(count * log_mean_square - (count - 1) * log_leave_one_out)
     half = (pseudo.high - pseudo.low) / 2
-    low, high = np.exp((whole - half) / 2), np.exp((whole + half) / 2)
-    return Interval(float(np.exp(whole / 2)), float(low), float(high))
+    low, high = np.exp((log_mean_square - half) / 2), np.exp((log_mean_square + half) / 2)
+    return Interval(float(np.exp(log_mean_square / 2)), float(low), float(high))
 
 
 def of_resamples(value: float, samples: Floats) -> Interval:
     """A value with the 2.5 and 97.5 % quantiles of its resamples; NaN where none is finite."""
-    known = samples[np.isfinite(samples)]
-    if not len(known):
+    finite_samples = samples[np.isfinite(samples)]
+    if not len(finite_samples):
         return _alone(value)
-    low, high = np.quantile(known, (0.025, 0.975)).tolist()
+    low, high = np.quantile(finite_samples, (0.025, 0.975)).tolist()
     return Interval(value, low, high)
 
 
@@ -157,10 +157,10 @@ def draws_of(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
 
     There are no resamples of fewer than five blocks.
     """
-    known, number = np.unique(blocks, return_inverse=True)
-    if len(known) < 5:
+    block_numbers, number = np.unique(blocks, return_inverse=True)
+    if len(block_numbers) < 5:
         return np.empty((0, len(blocks)))
-    return _draws(np.random.default_rng(0), len(known), resamples)[:, number]
+    return _draws(np.random.default_rng(0), len(block_numbers), resamples)[:, number]
 
 
 def mean_interval(values: Floats, blocks: Ints, counted: Floats | None = None) -> Interval:
@@ -184,10 +184,10 @@ def intervals(
 
     `statistic` is called with weights (n,): 1 for all, and then how often each is drawn.
     """
-    found = statistic(np.ones(len(blocks)))
-    drawn = np.array([statistic(each) for each in draws_of(blocks, resamples)])
-    samples = drawn.reshape(-1, len(found)).T
-    return [of_resamples(float(value), each) for value, each in zip(found, samples, strict=True)]
+    estimates = statistic(np.ones(len(blocks)))
+    resampled_statistics = np.array([statistic(statistic_samples) for statistic_samples in draws_of(blocks, resamples)])
+    samples = resampled_statistics.reshape(-1, len(estimates)).T
+    return [of_resamples(float(value), statistic_samples) for value, statistic_samples in zip(estimates, samples, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -236,9 +236,9 @@ def rank(values: Sequence[Floats], errors: Sequence[Floats], drawn: Resamples) -
     drawn : Resamples
         Resamples of the same numbers of maps and places.
     """
-    every, every_error = np.concatenate(values), np.concatenate(errors)
+    all_values, all_errors = np.concatenate(values), np.concatenate(errors)
     weights = np.concatenate(
-        [own * drawn.maps[:, m, None] for m, own in enumerate(drawn.places)], axis=1
+        [place_draws * drawn.maps[:, m, None] for m, place_draws in enumerate(drawn.places)], axis=1
     )
     within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
     within_drawn = np.stack(
@@ -246,9 +246,9 @@ def rank(values: Sequence[Floats], errors: Sequence[Floats], drawn: Resamples) -
     )
     means = (within_drawn * drawn.maps).sum(axis=1) / drawn.maps.sum(axis=1)
     return Rank(
-        of_resamples(spearman(every, every_error), _spearmans(every, every_error, weights)),
+        of_resamples(spearman(all_values, all_errors), _spearmans(all_values, all_errors, weights)),
         of_resamples(float(within.mean()), means),
-        of_resamples(auc(every, every_error), _aucs(every, every_error, weights)),
+        of_resamples(auc(all_values, all_errors), _aucs(all_values, all_errors, weights)),
     )
 
 
@@ -292,9 +292,9 @@ def _aucs(values: Floats, errors: Floats, weights: Floats) -> Floats:
     """AUC for each row of weights (m, n), (m,); the worst places are the same in all rows."""
     bad = errors >= np.quantile(errors, 0.8, method="higher")
     ranks = (weights * _ranks(values, weights))[:, bad].sum(axis=1)
-    count, others = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
-    pairs = count * others
-    above = ranks - count * (count + 1) / 2
+    bad_count, good_count = weights[:, bad].sum(axis=1), weights[:, ~bad].sum(axis=1)
+    pairs = bad_count * good_count
+    above = ranks - bad_count * (bad_count + 1) / 2
     return np.asarray(np.divide(above, pairs, out=np.full(len(pairs), 0.5), where=pairs > 0))
 
 

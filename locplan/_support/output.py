@@ -80,17 +80,17 @@ class Output:
             check_folder(self.target)
         for name in names:
             self._check_name(name)
-        kind, listed = runs.read_outputs(self._home / self._run_name)
+        kind, recorded_digests = runs.read_outputs(self._home / self._run_name)
         if self.force:
             return
         if kind not in (None, self.kind):
             fault = f"holds the results of another command ({kind})"
             raise LocplanError(f"{self.target}: {fault}; {self._remedy}")
-        ours = {*self.unfinished, self._run_name if kind else ""}
+        expected_names = {*self.unfinished, self._run_name if kind else ""}
         for name in self._present():
-            if name not in ours and listed.get(name, "") != digest_of(self._home / name):
+            if name not in expected_names and recorded_digests.get(name, "") != digest_of(self._home / name):
                 fault = "was changed after locplan wrote it"
-                if name not in listed:
+                if name not in recorded_digests:
                     fault = "is no earlier result of this command"
                 raise LocplanError(f"{self._folder / name}: {fault}; {self._remedy}")
 
@@ -102,7 +102,7 @@ class Output:
         writes nothing.
         """
         self.check()
-        base = next(each for each in (self._home, *self._home.parents) if each.is_dir())
+        base = next(existing_parent for existing_parent in (self._home, *self._home.parents) if existing_parent.is_dir())
         with errors_in_one_line(self.target), temporary_folder(base) as staging:
             within = self._home.relative_to(base)
             new = staging / NEW / within
@@ -115,12 +115,12 @@ class Output:
             self.check(*(written := _digests(new)))
             if not written:
                 return
-            kind, listed = runs.read_outputs(self._home / self._run_name)
-            present = {name: digest_of(self._home / name) for name in {**listed, **written}}
-            unchanged = {name for name in listed if present[name] == listed[name]}
+            kind, recorded_digests = runs.read_outputs(self._home / self._run_name)
+            present = {name: digest_of(self._home / name) for name in {**recorded_digests, **written}}
+            unchanged = {name for name in recorded_digests if present[name] == recorded_digests[name]}
             is_more = adds and kind == self.kind
             stale = set() if is_more else unchanged - written.keys()
-            outputs = {name: listed[name] for name in unchanged - stale} | written
+            outputs = {name: recorded_digests[name] for name in unchanged - stale} | written
             text = runs.run_text(Path(destination(self._home)), self.kind, outputs)
             (new / self._run_name).write_text(text, encoding="utf-8")
             present[self._run_name] = digest_of(self._home / self._run_name)
@@ -290,8 +290,8 @@ def destination(text: str | os.PathLike[str]) -> str:
 def files_in(folder: Path) -> Iterator[str]:
     """Names of the files in a folder and in those below, but for hidden ones."""
     for place, folders, files in os.walk(folder):
-        links = [each for each in folders if os.path.islink(os.path.join(place, each))]
-        folders[:] = sorted(each for each in folders if each[0] != "." and each not in links)
+        links = [folder_name for folder_name in folders if os.path.islink(os.path.join(place, folder_name))]
+        folders[:] = sorted(folder_name for folder_name in folders if folder_name[0] != "." and folder_name not in links)
         for name in sorted([*files, *links]):
             if name[0] != ".":
                 yield Path(place, name).relative_to(folder).as_posix()

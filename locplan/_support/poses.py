@@ -39,13 +39,13 @@ def updates_of(poses: Floats, far: float, turned: float) -> list[int]:
 
     That is more than `far` along x or y [m], or more than `turned` [rad], since the one before.
     """
-    found, (at_x, at_y, at_heading) = [0], poses[0].tolist()
+    update_indices, (at_x, at_y, at_heading) = [0], poses[0].tolist()
     for n, (x, y, heading) in enumerate(poses.tolist()):
         way = max(abs(x - at_x), abs(y - at_y))
         if way > far or abs(math.remainder(heading - at_heading, 2 * math.pi)) > turned:
-            found.append(n)
+            update_indices.append(n)
             at_x, at_y, at_heading = x, y, heading
-    return found
+    return update_indices
 
 
 def way_between(one: Floats, other: Floats) -> Floats:
@@ -143,8 +143,8 @@ class Track:
 
 def _filled(samples: Floats) -> Floats:
     """Samples with those before them where there are none, (n, 8)."""
-    known = np.where(np.isfinite(samples[:, 0]), np.arange(len(samples)), 0)
-    return np.asarray(samples[np.maximum.accumulate(known)])
+    sample_rows = np.where(np.isfinite(samples[:, 0]), np.arange(len(samples)), 0)
+    return np.asarray(samples[np.maximum.accumulate(sample_rows)])
 
 
 def interpolated(times: Floats, before: Floats, after: Floats) -> Floats:
@@ -155,19 +155,19 @@ def interpolated(times: Floats, before: Floats, after: Floats) -> Floats:
     share = np.where(exact, 0.0, (times - before[:, 0]) / np.where(gap > 0, gap, 1.0))
     same = (before[:, 4:] * after[:, 4:]).sum(1)  # a quaternion and its negative turn alike
     after[:, 4:] *= np.where(same < 0, -1.0, 1.0)[:, None]
-    found = before[:, 1:] + share[:, None] * (after[:, 1:] - before[:, 1:])
-    found[:, 3:] = _between(before[:, 4:], after[:, 4:], share)
+    transforms = before[:, 1:] + share[:, None] * (after[:, 1:] - before[:, 1:])
+    transforms[:, 3:] = _between(before[:, 4:], after[:, 4:], share)
     way = np.linalg.norm(after[:, 1:4] - before[:, 1:4], axis=1)
     turn = 2 * np.arccos(np.clip(np.abs(same), 0.0, 1.0))
     # Greatest time between two samples of a moving pose that are interpolated [s].
     near = (gap <= 1.0) | ((way < STILL) & (turn < STILL))
-    found[~near] = np.nan
-    return found
+    transforms[~near] = np.nan
+    return transforms
 
 
 def _between(one: Floats, other: Floats, share: Floats) -> Floats:
     """Unit quaternions at a share of the turn from one to the other, (n, 4)."""
-    one, other = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (one, other))
+    one, other = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True) for quaternions in (one, other))
     angle = np.arccos(np.clip((one * other).sum(1), -1.0, 1.0))
     plain = angle < 1e-6
     sine = np.where(plain, 1.0, np.sin(angle))
@@ -202,10 +202,10 @@ class FrameTree:
 
     def keep_between(self, target: str, sources: Iterable[str]) -> None:
         """Leave out what moves on no way from one frame to others, as a robot's wheels do."""
-        needed = {edge for each in sources for edge, _ in self._chain(target, each) or ()}
-        moving = {edge for edge, each in self._edges.items() if isinstance(each, Track)}
-        self._left_out |= moving - needed
-        self._edges = {k: each for k, each in self._edges.items() if k not in self._left_out}
+        connecting = {edge for transform in sources for edge, _ in self._chain(target, transform) or ()}
+        moving = {edge for edge, transform in self._edges.items() if isinstance(transform, Track)}
+        self._left_out |= moving - connecting
+        self._edges = {k: transform for k, transform in self._edges.items() if k not in self._left_out}
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -215,15 +215,15 @@ class FrameTree:
     @property
     def clock(self) -> tuple[float, float]:
         """Times of the first and the last sample that moves; infinite if there is none."""
-        tracks = [each for each in self._edges.values() if isinstance(each, Track)]
-        begins, ends = [each.begin for each in tracks], [each.end for each in tracks]
+        tracks = [track for track in self._edges.values() if isinstance(track, Track)]
+        begins, ends = [track.begin for track in tracks], [track.end for track in tracks]
         return min(begins, default=math.inf), max(ends, default=-math.inf)
 
     def described(self) -> str:
         """The frames that are connected, each group by itself, for an error message."""
         groups: list[list[str]] = []
         for frame in self.frames:
-            group = next((each for each in groups if self.connected(each[0], frame)), None)
+            group = next((group_frames for group_frames in groups if self.connected(group_frames[0], frame)), None)
             if group is None:
                 groups.append([frame])
             else:
@@ -242,12 +242,12 @@ class FrameTree:
         chain = self._chain(target, source)
         if chain is None:
             return None
-        found = np.tile(np.array(IDENTITY), (len(self._times), 1))
+        source_poses = np.tile(np.array(IDENTITY), (len(self._times), 1))
         for edge, backwards in chain:
             step = self._edges[edge]
             pose = step.at_times() if isinstance(step, Track) else np.array([step])
-            found = composed(found, inverse(pose) if backwards else pose)
-        return found
+            source_poses = composed(source_poses, inverse(pose) if backwards else pose)
+        return source_poses
 
     def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
         """Edges from target to source, each with whether it is taken backwards."""
@@ -260,11 +260,11 @@ class FrameTree:
             near[edge[1]].append((edge[0], edge, True))
         waiting = deque([target])
         while waiting and source not in came:
-            here = waiting.popleft()
-            for there, edge, backwards in near[here]:
-                if there != target and there not in came:
-                    came[there] = here, edge, backwards
-                    waiting.append(there)
+            frame = waiting.popleft()
+            for neighbour, edge, backwards in near[frame]:
+                if neighbour != target and neighbour not in came:
+                    came[neighbour] = frame, edge, backwards
+                    waiting.append(neighbour)
         if source not in came:
             return None
         chain = []

@@ -48,13 +48,13 @@ def progress_bar(label: str, unit: str, *, first: str = "starting") -> Iterator[
 @contextmanager
 def later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
     """A `progress_bar` that begins with the first step: others may be shown before."""
-    with ExitStack() as shown:
-        begun: list[ProgressCallback] = []
+    with ExitStack() as bar_stack:
+        bars: list[ProgressCallback] = []
 
         def step(done: int, total: int) -> None:
-            if not begun:
-                begun.append(shown.enter_context(progress_bar(label, unit)))
-            begun[0](done, total)
+            if not bars:
+                bars.append(bar_stack.enter_context(progress_bar(label, unit)))
+            bars[0](done, total)
 
         yield step
 
@@ -84,8 +84,8 @@ def _shown_later(show: Callable[[], Progress | None]) -> Iterator[None]:
     if not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
         yield
         return
-    shown: list[Progress | None] = []
-    timer = threading.Timer(1.0, lambda: shown.append(show()))
+    displays: list[Progress | None] = []
+    timer = threading.Timer(1.0, lambda: displays.append(show()))
     timer.daemon = True
     timer.start()
     try:
@@ -93,8 +93,8 @@ def _shown_later(show: Callable[[], Progress | None]) -> Iterator[None]:
     finally:
         timer.cancel()
         timer.join()
-        for each in filter(None, shown):
-            each.stop()
+        for display in filter(None, displays):
+            display.stop()
 
 
 def _started(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:

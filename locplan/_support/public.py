@@ -39,8 +39,8 @@ def field_docs(kind: type) -> dict[str, str]:
         except (OSError, TypeError):
             continue
         assert isinstance(tree, ast.ClassDef)
-        for one, after in zip(tree.body, tree.body[1:], strict=False):
-            match one, after:
+        for statement, docstring in zip(tree.body, tree.body[1:], strict=False):
+            match statement, docstring:
                 case (
                     ast.AnnAssign(target=ast.Name(id=name)),
                     ast.Expr(value=ast.Constant(value=str(text))),
@@ -52,7 +52,7 @@ def field_docs(kind: type) -> dict[str, str]:
 def _types_of(kind: type) -> dict[str, str]:
     """The fields that a class is made with, and their types as they are written."""
     if dataclasses.is_dataclass(kind):
-        return {each.name: str(each.type) for each in dataclasses.fields(kind) if each.init}
+        return {dataclass_field.name: str(dataclass_field.type) for dataclass_field in dataclasses.fields(kind) if dataclass_field.init}
     hints = getattr(kind, "__annotations__", {})
     names = getattr(kind, "_fields", ())
     return {name: getattr(hints.get(name), "__forward_arg__", "") for name in names}

@@ -235,8 +235,8 @@ def stamp(kind: str, version: int) -> dict[str, Any]:
 
 def check_stamp(file: object, content: object, kind: str, version: int) -> None:
     """Raise a LocplanError unless a file holds this kind of thing, in a version that is known."""
-    entries = content if isinstance(content, dict) else {}
-    holds, found = entries.get("kind"), entries.get("version")
+    fields = content if isinstance(content, dict) else {}
+    holds, found = fields.get("kind"), fields.get("version")
     if not isinstance(holds, str) or not isinstance(found, int) or not 1 <= found < 10**6:
         raise LocplanError(f"{file}: is damaged, or no {kind} that locplan has saved; save it anew")
     if holds != kind:

@@ -78,9 +78,9 @@ class Column:
         percent = "%" if self.people == "%" else ""
         scale = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}[self.people]
         middle, *ends = (f"{scale * each:{form}}" for each in (middle, *ends))
-        known = self.interval and math.isfinite(value[1])
+        has_interval = self.interval and math.isfinite(value[1])
         # Without a space in it, an interval is never broken over two rows.
-        return f"{middle}{percent} [{','.join(ends)}]" if known else f"{middle}{percent}"
+        return f"{middle}{percent} [{','.join(ends)}]" if has_interval else f"{middle}{percent}"
 
 
 Outline = tuple[NDArray[np.float64], ...]
@@ -115,7 +115,7 @@ class Table:
             Heading of a first column, `number`, that counts the rows from 1; none by default.
         """
         declared = tuple(columns)
-        rows = tuple(tuple(column.of(each) for column in declared) for each in records)
+        rows = tuple(tuple(column.of(record) for column in declared) for record in records)
         if number is None:
             return cls(declared, rows)
         counted = tuple((n, *row) for n, row in enumerate(rows, 1))
@@ -142,15 +142,15 @@ class Table:
         width : int, optional
             Maximum width [characters]; the terminal's by default.
         """
-        shown = [n for n, column in enumerate(self.columns) if column.title is not None]
-        heads = [self.columns[n].heading for n in shown]
-        rows = [[self.columns[n].text(row[n]) for n in shown] for row in self.rows[:first]]
+        titled_columns = [n for n, column in enumerate(self.columns) if column.title is not None]
+        heads = [self.columns[n].heading for n in titled_columns]
+        rows = [[self.columns[n].text(row[n]) for n in titled_columns] for row in self.rows[:first]]
         return tables.table(heads, rows, width=width)
 
     def turned(self) -> list[list[str]]:
         """Heading and values of each column for people, a row each: few records side by side."""
-        shown = [(n, column) for n, column in enumerate(self.columns) if column.title is not None]
-        return [[each.heading, *(each.text(row[n]) for row in self.rows)] for n, each in shown]
+        titled_columns = [(n, column) for n, column in enumerate(self.columns) if column.title is not None]
+        return [[titled_column.heading, *(titled_column.text(row[n]) for row in self.rows)] for n, titled_column in titled_columns]
 
     def records(self) -> list[dict[str, Any]]:
         """The rows by the names of their columns, fit for JSON; null is what is not known."""
@@ -182,9 +182,9 @@ class Table:
             The frame of the corners, which each feature names.
         """
         features = []
-        for about, each in zip(self.records(), outlines, strict=True):
-            corners = tables.closed(*(each if isinstance(each, tuple) else [each]))
-            features.append(tables.feature("Polygon", corners, {**about, "frame": frame}))
+        for properties, outline in zip(self.records(), outlines, strict=True):
+            corners = tables.closed(*(outline if isinstance(outline, tuple) else [outline]))
+            features.append(tables.feature("Polygon", corners, {**properties, "frame": frame}))
         tables.write_geojson(file, tables.collection(file.stem, features))
 
     def to_frame(self) -> pandas.DataFrame:
@@ -198,7 +198,7 @@ class Table:
         """The values of each row by `names`."""
         for row in self.rows:
             pairs = zip(self.columns, row, strict=True)
-            yield [own for c, value in pairs for own in (value if c.interval else (value,))]
+            yield [number for c, value in pairs for number in (value if c.interval else (value,))]
 
 
 def values_of(columns: Iterable[Column], record: object) -> dict[str, Any]:
@@ -280,5 +280,5 @@ class Result(Pictured):
 
     def _write(self, folder: Path, *about: Any) -> None:
         """Write what there is beside the summary and the figure: the table, in the one CSV."""
-        (name,) = (each for each in self.files.names if each.endswith(".csv"))
+        (name,) = (file_name for file_name in self.files.names if file_name.endswith(".csv"))
         self.table().write_csv(folder / name)

@@ -56,7 +56,7 @@ class Run:
         for name in self.files & settings.keys():
             settings[name] = _each(settings[name], lambda text: _relative(text, home))
         content: dict[str, Any] = {"command": self.command, "settings": settings}
-        content |= {name: each for name in ("maps", "robot") if (each := getattr(self, name))}
+        content |= {name: digests for name in ("maps", "robot") if (digests := getattr(self, name))}
         content["files"] = sorted(self.files & settings.keys())
         return content
 
@@ -83,8 +83,8 @@ class Run:
                 elif value is not True:
                     settings[name] = _each(value, str)
             maps, robot = (
-                {str(name): str(each) for name, each in content.get(about, {}).items()}
-                for about in ("maps", "robot")
+                {str(name): str(digest) for name, digest in content.get(section, {}).items()}
+                for section in ("maps", "robot")
             )
             return cls(str(content["command"]), settings, files, maps, robot)
         except (KeyError, TypeError, ValueError, AttributeError):
@@ -192,7 +192,7 @@ def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
 
 def _each(value: Any, change: Any) -> Setting:
     if isinstance(value, list):
-        return [change(str(each)) for each in value]
+        return [change(str(setting_text)) for setting_text in value]
     return str(change(str(value)))
 
 

@@ -46,11 +46,11 @@ class Valued:
         if type(self) is not type(other):
             return NotImplemented
         return self is other or all(
-            _alike(getattr(self, each.name), getattr(other, each.name)) for each in _compared(self)
+            _alike(getattr(self, compared_field.name), getattr(other, compared_field.name)) for compared_field in _compared(self)
         )
 
     def __hash__(self) -> int:
-        return hash(tuple(_hashed(getattr(self, each.name)) for each in _compared(self)))
+        return hash(tuple(_hashed(getattr(self, compared_field.name)) for compared_field in _compared(self)))
 
 
 class Stored(Valued):
@@ -145,16 +145,16 @@ def tree_of(value: Any) -> Any:
         number = float(value)
         return None if math.isnan(number) else INFINITIES.get(number, number)
     if isinstance(value, Mapping):
-        return {str(name): tree_of(each) for name, each in value.items()}
+        return {str(name): tree_of(member) for name, member in value.items()}
     if isinstance(value, (list, tuple)):
-        return [tree_of(each) for each in value]
+        return [tree_of(member) for member in value]
     if isinstance(value, range):
         return [value.start, value.stop]
     if hasattr(value, "to_json"):
         return tree_of(value.to_json())
     if hasattr(value, "from_summary"):
         return tree_of(value.summary())
-    names = [*(each.name for each in _compared(value)), *getattr(value, "derived", ())]
+    names = [*(member.name for member in _compared(value)), *getattr(value, "derived", ())]
     return {name: tree_of(getattr(value, name)) for name in names}
 
 
@@ -168,8 +168,8 @@ def listed(tree: Any) -> Any:
     if isinstance(tree, np.ndarray):
         return listed(tree_of(tree.tolist()))
     if isinstance(tree, dict):
-        return {name: listed(each) for name, each in tree.items()}
-    return [listed(each) for each in tree] if isinstance(tree, list) else tree
+        return {name: listed(subtree) for name, subtree in tree.items()}
+    return [listed(subtree) for subtree in tree] if isinstance(tree, list) else tree
 
 
 def made(kind: Any, tree: Any) -> Any:
@@ -203,18 +203,18 @@ def made(kind: Any, tree: Any) -> Any:
         return kind(*_unlisted(_list(tree)))
     hints, derived = typing.get_type_hints(kind), getattr(kind, "derived", ())
     left_out = (*derived, *getattr(kind, "former", ()))
-    fields = {name: each for name, each in _entries(tree).items() if name not in left_out}
-    return kind(**{name: made(hints[name], each) for name, each in fields.items()})
+    fields = {name: subtree for name, subtree in _entries(tree).items() if name not in left_out}
+    return kind(**{name: made(hints[name], subtree) for name, subtree in fields.items()})
 
 
 def _several(origin: Any, args: tuple[Any, ...], tree: Any) -> Any:
     """A tuple, a list or a dictionary of values."""
     if issubclass(origin, Mapping):
-        return {name: made(args[1], each) for name, each in _entries(tree).items()}
+        return {name: made(args[1], subtree) for name, subtree in _entries(tree).items()}
     if not issubclass(origin, tuple):
-        return [made(args[0], each) for each in _list(tree)]
-    own = args[:1] * len(tree) if args[-1] is ... else args
-    return tuple(made(one, each) for one, each in zip(own, _list(tree), strict=True))
+        return [made(args[0], subtree) for subtree in _list(tree)]
+    member_kinds = args[:1] * len(tree) if args[-1] is ... else args
+    return tuple(made(member_kind, subtree) for member_kind, subtree in zip(member_kinds, _list(tree), strict=True))
 
 
 def _one_of(kinds: Sequence[Any], tree: Any) -> Any:
@@ -231,8 +231,8 @@ def _one_of(kinds: Sequence[Any], tree: Any) -> Any:
 
 def _array(tree: Any, kind: Any) -> NDArray[Any]:
     """An array that nobody changes, of the type of a dtype[...]."""
-    (wanted,) = typing.get_args(kind)
-    dtype = np.dtype(wanted if isinstance(wanted, type) and wanted is not Any else None)
+    (scalar_type,) = typing.get_args(kind)
+    dtype = np.dtype(scalar_type if isinstance(scalar_type, type) and scalar_type is not Any else None)
     if isinstance(tree, np.ndarray):
         _checked(tree, np.can_cast(tree.dtype, dtype, "same_kind"))
         values = tree.astype(dtype, copy=False)
@@ -244,7 +244,7 @@ def _array(tree: Any, kind: Any) -> NDArray[Any]:
 
 def _unlisted(tree: Any) -> Any:
     if isinstance(tree, list):
-        return [_unlisted(each) for each in tree]
+        return [_unlisted(subtree) for subtree in tree]
     return tree if type(tree) in (int, bool) else _number(tree)
 
 
@@ -271,11 +271,11 @@ def _entries(tree: Any) -> dict[str, Any]:
 
 
 def _unstamped(content: dict[str, Any]) -> dict[str, Any]:
-    return {name: each for name, each in content.items() if name not in STAMP}
+    return {name: setting for name, setting in content.items() if name not in STAMP}
 
 
 def _compared(value: Any) -> list[dataclasses.Field[Any]]:
-    return [each for each in dataclasses.fields(value) if each.compare]
+    return [dataclass_field for dataclass_field in dataclasses.fields(value) if dataclass_field.compare]
 
 
 def _alike(one: Any, other: Any) -> bool:
@@ -320,8 +320,8 @@ def _write_arrays(file: Path, content: Any) -> None:
         arrays[str(number)] = array
         return {ARRAY: number}
 
-    about = np.array(json.dumps(content, default=named, allow_nan=False))
-    write_arrays(file, {ABOUT: about, **arrays})
+    tree_text = np.array(json.dumps(content, default=named, allow_nan=False))
+    write_arrays(file, {ABOUT: tree_text, **arrays})
 
 
 def _tree_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> Any:

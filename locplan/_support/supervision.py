@@ -38,7 +38,7 @@ def announce(folder: str, *, is_gone: bool = False) -> None:
 def _name(heard: int, said: int, *folders: str) -> None:
     """Name temporary folders to the process that outlives this one."""
     try:
-        os.write(said, b"".join(os.fsencode(each) + b"\0" for each in folders))
+        os.write(said, b"".join(os.fsencode(folder) + b"\0" for folder in folders))
     except BlockingIOError:  # names are read at the end: it is full of folders that are long gone
         with suppress(BlockingIOError):
             os.read(heard, 1 << 20)
@@ -72,41 +72,41 @@ def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
         work()
         return 0
 
-    passed_on = {each for each in PASSED_ON if signal.getsignal(each) != signal.SIG_IGN}
-    heard, said = os.pipe()
-    for end in (heard, said):  # it tells of what is left; nobody waits for that
+    forwarded = {signal_number for signal_number in PASSED_ON if signal.getsignal(signal_number) != signal.SIG_IGN}
+    read_end, write_end = os.pipe()
+    for end in (read_end, write_end):  # it tells of what is left; nobody waits for that
         os.set_blocking(end, False)
     first = os.getpid()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, passed_on)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, forwarded)
     process = os.fork()
     if not process:
-        _work(work, (heard, said), first, passed_on & set(WORDS), before)
-    os.close(said)
-    asked: list[int] = []
+        _work(work, (read_end, write_end), first, forwarded & set(WORDS), before)
+    os.close(write_end)
+    received_signals: list[int] = []
 
     def send(number: int) -> None:
         with suppress(ProcessLookupError):  # it has just ended
             os.kill(process, number)
 
     def pass_on(number: int, _: object) -> None:
-        if not asked:
+        if not received_signals:
             # Time that a process has to end in good order after a signal [s].
             signal.setitimer(signal.ITIMER_REAL, 0.5)
-        asked.append(number)
+        received_signals.append(number)
         send(number)
 
     signal.signal(signal.SIGALRM, lambda *_: send(signal.SIGKILL))
-    for each in passed_on:
-        signal.signal(each, pass_on)
+    for signal_number in forwarded:
+        signal.signal(signal_number, pass_on)
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     _, status = os.waitpid(process, 0)
     signal.setitimer(signal.ITIMER_REAL, 0)
-    for each in passed_on:
-        signal.signal(each, signal.SIG_IGN)
+    for signal_number in forwarded:
+        signal.signal(signal_number, signal.SIG_IGN)
     with suppress(BlockingIOError):  # there is nothing to hear
-        for folder in existing(os.read(heard, 1 << 20)):
+        for folder in existing(os.read(read_end, 1 << 20)):
             clear(folder)
-    return _exit_code(asked, os.waitstatus_to_exitcode(status))
+    return _exit_code(received_signals, os.waitstatus_to_exitcode(status))
 
 
 def end_if_supervised(code: int = INTERRUPTED) -> None:

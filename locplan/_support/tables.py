@@ -137,12 +137,12 @@ def _without_broken_words(columns: Sequence[Sequence[str]], room: int) -> list[i
     values; None for each where that has no room."""
     from rich.cells import cell_len
 
-    least = [max(map(cell_len, [*" ".join(texts).split(), ""])) for texts in columns]
-    if sum(least) > room:
+    min_widths = [max(map(cell_len, [*" ".join(texts).split(), ""])) for texts in columns]
+    if sum(min_widths) > room:
         return [None] * len(columns)
     wide = [max(map(cell_len, texts)) for texts in columns]
     values = [max(map(cell_len, ["", *texts[1:]])) for texts in columns]
-    for floor in (np.maximum(values, least), np.array(least)):
+    for floor in (np.maximum(values, min_widths), np.array(min_widths)):
         while sum(wide) > room and (wide > floor).any():
             wide[int(np.argmax(np.where(wide > floor, wide, 0)))] -= 1
     return [*wide]
@@ -158,8 +158,8 @@ def wrapped(lines: Sequence[str]) -> list[str]:
     A figure stays with its % sign and its interval.
     """
     width = min(shutil.get_terminal_size((TEXT_WIDTH, 24)).columns, TEXT_WIDTH)
-    joined = (JOINED.sub("\xa0", each) for each in lines)
-    return [part.replace("\xa0", " ") for line in joined for part in textwrap.wrap(line, width)]
+    bound_lines = (JOINED.sub("\xa0", text_line) for text_line in lines)
+    return [part.replace("\xa0", " ") for line in bound_lines for part in textwrap.wrap(line, width)]
 
 
 def rounded_up(value: float) -> str:

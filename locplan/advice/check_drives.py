@@ -124,14 +124,14 @@ class FixTrials:
         self.taken: tuple[str, ...] = ()
         mean_length = sum(path.length for path in site.paths.values()) / len(site.paths)
         share = min(1.0, max(MIN_SHARE, LONG / mean_length))
-        few, many, closed = (
+        n_trial, n_full, closed = (
             math.ceil(number * share / len(site.paths))
             for number in (effort.few, effort.drives, effort.closed)
         )
         self._failing = math.ceil(FAILING * share)
         # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
-        self._few, self._many = range(CHOOSING, CHOOSING + few), range(many)
-        self._fresh = range(FRESH, FRESH + many)
+        self._few, self._many = range(CHOOSING, CHOOSING + n_trial), range(n_full)
+        self._fresh = range(FRESH, FRESH + n_full)
         self._closed = closed
         self._n_closed = dict.fromkeys(site.paths, closed)
         self._drive = _fixes.driver_of(seed, threads)
@@ -267,7 +267,7 @@ class FixTrials:
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
     ) -> dict[str, Choice]:
         """Return the recommended paths of the routes that lose most drives."""
-        site, found = self.site, {}
+        site, choices = self.site, {}
         losses = dict(zip(site.paths, self._before.lost.sum(axis=1), strict=True))
         losing = [name for name, path in site.paths.items() if path.length <= LOSING_LENGTH]
         losing = sorted(filter(losses.get, losing), key=lambda name: -losses[name])[:LOSING]
@@ -287,9 +287,9 @@ class FixTrials:
                 seed=self.seed,
                 threads=self.threads,
             )
-            found[name] = choice.with_field(field)
+            choices[name] = choice.with_field(field)
             step(100, 100)
-        return found
+        return choices
 
     def _try(self, fix: Fix) -> FixResult:
         """Drive with a fix, after a few drives no further if it does not lead."""
@@ -300,8 +300,8 @@ class FixTrials:
             trial = Trial(contrast(self._before, outcome), outcome, False)
         else:
             before_few = self._drive(self.site, self._few)
-            known = (self._few, before_few), (self._many, self._before)
-            trial = try_fix(partial(self._drive, site), *known)
+            baseline_drives = (self._few, before_few), (self._many, self._before)
+            trial = try_fix(partial(self._drive, site), *baseline_drives)
         # The closed loop is simulated only for fixes that may be recommended.
         is_candidate = trial.contrast.verdict.word == BETTER
         return self._result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
@@ -309,7 +309,7 @@ class FixTrials:
     def _result(
         self, fix: Fix, site: Site, trial: Trial, arrivals: Mapping[str, Arrivals]
     ) -> FixResult:
-        old, new = (sum(p.length for p in each.paths.values()) for each in (self.site, site))
+        old, new = (sum(p.length for p in compared_site.paths.values()) for compared_site in (self.site, site))
         return FixResult(
             fix.kind,
             fix.title,
@@ -372,19 +372,19 @@ class FixTrials:
         self, site: Site, counts: Mapping[str, int] | None = None
     ) -> dict[str, Arrivals]:
         """Drive each route in closed loop, so often that each has its count; keep the drives."""
-        known = self._arrivals[site.digest]
+        route_arrivals = self._arrivals[site.digest]
         missing: dict[range, list[str]] = defaultdict(list)
         for name in site.paths:
             count = counts[name] if counts else self._closed
-            missing[range(len(known[name].drives) if name in known else 0, count)].append(name)
+            missing[range(len(route_arrivals[name].drives) if name in route_arrivals else 0, count)].append(name)
         for numbers, names in missing.items():
             if numbers:
                 part = replace(site, paths={name: site.paths[name] for name in names})
-                driven = Driver(part, self.seed, self.threads).arrivals(numbers)
-                for name, arrivals in zip(names, driven, strict=False):
-                    so_far = known[name].drives if name in known else ()
-                    known[name] = Arrivals((*so_far, *arrivals.drives))
-        return dict(known)
+                new_arrivals = Driver(part, self.seed, self.threads).arrivals(numbers)
+                for name, arrivals in zip(names, new_arrivals, strict=False):
+                    earlier_drives = route_arrivals[name].drives if name in route_arrivals else ()
+                    route_arrivals[name] = Arrivals((*earlier_drives, *arrivals.drives))
+        return dict(route_arrivals)
 
 
 def _rates_along(

@@ -150,8 +150,8 @@ class Check(Result):
 
         shapes = ("outline", "holes")
         spots = [
-            {name: value for name, value in vars(each).items() if name not in shapes}
-            for each in self.spots
+            {name: value for name, value in vars(spot).items() if name not in shapes}
+            for spot in self.spots
         ]
         routes = [
             {
@@ -273,5 +273,5 @@ def explain_spots(
     """
     if not any(is_better(fix) for fix in fixes if fix.kind in (WALLS, MEND)):
         return tuple(spots)
-    why = f"the map is wrong ({', '.join(fault.kind for fault in faults) or 'its walls'})"
-    return tuple(replace(s, missing=why) if s.missing == CLEAR else s for s in spots)
+    reason = f"the map is wrong ({', '.join(fault.kind for fault in faults) or 'its walls'})"
+    return tuple(replace(s, missing=reason) if s.missing == CLEAR else s for s in spots)

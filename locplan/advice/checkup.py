@@ -124,38 +124,38 @@ def check(
     if isinstance(grid, str | os.PathLike):
         grid, source = read_map(grid)
     check_grid(grid)
-    own = check_filter_map(filter_map, grid)
+    site_filter_map = check_filter_map(filter_map, grid)
     assumed = robot is None or robot.lidar is None
-    robot, told = equipped(robot), found or (lambda _: None)
+    robot, report_finding = equipped(robot), found or (lambda _: None)
     stages = parts(progress, [*SHARES.values()])
     steps = {
         name: scaled(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
     }
     map_faults = faults(grid, source)
     map_faults.refuse_mask()
-    told(in_short.faults(map_faults))
+    report_finding(in_short.faults(map_faults))
     reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].routes, seed)
     drives = recorded(recordings, reading, map_faults, robot, filter_map, seed, threads)
-    for each in drives.said:
-        told(each)
+    for sentence in drives.said:
+        report_finding(sentence)
     for fault in drives.faults:
         if fault not in map_faults:
-            told(f"map: {fault.sentence}")
+            report_finding(f"map: {fault.sentence}")
     if filter_map is not None:  # the filter does not read the map's file
         reading = replace(reading, reasons=(), is_sure=False)
     if drives.stretch != 1:
         reading = reading.scaled(drives.stretch)
-    site = Site(reading.grid, own, drives.robot, paths, drives.stretch)
+    site = Site(reading.grid, site_filter_map, drives.robot, paths, drives.stretch)
     field, costs, spots = _field_and_spots(site, threads, steps["field"])
-    told(in_short.spots(spots))
+    report_finding(in_short.spots(spots))
     trials = FixTrials(site, EFFORTS[effort], drives, seed, threads)
     baseline = trials.drive_baseline(spots, steps["baseline"])
-    told(in_short.baseline(baseline.rates))
+    report_finding(in_short.baseline(baseline.rates))
     results = []
     for result in trials.try_fixes(reading, drives.faults.mended, costs, field, steps["fixes"]):
         results.append(result)
         if is_better(result):
-            told(in_short.fix(result, baseline.rates))
+            report_finding(in_short.fix(result, baseline.rates))
     before, after, confirmed = trials.combine(results, steps["together"])
     return Check(
         grid=grid,
@@ -213,6 +213,6 @@ def _field_and_spots(
     config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
     field = load_or_compute(site.world, config, threads=threads, progress=progress)
     costs = Costmap.from_field(site.world, field, robot=site.robot)
-    own = site.robot.filter
-    reach = own.reach(lidar) if isinstance(own, Amcl) else lidar.range
+    robot_filter = site.robot.filter
+    reach = robot_filter.reach(lidar) if isinstance(robot_filter, Amcl) else lidar.range
     return field, costs, weak_spots(costs, field, reach, site.paths)

@@ -39,11 +39,11 @@ class Site:
     @cached_property
     def digest(self) -> str:
         """Digest of all that drives depend on but their seed."""
-        about = self.world.digest, self.filter_map.digest, self.robot.digest, self.stretch
-        found = hashlib.sha256(repr(about).encode())
+        digest_parts = self.world.digest, self.filter_map.digest, self.robot.digest, self.stretch
+        hasher = hashlib.sha256(repr(digest_parts).encode())
         for path in self.paths.values():
-            found.update(path.poses.tobytes())
-        return found.hexdigest()
+            hasher.update(path.poses.tobytes())
+        return hasher.hexdigest()
 
 
 class Driver:
@@ -61,11 +61,11 @@ class Driver:
 
     def __init__(self, site: Site, seed: int, threads: int | None) -> None:
         self.site = site
-        own = None if site.filter_map is site.world else site.filter_map
+        filter_map = None if site.filter_map is site.world else site.filter_map
         self._simulator = Simulator(
             site.world,
             site.robot,
-            filter_map=own,
+            filter_map=filter_map,
             seed=seed,
             threads=threads,
             stretch=site.stretch,
@@ -84,11 +84,11 @@ class Driver:
         """Drive each route steered by the filter's pose; none in a world that is stretched."""
         if self.site.stretch != 1:
             return []
-        found = drive_closed(self._simulator, self.site.paths, numbers, progress=progress)
-        return [*found.values()]
+        arrivals_by_route = drive_closed(self._simulator, self.site.paths, numbers, progress=progress)
+        return [*arrivals_by_route.values()]
 
 
 def _lost_at(drives: Drives) -> Floats:
     """Return the distance along the path where each drive is first lost, else NaN, (n,) [m]."""
-    away = drives.position_error > LOST
-    return np.where(drives.lost, drives.distance[away.argmax(axis=1)], np.nan)
+    is_lost = drives.position_error > LOST
+    return np.where(drives.lost, drives.distance[is_lost.argmax(axis=1)], np.nan)

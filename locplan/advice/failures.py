@@ -74,12 +74,12 @@ def blame_spots(
         _blame(spots, line, paths[name].length, at[np.isfinite(at)])
         for (name, line), at in zip(lines.items(), lost_at, strict=True)
     ]
-    where = [positions for _, positions in blames]
-    owner, every = (np.concatenate(parts) for parts in zip(*blames, strict=True))
-    places = [_with_lost(spot, every[owner == n], wide) for n, spot in enumerate(spots)]
-    alone = np.flatnonzero(owner < 0)
-    for at, members in gathered(every[alone], wide):
-        owner[alone[members]] = len(places)
+    loss_positions = [positions for _, positions in blames]
+    owner, all_positions = (np.concatenate(parts) for parts in zip(*blames, strict=True))
+    places = [_with_lost(spot, all_positions[owner == n], wide) for n, spot in enumerate(spots)]
+    unowned = np.flatnonzero(owner < 0)
+    for at, members in gathered(all_positions[unowned], wide):
+        owner[unowned[members]] = len(places)
         near = {name: np.linalg.norm(line - at, axis=1).min() for name, line in lines.items()}
         passing = tuple(name for name, distance in near.items() if distance <= wide)
         places.append(_place_without_area(at, CLEAR, passing, lost=len(members)))
@@ -97,8 +97,8 @@ def blame_spots(
     order = sorted(range(len(places)), key=lambda n: places[n].hurts, reverse=True)
     letters = dict(zip(order, LETTERS, strict=False))
     failures = []
-    ends = np.cumsum([len(positions) for positions in where])[:-1]
-    for name, positions, owners in zip(paths, where, np.split(owner, ends), strict=True):
+    ends = np.cumsum([len(positions) for positions in loss_positions])[:-1]
+    for name, positions, owners in zip(paths, loss_positions, np.split(owner, ends), strict=True):
         numbers = [n for n, stop in enumerate(stops) if stop.route == name]
         stopped_at = np.array([stops[n].xy for n in numbers]).reshape(-1, 2)
         near_to = [_main_letters(owned, letters) for owned in (owners, stop_owner[numbers])]
@@ -161,8 +161,8 @@ def _place_without_area(
 def _main_letters(owners: Ints, letters: Mapping[int, str]) -> str:
     """Return the letters of the places that own a quarter of a route's drives or more."""
     counts = Counter[int](owners.tolist()).most_common()
-    named = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(owners)]
-    return ", ".join(filter(None, named))
+    place_letters = [letters.get(n, "") for n, count in counts if count >= 0.25 * len(owners)]
+    return ", ".join(filter(None, place_letters))
 
 
 def _blame(
@@ -173,15 +173,15 @@ def _blame(
     since = lost_at[:, None] - distance
     # A robot drives up to 10 m from a spot until it is lost because of it.
     near = (since >= -0.5) & (since <= 10.0)
-    own = [np.where(near & is_within(each, line), distance, -1.0).max(axis=1) for each in spots]
-    owner = np.argmax([np.full(len(lost_at), -0.5), *own], axis=0) - 1
-    return owner, np.column_stack([np.interp(lost_at, distance, each) for each in line.T])
+    spot_distances = [np.where(near & is_within(spot, line), distance, -1.0).max(axis=1) for spot in spots]
+    owner = np.argmax([np.full(len(lost_at), -0.5), *spot_distances], axis=0) - 1
+    return owner, np.column_stack([np.interp(lost_at, distance, spot) for spot in line.T])
 
 
 def _with_lost(spot: WeakSpot, where: Floats, wide: float) -> WeakSpot:
     """A spot with its lost drives, placed where most of those in it are."""
-    own = where[is_within(spot, where)]
-    at = gathered(own, wide)[0][0] if len(own) else (spot.x, spot.y)
+    inner_positions = where[is_within(spot, where)]
+    at = gathered(inner_positions, wide)[0][0] if len(inner_positions) else (spot.x, spot.y)
     return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(where))
 
 
@@ -267,11 +267,11 @@ def measure_width(grid: OccupancyGrid, points: Floats) -> Floats:
     """
     angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     steps = np.arange(0.0, REACH, grid.resolution / 4)
-    away = steps[:, None] * np.stack([np.cos(angles), np.sin(angles)])[:, None]
+    offsets = steps[:, None] * np.stack([np.cos(angles), np.sin(angles)])[:, None]
     widths = []
     for x, y in points:
         rows, cols = (
-            np.floor(at).astype(int) for at in grid.world_to_grid(x + away[0], y + away[1])
+            np.floor(at).astype(int) for at in grid.world_to_grid(x + offsets[0], y + offsets[1])
         )
         rows, cols = (
             np.clip(at, 0, size - 1) for at, size in zip((rows, cols), grid.shape, strict=True)

@@ -219,7 +219,7 @@ def drawn_part(grid: OccupancyGrid) -> OccupancyGrid:
     rows, cols = (np.flatnonzero(grid.free.any(axis=axis)) for axis in (1, 0))
     edge = max(2, round(0.03 * max(np.ptp(rows), np.ptp(cols))))
     return grid.part(
-        *(slice(max(0, each[0] - edge), int(each[-1]) + edge) for each in (rows, cols))
+        *(slice(max(0, indices[0] - edge), int(indices[-1]) + edge) for indices in (rows, cols))
     )
 
 
@@ -246,16 +246,16 @@ def check_figure(check: Check) -> Figure:
         draw_path(axes, route.path, color=colour, linewidth=width, zorder=3 if fails else 2)
         axes.plot(*route.lost_at.T, "x", color=MARK, markersize=7, markeredgewidth=2, zorder=4)
         axes.plot(*route.stopped_at.T, **STOP_MARK)
-    for each in place_labels(check, SIZE * max(part.shape) * part.resolution):
-        back, ink, edge = STYLES[each.kind]
+    for label in place_labels(check, SIZE * max(part.shape) * part.resolution):
+        back, ink, edge = STYLES[label.kind]
         axes.plot(
-            *zip(each.xy, each.at, strict=True), color=back if edge == "white" else edge, zorder=5
+            *zip(label.xy, label.at, strict=True), color=back if edge == "white" else edge, zorder=5
         )
         axes.text(
-            *each.at,
-            each.text,
+            *label.at,
+            label.text,
             fontsize="small",
-            weight="normal" if each.kind == "end" else "bold",
+            weight="normal" if label.kind == "end" else "bold",
             ha="center",
             va="center",
             color=ink,
@@ -350,9 +350,9 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
         for grid in (made.setting.grid, made.grid)
     ]
     title = f"{made.setting.grid.name or 'map'}: {len(made)} x {made.setting.kind.title}"
-    said = [title, verification.verdict if verification else "not verified by drives"]
-    said.append(f"with {made.setting.robot.title}")
-    figure, part, maps, plots = _panels(grids[0], said, 2 if verification else 1)
+    title_lines = [title, verification.verdict if verification else "not verified by drives"]
+    title_lines.append(f"with {made.setting.robot.title}")
+    figure, part, maps, plots = _panels(grids[0], title_lines, 2 if verification else 1)
     profiles = list(verification.profiles.values()) if verification else []
     _draw_maps(part, maps, grids, made, profiles)
     _draw_gains(plots[0], made)
@@ -369,22 +369,22 @@ def _draw_maps(
     profiles: Sequence[tuple[Drives, Drives]],
 ) -> None:
     """Draw the map without and with landmarks, and the routes over both."""
-    driven = [[each.profile() for each in pair] for pair in profiles]
-    errors = [profile[:, 4] for pair in driven for profile in pair] or [np.ones(1)]
+    drive_profiles = [[drives.profile() for drives in pair] for pair in profiles]
+    errors = [profile[:, 4] for pair in drive_profiles for profile in pair] or [np.ones(1)]
     norm = along_norm(np.concatenate(errors), of_errors=True)
     image = None
-    for n, (own, grid) in enumerate(zip(axes, grids, strict=True)):
-        draw_map(own, grid)
-        own.set_title(("before", "after")[n], fontsize="medium", loc="left")
-        own.label_outer()
+    for n, (map_axes, grid) in enumerate(zip(axes, grids, strict=True)):
+        draw_map(map_axes, grid)
+        map_axes.set_title(("before", "after")[n], fontsize="medium", loc="left")
+        map_axes.label_outer()
         for k, path in enumerate(made.setting.routes.values()):
             if profiles:
-                xy, error = driven[k][n][:, 1:3], driven[k][n][:-1, 4]
-                own.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
-                image = draw_along(own, xy, error, norm=norm, linewidths=3.5)
+                xy, error = drive_profiles[k][n][:, 1:3], drive_profiles[k][n][:-1, 4]
+                map_axes.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
+                image = draw_along(map_axes, xy, error, norm=norm, linewidths=3.5)
             else:
-                draw_path(own, path, color="black", linewidth=1.5)
-            draw_ends(own, path.xy[0], path.xy[-1])
+                draw_path(map_axes, path, color="black", linewidth=1.5)
+            draw_ends(map_axes, path.xy[0], path.xy[-1])
     if image is not None:
         draw_along_bar(figure, image, list(axes))
     shapes = [outline_of(made.setting.kind.shape, pose) for pose in made.poses]
@@ -401,9 +401,9 @@ def _draw_numbers(axes: Axes, made: Landmarks) -> None:
     points = np.concatenate([path.resampled(0.1).xy for path in routes])
     near = cKDTree(points)
     for number, at in enumerate(made.positions, 1):
-        away = at - points[near.query(at)[1]]
-        aside = 17 * away / (float(np.hypot(*away)) or 1.0)
-        draw_number(axes, number, tuple(at.tolist()), tuple(aside.tolist()), style.VERMILION)
+        route_offset = at - points[near.query(at)[1]]
+        label_offset = 17 * route_offset / (float(np.hypot(*route_offset)) or 1.0)
+        draw_number(axes, number, tuple(at.tolist()), tuple(label_offset.tolist()), style.VERMILION)
 
 
 def _draw_gains(axes: Axes, made: Landmarks) -> None:
@@ -460,8 +460,8 @@ def mended_figure(mended: Mended) -> Figure:
     width, height = map_size(mended.grid)
     figure = Picture(figsize=(2 * width, height), layout="constrained")
     pair = figure.subplots(1, 2, sharex=True, sharey=True)
-    named = {"as it is": mended.grid, "for the filter": mended.filter_map}
-    for axes, (title, grid) in zip(pair, named.items(), strict=True):
+    titled_maps = {"as it is": mended.grid, "for the filter": mended.filter_map}
+    for axes, (title, grid) in zip(pair, titled_maps.items(), strict=True):
         draw_map(axes, grid)
         # All that is occupied is black here, which maps in other pictures show as a rim.
         levels = shrunk(grid.cells) // 127

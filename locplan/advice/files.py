@@ -28,7 +28,7 @@ def files_of(check: Check, params: Params = ()) -> dict[str, str]:
         if len(params) > 1:
             values = f"{' and '.join(each.name for each in params)} in one file, changed"
     mask = {"mask/nav2.yaml": "parameters with the mask's; see mask/README.md for its planner"}
-    about = {
+    texts_by_kind = {
         WALLS: {"map.yaml": f"the map for all of Nav2, with {check.reading.title}"},
         MEND: {"map_amcl.yaml": "for AMCL alone: put amcl.yaml's line under amcl in yours"},
         REACH: {"nav2_params.yaml": values},
@@ -38,7 +38,7 @@ def files_of(check: Check, params: Params = ()) -> dict[str, str]:
         else dict.fromkeys(check.changed_paths, "the path of a route, to follow or to export"),
         LANDMARKS: {"landmarks.csv": "where each pole goes"},
     }
-    return {file: text for kind in check.recommended for file, text in about[kind].items()}
+    return {file: text for kind in check.recommended for file, text in texts_by_kind[kind].items()}
 
 
 def as_files(params: Params) -> list[Folder]:
@@ -66,23 +66,23 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         The user's parameters of Nav2, of which a copy is changed: one file, since nav2_bringup
         takes one.
     """
-    kinds, reading, tuned = {*check.recommended}, check.reading, folder / "nav2_params.yaml"
+    kinds, reading, parameter_file = {*check.recommended}, check.reading, folder / "nav2_params.yaml"
     params = base = as_files(params)
     if kinds & {REACH, SETTINGS} and has_amcl(params):
         if len(params) > 1:
-            write_merged(tuned, params)
-            base = [tuned]
-        write_tuned(tuned, check.fixed_site.robot.amcl, base[0])
-        base = [tuned]
+            write_merged(parameter_file, params)
+            base = [parameter_file]
+        write_tuned(parameter_file, check.fixed_site.robot.amcl, base[0])
+        base = [parameter_file]
     elif kinds & {REACH, SETTINGS}:
-        write_tuned(tuned, check.fixed_site.robot.amcl)
+        write_tuned(parameter_file, check.fixed_site.robot.amcl)
     if WALLS in kinds and check.source:
         (folder / "map.yaml").write_text(meant_header(check.source, reading.lengths), "utf-8")
     elif WALLS in kinds:
         save_map(reading.in_metres(reading.grid), folder / "map.yaml")
     if MEND in kinds:
-        own = check.fixed_site.filter_map
-        write_filter_map(folder, reading.in_metres(own) if WALLS in kinds else own)
+        filter_map = check.fixed_site.filter_map
+        write_filter_map(folder, reading.in_metres(filter_map) if WALLS in kinds else filter_map)
     if LANDMARKS in kinds:
         placed = check.made[LANDMARKS]
         write_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())
@@ -91,5 +91,5 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         for name, path in check.changed_paths.items():
             path.save(folder / name)
         if mask := check.made.get(PATHS):
-            ways = {file.removesuffix(".csv"): each for file, each in check.changed_paths.items()}
+            ways = {file.removesuffix(".csv"): route_path for file, route_path in check.changed_paths.items()}
             nav2_keepout(folder / "mask", mask, params=base, paths=ways)

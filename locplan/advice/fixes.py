@@ -79,8 +79,8 @@ def fixes(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Fix]:
             *(MEND, "repaired map", "the repaired map for the filter", "a second map server"),
             lambda old: replace(old, filter_map=mended),
         )
-    own = site.robot.filter
-    if isinstance(own, Amcl) and own.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
+    robot_filter = site.robot.filter
+    if isinstance(robot_filter, Amcl) and robot_filter.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
         full: dict[str, Any] = {"laser_max_range": Amcl().laser_max_range}
         far = f"laser_max_range {Amcl().laser_max_range:g}"
         yield Fix(
@@ -133,22 +133,22 @@ def chosen_paths(
     score : callable
         Drives a site, and gives what sites are ranked by; less is better.
     """
-    chosen = {name: each for name, each in choices.items() if each.path and each.best > 0}
-    found = {name: each.path for name, each in chosen.items() if each.path}
-    if not found:
+    useful_choices = {name: choice for name, choice in choices.items() if choice.path and choice.best > 0}
+    paths_by_route = {name: choice.path for name, choice in useful_choices.items() if choice.path}
+    if not paths_by_route:
         return None
-    best = _ways(site, found, "other paths", "routes for Nav2")
+    best = _ways(site, paths_by_route, "other paths", "routes for Nav2")
     # A mask leads from everywhere to everywhere, and is worth a little more than routes.
-    least = score(best.apply(site)) - math.log(WORTHWHILE)
-    for each in chosen.values():
-        mask = each.costmap()
+    best_score = score(best.apply(site)) - math.log(WORTHWHILE)
+    for choice in useful_choices.values():
+        mask = choice.costmap()
         ways = {name: plan(mask, *path.xy[[0, -1]]).path for name, path in site.paths.items()}
-        known = {name: path for name, path in ways.items() if path and path.length}
-        if len(known) < len(ways):
+        usable_paths = {name: path for name, path in ways.items() if path and path.length}
+        if len(usable_paths) < len(ways):
             continue
-        made = _ways(site, known, "a keepout mask, other paths", "a mask for Nav2", mask)
-        if (own := score(made.apply(site))) < least:
-            best, least = made, own
+        mask_fix = _ways(site, usable_paths, "a keepout mask, other paths", "a mask for Nav2", mask)
+        if (mask_score := score(mask_fix.apply(site))) < best_score:
+            best, best_score = mask_fix, mask_score
     return best
 
 
@@ -188,10 +188,10 @@ def landmarks(site: Site, threads: int | None) -> Fix | None:
         Number of threads.
     """
     kind = Pole(max(0.2, 2 * site.world.resolution))
-    about: Any = {"paths": site.paths, "robot": site.robot, "threads": threads}
+    options: Any = {"paths": site.paths, "robot": site.robot, "threads": threads}
 
     try:
-        poses = place_landmarks(site.world, kind, POLES, **about).poses
+        poses = place_landmarks(site.world, kind, POLES, **options).poses
     except ConfigError:
         return None
     if not len(poses):
@@ -200,12 +200,12 @@ def landmarks(site: Site, threads: int | None) -> Fix | None:
     def apply(old: Site) -> Site:
         world = with_objects(old.world, kind, poses)
         same = old.filter_map is old.world
-        own = world if same else with_objects(old.filter_map, kind, poses)
-        return replace(old, world=world, filter_map=own)
+        filter_map = world if same else with_objects(old.filter_map, kind, poses)
+        return replace(old, world=world, filter_map=filter_map)
 
-    made = Poles(poses, with_objects(site.world, kind, poses))
+    poles = Poles(poses, with_objects(site.world, kind, poses))
     count = f"{len(poses)} poles"
-    return Fix(LANDMARKS, count, f"{count} beside the routes", count, apply, made=made)
+    return Fix(LANDMARKS, count, f"{count} beside the routes", count, apply, made=poles)
 
 
 def apply_fixes(tried: Mapping[str, Fix], kinds: tuple[str, ...], site: Site) -> Site:
@@ -228,13 +228,13 @@ def driver_of(seed: int, threads: int | None) -> DriveOnce:
     outcomes: dict[str, dict[int, Outcome]] = defaultdict(dict)
 
     def drive(site: Site, numbers: range, progress: ProgressCallback | None = None) -> Outcome:
-        known = outcomes[site.digest]
-        new = [number for number in numbers if number not in known]
+        site_outcomes = outcomes[site.digest]
+        new = [number for number in numbers if number not in site_outcomes]
         if new:
             missing = range(new[0], new[-1] + 1)
-            driven = Driver(site, seed, threads)(missing, progress)
+            new_outcomes = Driver(site, seed, threads)(missing, progress)
             for place, number in enumerate(missing):
-                known[number] = driven.select(drives=slice(place, place + 1))
-        return Outcome.join([known[number] for number in numbers])
+                site_outcomes[number] = new_outcomes.select(drives=slice(place, place + 1))
+        return Outcome.join([site_outcomes[number] for number in numbers])
 
     return drive

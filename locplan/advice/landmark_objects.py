@@ -267,8 +267,8 @@ def filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints,
 
     The position is continuous [cells], the heading from the columns' axis towards that of the rows.
     """
-    (rows, cols), apart = shape.distances(grid, pose, 0.0)
-    filled, resolution = apart <= 1e-9, grid.resolution
+    (rows, cols), distances = shape.distances(grid, pose, 0.0)
+    filled, resolution = distances <= 1e-9, grid.resolution
     # Width of an object up to which the cells that its outline meets are filled, too [cells].
     if 2 * min(shape.half_length, shape.half_width) < 2.0 * resolution:
         at = _outline(shape, float(pose[2]), resolution / 8) / resolution + pose[1::-1]
@@ -276,8 +276,8 @@ def filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints,
         inside = (at_row >= rows.start) & (at_row < rows.stop)
         inside &= (at_col >= cols.start) & (at_col < cols.stop)
         filled[at_row[inside] - rows.start, at_col[inside] - cols.start] = True
-    found_rows, found_cols = np.nonzero(filled)
-    return found_rows + rows.start, found_cols + cols.start
+    filled_rows, filled_cols = np.nonzero(filled)
+    return filled_rows + rows.start, filled_cols + cols.start
 
 
 def outline_of(shape: Shape, pose: Floats, around: int = 24) -> Floats:
@@ -298,9 +298,9 @@ def _outline(shape: Shape, heading: float, step: float) -> Floats:
         return outline_of(shape, origin, math.ceil(2 * math.pi * shape.half_length / step))
     corners = outline_of(shape, origin)
     sides = []
-    for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        count = math.ceil(float(np.hypot(*(other - one))) / step)
-        sides.append(one + np.linspace(0, 1, count, endpoint=False)[:, None] * (other - one))
+    for corner, next_corner in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        count = math.ceil(float(np.hypot(*(next_corner - corner))) / step)
+        sides.append(corner + np.linspace(0, 1, count, endpoint=False)[:, None] * (next_corner - corner))
     return np.concatenate(sides)
 
 

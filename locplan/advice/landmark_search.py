@@ -54,8 +54,8 @@ class Passages:
     def place(self, pose: Pose) -> None:
         """Close the space around an object that stands from now on."""
         for radius, space in self.open.items():
-            window, apart = self.shape.distances(self.grid, pose, radius)
-            space[window] &= apart >= radius - 1e-9
+            window, distances = self.shape.distances(self.grid, pose, radius)
+            space[window] &= distances >= radius - 1e-9
 
     def copy(self) -> Passages:
         """Copy in which other objects can be placed."""
@@ -74,21 +74,21 @@ class Passages:
     def _cuts(self, radius: float, pose: Pose, around: float) -> bool:
         import cv2
 
-        window, apart = self.shape.distances(self.grid, pose, radius + around)
+        window, distances = self.shape.distances(self.grid, pose, radius + around)
         before = self.open[radius][window]
-        after = before & (apart >= radius - 1e-9)
+        after = before & (distances >= radius - 1e-9)
         if (after == before).all():
             return False
-        _, parts, about, _ = cv2.connectedComponentsWithStats(after.astype("u1"), connectivity=4)
+        _, parts, statistics, _ = cv2.connectedComponentsWithStats(after.astype("u1"), connectivity=4)
         # Area of free space that may be closed off, since it is no passage [m^2].
-        least = 0.25 / self.grid.resolution**2 if around >= AROUND else 0
-        large = np.flatnonzero(about[:, cv2.CC_STAT_AREA] >= least)
+        min_cells = 0.25 / self.grid.resolution**2 if around >= AROUND else 0
+        large = np.flatnonzero(statistics[:, cv2.CC_STAT_AREA] >= min_cells)
         large = large[large > 0]
         if large.size < 2:
             return False
-        _, joined = cv2.connectedComponents(before.astype("u1"), connectivity=4)
-        owners = [joined[parts == part][0] for part in large.tolist()]
-        return any(owners.count(each) > 1 for each in np.unique(joined[before & ~after]).tolist())
+        _, old_parts = cv2.connectedComponents(before.astype("u1"), connectivity=4)
+        owners = [old_parts[parts == part][0] for part in large.tolist()]
+        return any(owners.count(part_label) > 1 for part_label in np.unique(old_parts[before & ~after]).tolist())
 
 
 WALL_GAP, APART = 0.05, 0.05
@@ -130,28 +130,28 @@ def _along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
     clear = np.where(grid.free, grid.clearance, 0.0)
     mask = (clear >= distance).astype(np.uint8)
     contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    found = [np.empty((0, 3))]
+    pose_lists = [np.empty((0, 3))]
     for contour in contours:
         at = contour[:, 0, ::-1].astype(np.float64) + 0.5  # (row, col) of the cells' centres
         ring = np.concatenate([at, at[:1]])
         way = way_along(ring) * resolution
         count = max(1, int(way[-1] / SPACING))
-        where = (np.arange(count) + 0.5) * way[-1] / count
+        sample_distances = (np.arange(count) + 0.5) * way[-1] / count
         # Half the length along a wall over which its direction is measured [m].
         half = min(0.25, way[-1] / 4)
         length = max(way[-1], 1e-9)
         d_row, d_col = (
-            np.interp((where + half) % length, way, v) - np.interp((where - half) % length, way, v)
+            np.interp((sample_distances + half) % length, way, v) - np.interp((sample_distances - half) % length, way, v)
             for v in ring.T
         )
-        nearest = np.searchsorted(way, where).clip(0, len(at)) % len(at)
+        nearest = np.searchsorted(way, sample_distances).clip(0, len(at)) % len(at)
         rows, cols = at[nearest].T
         # Maximum distance of an object from its wall beyond the least one [m].
         near = clear[rows.astype(int), cols.astype(int)] < distance + 0.3
         # Two headings half a turn apart are one.
         heading = np.mod(np.arctan2(d_row, d_col) + 1e-9, np.pi) - 1e-9
-        found.append(np.column_stack([rows, cols, heading])[near])
-    return np.concatenate(found)
+        pose_lists.append(np.column_stack([rows, cols, heading])[near])
+    return np.concatenate(pose_lists)
 
 
 def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
@@ -183,7 +183,7 @@ def _beside_routes(
     long ones also across it, and have the clearance of `free_standing`.
     """
     long = shape.half_length != shape.half_width
-    found = [np.empty((0, 3))]
+    pose_lists = [np.empty((0, 3))]
     for path in routes:
         fine = path.resampled(SPACING, even=True)
         ahead = np.arctan2(*np.gradient(fine.xy, axis=0).T[::-1]) - grid.origin[2]
@@ -191,11 +191,11 @@ def _beside_routes(
         for turn in (0.0, math.pi / 2) if long else (0.0,):
             extent = shape.half_length if turn else shape.half_width
             for side in (-1, 1):
-                away = side * (keep + extent) / grid.resolution + side
-                at_row, at_col = row + np.cos(ahead) * away, col - np.sin(ahead) * away
+                side_offset = side * (keep + extent) / grid.resolution + side
+                at_row, at_col = row + np.cos(ahead) * side_offset, col - np.sin(ahead) * side_offset
                 heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
-                found.append(np.column_stack([at_row, at_col, heading]))
-    return _in_the_open(grid, np.concatenate(found))
+                pose_lists.append(np.column_stack([at_row, at_col, heading]))
+    return _in_the_open(grid, np.concatenate(pose_lists))
 
 
 def refusals(
@@ -226,7 +226,7 @@ def refusals(
     from scipy.spatial import cKDTree
 
     shape, resolution = passages.shape, grid.resolution
-    taken = grid.clearance < WALL_GAP + resolution / 2 - 1e-9
+    is_taken = grid.clearance < WALL_GAP + resolution / 2 - 1e-9
     unknown, tree = grid.cells == UNKNOWN, cKDTree(routes)
 
     def reason(pose: Pose) -> str:
@@ -234,10 +234,10 @@ def refusals(
         cells = filled_cells(grid, shape, pose)
         corners = outline_of(shape, np.array([0.0, 0.0, heading])) / resolution
         reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
-        beyond = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
-        if beyond.any() or unknown[cells].any():
+        is_outside = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
+        if is_outside.any() or unknown[cells].any():
             return "reaches beyond the map or into what is unknown"
-        if taken[cells].any():
+        if is_taken[cells].any():
             return "less than 5 cm from a wall or another object"
         if closed[cells].any():
             return "in a no-go zone"
@@ -252,8 +252,8 @@ def refusals(
 
 def too_close(shape: Shape, pose: Floats, others: Floats, resolution: float) -> bool:
     """Whether an object would stand closer than `APART` to another one [cells, cells, rad]."""
-    apart = np.hypot(*(others[:, :2] - pose[:2]).T) * resolution
-    near = others[apart < 2 * shape.reach + APART]
+    distances = np.hypot(*(others[:, :2] - pose[:2]).T) * resolution
+    near = others[distances < 2 * shape.reach + APART]
     return any(shape.is_round or _boxes_near(shape, pose, other, resolution) for other in near)
 
 
@@ -290,18 +290,18 @@ class Search:
 
     def run(self, count: int, progress: ProgressCallback | None = None) -> tuple[list[int], Floats]:
         """Return indices of at most `count` places, and the objective with 0, 1, ... of them."""
-        chosen: list[int] = []
+        selected: list[int] = []
         bounds = np.full(len(self.places), np.inf)
         curve = []
         while True:
-            self.sight.start(np.array(chosen, np.int64))
+            self.sight.start(np.array(selected, np.int64))
             curve.append(self.sight.value())
-            best = self.best(chosen, bounds) if len(chosen) < count else None
+            best = self.best(selected, bounds) if len(selected) < count else None
             if progress:
-                progress(count if best is None else len(chosen) + 1, count)
+                progress(count if best is None else len(selected) + 1, count)
             if best is None:
-                return chosen, np.array(curve)
-            chosen.append(best)
+                return selected, np.array(curve)
+            selected.append(best)
 
     def best(self, others: list[int], bounds: Floats | None = None) -> int | None:
         """Return the best allowed place added to others; None if none lowers the objective.
@@ -313,7 +313,7 @@ class Search:
         self.sight.start(np.array(others, np.int64))
         value = self.sight.value()
         # Share of the objective by which a place must lower it.
-        least = 1e-6 * value
+        min_gain = 1e-6 * value
         waiting = np.setdiff1d(np.arange(len(self.places)), others)
         lot = max(len(waiting), 1)
         if bounds is not None:
@@ -328,12 +328,12 @@ class Search:
                 bounds[part] = gains[part]
                 rest = bounds[waiting[begin + lot :]].max(initial=-np.inf)
             for n in np.argsort(-gains, kind="stable").tolist():
-                if not gains[n] > least or gains[n] < rest:
+                if not gains[n] > min_gain or gains[n] < rest:
                     break
                 if self.is_allowed(n, others, passages):
                     return int(n)
                 gains[n] = -np.inf
-            if not rest > least:
+            if not rest > min_gain:
                 return None
         return None
 
@@ -352,15 +352,15 @@ class Search:
 
     def at_random(self, count: int, random: np.random.Generator) -> list[int]:
         """Return places drawn at random that are allowed together, at most `count`."""
-        chosen: list[int] = []
+        selected: list[int] = []
         passages = self.passages.copy()
         for n in random.permutation(len(self.places)).tolist():
-            if len(chosen) == count:
+            if len(selected) == count:
                 break
-            if self.is_allowed(n, chosen, passages):
-                chosen.append(n)
+            if self.is_allowed(n, selected, passages):
+                selected.append(n)
                 passages.place(self.places[n])
-        return chosen
+        return selected
 
 
 def poses_in_world(grid: OccupancyGrid, places: Floats) -> Floats:

@@ -230,19 +230,19 @@ class Sight:
         from locplan.advice.kernels.landmarks import XX, YY
         from locplan.advice.kernels.objectives import covariances
 
-        seen = self.seen
-        _, after = covariances(self.sums, seen.rays.poses, seen.routes, seen.a_step, seen.motion)
+        route_views = self.seen
+        _, after = covariances(self.sums, route_views.rays.poses, route_views.routes, route_views.a_step, route_views.motion)
         return float((after[:, XX] + after[:, YY]).mean())
 
     def values(self, indices: Ints) -> Floats:
         """Return the objective with an object at each of these places as well, (m,) [m^2]."""
         from locplan.advice.kernels.objectives import uncertainties
 
-        seen = self.seen
-        given = self.sightings, self.scene, seen.routes, seen.a_step, seen.motion
+        route_views = self.seen
+        kernel_arguments = self.sightings, self.scene, route_views.routes, route_views.a_step, route_views.motion
         return np.concatenate(
             self._lots(
-                lambda part: uncertainties(self.own, part, *given), np.asarray(indices, np.int64)
+                lambda part: uncertainties(self.own, part, *kernel_arguments), np.asarray(indices, np.int64)
             )
         )
 
@@ -250,18 +250,18 @@ class Sight:
         """Which poses see which place, and by which rays."""
         from locplan.advice.kernels.landmarks import Sightings, find_sightings
 
-        own, given = self.own, (self._hits_of_map, self.seen.rays, self.outline)
-        counts, every = np.zeros(len(own), np.int64), np.arange(len(own))
+        candidate_poses, kernel_arguments = self.own, (self._hits_of_map, self.seen.rays, self.outline)
+        counts, all_numbers = np.zeros(len(candidate_poses), np.int64), np.arange(len(candidate_poses))
 
         def sightings(starts: Ints) -> Sightings:
             room = starts[-1]
-            found = Sightings(starts, np.empty(room, np.int32), np.empty((room, 2), np.int16))
+            new_sightings = Sightings(starts, np.empty(room, np.int32), np.empty((room, 2), np.int16))
             self._lots(
-                lambda lot: find_sightings(own, lot[0], lot[-1] + 1, *given, found, counts), every
+                lambda lot: find_sightings(candidate_poses, lot[0], lot[-1] + 1, *kernel_arguments, new_sightings, counts), all_numbers
             )
-            return found
+            return new_sightings
 
-        sightings(np.zeros(len(own) + 1, np.int64))
+        sightings(np.zeros(len(candidate_poses) + 1, np.int64))
         starts = np.concatenate([[0], np.cumsum(counts)])
         check_memory(
             f"{starts[-1]:,} sightings of {len(counts):,} places",

@@ -80,17 +80,17 @@ class Outcome(Rated):
     @property
     def lost(self) -> Bools:
         """True for each drive that was lost, (number,)."""
-        return np.concatenate([each.lost for each in self.drives])
+        return np.concatenate([route_drives.lost for route_drives in self.drives])
 
     @property
     def mean_squares(self) -> Floats:
         """Mean square of each drive's position error, (number,) [m^2]."""
-        return np.concatenate([each.mean_squares for each in self.drives])
+        return np.concatenate([route_drives.mean_squares for route_drives in self.drives])
 
     @property
     def off_at_end(self) -> Bools:
         """True for each drive that is off at the end, (number,)."""
-        return np.concatenate([each.off_at_end for each in self.drives])
+        return np.concatenate([route_drives.off_at_end for route_drives in self.drives])
 
     def __repr__(self) -> str:
         return f"Outcome({self.number} drives, {rates_of(self)})"
@@ -117,7 +117,7 @@ class Verification:
     @cached_property
     def comparison(self) -> Verdict:
         """The verdict on the drives with landmarks beside those without, with its figures."""
-        return compare(*(DriveSet.from_drives(each.drives) for each in (self.before, self.after)))
+        return compare(*(DriveSet.from_drives(drive_group.drives) for drive_group in (self.before, self.after)))
 
     @property
     def word(self) -> str:
@@ -147,10 +147,10 @@ class Verification:
 
     def table(self) -> Table:
         """The drives on each map: how many went wrong, and their errors."""
-        named = {"none": self.before, "proposed": self.after}
+        drive_groups = {"none": self.before, "proposed": self.after}
         if self.random:
-            named["as many at random"] = self.random
-        rows = zip(named, Table.of(OUTCOME, named.values()).rows, strict=True)
+            drive_groups["as many at random"] = self.random
+        rows = zip(drive_groups, Table.of(OUTCOME, drive_groups.values()).rows, strict=True)
         return Table(
             (Column("world", title="landmarks"), *OUTCOME),
             tuple((name, *row) for name, row in rows),
@@ -212,13 +212,13 @@ class Setting:
         paths = {}
         for name, path in self.routes.items():
             (x0, y0), (x1, y1) = path.xy[[0, -1]].tolist()
-            found = plan(costs, (x0, y0), (x1, y1)).path
-            if found is None:
+            new_path = plan(costs, (x0, y0), (x1, y1)).path
+            if new_path is None:
                 raise LocplanError(
                     f"no path of the robot leads along {name} on the map"
                     f" {'with' if grid is not self.grid else 'without'} landmarks"
                 )
-            paths[name] = found
+            paths[name] = new_path
         return paths
 
 
@@ -309,12 +309,12 @@ class Landmarks(Result):
     def table(self) -> Table:
         """The landmarks in order of gain, and what is expected with each and those before it."""
         kind, shape = self.setting.kind, self.setting.kind.shape
-        about = kind.word, 2 * shape.half_length, 2 * shape.half_width
+        object_values = kind.word, 2 * shape.half_length, 2 * shape.half_width
         values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
             ROUND_COLUMNS if self.setting.kind.word == "pole" else COLUMNS,
-            tuple((n, *pose, *about, gain, expected) for n, (pose, gain, expected) in rows),
+            tuple((n, *pose, *object_values, gain, expected) for n, (pose, gain, expected) in rows),
         )
 
     def _write(self, folder: FilePath, verification: Verification | None = None) -> None:
@@ -469,9 +469,9 @@ def place_landmarks(
     zones = check_zones(zones)
     routes = routes_of(grid, paths, places, robot.radius, zones)
     search = _search_along(grid, kind, routes, robot, zones, threads)
-    chosen, curve = search.run(count, progress)
+    place_numbers, curve = search.run(count, progress)
     setting = Setting(grid, kind, routes, paths is None, robot, zones)
-    return Landmarks(setting, poses_in_world(grid, search.places[chosen]), curve, search)
+    return Landmarks(setting, poses_in_world(grid, search.places[place_numbers]), curve, search)
 
 
 def _search_along(
@@ -493,22 +493,22 @@ def _search_along(
 
     lines = lines_along(grid, routes, robot)
     passages = Passages(grid, kind.shape, robot.radius, CLEARANCE)
-    seen = surroundings(grid, lines, kind.shape, robot)
+    route_views = surroundings(grid, lines, kind.shape, robot)
     keep, closed = robot.radius + CLEARANCE, zones.cells(grid, "no-go")
-    tried = candidate_places(grid, kind.shape, routes.values(), keep)
+    candidates = candidate_places(grid, kind.shape, routes.values(), keep)
     robots = cKDTree(on_grid(grid, np.concatenate(lines))[:, :2])
-    within = (seen.rays.most + kind.shape.reach) / grid.resolution
-    tried = tried[np.isfinite(robots.query(tried[:, :2], distance_upper_bound=within)[0])]
+    within = (route_views.rays.most + kind.shape.reach) / grid.resolution
+    candidates = candidates[np.isfinite(robots.query(candidates[:, :2], distance_upper_bound=within)[0])]
     clear_of = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
     at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
-    reasons = refusals(tried, grid, passages, at, keep, closed)
+    reasons = refusals(candidates, grid, passages, at, keep, closed)
     allowed = np.array([not reason for reason in reasons], bool)
     if not allowed.any():
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
             f" {counted(reasons)}; give a smaller object, or smaller no-go zones"
         )
-    return Search(Sight(grid, seen, kind.shape, tried[allowed], threads), passages)
+    return Search(Sight(grid, route_views, kind.shape, candidates[allowed], threads), passages)
 
 
 def routes_of(
@@ -524,8 +524,8 @@ def routes_of(
         If the robot cannot stand at a place, or no path joins two.
     """
     if paths is not None:
-        given = {"path": paths} if isinstance(paths, Path) else paths
-        named = _named(given, "path", "paths by name")
+        raw_paths = {"path": paths} if isinstance(paths, Path) else paths
+        named = _named(raw_paths, "path", "paths by name")
         if not named:
             raise ConfigError("there must be at least one path along which landmarks help")
         routes = {
@@ -548,10 +548,10 @@ def routes_of(
         costs.cell_of(xy, name)
     routes = {}
     for (one, start), (other, goal) in combinations(ends.items(), 2):
-        found = plan(costs, start, goal).path
-        if found is None:
+        shortest = plan(costs, start, goal).path
+        if shortest is None:
             raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
-        routes[f"{one} to {other}"] = found
+        routes[f"{one} to {other}"] = shortest
     return routes
 
 
@@ -614,10 +614,10 @@ def verify_landmarks(
     outcomes = []
     for grid, count, report in zip(maps, counts, callbacks, strict=True):
         simulator = Simulator(grid, setting.robot, seed=seed, threads=threads)
-        driven = drive_open(simulator, setting.on(grid), range(count), progress=report)
-        outcomes.append(Outcome(tuple(driven.values())))
+        drives_by_route = drive_open(simulator, setting.on(grid), range(count), progress=report)
+        outcomes.append(Outcome(tuple(drives_by_route.values())))
     before, after, *at_random = outcomes
-    pooled = Outcome(tuple(each for outcome in at_random for each in outcome.drives))
+    pooled = Outcome(tuple(line_drives for outcome in at_random for line_drives in outcome.drives))
     pairs = zip(before.drives, after.drives, strict=True)
     profiles = dict(zip(setting.routes, pairs, strict=True))
     return Verification(before, after, pooled if at_random else None, profiles, seed)
@@ -631,4 +631,4 @@ def _maps_with_random_objects(landmarks: Landmarks, n_sets: int, seed: int) -> l
     if not all(choices):
         return []
     poses = [poses_in_world(grid, search.places[choice]) for choice in choices]
-    return [with_objects(grid, kind, each) for each in poses]
+    return [with_objects(grid, kind, object_poses) for object_poses in poses]

@@ -32,15 +32,15 @@ class Reading:
         source : MapSource or None
             How it was read.
         """
-        meant, reasons = as_meant(grid, source), []
-        if source is None or meant is grid:
+        corrected, reasons = as_meant(grid, source), []
+        if source is None or corrected is grid:
             return cls(grid)
         free, occupied = source.meant_thresholds
         if source.has_dark_walls:
             reasons.append(f"occupied_thresh {occupied:g}, so that dark greys are walls")
         if source.has_free_grey:
             reasons.append(f"free_thresh {free:g}, so that map_saver's grey is unknown")
-        return cls(meant, reasons=tuple(reasons), is_sure=source.has_free_grey)
+        return cls(corrected, reasons=tuple(reasons), is_sure=source.has_free_grey)
 
     @property
     def title(self) -> str:
@@ -50,8 +50,8 @@ class Reading:
     def scaled(self, factor: float) -> Reading:
         """The same with another resolution; its grid stays in the lengths of the file."""
         resolution = self.grid.resolution * factor
-        said = f"resolution {resolution:.4g}, as the ranges of recorded drives say"
-        return replace(self, reasons=(*self.reasons, said), is_sure=True, scale=factor)
+        sentence = f"resolution {resolution:.4g}, as the ranges of recorded drives say"
+        return replace(self, reasons=(*self.reasons, sentence), is_sure=True, scale=factor)
 
     @property
     def lengths(self) -> dict[str, object]:
@@ -59,7 +59,7 @@ class Reading:
         if self.scale == 1:
             return {}
         true = self.in_metres(self.grid)
-        origin = [round(each, 4) for each in true.origin[:2]] + [true.origin[2]]
+        origin = [round(coordinate, 4) for coordinate in true.origin[:2]] + [true.origin[2]]
         return {"resolution": float(f"{true.resolution:.4g}"), "origin": origin}
 
     def in_metres(self, grid: OccupancyGrid) -> OccupancyGrid:

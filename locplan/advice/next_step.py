@@ -46,19 +46,19 @@ def next_action(
     if check.is_fine:
         return Action(_nothing_to_do(check), "", {})
     map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
-    again = typed() or ["locplan", "check", map_file]
+    repeat_command = typed() or ["locplan", "check", map_file]
     if check.recommended and folder is None:
         titles = " and ".join(fix.title for fix in check.advised)
-        command = shlex.join([*again, "-o", "report"])
+        command = shlex.join([*repeat_command, "-o", "report"])
         return Action(f"write the files for {titles}:", command, check.written(params))
     if check.recommended and folder:
-        commands = _commands(check, folder, again, map_file, params)
+        commands = _commands(check, folder, repeat_command, map_file, params)
         doing = " and ".join(_instructions(check, folder, params))
         then = ", then check again" if "locplan check" in commands else ""
         return Action(f"{doing}{then}:", commands, check.written(params))
     if check.passage:
-        return Action(*_correct_footprint(check, again), {})
-    return Action(*_try_further(check, again, map_file), {})
+        return Action(*_correct_footprint(check, repeat_command), {})
+    return Action(*_try_further(check, repeat_command, map_file), {})
 
 
 def remaining_text(check: Check) -> str:
@@ -147,36 +147,36 @@ def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, st
 
 def _commands(check: Check, folder: Folder, again: list[str], map_file: str, params: Params) -> str:
     """Return commands that put the fixes in force, or check that they help, a line each."""
-    taken, own = {*check.recommended}, folder.resolve()
+    kinds, own = {*check.recommended}, folder.resolve()
     lines = []
     mask, params = bool(check.made.get(PATHS)), as_files(params)
     # Before Nav2, which waits for its maps.
-    for place, needed in ((own, MEND in taken), (own / "mask", mask)):
-        if needed:
+    for place, is_needed in ((own, MEND in kinds), (own / "mask", mask)):
+        if is_needed:
             lines.append(["ros2", "launch", str(place / "localizability.launch.xml")])
-    if {WALLS, LANDMARKS} & taken:
-        name = "map_with_landmarks.yaml" if LANDMARKS in taken else "map.yaml"
+    if {WALLS, LANDMARKS} & kinds:
+        name = "map_with_landmarks.yaml" if LANDMARKS in kinds else "map.yaml"
         map_file = str(own / name)
     arguments = [f"map:={map_file}"]
-    settings = {REACH, SETTINGS} & taken and has_amcl(params)
+    settings = {REACH, SETTINGS} & kinds and has_amcl(params)
     changed = str(own / "nav2_params.yaml") if settings else ""
     if mask and params:  # which has the other changes, too
-        whole = "nav2.yaml" if changed or len(params) == 1 else "merged.yaml"
-        changed = str(own / "mask" / whole)
+        parameter_name = "nav2.yaml" if changed or len(params) == 1 else "merged.yaml"
+        changed = str(own / "mask" / parameter_name)
     if changed:
         arguments.append(f"params_file:={changed}")
-    if len(arguments) > 1 or {WALLS, LANDMARKS} & taken:
+    if len(arguments) > 1 or {WALLS, LANDMARKS} & kinds:
         lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
-    if PATHS in taken and not mask:
+    if PATHS in kinds and not mask:
         paths = [f"--path={own / name}" for name in check.changed_paths]
         to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
         lines.append(["locplan", "export", map_file, *to])
-    if len(arguments) == 1 and not {WALLS, LANDMARKS, PATHS} & taken:
+    if len(arguments) == 1 and not {WALLS, LANDMARKS, PATHS} & kinds:
         # The user merges the lines of these files by hand, and can check before what they do.
-        again = [word for word in again if MEND not in taken or "--filter-map" not in word]
-        more = {MEND: ("--filter-map", "map_amcl.yaml"), SETTINGS: ("--robot", "nav2_params.yaml")}
-        for fix, (option, name) in more.items():
-            if fix in taken or (fix == SETTINGS and REACH in taken):
+        again = [word for word in again if MEND not in kinds or "--filter-map" not in word]
+        file_options = {MEND: ("--filter-map", "map_amcl.yaml"), SETTINGS: ("--robot", "nav2_params.yaml")}
+        for fix, (option, name) in file_options.items():
+            if fix in kinds or (fix == SETTINGS and REACH in kinds):
                 again += [option, str(folder / name)]
         lines.append(again)
     return "\n".join(map(shlex.join, lines))

@@ -157,8 +157,8 @@ def helps(fix: FixResult, baseline: DriveRates) -> bool:
     baseline : DriveRates
         Drives of the baseline.
     """
-    least = MODERATE if fix.kind == SETTINGS else LARGE
-    if not baseline.needs_fix and baseline.error.value < least and fix.kind != WALLS:
+    min_error = MODERATE if fix.kind == SETTINGS else LARGE
+    if not baseline.needs_fix and baseline.error.value < min_error and fix.kind != WALLS:
         return False
     return fix.keeps_more or (is_better(fix) and fix.kind in CHEAP)
 
@@ -186,14 +186,14 @@ def rank_fixes(fixes: Sequence[FixResult]) -> list[FixResult]:
         The fixes.
     """
     keeping = [fix for fix in fixes if fix.keeps_more]
-    least = min((fix.rates.lost for fix in keeping or filter(is_better, fixes)), default=NOTHING)
+    best_lost = min((fix.rates.lost for fix in keeping or filter(is_better, fixes)), default=NOTHING)
 
     def key(fix: FixResult) -> tuple[bool, bool, float, float]:
-        better = is_better(fix)
-        as_good = better and fix.rates.lost.value <= least.high
-        others = better and bool(keeping) and fix not in keeping
+        is_improvement = is_better(fix)
+        as_good = is_improvement and fix.rates.lost.value <= best_lost.high
+        is_inferior = is_improvement and bool(keeping) and fix not in keeping
         order = float(KINDS.index(fix.kind)) if as_good else fix.rates.lost.value
-        return not better, others or not as_good, order, fix.ratio.value
+        return not is_improvement, is_inferior or not as_good, order, fix.ratio.value
 
     return sorted(fixes, key=key)
 
@@ -223,7 +223,7 @@ def rates_of(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> DriveRates:
             for drives in arrivals.values()
         ]
         reached, missed = (
-            wilson(float(each.mean()), size) for each in (shares, np.array(misses) / counts)
+            wilson(float(route_shares.mean()), size) for route_shares in (shares, np.array(misses) / counts)
         )
     n_closed = sum(len(drives.drives) for drives in arrivals.values())
     drive_set = outcome.drive_set

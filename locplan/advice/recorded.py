@@ -63,51 +63,51 @@ def recorded(
     filter_map, seed, threads
         See `locplan.check`.
     """
-    grid, said, fitting, ranges = reading.grid, list[str](), [], None
+    grid, sentences, fitting, ranges = reading.grid, list[str](), [], None
     faults, replays, findings = list[RecordingFaults](), list[ReplayedDrive](), list[str]()
-    for number, each in enumerate(recordings, 1):
-        fit = fit_to_map(each, grid)
+    for number, recording in enumerate(recordings, 1):
+        fit = fit_to_map(recording, grid)
         ranges = ranges or fit.ranges
-        said.append(f"drive {number}: {fit.sentence.rstrip('.')}")
-        faults.append(find_recording_faults(each, grid if fit.fits else None))
-        said += [f"drive {number}: {text.rstrip('.')}" for text in faults[-1].sentences]
+        sentences.append(f"drive {number}: {fit.sentence.rstrip('.')}")
+        faults.append(find_recording_faults(recording, grid if fit.fits else None))
+        sentences += [f"drive {number}: {text.rstrip('.')}" for text in faults[-1].sentences]
         texts = fit.sentence, *faults[-1].fault_sentences
         findings += [f"drive {number}: {text.rstrip('.')}" for text in texts]
         if not fit.fits:
             continue
-        fitting.append(each)
+        fitting.append(recording)
         name = f"drive {number}"
-        if each.odometry is not None and sparse_notes(each, robot.amcl):
-            said.append(
+        if recording.odometry is not None and sparse_notes(recording, robot.amcl):
+            sentences.append(
                 f"{name}: it has too few scans to tell how often the filter is lost; record every"
                 " scan"
             )
-        if limit := find_replay_limit(each):
-            said.append(f"{name}: {limit}")
+        if limit := find_replay_limit(recording):
+            sentences.append(f"{name}: {limit}")
         else:
             replays.append(
-                ReplayedDrive(name, each, grid, robot, filter_map, seed=seed, threads=threads)
+                ReplayedDrive(name, recording, grid, robot, filter_map, seed=seed, threads=threads)
             )
     misfits: tuple[MapFault, ...] = ()
     if fitting:
         ranges = range_fit(grid, fitting)
         longest = max(fitting, key=len)
         faulty = faults[list(recordings).index(longest)].faulty_steps
-        robot, more = _calibrated(longest, grid, robot, faulty, threads)
-        said += more
+        robot, noise_sentences = _calibrated(longest, grid, robot, faulty, threads)
+        sentences += noise_sentences
         try:
             # On a map whose resolution is wrong, all walls seem to be.
             misfits = () if ranges.is_scaled else (*find_misfits(grid, fitting).faults(grid),)
         except LocplanError as error:  # of poses that are too bad to judge walls by
-            said.append(f"walls: {error}")
+            sentences.append(f"walls: {error}")
     stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
     of_ranges = ranges.faults(grid) if ranges else ()
     known = replace(known, meant=grid, found=(*of_ranges, *misfits, *known))
-    sound = (each in fitting and own.is_sound for each, own in zip(recordings, faults, strict=True))
+    sound = (recording in fitting and drive_faults.is_sound for recording, drive_faults in zip(recordings, faults, strict=True))
     if stretch != 1:  # the poses are in other lengths than those of the map
         replays = []
     return Recorded(
-        robot, known, stretch, tuple(said), tuple(findings), tuple(sound), tuple(replays)
+        robot, known, stretch, tuple(sentences), tuple(findings), tuple(sound), tuple(replays)
     )
 
 
@@ -124,16 +124,16 @@ def _calibrated(
     except LocplanError as error:
         return robot, [f"calibration: {error}"]
     changes = scans.settings()
-    said = [
+    sentences = [
         f"lidar as recorded: {in_percent(scans.outliers)} of the beams end anywhere,"
         f" {in_percent(scans.blocked)} are blocked"
     ]
     noise = odometry_noise(drive, robot.amcl, faulty)
     if noise is None:
-        return robot.changed(changes), [*said, "odometry: too short a drive, taken as it was"]
+        return robot.changed(changes), [*sentences, "odometry: too short a drive, taken as it was"]
     changes |= noise.settings()
-    said.append(
+    sentences.append(
         f"odometry as recorded: {text('drift', noise.distance_drift, 'm/√m')},"
         f" {text('heading', noise.heading_drift_deg, 'deg/√m')}"
     )
-    return replace(robot.changed(changes), filter=robot.filter), said
+    return replace(robot.changed(changes), filter=robot.filter), sentences

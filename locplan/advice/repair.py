@@ -160,7 +160,7 @@ def mended_report(mended: Mended) -> str:
         free, occupied = mended.source.meant_thresholds
         planned = f"map.yaml, which has free_thresh {free:g} and occupied_thresh {occupied:g}"
         world = "as its greys are meant"
-        if np.array_equal(*(each.cells == OCCUPIED for each in (mended.grid, mended.filter_map))):
+        if np.array_equal(*(grid.cells == OCCUPIED for grid in (mended.grid, mended.filter_map))):
             lines.append(
                 "no wall is another: a filter that knows its place gains nothing; plans do"
             )
@@ -231,12 +231,12 @@ def mend(
     """
     check_drives(drives)
     whole("paths", paths, 1, 1000)
-    robot, found = equipped(robot), faults(grid, source)
-    found.refuse_mask()
-    mended, world = found.mended, found.meant
+    robot, map_faults = equipped(robot), faults(grid, source)
+    map_faults.refuse_mask()
+    mended, world = map_faults.mended, map_faults.meant
     file = None if world == grid else source
     if mended == grid:
-        return Mended(grid, mended, found, (), seed)
+        return Mended(grid, mended, map_faults, (), seed)
     default = Amcl()
     filters = {"Nav2's defaults": replace(robot, filter=default)}
     if robot.filter != default:
@@ -244,24 +244,24 @@ def mend(
     try:
         ways = _ways(world, robot, paths, seed)
     except ConfigError as error:
-        return Mended(grid, mended, found, (), seed, str(error), file)
+        return Mended(grid, mended, map_faults, (), seed, str(error), file)
     callbacks = parts(progress, [2 * paths * drives] * len(filters))
     verdicts = []
-    for (name, each), part in zip(filters.items(), callbacks, strict=True):
-        both = parts(part, [paths * drives] * 2)
+    for (name, filter_robot), part in zip(filters.items(), callbacks, strict=True):
+        map_callbacks = parts(part, [paths * drives] * 2)
         as_is, hollow = (
             [
                 *drive_open(
-                    Simulator(world, each, filter_map=own, seed=seed, threads=threads),
+                    Simulator(world, filter_robot, filter_map=filter_map, seed=seed, threads=threads),
                     ways,
                     range(drives),
                     progress=tell,
                 ).values()
             ]
-            for own, tell in zip((grid, mended), both, strict=True)
+            for filter_map, tell in zip((grid, mended), map_callbacks, strict=True)
         )
         verdicts.append(_verdict(name, as_is, hollow))
-    return Mended(grid, mended, found, tuple(verdicts), seed, source=file)
+    return Mended(grid, mended, map_faults, tuple(verdicts), seed, source=file)
 
 
 def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:
@@ -275,14 +275,14 @@ def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str,
                 raise
             continue
         break
-    found = ((each.name, plan(costs, each.start, each.goal).path) for each in queries)
-    return {name: path for name, path in found if path is not None}
+    path_pairs = ((query.name, plan(costs, query.start, query.goal).path) for query in queries)
+    return {name: path for name, path in path_pairs if path is not None}
 
 
 def _verdict(name: str, as_is: Sequence[Drives], mended: Sequence[Drives]) -> MapVerdict:
     """The verdict of the drives along all paths together."""
-    found = compare(DriveSet.from_drives(as_is), DriveSet.from_drives(mended))
-    return MapVerdict(name, *found.lost, found.ratio, found.word)
+    comparison = compare(DriveSet.from_drives(as_is), DriveSet.from_drives(mended))
+    return MapVerdict(name, *comparison.lost, comparison.ratio, comparison.word)
 
 
 def check_concerned(parameters: FilePath | None) -> None:

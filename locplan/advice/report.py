@@ -69,13 +69,13 @@ class Drawing(NamedTuple):
     def at(self, xy: Any) -> list[list[float]]:
         """Positions (n, 2) [m] in the drawing, whose y goes down."""
         rows, cols = self.grid.world_to_grid(*np.reshape(xy, (-1, 2)).T)
-        found = np.column_stack([cols * self.scale, self.height - rows * self.scale])
-        return [[x, y] for x, y in found.round(1).tolist()]
+        positions = np.column_stack([cols * self.scale, self.height - rows * self.scale])
+        return [[x, y] for x, y in positions.round(1).tolist()]
 
 
 def bar(rate: Interval) -> dict[str, float]:
     """Both ends of an interval and its value, in per cent of a bar."""
-    value, low, high = (100 * (each if math.isfinite(each) else 0.0) for each in rate)
+    value, low, high = (100 * (bound if math.isfinite(bound) else 0.0) for bound in rate)
     return {"value": value, "low": low, "width": high - low}
 
 

@@ -63,19 +63,19 @@ def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
     if isinstance(stations, Mapping):
         stations = [Station(str(name), *map(float, xy)) for name, xy in stations.items()]
     if not isinstance(stations, str | os.PathLike) and all(
-        isinstance(each, Station) for each in stations
+        isinstance(station, Station) for station in stations
     ):
-        named = [*stations]
-        found = [
+        station_list = [*stations]
+        queries = [
             Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
-            for n, one in enumerate(named)
-            for other in named[n + 1 :]
+            for n, one in enumerate(station_list)
+            for other in station_list[n + 1 :]
         ]
     else:
-        found = [*queries_of(costs, stations, 0.0, 1)]
-    if not found:
+        queries = [*queries_of(costs, stations, 0.0, 1)]
+    if not queries:
         raise ConfigError("there is no route; give two stations at least")
-    return found
+    return queries
 
 
 def _far_apart(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
@@ -83,17 +83,17 @@ def _far_apart(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
 
     Further ones are drawn in the main part of the map.
     """
-    info = describe_map(costs.grid, robot=costs.robot_radius)
-    if not info.pairs:
+    description = describe_map(costs.grid, robot=costs.robot_radius)
+    if not description.pairs:
         return _named(random_queries(costs, count, seed, min_distance=0.5))
-    ends = [(each.start, each.goal) for each in info.pairs[:count]]
-    found = [Query("", (one.x, one.y), (other.x, other.y)) for one, other in ends]
-    (x, y), (to_x, to_y) = (each[:2] for each in (found[0].start, found[0].goal))
-    if len(found) < count:
-        apart = min(10.0, math.hypot(x - to_x, y - to_y) / 2)
-        main = replace(costs, density=np.where(info.main_part, costs.density, np.inf))
-        found += random_queries(main, count - len(found), seed, min_distance=apart)
-    return _named(found)
+    ends = [(room_pair.start, room_pair.goal) for room_pair in description.pairs[:count]]
+    queries = [Query("", (start.x, start.y), (goal.x, goal.y)) for start, goal in ends]
+    (x, y), (to_x, to_y) = (room_pair[:2] for room_pair in (queries[0].start, queries[0].goal))
+    if len(queries) < count:
+        min_distance = min(10.0, math.hypot(x - to_x, y - to_y) / 2)
+        main = replace(costs, density=np.where(description.main_part, costs.density, np.inf))
+        queries += random_queries(main, count - len(queries), seed, min_distance=min_distance)
+    return _named(queries)
 
 
 def _named(queries: Sequence[Query]) -> list[Query]:

@@ -76,11 +76,11 @@ def is_contradicted(site: Site, fixed_site: Site, recorded: Recorded) -> bool:
     recorded : Recorded
         The recorded drives.
     """
-    own_map = None if fixed_site.filter_map is site.filter_map else fixed_site.filter_map
+    changed_map = None if fixed_site.filter_map is site.filter_map else fixed_site.filter_map
     return any(
         find_objection(
             drive.replay(site.robot.amcl),
-            replace(drive, filter_map=own_map or drive.filter_map).replay(fixed_site.robot.amcl),
+            replace(drive, filter_map=changed_map or drive.filter_map).replay(fixed_site.robot.amcl),
         )
         for drive in recorded.replays
     )

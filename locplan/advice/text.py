@@ -375,7 +375,7 @@ def _count_rows(name: str, plural: str, n_rows: int, n_all: int) -> str:
 
 def _table(columns: Sequence[Column], title: str, records: Sequence[Any]) -> list[str]:
     """Return the lines of a table."""
-    name, *others = columns
-    table = Table.of([replace(name, title=title), *others], records)
+    name, *further_columns = columns
+    table = Table.of([replace(name, title=title), *further_columns], records)
     lines = [line.rstrip().replace("\u00a0", " ") for line in str(table).splitlines()]
     return [line for line in lines if line.strip(" \u2500")]

@@ -93,13 +93,13 @@ def contrast(before: Outcome, after: Outcome, *, n_alternatives: int = 1) -> Con
     n_alternatives : int, default 1
         Number of fixes that share the error probability.
     """
-    apart = after.log_error - before.log_error
+    log_ratios = after.log_error - before.log_error
     saved = (before.lost & ~after.lost).sum(), (after.lost & ~before.lost).sum()
-    gain = paired_shares(*saved, apart.size)
+    gain = paired_shares(*saved, log_ratios.size)
     return Contrast(
         compare(before.drive_set, after.drive_set, n_alternatives=n_alternatives),
         gain,
-        float(apart.mean()) - gain.value,
+        float(log_ratios.mean()) - gain.value,
     )
 
 
@@ -202,14 +202,14 @@ def select_fixes(
     costly : sequence of str, default ()
         Kinds that must keep drives from getting lost; a lower error alone is not worth them.
     """
-    taken = sure or tuple(order[:1])
-    while kind := _next_fix(taken, order, drive, known, costly):
-        taken = (*taken, kind)
-    for kind in [kind for kind in taken if kind not in sure]:
-        others = tuple(other for other in taken if other != kind)
-        if others and _is_superfluous(drive(others, known), drive(taken, known)):
-            taken = others
-    return taken
+    kinds = sure or tuple(order[:1])
+    while kind := _next_fix(kinds, order, drive, known, costly):
+        kinds = (*kinds, kind)
+    for kind in [kind for kind in kinds if kind not in sure]:
+        reduced = tuple(other for other in kinds if other != kind)
+        if reduced and _is_superfluous(drive(reduced, known), drive(kinds, known)):
+            kinds = reduced
+    return kinds
 
 
 def confirm_fixes(

@@ -254,9 +254,9 @@ def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
     ConfigError
         If no two positions of the map that are joined lie 2 m apart.
     """
-    for least in DISTANCES:
+    for min_distance in DISTANCES:
         try:
-            queries = random_queries(costs, count, seed, min_distance=least)
+            queries = random_queries(costs, count, seed, min_distance=min_distance)
             break
         except ConfigError as error:
             fault = str(error).split(";")[0]
@@ -296,7 +296,7 @@ def simulated_cases(
     label : str, default ""
         Name of the map before that of the level; empty for a single map.
     """
-    named = {f"{n}": path for n, path in enumerate(paths, 1)}
+    paths_by_name = {f"{n}": path for n, path in enumerate(paths, 1)}
 
     @cache
     def simulator_with(amcl: Amcl) -> Simulator:
@@ -311,14 +311,14 @@ def simulated_cases(
 
     def case_at(level: Level) -> Case:
         is_usual = level == USUAL
-        affected = select_paths(level, named, grid)
-        least = 0 if is_usual else math.ceil(LEVEL_DRIVES / len(affected))
-        count = max(drives, least)
+        affected = select_paths(level, paths_by_name, grid)
+        min_count = 0 if is_usual else math.ceil(LEVEL_DRIVES / len(affected))
+        count = max(drives, min_count)
         looks = {min(count, math.ceil(n / len(affected))) for n in LEVEL_LOOKS}
 
         def drive(amcl: Amcl, numbers: range) -> DriveSet:
-            driven = drive_open(simulator_with(amcl), affected, numbers, level=level)
-            return DriveSet.from_drives(driven.values())
+            drives_by_path = drive_open(simulator_with(amcl), affected, numbers, level=level)
+            return DriveSet.from_drives(drives_by_path.values())
 
         return Case(
             f"{label} {level.name}".strip(),
@@ -428,36 +428,36 @@ def tune(
     20
     """
     grids = as_list(grid)
-    for one in grids:
-        check_grid(one)
+    for map_grid in grids:
+        check_grid(map_grid)
     check_of_one_map(filter_map, grids)
     whole("paths", paths, FEWEST_PATHS, 1000)
     check_drives(drives)
     simulators = [
-        Simulator(one, robot, filter_map=filter_map, seed=seed, threads=threads) for one in grids
+        Simulator(map_grid, robot, filter_map=filter_map, seed=seed, threads=threads) for map_grid in grids
     ]
-    known = simulators[0].robot
-    ways = [plan_random_paths(Costmap.blank(one, robot=known), paths, seed) for one in grids]
-    labels = number_names([one.name or "map" for one in grids]) if grids[1:] else [""]
+    simulated_robot = simulators[0].robot
+    ways = [plan_random_paths(Costmap.blank(map_grid, robot=simulated_robot), paths, seed) for map_grid in grids]
+    labels = number_names([map_grid.name or "map" for map_grid in grids]) if grids[1:] else [""]
     shared: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
     cases = [
         case
-        for one, of_map, label in zip(grids, ways, labels, strict=True)
+        for map_grid, map_paths, label in zip(grids, ways, labels, strict=True)
         for case in simulated_cases(
-            one, known, of_map, levels, drives=drives, label=label, **shared
+            map_grid, simulated_robot, map_paths, levels, drives=drives, label=label, **shared
         )
     ]
     lines = [
-        poses_along(path, one) for one, of_map in zip(grids, ways, strict=True) for path in of_map
+        poses_along(path, map_grid) for map_grid, map_paths in zip(grids, ways, strict=True) for path in map_paths
     ]
-    choice = choose_preset(known.amcl, cases, lines, progress=progress)
+    choice = choose_preset(simulated_robot.amcl, cases, lines, progress=progress)
     beams_left = min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned)
     return Tuning(
         grids=tuple(grids),
-        robot=known,
+        robot=simulated_robot,
         choice=choice,
         beams_left=beams_left,
-        warnings=warn_of_settings(known, choice.settings, beams_left, others),
+        warnings=warn_of_settings(simulated_robot, choice.settings, beams_left, others),
         paths=paths,
         drives=drives,
         seed=seed,
@@ -564,8 +564,8 @@ def tune_on_drive(
     recordings, grids = as_list(recording), as_list(grid)
     for drive in recordings:
         instance("recording", drive, Recording, "read one with locplan.recordings.read_recording")
-    for one in grids:
-        check_grid(one)
+    for map_grid in grids:
+        check_grid(map_grid)
     if len(grids) not in (1, len(recordings)):
         raise ConfigError(
             f"{len(recordings)} drives need one map, or one for each in their order, not"
@@ -577,10 +577,10 @@ def tune_on_drive(
     check_threads(threads)
     names = [drive.source.file or "the drive" for drive in recordings]
     labels = number_names(names)
-    known = recordings[0].robot(robot)
+    drive_robot = recordings[0].robot(robot)
     drives_on_maps = [
-        ReplayedDrive(label, drive, one, drive.robot(robot), filter_map, drives, seed, threads)
-        for drive, one, label in zip(
+        ReplayedDrive(label, drive, map_grid, drive.robot(robot), filter_map, drives, seed, threads)
+        for drive, map_grid, label in zip(
             recordings, grids * (len(recordings) // len(grids)), labels, strict=True
         )
     ]
@@ -588,13 +588,13 @@ def tune_on_drive(
         _check_drive(each)
     faults = [find_recording_faults(each.recording, each.grid) for each in drives_on_maps]
     maps = [*dict.fromkeys(grids)]
-    map_labels = number_names([one.name or "map" for one in maps]) if maps[1:] else [""]
+    map_labels = number_names([map_grid.name or "map" for map_grid in maps]) if maps[1:] else [""]
     cases = []
-    for one, label in zip(maps, map_labels, strict=True):
-        paths = plan_random_paths(Costmap.blank(one, robot=known), SIMULATED_PATHS, seed)
+    for map_grid, label in zip(maps, map_labels, strict=True):
+        paths = plan_random_paths(Costmap.blank(map_grid, robot=drive_robot), SIMULATED_PATHS, seed)
         cases += simulated_cases(
-            one,
-            known,
+            map_grid,
+            drive_robot,
             paths,
             [USUAL],
             drives=SIMULATED_DRIVES,
@@ -604,7 +604,7 @@ def tune_on_drive(
             threads=threads,
         )
     choice = choose_preset(
-        known.amcl,
+        drive_robot.amcl,
         cases,
         [drive.poses for drive in recordings],
         drives_on_maps,
@@ -612,7 +612,7 @@ def tune_on_drive(
         progress=progress,
     )
     beams_left = min(map(_beams_left, drives_on_maps), key=lambda left: left.returned)
-    sparse = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, known.amcl))
+    sparse = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, drive_robot.amcl))
     of_faults = [
         f"{each.name}: {text.rstrip('.')}"
         for each, fault in zip(drives_on_maps, faults, strict=True)
@@ -620,10 +620,10 @@ def tune_on_drive(
     ]
     return Tuning(
         grids=tuple(maps),
-        robot=known,
+        robot=drive_robot,
         choice=choice,
         beams_left=beams_left,
-        warnings=warn_of_settings(known, choice.settings, beams_left, others),
+        warnings=warn_of_settings(drive_robot, choice.settings, beams_left, others),
         paths=SIMULATED_PATHS,
         drives=SIMULATED_DRIVES,
         seed=seed,

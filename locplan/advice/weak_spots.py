@@ -79,8 +79,8 @@ def rings_of(mask: Bools) -> list[Ring]:
     width = inside.shape[1]
     codes, cells = [], []
     for side, (first, ahead) in enumerate([((0, 0), -1), ((0, 1), 1), ((1, 1), 1), ((1, 0), -1)]):
-        beside = np.roll(inside, -ahead, axis=side % 2)
-        rows, cols = np.nonzero(inside & ~beside)
+        neighbours = np.roll(inside, -ahead, axis=side % 2)
+        rows, cols = np.nonzero(inside & ~neighbours)
         starts = (rows + first[0]) * width + cols + first[1]
         codes.append(4 * starts + side)
         cells.append(np.column_stack([rows, cols]) - 1)
@@ -95,12 +95,12 @@ def rings_of(mask: Bools) -> list[Ring]:
     turns = {}
     for turn in (3, 0, 1):  # a left turn, which stays at the same cell, comes last and wins
         following = 4 * end + (direction + turn) % 4
-        found = np.minimum(np.searchsorted(code, following), len(code) - 1)
-        turns[turn] = code[found] == following
-        after[turns[turn]] = found[turns[turn]]
+        positions = np.minimum(np.searchsorted(code, following), len(code) - 1)
+        turns[turn] = code[positions] == following
+        after[turns[turn]] = positions[turns[turn]]
     corner = QUARTERS * (np.column_stack([end % width, end // width]) - 1)
-    away = _STEPS[(direction + 1) % 4] - _STEPS[direction]
-    corner[turns[1] & turns[3]] += away[turns[1] & turns[3]]
+    corner_shift = _STEPS[(direction + 1) % 4] - _STEPS[direction]
+    corner[turns[1] & turns[3]] += corner_shift[turns[1] & turns[3]]
     return [
         Ring(corner[ring], (int(cell[ring[0], 0]), int(cell[ring[0], 1])))
         for ring in _cycles(after.tolist())
@@ -109,13 +109,13 @@ def rings_of(mask: Bools) -> list[Ring]:
 
 def _cycles(after: list[int]) -> list[list[int]]:
     """The cycles of a permutation."""
-    seen = bytearray(len(after))
+    visited = bytearray(len(after))
     cycles = []
     for first in range(len(after)):
-        if not seen[first]:
+        if not visited[first]:
             cycle, at = [], first
-            while not seen[at]:
-                seen[at] = 1
+            while not visited[at]:
+                visited[at] = 1
                 cycle.append(at)
                 at = after[at]
             cycles.append(cycle)
@@ -136,12 +136,12 @@ def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
     """
     exact = sum(map(signed_area, rings))
     while tolerance >= 1 / 8:
-        kept = [_kept(ring, tolerance) for ring in rings]
-        left = (ring[k] for ring, k in zip(rings, kept, strict=True))
+        corner_indices = [_kept(ring, tolerance) for ring in rings]
+        left = (ring[k] for ring, k in zip(rings, corner_indices, strict=True))
         areas = [signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
-        alike = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
-        if alike and abs(sum(areas) - exact) <= 0.02 * exact:
-            return kept
+        have_same_sign = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
+        if have_same_sign and abs(sum(areas) - exact) <= 0.02 * exact:
+            return corner_indices
         tolerance /= 2
     return [np.arange(len(ring)) for ring in rings]
 
@@ -166,8 +166,8 @@ def untangled(rings: Sequence[Ints], kept: Sequence[Ints]) -> list[Ints]:
             return kept
         for n in np.flatnonzero(np.add.reduceat(met, bounds[:-1])).tolist():
             lines = np.flatnonzero(met[bounds[n] : bounds[n + 1]]).tolist()
-            more = [_between(rings[n], kept[n], line) for line in lines]
-            kept[n] = np.unique(np.concatenate([kept[n], *more]))
+            extra_corners = [_between(rings[n], kept[n], line) for line in lines]
+            kept[n] = np.unique(np.concatenate([kept[n], *extra_corners]))
 
 
 def _between(ring: Ints, kept: Ints, line: int) -> Ints:
@@ -177,8 +177,8 @@ def _between(ring: Ints, kept: Ints, line: int) -> Ints:
     if not left_out.size:
         return left_out
     (dx, dy), (x, y) = ring[last] - ring[first], (ring[left_out] - ring[first]).T
-    away = np.abs(dx * y - dy * x)
-    farthest = int(np.argmax(away)) if away.any() else len(away) // 2
+    distances = np.abs(dx * y - dy * x)
+    farthest = int(np.argmax(distances)) if distances.any() else len(distances) // 2
     return np.asarray(left_out[farthest : farthest + 1])
 
 
@@ -194,14 +194,14 @@ def meeting(rings: Sequence[Ints]) -> Bools:
     lefts = low[order, 0]
     met = np.zeros(len(start), bool)
     for first in range(0, len(start), _CHUNK):
-        some = order[first : first + _CHUNK]
-        others = order[first : np.searchsorted(lefts, high[some, 0].max(), side="right")]
-        near = np.arange(len(others)) > np.arange(len(some))[:, None]
-        near &= low[others, 0] <= high[some, 0][:, None]
-        near &= low[others, 1] <= high[some, 1][:, None]
-        near &= high[others, 1] >= low[some, 1][:, None]
+        chunk = order[first : first + _CHUNK]
+        candidates = order[first : np.searchsorted(lefts, high[chunk, 0].max(), side="right")]
+        near = np.arange(len(candidates)) > np.arange(len(chunk))[:, None]
+        near &= low[candidates, 0] <= high[chunk, 0][:, None]
+        near &= low[candidates, 1] <= high[chunk, 1][:, None]
+        near &= high[candidates, 1] >= low[chunk, 1][:, None]
         a, b = np.nonzero(near)
-        i, j = some[a], others[b]
+        i, j = chunk[a], candidates[b]
         along, across = end[i] - start[i], end[j] - start[j]
         touch = _sides(along, start[i], start[j], end[j]) <= 0
         touch &= _sides(across, start[j], start[i], end[i]) <= 0
@@ -226,21 +226,21 @@ def polygons_of(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict
     of_label: dict[int, list[Ring]] = {}
     for ring in rings_of(mask):
         of_label.setdefault(int(labels[ring.cell]), []).append(ring)
-    rings, kept, owners = [], [], []
-    for label, own in of_label.items():
-        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in own])
+    rings, corner_indices, owners = [], [], []
+    for label, label_rings in of_label.items():
+        areas = np.array([signed_area(ring.corners) / QUARTERS**2 for ring in label_rings])
         first, *holes = np.argsort(areas)[::-1].tolist()  # the smallest holes come first
         total = np.cumsum(-areas[holes])
         # Holes that are filled have at most 2 % of the area.
         filled = (areas[holes] > -min_hole) & (total <= 0.02 * areas[first])
-        corners = [own[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
+        corners = [label_rings[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
         rings += corners
-        kept += thinned(corners, 1.0)  # [cells], which makes steps straight
+        corner_indices += thinned(corners, 1.0)  # [cells], which makes steps straight
         owners += [label] * len(corners)
     polygons: dict[int, list[Ints]] = {}
     if rings:
-        for label, ring, few in zip(owners, rings, untangled(rings, kept), strict=True):
-            polygons.setdefault(label, []).append(ring[few])
+        for label, ring, indices in zip(owners, rings, untangled(rings, corner_indices), strict=True):
+            polygons.setdefault(label, []).append(ring[indices])
     return polygons
 
 
@@ -335,8 +335,8 @@ def degenerate_areas(
             for corners in polygons[label]
         )
         middle = grid.position(row + low, col + left)
-        about = _deviations_of(covariance) | {"area": float(sizes[label])}
-        areas.append(DegenerateArea(outline, tuple(holes), middle, **about))
+        statistics = _deviations_of(covariance) | {"area": float(sizes[label])}
+        areas.append(DegenerateArea(outline, tuple(holes), middle, **statistics))
     return tuple(areas)
 
 
@@ -356,11 +356,11 @@ def _half_free(costs: Costmap, field: CovarianceField, threshold: float | None) 
         return DEGENERATE
     corridor = estimator.perfect(field.window).copy()
     corridor[0, 0] = estimator.featureless(field.window)[0, 0]
-    least, greatest = field.anchors(settings.criterion)
+    perfect_value, featureless_value = field.anchors(settings.criterion)
     value = float(scalar(corridor, settings.criterion))
     if settings.law == "logarithmic":
-        return math.log(value / least) / math.log(greatest / least) / 2
-    share = value / greatest
+        return math.log(value / perfect_value) / math.log(featureless_value / perfect_value) / 2
+    share = value / featureless_value
     return (share ** (1 / 3) if settings.law == "cube-root" else share) / 2
 
 
@@ -370,15 +370,15 @@ def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, F
     rows, cols = np.nonzero(owner)
     order = np.argsort(owner[rows, cols], kind="stable")
     rows, cols = rows[order], cols[order]
-    found, starts = np.unique(owner[rows, cols], return_index=True)
+    label_values, starts = np.unique(owner[rows, cols], return_index=True)
     parts = np.split(field.mean_covariance[rows, cols], starts[1:])
-    return dict(zip(found.tolist(), parts, strict=True)) if found.size else {}
+    return dict(zip(label_values.tolist(), parts, strict=True)) if label_values.size else {}
 
 
 def _read(field: CovarianceField, cells: Ints) -> Floats:
     """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
-    some = cells[:: -(-len(cells) // 50)]
-    xy = np.column_stack(field.grid.grid_to_world(*(some + 0.5).T))
+    sampled_cells = cells[:: -(-len(cells) // 50)]
+    xy = np.column_stack(field.grid.grid_to_world(*(sampled_cells + 0.5).T))
     covariances = field.at(xy, "covariance")
     return covariances[np.isfinite(covariances).all(axis=(1, 2))]
 
@@ -528,14 +528,14 @@ def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
 
 def _areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[DegenerateArea, ...]:
     """Degenerate areas, none of which takes most of the map unless nothing divides it."""
-    found: tuple[DegenerateArea, ...] = ()
+    areas: tuple[DegenerateArea, ...] = ()
     for threshold in (None, 0.6, 0.7, 0.8, 0.9):  # minimum u of a spot's cells
-        before, found = found, degenerate_areas(costs, field, threshold=threshold)
-        if not found:
+        before, areas = areas, degenerate_areas(costs, field, threshold=threshold)
+        if not areas:
             return before
-        if found[0].area < 0.25 * free:  # else an area takes too much of the map
+        if areas[0].area < 0.25 * free:  # else an area takes too much of the map
             break
-    return found
+    return areas
 
 
 def _spot(
@@ -544,7 +544,7 @@ def _spot(
     direction = area.direction % math.pi
     along = np.array([math.cos(direction), math.sin(direction)])
     length, width = (float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1]))
-    passing = {name: own for name, line in lines.items() if len(own := line[is_within(area, line)])}
+    passing = {name: inner_points for name, line in lines.items() if len(inner_points := line[is_within(area, line)])}
     longest = max(passing.values(), key=len, default=np.array([area.middle]))
     x, y = longest[len(longest) // 2].tolist()
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2
@@ -578,11 +578,11 @@ def seen_around(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> f
     angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     steps = np.arange(0.0, reach, grid.resolution / 2)
     at = grid.world_to_grid(xy[0] + steps * np.cos(angles), xy[1] + steps * np.sin(angles))
-    rows, cols = (np.floor(each).astype(int) for each in at)
+    rows, cols = (np.floor(indices).astype(int) for indices in at)
     height, width = grid.shape
-    known = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-    walls = grid.cells[np.where(known, rows, 0), np.where(known, cols, 0)] == OCCUPIED
-    return float((walls & known).any(axis=1).mean())
+    is_inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
+    walls = grid.cells[np.where(is_inside, rows, 0), np.where(is_inside, cols, 0)] == OCCUPIED
+    return float((walls & is_inside).any(axis=1).mean())
 
 
 def points_of(path: Path) -> Floats:
@@ -603,10 +603,10 @@ def inside(outline: Floats, points: Floats) -> Bools:
 
 def is_within(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
     """Which of some points lie in an area, and in none of its holes."""
-    found = inside(area.outline, points)
+    is_inside = inside(area.outline, points)
     for hole in area.holes:
-        found &= ~inside(hole, points)
-    return found
+        is_inside &= ~inside(hole, points)
+    return is_inside
 
 
 def gathered(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:

@@ -177,7 +177,7 @@ def write_ompl_logs(
     queries = Counter(setting for setting, _ in {query_of(run) for run in ordered})
     logs: dict[str, str] = {}
     for (setting, query), group in groupby(ordered, query_of):
-        own, task = list(group), "{}, {}, weight {:g}".format(*setting)
+        problem_runs, task = list(group), "{}, {}, weight {:g}".format(*setting)
         reference = costs.get(((setting, query), baseline or ""), math.nan)
         logs[f"{len(logs):04d}.log"] = template.render(
             version=__version__,
@@ -188,11 +188,11 @@ def write_ompl_logs(
             machine=platform.machine(),
             moment=(started or datetime.now()).isoformat(" ", "seconds"),
             limits=(time_limit, memory_limit),
-            spent=sum(run.wall_seconds for run in own),
+            spent=sum(run.wall_seconds for run in problem_runs),
             outcomes=OUTCOMES,
             planners=[
                 _planner(label, list(runs), reference)
-                for label, runs in groupby(own, lambda run: run.task.planner)
+                for label, runs in groupby(problem_runs, lambda run: run.task.planner)
             ],
         )
     folder = Path(folder)
@@ -205,10 +205,10 @@ def write_ompl_logs(
 def _planner(label: str, runs: Sequence[Run], reference: float) -> dict[str, Any]:
     """The runs of a planner in a log, and their best cost at equal steps, as OMPL samples it."""
     points = [best_so_far(run) for run in runs]
-    known = any(run.history and each for run, each in zip(runs, points, strict=True))
-    end = max((time for each in points for time, _ in each), default=0.0)
+    has_history = any(run.history and run_points for run, run_points in zip(runs, points, strict=True))
+    end = max((time for run_points in points for time, _ in run_points), default=0.0)
     moments = np.linspace(0.0, end, 101)[1:]
-    courses = [_samples(each, moments, reference) for each in points] if known else []
+    courses = [_samples(run_points, moments, reference) for run_points in points] if has_history else []
     records = [_properties(run, reference) for run in runs]
     return {"label": label, "records": records, "courses": courses}
 

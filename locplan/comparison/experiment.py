@@ -116,37 +116,37 @@ def compare(
     """
     execution = execution or Execution()
     queries = resolved_queries(queries)
-    asked = [float(weights)] if isinstance(weights, (int, float)) else weights
-    if asked is not None:
-        _check_each_once("weight", asked)
+    weight_list = [float(weights)] if isinstance(weights, (int, float)) else weights
+    if weight_list is not None:
+        _check_each_once("weight", weight_list)
     seeds = _checked_seeds(seeds)
     fields = named_configs(configs, robot)
-    usual = default_planner(robot or robot_of_maps(maps))
-    planners = ("grid", usual) if planners is None else planners
+    robot_planner = default_planner(robot or robot_of_maps(maps))
+    planners = ("grid", robot_planner) if planners is None else planners
     specs = _specs(planners, _driven(robot, fields), execution.time_limit)
     labels = [spec.label for spec in specs]
-    baseline = baseline or max(labels, key=lambda label: label == usual)
+    baseline = baseline or max(labels, key=lambda label: label == robot_planner)
     one_of("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
     limits: Any = {"memory": execution.memory, "patience": execution.patience}
     radius = (robot or Robot()).radius
     zones = check_zones(zones)
     make_case = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
-    named = named_maps(maps, read_map)
-    for name, one in named.items():
-        if isinstance(one, OccupancyGrid):
-            check_on_map(zones, one)
+    maps_by_name = named_maps(maps, read_map)
+    for name, map_or_costmap in maps_by_name.items():
+        if isinstance(map_or_costmap, OccupancyGrid):
+            check_on_map(zones, map_or_costmap)
         elif zones:
             raise ConfigError(f"map {shown(name)} is a costmap with its own zones; leave zones out")
     settings = {
         "versions": versions(),
-        "maps": {name: digest_of(one) for name, one in named.items()},
+        "maps": {name: digest_of(map_or_costmap) for name, map_or_costmap in maps_by_name.items()},
         "fields": {label: described_field(config) for label, config in fields.items()},
         "criterion": criterion,
         **({"zones": zones.digest} if zones else {}),
         "queries": described_queries(queries),
         "planners": {spec.label: spec.identity() for spec in specs},
-        "weights": asked and [float(weight) for weight in asked],
+        "weights": weight_list and [float(weight) for weight in weight_list],
         "seeds": seeds,
         "robot": robot and robot.summary(),
     }
@@ -158,21 +158,21 @@ def compare(
         Workers(specs, check_workers(execution.workers), **limits, scratch=folder) as workers,
     ):
         cases: list[Case] = []
-        orders: list[Order] = []
+        jobs: list[Order] = []
         headed = any(spec.planner.space not in ("R2", LATTICE) for spec in specs)
-        for case, costs in _cases(named, fields, criterion, queries, headed, make_case):
+        for case, costs in _cases(maps_by_name, fields, criterion, queries, headed, make_case):
             home = folder / str(len(cases))
             costs = costs if robot is None else dataclasses.replace(costs, robot=robot)
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
-            orders += orders_of(case, costs, home, specs, _weights(asked, case, costs), seeds)
+            jobs += orders_of(case, costs, home, specs, _weights(weight_list, case, costs), seeds)
             cases.append(case)
-        runs = runs_of(orders, specs, workers.run, journal, execution.progress)
-    about = _about(execution, specs, queries, began) | {
+        runs = runs_of(jobs, specs, workers.run, journal, execution.progress)
+    description = _about(execution, specs, queries, began) | {
         "weights": list(dict.fromkeys(run.task.weight for run in runs)),
         "seeds": seeds,
         "robot": robot and robot.summary(),
     }
-    return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, about)
+    return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, description)
 
 
 def _about(
@@ -193,8 +193,8 @@ def _about(
 
 
 def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
-    alone = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
-    specs = specs_of([planners] if alone else planners)
+    is_single = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
+    specs = specs_of([planners] if is_single else planners)
     return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs]
 
 
@@ -249,28 +249,28 @@ def _cases(
     made: partial[Case],
 ) -> Iterator[tuple[Case, Costmap]]:
     """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
-    for name, given in maps.items():
+    for name, map_or_costmap in maps.items():
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
-        asked = queries[name] if isinstance(queries, Mapping) else queries
-        found: tuple[Query, ...] = ()
-        if isinstance(given, Costmap):
-            cases = [Case(name, "own cost", given.grid, given.robot_radius, own=given)]
+        map_queries = queries[name] if isinstance(queries, Mapping) else queries
+        case_queries: tuple[Query, ...] = ()
+        if isinstance(map_or_costmap, Costmap):
+            cases = [Case(name, "own cost", map_or_costmap.grid, map_or_costmap.robot_radius, own=map_or_costmap)]
         else:
             cases = [
                 made(
                     name,
                     label,
-                    given,
-                    settings=each,
-                    criterion=criterion or each.estimator.criterion,
+                    map_or_costmap,
+                    settings=config,
+                    criterion=criterion or config.estimator.criterion,
                 )
-                for label, each in fields.items()
+                for label, config in fields.items()
             ]
         for case in cases:
             costs, _ = case.costmap()
-            found = found or _queries(asked, costs, headed)
-            yield dataclasses.replace(case, queries=found), costs
+            case_queries = case_queries or _queries(map_queries, costs, headed)
+            yield dataclasses.replace(case, queries=case_queries), costs
 
 
 def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
@@ -285,10 +285,10 @@ def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
 
 def _weights(weights: Sequence[float] | None, case: Case, costs: Costmap) -> list[float]:
     """The weights of a case, checked; by default the costmap's own."""
-    own = 0.0 if math.isnan(costs.weight) else costs.weight
-    asked = [own] if weights is None else [float(weight) for weight in weights]
-    for weight in asked:
+    costmap_weight = 0.0 if math.isnan(costs.weight) else costs.weight
+    case_weights = [costmap_weight] if weights is None else [float(weight) for weight in weights]
+    for weight in case_weights:
         check_weight(weight)
-    if any(asked) and math.isnan(costs.weight):
+    if any(case_weights) and math.isnan(costs.weight):
         raise ConfigError(f"map {shown(case.map)} has no field, so that its only weight is 0")
-    return asked
+    return case_weights

@@ -127,8 +127,8 @@ def most_telling_scene(comparison: Comparison) -> Scene | None:
     """
     queries = grouped(median_costs(comparison.runs).items(), lambda item: item[0][0])
     gaps: dict[tuple[Setting, str], float] = {}
-    for (setting, name), items in queries.items():
-        costs = {planner: cost for (_, planner), cost in items}
+    for (setting, name), median_costs_of_query in queries.items():
+        costs = {planner: cost for (_, planner), cost in median_costs_of_query}
         reference = costs.pop(comparison.baseline, 0.0)
         if reference and (setting.map, setting.config) in comparison.cases:
             gap = [abs(cost / reference - 1) for cost in costs.values()] or [0.0]

@@ -98,8 +98,8 @@ class PlannerSpec:
         return self._with("robot", robot)
 
     def _with(self, option: str, value: Any) -> PlannerSpec:
-        given = value is None or option in options_of(self.planner)
-        if given or not takes(self.planner, option):
+        is_decided = value is None or option in options_of(self.planner)
+        if is_decided or not takes(self.planner, option):
             return self
         changed = with_options(self.planner, **{option: value})
         changed.check()
@@ -127,9 +127,9 @@ class PlannerSpec:
         seeds : sequence of int
             Seeds of the comparison, 1 to 2^32 - 1.
         """
-        own = options_of(self.planner).get("seed")
-        if own is not None:
-            return (int(own),)
+        planner_seed = options_of(self.planner).get("seed")
+        if planner_seed is not None:
+            return (int(planner_seed),)
         return tuple(seeds) if takes(self.planner, "seed") else (0,)
 
     @property
@@ -150,9 +150,9 @@ class PlannerSpec:
         if planner is None:
             return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
         code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
-        known = "no version" if self.version is None else f"version {self.version}"
+        version_text = "no version" if self.version is None else f"version {self.version}"
         texts = {name: shown(value) for name, value in options.items()}
-        return [getattr(code, "__qualname__", ""), known, texts]
+        return [getattr(code, "__qualname__", ""), version_text, texts]
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
         """Plan once; the path is measured on the costmap.
@@ -210,9 +210,9 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
 
 def robot_of_maps(maps: Any) -> Robot | None:
     """The robot of the first map that is a costmap for one that is no circle."""
-    every = maps.values() if isinstance(maps, Mapping) else maps
-    every = every if isinstance(every, Iterable) else [every]
-    robots = [each.robot for each in every if isinstance(each, Costmap)]
+    maps_and_costmaps = maps.values() if isinstance(maps, Mapping) else maps
+    maps_and_costmaps = maps_and_costmaps if isinstance(maps_and_costmaps, Iterable) else [maps_and_costmaps]
+    robots = [costmap.robot for costmap in maps_and_costmaps if isinstance(costmap, Costmap)]
     return next((robot for robot in robots if needs_lattice(robot)), None)
 
 
@@ -225,14 +225,14 @@ def _parsed(text: str) -> PlannerSpec:
     label = f"{name}:{squeezed}" if parts else name
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
     # Only comparisons know it by name, since it needs more than a costmap.
-    known = PLANNERS | {"simulated choice": Entry(SimulatedChoice, "simulated error")}
+    planners_by_name = PLANNERS | {"simulated choice": Entry(SimulatedChoice, "simulated error")}
     try:
         if name:
-            name = known_name(name, known)
+            name = known_name(name, planners_by_name)
         if name in (*names(), "") or limits["budget"] is not None:
             planner = planner_for(name, options, **limits)
         else:
-            planner = planner_for(named_planner(name, options, known), **limits)
+            planner = planner_for(named_planner(name, options, planners_by_name), **limits)
     except LocplanError as error:
         raise ConfigError(f"planner {shown(label)}: {error}") from None
     return PlannerSpec(f"{name}:{squeezed}" if parts else name, planner)

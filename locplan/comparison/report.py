@@ -77,16 +77,16 @@ def answers(comparison: Comparison) -> Iterator[Answer]:
 
 def _title(rows: list[Standing]) -> str:
     baseline = rows[0].cost.baseline
-    others = [row for row in rows if row.summary.planner != baseline]
+    rival_rows = [row for row in rows if row.summary.planner != baseline]
     cheaper = sorted(
-        (row for row in others if row.verdict == "cheaper"), key=lambda r: r.cost.estimate.value
+        (row for row in rival_rows if row.verdict == "cheaper"), key=lambda r: r.cost.estimate.value
     )
     if cheaper:
         names = " and ".join(row.summary.planner for row in cheaper[:3])
         return f"{names} {'beats' if len(cheaper) == 1 else 'beat'} {baseline}"
-    if not others:
+    if not rival_rows:
         return f"Only {baseline} was run"
-    if not any(row.cost.is_sure for row in others):
+    if not any(row.cost.is_sure for row in rival_rows):
         return "Too few queries to tell"
     return f"No planner beats {baseline}"
 
@@ -134,15 +134,15 @@ def settings(comparison: Comparison) -> dict[str, str]:
         *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers"),
         *("began", "time_limit", "random_queries"),
     )
-    found = {name: str(comparison.about[name]) for name in names if name in comparison.about}
+    report_settings = {name: str(comparison.about[name]) for name in names if name in comparison.about}
     for case in comparison.cases.values():
         config = json.dumps(case.settings and case.settings.to_json())
-        made = f"{config}, u of {case.criterion}" if case.criterion else config
-        found[f"field of {case.map}, {case.config}"] = made
-        found["robot radius"] = f"{case.robot_radius:g} m"
+        field_text = f"{config}, u of {case.criterion}" if case.criterion else config
+        report_settings[f"field of {case.map}, {case.config}"] = field_text
+        report_settings["robot radius"] = f"{case.robot_radius:g} m"
     tasks = [run.task for run in comparison.runs]
     seeds = sorted({task.seed for task in tasks if task.seed})
-    return found | {
+    return report_settings | {
         "planners": "\n".join(dict.fromkeys(task.planner for task in tasks)),
         "baseline": comparison.baseline,
         "weights": ", ".join(f"{weight:g}" for weight in sorted({task.weight for task in tasks})),

@@ -65,9 +65,9 @@ class Case:
         if self.settings is None:
             assert self.own is not None
             return self.own, None
-        made = self.field_of(self.grid, self.settings)
-        about: Any = {"robot": self.robot_radius, "criterion": self.criterion, "zones": self.zones}
-        return Costmap.from_field(self.grid, made, **about), made
+        covariance_field = self.field_of(self.grid, self.settings)
+        options: Any = {"robot": self.robot_radius, "criterion": self.criterion, "zones": self.zones}
+        return Costmap.from_field(self.grid, covariance_field, **options), covariance_field
 
 
 @dataclass(frozen=True)
@@ -201,11 +201,11 @@ class Comparison(Result):
         pooled : bool, default False
             True takes all maps together; by default each map has its own.
         """
-        found: dict[tuple[Setting, str], dict[str, Contrast]] = {}
-        for each in self.contrasts(pooled=pooled):
-            found.setdefault((each.setting, each.planner), {})[each.measure] = each
+        contrasts_by_planner: dict[tuple[Setting, str], dict[str, Contrast]] = {}
+        for summary in self.contrasts(pooled=pooled):
+            contrasts_by_planner.setdefault((summary.setting, summary.planner), {})[summary.measure] = summary
         summaries = self.summaries(pooled=pooled)
-        rows = [Standing(each, found[each.setting, each.planner]) for each in summaries]
+        rows = [Standing(summary, contrasts_by_planner[summary.setting, summary.planner]) for summary in summaries]
         cases = [statistics.setting_of(run, pooled)[:2] for run in self.runs]
         order = {case: n for n, case in enumerate(dict.fromkeys([*self.cases, *cases]))}
         return sorted(rows, key=lambda row: (order[row.setting[:2]], row.setting.weight))
@@ -236,12 +236,12 @@ class Comparison(Result):
             parts.append(f"{setting.map}, {setting.config}, weight {setting.weight:g}")
             parts.append(str(Table.of(STANDINGS, rows)))
             runs = [run for run in self.runs if statistics.setting_of(run) == setting]
-            said = [
+            sentences = [
                 _failure(runs, r.summary.planner)
                 or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._undriven(r)}"
                 for r in rows
             ]
-            parts += wrapped(said)
+            parts += wrapped(sentences)
         note = (
             "n: queries that planner and baseline both solved. Over these: the ratio of J, and the"
             " medians of J, of the baseline's (base J), of degenerate metres (∫u) and of time."
@@ -250,11 +250,11 @@ class Comparison(Result):
 
     def _undriven(self, row: Standing) -> str:
         """How many of a planner's paths the robot cannot drive, for the end of a sentence."""
-        mine = row.setting, row.summary.planner
+        row_key = row.setting, row.summary.planner
         runs = [
             r
             for r in self.runs
-            if (statistics.setting_of(r), r.task.planner) == mine and r.measures
+            if (statistics.setting_of(r), r.task.planner) == row_key and r.measures
         ]
         count = sum(run.note.startswith(Run.undriven) for run in runs)
         return f"; the robot cannot drive {count} of its {len(runs)} paths" if count else ""
@@ -281,8 +281,8 @@ class Comparison(Result):
             ],
             "baseline": self.baseline,
             "command": self.command,
-            "summaries": [_plain(each) for each in self.summaries()],
-            "contrasts": [_plain(each) for each in self.contrasts()],
+            "summaries": [_plain(contrast) for contrast in self.summaries()],
+            "contrasts": [_plain(contrast) for contrast in self.contrasts()],
         }
 
     def write_files(self, folder: Path, *about: Any) -> None:

@@ -60,10 +60,10 @@ def orders_of(
 ) -> Iterator[Order]:
     """Yield the orders of a case, whose costmap is in the folder `home`."""
     _check_queries(case, costs, {spec.planner.space for spec in specs})
-    for weight, query, (n, spec) in itertools.product(weights, case.queries, enumerate(specs)):
+    for weight, query, (planner_index, spec) in itertools.product(weights, case.queries, enumerate(specs)):
         for seed in spec.seeds(seeds):
             task = Task(case.map, case.config, query.name, weight, spec.label, int(seed))
-            yield Order(task, home, query.start, query.goal, n)
+            yield Order(task, home, query.start, query.goal, planner_index)
 
 
 def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
@@ -92,12 +92,12 @@ def runs_of(
     Runs that were ended from outside are made again, and those of a user's planner that declares
     no version: nobody knows if it has changed.
     """
-    known = journal.runs if journal else {}
+    journal_runs = journal.runs if journal else {}
     lasting = [spec.label for spec in specs if not spec.guarded or spec.version is not None]
     runs = {
-        order.task: run
-        for order in orders
-        if (run := known.get(order.task)) and not run.ended and run.task.planner in lasting
+        job.task: run
+        for job in orders
+        if (run := journal_runs.get(job.task)) and not run.ended and run.task.planner in lasting
     }
     for spec in specs:
         count = sum(task.planner == spec.label for task in runs)
@@ -111,7 +111,7 @@ def runs_of(
             journal.add(run)
         if progress:
             progress(len(runs), len(orders))
-    return [runs[order.task] for order in orders]
+    return [runs[job.task] for job in orders]
 
 
 def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> list[Order]:
@@ -123,7 +123,7 @@ def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> lis
         return unknown if spec.time_limit is None else spec.time_limit
 
     groups = grouped(orders, lambda order: (order.costs, order.task.weight))
-    return [each for own in groups.values() for each in sorted(own, key=limit, reverse=True)]
+    return [job for costmap_jobs in groups.values() for job in sorted(costmap_jobs, key=limit, reverse=True)]
 
 
 def put_costmap(costs: Costmap, folder: Path) -> None:
@@ -131,12 +131,12 @@ def put_costmap(costs: Costmap, folder: Path) -> None:
     # Paths are measured with these: made once for all, and in no planner's time.
     _ = costs.grid.clearance, costs.u_of_heading
     buffers: list[pickle.PickleBuffer] = []
-    about = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
+    pickled_costmap = pickle.dumps(costs, protocol=5, buffer_callback=buffers.append)
     try:
         folder.mkdir()
         for n, buffer in enumerate(buffers):
             (folder / f"{n}.raw").write_bytes(buffer.raw())
-        (folder / "about.pickle").write_bytes(about)
+        (folder / "about.pickle").write_bytes(pickled_costmap)
     except OSError as error:
         why = error.strerror or error
         raise LocplanError(f"{folder}: cannot be written ({why}); TMPDIR names another") from None
@@ -184,17 +184,17 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
 def run_of(task: Task, result: Plan) -> Run:
     """A plan as a run; the caller measures the wall time and adds it."""
     seconds, path = float(result.solve_time), result.path
-    found: dict[str, Any] = {}
+    path_results: dict[str, Any] = {}
     if path is not None:
         names = [name for name in MEASURES if name not in ("seconds", "turning")]
-        known = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
+        metric_values = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
         history = ((float(at), float(cost)) for at, cost in result.history)
-        found["measures"] = known | {"turning": turning(path)}
-        found["history"] = tuple(point for point in history if math.isfinite(sum(point)))
-        found["xy"] = tuple(map(tuple, path.xy.tolist()))
+        path_results["measures"] = metric_values | {"turning": turning(path)}
+        path_results["history"] = tuple(point for point in history if math.isfinite(sum(point)))
+        path_results["xy"] = tuple(map(tuple, path.xy.tolist()))
     expanded = None if result.expanded is None else int(result.expanded)
-    about = {"note": str(result.note or ""), "expanded": expanded, **found}
-    return Run(task, str(result.status), seconds, seconds, **about)
+    run_fields = {"note": str(result.note or ""), "expanded": expanded, **path_results}
+    return Run(task, str(result.status), seconds, seconds, **run_fields)
 
 
 def undriven(costs: Costmap, path: Route | None) -> str:

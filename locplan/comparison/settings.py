@@ -80,7 +80,7 @@ class Execution:
 def resolved_queries(queries: Any) -> Any:
     """Return random queries, a file, queries, or a mapping of these."""
     if isinstance(queries, Mapping):
-        return {name: resolved_queries(each) for name, each in queries.items()}
+        return {name: resolved_queries(map_queries) for name, map_queries in queries.items()}
     if is_whole(queries):
         return RandomQueries(queries)
     if isinstance(queries, (RandomQueries, str, os.PathLike)):
@@ -92,7 +92,7 @@ def resolved_queries(queries: Any) -> Any:
 def described_queries(queries: Any) -> Any:
     """Return what `resolved_queries` returned, fit for JSON."""
     if isinstance(queries, Mapping):
-        return {str(name): described_queries(each) for name, each in queries.items()}
+        return {str(name): described_queries(map_queries) for name, map_queries in queries.items()}
     if isinstance(queries, (str, os.PathLike)):
         return read_text(Path(queries))
     if isinstance(queries, RandomQueries):
@@ -113,8 +113,8 @@ def digest_of(given: OccupancyGrid | Costmap) -> str:
     # The simulated choice takes its lidar from the settings.
     settings = given.settings and json.dumps(given.settings.to_json(), sort_keys=True)
     robot = [given.robot.digest] if given.robot else []
-    about = given.grid.digest, given.robot_radius, given.weight, settings, *robot
-    content.update(repr(about).encode())
+    digest_parts = given.grid.digest, given.robot_radius, given.weight, settings, *robot
+    content.update(repr(digest_parts).encode())
     for layer in (given.density, given.u, given.e, given.u_of_heading, given.e_of_heading):
         if layer is not None:
             content.update(np.ascontiguousarray(layer).view(np.uint8).data)

@@ -198,15 +198,15 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     as there are queries: the seeds of a query mostly succeed or fail together. With runs as trials
     it held the truth in 77-87 % of simulated cases, with queries in 97-99 %.
     """
-    found = []
+    planner_summaries = []
     for (setting, planner), group in by_planner(runs, pooled).items():
         solved = [run for run in group if run.status == "solved"]
-        shares = [np.mean([run.status == "solved" for run in own]) for _, own in by_query(group)]
+        shares = [np.mean([run.status == "solved" for run in query_runs]) for _, query_runs in by_query(group)]
         success = wilson(float(np.mean(shares)), len(shares))
         columns = zip(MEASURES, values_of(solved).T, strict=True)
         measures = {name: quartiles(column) for name, column in columns}
-        found.append(Summary(setting, planner, len(group), len(solved), success, measures))
-    return found
+        planner_summaries.append(Summary(setting, planner, len(group), len(solved), success, measures))
+    return planner_summaries
 
 
 def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
@@ -241,11 +241,11 @@ def by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]
 
 def quartiles(values: Array) -> Quartiles:
     """Median and quartiles of the known values."""
-    known = values[~np.isnan(values)]
-    if not known.size:
+    finite_values = values[~np.isnan(values)]
+    if not finite_values.size:
         return Quartiles()
-    lower, median, upper = np.quantile(known, (0.25, 0.5, 0.75)).tolist()
-    return Quartiles(median, lower, upper, known.size)
+    lower, median, upper = np.quantile(finite_values, (0.25, 0.5, 0.75)).tolist()
+    return Quartiles(median, lower, upper, finite_values.size)
 
 
 def median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
@@ -253,7 +253,7 @@ def median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
     solved = (run for run in runs if math.isfinite(run.measure("cost")))
     groups = grouped(solved, lambda run: (query_of(run), run.task.planner))
     return {
-        key: float(np.median([run.measures["cost"] for run in own])) for key, own in groups.items()
+        key: float(np.median([run.measures["cost"] for run in query_runs])) for key, query_runs in groups.items()
     }
 
 
@@ -352,22 +352,22 @@ def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[
     planners = sorted({planner for _, planner in medians})
     if baseline not in planners:
         raise LocplanError(f"{baseline}: no runs to compare with; there are {', '.join(planners)}")
-    found = []
-    for (setting, planner), ours in medians.items():
-        theirs = medians.get((setting, baseline), {})
-        shared = [query for query in ours if query in theirs]
+    planner_contrasts = []
+    for (setting, planner), planner_medians in medians.items():
+        baseline_medians = medians.get((setting, baseline), {})
+        shared = [query for query in planner_medians if query in baseline_medians]
         maps = np.unique([name for name, _ in shared], return_inverse=True)[1]
-        pairs = np.array([(ours[query], theirs[query]) for query in shared])
+        pairs = np.array([(planner_medians[query], baseline_medians[query]) for query in shared])
         columns = pairs.reshape(-1, 2, len(MEASURES)).T
-        for measure, (own, other) in zip(MEASURES, columns, strict=True):
+        for measure, (planner_values, baseline_values) in zip(MEASURES, columns, strict=True):
             kind = COMPARED[measure][0]
-            known = np.isfinite(own) & np.isfinite(other)
+            is_comparable = np.isfinite(planner_values) & np.isfinite(baseline_values)
             if kind == RATIO:
-                known &= (own > 0) & (other > 0)
-            both = own[known], other[known]
-            estimate, middles = _estimate(kind, *both, maps[known]), map(quartiles, both)
-            found.append(Contrast(setting, planner, baseline, measure, kind, estimate, *middles))
-    return found
+                is_comparable &= (planner_values > 0) & (baseline_values > 0)
+            compared_values = planner_values[is_comparable], baseline_values[is_comparable]
+            estimate, middles = _estimate(kind, *compared_values, maps[is_comparable]), map(quartiles, compared_values)
+            planner_contrasts.append(Contrast(setting, planner, baseline, measure, kind, estimate, *middles))
+    return planner_contrasts
 
 
 Medians = dict[tuple[str, str], Array]
@@ -378,8 +378,8 @@ def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setti
     """The medians over seeds of the solved runs of each query, by setting and planner."""
     return {
         key: {
-            query: _columnwise_median(values_of(own))
-            for query, own in by_query(run for run in group if run.status == "solved")
+            query: _columnwise_median(values_of(query_runs))
+            for query, query_runs in by_query(run for run in group if run.status == "solved")
         }
         for key, group in by_planner(runs, pooled).items()
     }
@@ -388,7 +388,7 @@ def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setti
 def _columnwise_median(values: Array) -> Array:
     """The median of the known values of each column."""
     columns = [column[~np.isnan(column)] for column in values.T]
-    return np.array([np.median(known) if known.size else np.nan for known in columns])
+    return np.array([np.median(finite_values) if finite_values.size else np.nan for finite_values in columns])
 
 
 def _estimate(kind: str, ours: Array, theirs: Array, maps: NDArray[np.intp]) -> Interval:

@@ -72,10 +72,10 @@ class FieldJob:
         """
         computed = compute(load_map(self.map_file))
         if self.output:
-            alone = self._output(self.output)
+            single_output = self._output(self.output)
             with (
                 working(f"writing {self.output.name}"),
-                nullcontext(folder / self.output.name) if folder else alone.writing() as file,
+                nullcontext(folder / self.output.name) if folder else single_output.writing() as file,
             ):
                 self._write(file, computed)
         return computed
@@ -128,7 +128,7 @@ def field_jobs(
         If a file cannot be written, the fields have no such scalar, or two maps have one name.
     """
     if scalar:
-        one_of("the picture", scalar, [*SCALARS, *(each.name for each in config.estimator.layers)])
+        one_of("the picture", scalar, [*SCALARS, *(layer.name for layer in config.estimator.layers)])
     files = find_maps(*maps)
     if len(files) == 1:
         job = FieldJob(files[0], output, scalar, force=force)
@@ -172,9 +172,9 @@ class FieldRun:
 
     def to_json(self) -> dict[str, Any]:
         """The run, fit for JSON."""
-        about = plain(self.summary) if self.summary else {"map": name_of(self.file)}
-        done = {"error": self.error, "seconds": round(self.seconds, 3)}
-        return {"file": str(self.file)} | about | done
+        summary_values = plain(self.summary) if self.summary else {"map": name_of(self.file)}
+        run_values = {"error": self.error, "seconds": round(self.seconds, 3)}
+        return {"file": str(self.file)} | summary_values | run_values
 
 
 def run_field_jobs(

@@ -35,27 +35,27 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
     text = read_text(Path(path), 2**20)
     # A name between braces is that of a selector's choice, where the tree has one.
     chosen = r"(?!\{)" if "<PlannerSelector" in text else ""
-    named = rf"planner_id=([\"']){chosen}.*?\1"
+    planner_id_pattern = rf"planner_id=([\"']){chosen}.*?\1"
 
     def planning(node: re.Match[str]) -> str:
         own = node[0]
         if "planner_id=" not in own:
             own = f'{own[:-2].rstrip()} planner_id="{called}"/>'
-        own = re.sub(named, f'planner_id="{called}"', own)
+        own = re.sub(planner_id_pattern, f'planner_id="{called}"', own)
         out = re.search(r"\bpath=[\"'](\{.*?\})[\"']", own)
         if not (smooth and out) or "<SmoothPath" in text:
             return own
         path = f'unsmoothed_path="{out[1]}" smoothed_path="{out[1]}"'
         return f'<Sequence>{own}<SmoothPath {path} smoother_id="{SMOOTHER}"/></Sequence>'
 
-    made, count = re.subn(r"<ComputePath(?:ToPose|ThroughPoses)\b[^>]*/>", planning, text)
+    edited_text, count = re.subn(r"<ComputePath(?:ToPose|ThroughPoses)\b[^>]*/>", planning, text)
     if not count:
         raise LocplanError(
             f"{path}: has no ComputePathToPose or ComputePathThroughPoses; give the behaviour tree"
             " by which the robot navigates"
         )
     selected = r"(<PlannerSelector\b[^>]*\bdefault_planner=)([\"']).*?\2"
-    return re.sub(selected, rf'\g<1>"{called}"', made)
+    return re.sub(selected, rf'\g<1>"{called}"', edited_text)
 
 
 def with_tree(
@@ -70,12 +70,12 @@ def with_tree(
     text = edited_tree(robot.tree, called, smooth=planner.any_angle)
     file = str(folder.resolve() / "tree.xml")
     kinds = {"ToPose": "to_pose", "ThroughPoses": "through_poses"}
-    own = {
+    tree_parameters = {
         f"default_nav_{name}_bt_xml": file
         for kind, name in kinds.items()
         if f"<ComputePath{kind}" in text
     }
-    merged = merged.changed("bt_navigator", own)
+    merged = merged.changed("bt_navigator", tree_parameters)
     server = merged.of(node := "smoother_server")
     names = merged.names(node, "smoother_plugins", [SMOOTHER] if server else [])
     if planner.any_angle and SMOOTHER not in names:

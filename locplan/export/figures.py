@@ -61,12 +61,12 @@ def values_figure(
     zones : Zones, optional
         The zones to draw.
     """
-    grid, shown = coarse(grid, 1000), shrunk(values, maximum=True, most=1000)
+    grid, coarse_values = coarse(grid, 1000), shrunk(values, maximum=True, most=1000)
     figure, axes = map_axes(grid)
     draw_map(axes, grid)
-    if (shown >= 0).any():
-        known, norm = np.ma.masked_less(shown, 0), Normalize(0.0, max(25.0, shown.max()))
-        image = draw_cells(axes, grid, known, cmap=FIELD_COLOURS, norm=norm)
+    if (coarse_values >= 0).any():
+        masked_values, norm = np.ma.masked_less(coarse_values, 0), Normalize(0.0, max(25.0, coarse_values.max()))
+        image = draw_cells(axes, grid, masked_values, cmap=FIELD_COLOURS, norm=norm)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
         if falling:
             bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 - value:.0f}"))
@@ -97,20 +97,20 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     width, _ = map_size(costs.grid)
     # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
     scale = 72 * width / np.ptp(axes.get_xlim())
-    drawn = 0.07 * scale * np.median(graph.length) if len(order) else 0.0
+    line_width = 0.07 * scale * np.median(graph.length) if len(order) else 0.0
     # The costly ones dark, and none so pale that it is lost on white.
     lines = LineCollection(
         list(graph.nodes[graph.edges[order]]),
         array=per_metre[order],
         cmap=ListedColormap(colormaps["plasma_r"](np.linspace(0.2, 1.0, 256))),
         norm=Normalize(1.0, max(1.1, per_metre.max(initial=1.0))),
-        linewidths=np.clip(drawn, 0.6, 1.8),
+        linewidths=np.clip(line_width, 0.6, 1.8),
         capstyle="round",
     )
     axes.add_collection(lines)
     if handles := draw_zones(axes, costs.zones, costs.grid):
         figure.key(handles, ncols=3)
-    size = np.clip(2 * drawn, 0.8, 3.6)
+    size = np.clip(2 * line_width, 0.8, 3.6)
     axes.plot(*graph.nodes.T, "o", color="black", markersize=size, markeredgewidth=0, zorder=3)
     figure.colorbar(lines, ax=axes, label="cost per metre of an edge", shrink=0.9)
     axes.set_title(f"{title}{costs_caption(costs)}", fontsize="medium")

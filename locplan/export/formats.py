@@ -102,11 +102,11 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     """Write a mask for the speed filter."""
     from locplan.export.nav2 import nav2_speed
 
-    own = dict(vars(options))
-    lead = own.pop("speed_lead")
+    mask_options = dict(vars(options))
+    lead = mask_options.pop("speed_lead")
     if lead is None:  # of 1 s
         lead = job.robot.kinematics.speed if job.robot else LEAD
-    least = nav2_speed(target, job.costs, lead=lead, force=job.force, **own)
+    least = nav2_speed(target, job.costs, lead=lead, force=job.force, **mask_options)
     row = "in the most degenerate place", f"{least} % of the robot's speed"
     values = {"slowest": options.slowest, "lead": lead, "min_percent": least}
     return ExportSummary(values, (row,))
@@ -149,11 +149,11 @@ def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> Export
 
     robot = Robot.of(options.params, options.distro)
     robot.warn(robot.of_radius(job.costs.robot_radius))
-    about = dict(vars(options)) | {"force": job.force}
-    graph, set_cost = about.pop("graph"), about.pop("set_cost")
+    export_options = dict(vars(options)) | {"force": job.force}
+    graph, set_cost = export_options.pop("graph"), export_options.pop("set_cost")
     if graph:
-        return nav2_graph(target, job.costs, graph, set_cost=set_cost, **about)
-    return nav2_routes(target, job.costs, job.paths, **about).facts()
+        return nav2_graph(target, job.costs, graph, set_cost=set_cost, **export_options)
+    return nav2_routes(target, job.costs, job.paths, **export_options).facts()
 
 
 @dataclass(frozen=True, kw_only=True)

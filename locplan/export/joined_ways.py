@@ -59,16 +59,16 @@ class Lines:
         # and Nav2 keeps positions in single precision.
         grazed = 0.05
         if self.aside:
-            beyond = np.flatnonzero(within > grazed)
-            ends = xy[pairs[beyond]]
+            blocked_lines = np.flatnonzero(within > grazed)
+            ends = xy[pairs[blocked_lines]]
             along = ends[:, 1] - ends[:, 0]
             length = np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-            aside = self.aside * along[:, ::-1] * (1, -1) / length
-            own = np.arange(2 * len(beyond)).reshape(-1, 2)
-            for moved in (ends - aside[:, None], ends + aside[:, None]):
-                beside = moved.reshape(-1, 2), own
-                found = line_costs(self.blocked, *self.frame, *beside)
-                within[beyond] = np.minimum(within[beyond], found)
+            side_steps = self.aside * along[:, ::-1] * (1, -1) / length
+            end_pairs = np.arange(2 * len(blocked_lines)).reshape(-1, 2)
+            for shifted_ends in (ends - side_steps[:, None], ends + side_steps[:, None]):
+                shifted_lines = shifted_ends.reshape(-1, 2), end_pairs
+                shifted_costs = line_costs(self.blocked, *self.frame, *shifted_lines)
+                within[blocked_lines] = np.minimum(within[blocked_lines], shifted_costs)
         price = line_costs(self.price, *self.frame, xy, pairs)
         return np.where(within <= grazed, price * self.resolution, np.inf)
 
@@ -114,19 +114,19 @@ def _between_same(
     common = [node for node in way if node in other]
     if len(common) < 2:
         return way
-    (a, b), (i, j) = ([each.index(common[k]) for k in (0, -1)] for each in (way, list(other)))
-    own, theirs = way[a : b + 1], list(other[i : j + 1] if i < j else other[j : i + 1][::-1])
-    limit = COSTLIER * lines.along(nodes[own]).sum()
-    if own == theirs or lines.along(nodes[theirs]).sum() > limit or apart(nodes, own, theirs):
+    (a, b), (i, j) = ([node_list.index(common[k]) for k in (0, -1)] for node_list in (way, list(other)))
+    way_part, other_part = way[a : b + 1], list(other[i : j + 1] if i < j else other[j : i + 1][::-1])
+    limit = COSTLIER * lines.along(nodes[way_part]).sum()
+    if way_part == other_part or lines.along(nodes[other_part]).sum() > limit or apart(nodes, way_part, other_part):
         return way
-    return _without_loops(way[:a] + theirs + way[b + 1 :])
+    return _without_loops(way[:a] + other_part + way[b + 1 :])
 
 
 def apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
     """Whether two ways lie farther apart than ways that are one."""
-    one, two = (Path(nodes[list(each)]).resampled(SPACING).xy for each in (way, other))
-    away = np.hypot(*(one[:, None] - two[None]).transpose(2, 0, 1))
-    return bool(max(away.min(axis=0).max(), away.min(axis=1).max()) > MERGED)
+    first_xy, second_xy = (Path(nodes[list(node_list)]).resampled(SPACING).xy for node_list in (way, other))
+    distances = np.hypot(*(first_xy[:, None] - second_xy[None]).transpose(2, 0, 1))
+    return bool(max(distances.min(axis=0).max(), distances.min(axis=1).max()) > MERGED)
 
 
 def _without_loops(way: Sequence[int]) -> list[int]:
@@ -156,31 +156,31 @@ def _with_lane(
     from scipy.sparse import coo_array
 
     old = len(nodes)
-    both = np.concatenate([nodes, xy])
-    of_own = old + _first_alike(xy)  # the number of each position, an old one where it is there
+    all_nodes = np.concatenate([nodes, xy])
+    position_nodes = old + _first_alike(xy)  # the number of each position, an old one where it is there
     links = np.empty((0, 2), int)
     if old:
-        away = np.hypot(*(nodes[:, None] - xy[None]).transpose(2, 0, 1))
-        there = away.min(axis=0) <= SAME
-        of_own[there] = away.argmin(axis=0)[there]
-        beside = away.min(axis=1) <= MERGED
-        lanes = lanes[beside[lanes].all(axis=1)]
-        link = np.argwhere((away <= 3.0) & beside[:, None])  # [m]
-        links = np.column_stack([link[:, 0], of_own[link[:, 1]]])
-    chain = np.column_stack([of_own[:-1], of_own[1:]])
+        distances = np.hypot(*(nodes[:, None] - xy[None]).transpose(2, 0, 1))
+        is_node = distances.min(axis=0) <= SAME
+        position_nodes[is_node] = distances.argmin(axis=0)[is_node]
+        is_near = distances.min(axis=1) <= MERGED
+        lanes = lanes[is_near[lanes].all(axis=1)]
+        link = np.argwhere((distances <= 3.0) & is_near[:, None])  # [m]
+        links = np.column_stack([link[:, 0], position_nodes[link[:, 1]]])
+    chain = np.column_stack([position_nodes[:-1], position_nodes[1:]])
     pairs = np.concatenate([chain, links, lanes])
-    cost = lines.costs(both, pairs)
+    cost = lines.costs(all_nodes, pairs)
     cost[len(chain) + len(links) :] /= 2  # lanes are cheaper for further ways, which then take them
     usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
     pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
-    graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(both), len(both))).tocsr()
-    way = _cheapest(graph, int(of_own[0]), int(of_own[-1]), directed=False)
-    own = _without_loops(of_own.tolist())
-    if lines.along(both[way]).sum() > COSTLIER * lines.along(both[own]).sum():
-        way = own
+    graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(all_nodes), len(all_nodes))).tocsr()
+    way = _cheapest(graph, int(position_nodes[0]), int(position_nodes[-1]), directed=False)
+    direct_way = _without_loops(position_nodes.tolist())
+    if lines.along(all_nodes[way]).sum() > COSTLIER * lines.along(all_nodes[direct_way]).sum():
+        way = direct_way
     added = sorted(node for node in way if node >= old)
     number = {node: old + n for n, node in enumerate(added)}
-    return np.concatenate([nodes, both[added]]), [number.get(node, node) for node in way]
+    return np.concatenate([nodes, all_nodes[added]]), [number.get(node, node) for node in way]
 
 
 def divided(path: Path) -> Positions:
@@ -198,39 +198,39 @@ def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions,
 
     Ends and nodes where ways part stay, and no way moves farther than `SPACING`.
     """
-    beside: dict[int, set[int]] = {}
+    neighbours: dict[int, set[int]] = {}
     for way in ways.values():
-        for one, other in pairwise(way):
-            beside.setdefault(one, set()).add(other)
-            beside.setdefault(other, set()).add(one)
+        for first, second in pairwise(way):
+            neighbours.setdefault(first, set()).add(second)
+            neighbours.setdefault(second, set()).add(first)
     ends = {end for way in ways.values() for end in (way[0], way[-1])}
     replaced: dict[frozenset[int], list[int]] = {}  # the nodes that a line stands for, by its ends
-    for node in sorted(beside):
-        if node in ends or len(beside[node]) != 2:
+    for node in sorted(neighbours):
+        if node in ends or len(neighbours[node]) != 2:
             continue
-        one, other = sorted(beside[node])
-        gone = [node, *replaced.get(frozenset((one, node)), [])]
-        gone += replaced.get(frozenset((node, other)), [])
-        if other in beside[one] or _aside(nodes[[one, other]], nodes[gone]) > SPACING:
+        first, second = sorted(neighbours[node])
+        replaced_nodes = [node, *replaced.get(frozenset((first, node)), [])]
+        replaced_nodes += replaced.get(frozenset((node, second)), [])
+        if second in neighbours[first] or _aside(nodes[[first, second]], nodes[replaced_nodes]) > SPACING:
             continue
-        pairs = np.array([(one, node), (node, other), (one, other)])
+        pairs = np.array([(first, node), (node, second), (first, second)])
         before, after, straight = lines.costs(nodes, pairs)
         if straight <= 1.001 * (before + after):
-            replaced[frozenset((one, other))] = gone
-            beside[one] = beside[one] - {node} | {other}
-            beside[other] = beside[other] - {node} | {one}
-            del beside[node]
-    left = sorted(beside)
+            replaced[frozenset((first, second))] = replaced_nodes
+            neighbours[first] = neighbours[first] - {node} | {second}
+            neighbours[second] = neighbours[second] - {node} | {first}
+            del neighbours[node]
+    left = sorted(neighbours)
     number = {node: n for n, node in enumerate(left)}
-    kept = {name: [number[n] for n in way if n in number] for name, way in ways.items()}
-    return nodes[left], kept
+    shorter_ways = {name: [number[n] for n in way if n in number] for name, way in ways.items()}
+    return nodes[left], shorter_ways
 
 
 def _aside(ends: Positions, xy: Positions) -> Any:
     """Maximum distance of positions from the line between two."""
     along = ends[1] - ends[0]
-    away = xy - ends[0]
-    across = along[0] * away[:, 1] - along[1] * away[:, 0]
+    offsets = xy - ends[0]
+    across = along[0] * offsets[:, 1] - along[1] * offsets[:, 0]
     return np.abs(across).max() / max(np.hypot(*along), 1e-9)
 
 
@@ -266,7 +266,7 @@ def followed_costs(
         return used
 
     cost, used = price, over(ways)
-    excess, of_way = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
+    excess, way_numbers = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
     for _ in range(50):
         routes = {
             n: route
@@ -274,12 +274,12 @@ def followed_costs(
             if apart(nodes, ways[n], route)
         }
         numbers = np.array(list(routes), int)
-        more = used[numbers] - over([*routes.values()])
-        new = zip(numbers, more, strict=True)
-        if all((excess[of_way == n] == row).all(axis=1).any() for n, row in new):
+        extra_edges = used[numbers] - over([*routes.values()])
+        new = zip(numbers, extra_edges, strict=True)
+        if all((excess[way_numbers == n] == row).all(axis=1).any() for n, row in new):
             break
-        of_way, excess = np.concatenate([of_way, numbers]), np.vstack([excess, more])
-        cost = _min_changed(price, least, excess, of_way, worth)
+        way_numbers, excess = np.concatenate([way_numbers, numbers]), np.vstack([excess, extra_edges])
+        cost = _min_changed(price, least, excess, way_numbers, worth)
     return cost, [n not in routes for n in range(len(ways))]
 
 
@@ -290,8 +290,8 @@ def _cheapest_routes(
     from scipy.sparse import csr_array
 
     count = int(edges.max()) + 1
-    for way, own in zip(ways, used, strict=True):
-        costlier = cost + own * MARGIN / 2 / own.sum()  # a tie would be followed by chance only
+    for way, way_edges in zip(ways, used, strict=True):
+        costlier = cost + way_edges * MARGIN / 2 / way_edges.sum()  # a tie would be followed by chance only
         graph = csr_array((costlier, edges.T), shape=(count, count))
         yield _cheapest(graph, way[0], way[-1])
 
@@ -317,14 +317,14 @@ def _min_changed(
     from scipy.optimize import linprog
     from scipy.sparse import block_array, csr_array, eye_array
 
-    edges, one = len(price), eye_array(len(price))
+    edges, identity = len(price), eye_array(len(price))
     missed = csr_array((of_way[:, None] == np.arange(len(weights))).astype(float))
-    changes = [[one, -one, None], [-one, -one, None]]
+    changes = [[identity, -identity, None], [-identity, -identity, None]]
     limits = block_array([[csr_array(excess), None, -missed], *changes])
-    found = linprog(
+    solution = linprog(
         np.concatenate([np.zeros(edges), np.ones(edges), weights]),
         limits,
         np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
         bounds=[(low, None) for low in least] + [(0, None)] * (edges + len(weights)),
     )
-    return np.asarray(np.maximum(found.x[:edges], least))
+    return np.asarray(np.maximum(solution.x[:edges], least))

@@ -86,8 +86,8 @@ class CostmapInflation:
         parameters : Nav2Parameters
             The parameters of Nav2.
         """
-        found = nav2_inflation(parameters)
-        return cls(*found) if found else None
+        layer_values = nav2_inflation(parameters)
+        return cls(*layer_values) if layer_values else None
 
     @property
     def steeper(self) -> CostmapInflation | None:
@@ -135,15 +135,15 @@ class CostmapInflation:
         import cv2
 
         free = (grid.cells != OCCUPIED).astype(np.uint8)
-        away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        away = np.where(free.all(), np.inf, away.astype(np.float64))
-        beyond = away * grid.resolution - self.inscribed_radius
+        distances = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        distances = np.where(free.all(), np.inf, distances.astype(np.float64))
+        edge_distances = distances * grid.resolution - self.inscribed_radius
         cost: Floats = np.trunc(
-            252 * np.exp(-self.inflation.cost_scaling_factor * np.maximum(beyond, 0))
+            252 * np.exp(-self.inflation.cost_scaling_factor * np.maximum(edge_distances, 0))
         )
-        cost[away > math.ceil(self.inflation.inflation_radius / grid.resolution)] = 0
-        cost[beyond <= 0] = INSCRIBED
-        cost[away == 0] = LETHAL
+        cost[distances > math.ceil(self.inflation.inflation_radius / grid.resolution)] = 0
+        cost[edge_distances <= 0] = INSCRIBED
+        cost[distances == 0] = LETHAL
         return cost
 
 
@@ -310,9 +310,9 @@ class Conversion:
             "paths": paths,
         }
         parameter = self.planner.parameter
-        with_value = f", {parameter}: {self.param:.4g}" if parameter else ""
+        parameter_text = f", {parameter}: {self.param:.4g}" if parameter else ""
         rows = (
-            ("planner", self.planner.name + with_value),
+            ("planner", self.planner.name + parameter_text),
             ("cost beyond the length", f"at most {self.greatest:.3f} a metre"),
             ("cells that would cost more", f"{self.saturated_share:.1%}"),
             ("rounding of this cost", f"{self.mean_quantisation:.4f} a metre on average,"),
@@ -350,26 +350,26 @@ def values_for(
     that the excess `greatest` over 1 just fits. The last array is True in the cells that saturate,
     of the `counted` ones, by default of all.
     """
-    known = np.isfinite(density)
-    excess = density[known] - 1
+    is_finite = np.isfinite(density)
+    excess = density[is_finite] - 1
     # A KeepoutFilter rounds to the nearest, and 100 would be lethal.
     choices = np.arange(100)
     costs = np.floor(choices * 254 / 100 + 0.5)
     if planner.parameter is None:
         param = math.nan
     elif param is None:  # the least of three decimals
-        needed = planner.parameter_for(float(costs[-1]), greatest) if greatest > 0 else 1.0
-        param = math.ceil(needed * 1000 - 1e-9) / 1000
+        min_parameter = planner.parameter_for(float(costs[-1]), greatest) if greatest > 0 else 1.0
+        param = math.ceil(min_parameter * 1000 - 1e-9) / 1000
     charged = planner.excess(costs, param)
     nearest = np.searchsorted((charged[1:] + charged[:-1]) / 2, excess)
     values = np.full(density.shape, -1, np.int8)
-    values[known] = choices[nearest]
+    values[is_finite] = choices[nearest]
     above = excess > charged[-1] * (1 + 1e-9)
     error = np.abs(charged[nearest] - excess)[~above]
     largest, mean = (float(error.max()), float(error.mean())) if error.size else (0.0, 0.0)
     saturated = np.zeros(density.shape, bool)
-    saturated[known] = above
-    counted = known if counted is None else counted & known
+    saturated[is_finite] = above
+    counted = is_finite if counted is None else counted & is_finite
     share = float(saturated[counted].mean()) if counted.any() else 0.0
     conversion = Conversion(planner, param, float(charged[-1]), share, largest, mean)
     return values, conversion, saturated & counted
@@ -457,6 +457,6 @@ def _middle(cells: Bools) -> tuple[int, int]:
     """Row and column of the cell that lies deepest among cells of its kind."""
     import cv2
 
-    away = cv2.distanceTransform(np.pad(cells, 1).astype(np.uint8), cv2.DIST_L2, 3)
-    row, col = np.unravel_index(int(np.argmax(away)), away.shape)
+    distances = cv2.distanceTransform(np.pad(cells, 1).astype(np.uint8), cv2.DIST_L2, 3)
+    row, col = np.unravel_index(int(np.argmax(distances)), distances.shape)
     return int(row) - 1, int(col) - 1

@@ -126,7 +126,7 @@ def nav2_keepout(
     robot, paths, choice = Robot.of(params, distro, tree), paths or {}, None
     if not isinstance(costs, Costmap):
         choice, costs = costs, costs.costmap()
-        paths = {each.name: each.path for each in [choice.chosen] if each} | {**paths}
+        paths = {candidate.name: candidate.path for candidate in [choice.chosen] if candidate} | {**paths}
     planner = planner or robot.planner(costs.grid.free.size)
     caveat = checked_planner(planner, None).caveat
     layer = CostmapInflation.of(robot.parameters)
@@ -150,17 +150,17 @@ def nav2_keepout(
     compared = checked_paths(costs, values, conversion, paths, layer)
     conversion = dataclasses.replace(conversion, paths=tuple(compared))
     title = f"Localizability mask for {conversion.planner.plugin} ({called})"
-    about: dict[str, Any] = {"planner_id": called, "conversion": conversion.facts().values}
+    metadata: dict[str, Any] = {"planner_id": called, "conversion": conversion.facts().values}
     if "speed" in masks:
-        about["lead"] = lead
+        metadata["lead"] = lead
     if choice:
-        about["choice"] = {"taken": choice.taken, "answer": choice.answer}
+        metadata["choice"] = {"taken": choice.taken, "answer": choice.answer}
     planning = _Planning(conversion, called, edited, bool(inflation), choice)
     if layer and planning.left:
         option = steeper_inflation(costs, values, robot, planning.left, conversion, paths, layer)
         planning = dataclasses.replace(planning, option=option)
     robot.warn(narrow_places(planning.planned, costs.robot_radius))
-    _write(folder, title, costs, masks, robot, merged, about, planning, force=force)
+    _write(folder, title, costs, masks, robot, merged, metadata, planning, force=force)
     _write_left(Path(folder), costs, robot, planning, paths, force=force)
     return conversion
 
@@ -210,11 +210,11 @@ def nav2_speed(
     robot = Robot.of(params, distro)
     least = 100 - int(values.max())
     title = f"Speed mask: the robot keeps {least} % of its speed or more"
-    about = {"slowest": slowest, "lead": lead, "min_percent": least}
+    metadata = {"slowest": slowest, "lead": lead, "min_percent": least}
     robot.warn(robot.of_speed("localizability_speed_filter"))
     merged = with_costmap(robot, "speed")
     masks = {"speed": values}
-    _write(folder, title, costs, masks, robot, merged, about, force=force)
+    _write(folder, title, costs, masks, robot, merged, metadata, force=force)
     return least
 
 
@@ -233,10 +233,10 @@ def _write_left(
     if not planning.left:
         return
     routes = folder.with_name(f"{folder.name}-routes")
-    left = {each.name: paths[each.name] for each in planning.left}
-    own: Any = {"distro": robot.distribution.name, "params": robot.files}
+    untaken_paths = {each.name: paths[each.name] for each in planning.left}
+    route_options: Any = {"distro": robot.distribution.name, "params": robot.files}
     try:
-        nav2_routes(routes, costs, left, **own, force=force)
+        nav2_routes(routes, costs, untaken_paths, **route_options, force=force)
         then = f"{routes} has it as a route graph"
     except LocplanError as error:  # the mask is there, and of use for other paths
         then = f"it has no route graph: {error}"
@@ -262,13 +262,13 @@ class _Planning:
     @property
     def planned(self) -> list[PlannedPath]:
         """The paths that the mask's planner takes."""
-        own = self.conversion.planner.name
-        return [each for each in self.conversion.paths if each.planner == own]
+        planner_name = self.conversion.planner.name
+        return [nav2_path for nav2_path in self.conversion.paths if nav2_path.planner == planner_name]
 
     @property
     def left(self) -> list[PlannedPath]:
         """What the mask's planner takes in place of recommended paths."""
-        return [each for each in self.planned if not each.follows]
+        return [nav2_path for nav2_path in self.planned if not nav2_path.follows]
 
 
 def _write(
@@ -301,22 +301,22 @@ def _write(
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     unturned, file = unturn(costs), robot.file and robot.file.name
     grid = unturned.grid
-    known: dict[str, Any] = {
+    template_values: dict[str, Any] = {
         "title": title,
         "costs": costs,
         "kind": kind,
         "file": file,
         "planning": planning,
     }
-    known |= {"changed": changed, "added": added, "others": robot.others}
-    known |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
-    known |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
-    known |= {"room": follower_room(costs.robot_radius), "masks": list(masks)}
+    template_values |= {"changed": changed, "added": added, "others": robot.others}
+    template_values |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
+    template_values |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
+    template_values |= {"room": follower_room(costs.robot_radius), "masks": list(masks)}
     has_objects = robot.distribution.vector_objects and kind == "keepout"
     shapes = _no_go_shapes(unturned.zones) if has_objects else {}
-    known["shapes"] = len(shapes)
-    parameters, known["comments"] = parameter_files(robot.parameters, merged)
-    with export_folder(folder, "nav2-mask.md", about, force, **known) as temporary:
+    template_values["shapes"] = len(shapes)
+    parameters, template_values["comments"] = parameter_files(robot.parameters, merged)
+    with export_folder(folder, "nav2-mask.md", about, force, **template_values) as temporary:
         for name, content in parameters.items():
             (temporary / name).write_bytes(content)
         if planning and planning.tree is not None:

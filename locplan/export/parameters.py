@@ -97,8 +97,8 @@ def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
     changed, added = [], []
     for name, own, value in _values_of(theirs, merged):
         if isinstance(value, list):  # of names, to which ours are added
-            new = [str(each) for each in value if each not in (own or [])]
-            if gone := [str(each) for each in own or [] if each not in value]:
+            new = [str(list_name) for list_name in value if list_name not in (own or [])]
+            if gone := [str(list_name) for list_name in own or [] if list_name not in value]:
                 changed.append(f"{name}: without {', '.join(gone)}")
             if new:
                 added.append(f"{name}: {', '.join(new)}")
@@ -114,10 +114,10 @@ def _values_of(theirs: Any, merged: Any, name: str = "") -> Iterator[tuple[str, 
     if not isinstance(merged, dict):
         yield name, theirs, merged
         return
-    own = theirs if isinstance(theirs, dict) else {}
+    old_values = theirs if isinstance(theirs, dict) else {}
     for key, value in merged.items():
         inner = name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
-        yield from _values_of(own.get(key), value, inner)
+        yield from _values_of(old_values.get(key), value, inner)
 
 
 Params: TypeAlias = str | Path | Sequence[str | Path] | None
@@ -216,10 +216,10 @@ class Robot:
     @classmethod
     def of(cls, params: Params, distro: str, tree: str | Path | None = None) -> Robot:
         """Read the files and warn of the distribution's faults; a LocplanError where it cannot."""
-        given = [params] if isinstance(params, (str, os.PathLike)) else params or ()
-        files = tuple(map(Path, given))
-        own = Path(tree) if tree else None
-        robot = cls(distribution(distro), files, read_parameters(*files), own)
+        paths = [params] if isinstance(params, (str, os.PathLike)) else params or ()
+        files = tuple(map(Path, paths))
+        tree_path = Path(tree) if tree else None
+        robot = cls(distribution(distro), files, read_parameters(*files), tree_path)
         robot.distribution.warn()
         robot.warn(robot._misspelt())
         return robot
@@ -235,7 +235,7 @@ class Robot:
     @property
     def others(self) -> list[str]:
         """Names of its other files."""
-        return [each.name for each in self.files if each != self.file]
+        return [parameter_file.name for parameter_file in self.files if parameter_file != self.file]
 
     @property
     def planners(self) -> dict[str, str]:
@@ -248,9 +248,9 @@ class Robot:
 
         Nav2 plans once a second, which Smac 2D does on small maps only.
         """
-        known = {each.plugin: name for name, each in PLANNERS.items() if not each.caveat}
+        supported_planners = {nav_planner.plugin: name for name, nav_planner in PLANNERS.items() if not nav_planner.caveat}
         added = "smac2d" if cells <= 1_000_000 else "thetastar"
-        return next((known[each] for each in self.planners.values() if each in known), added)
+        return next((supported_planners[nav_planner] for nav_planner in self.planners.values() if nav_planner in supported_planners), added)
 
     def warn(self, notes: Iterator[str]) -> None:
         """Warn of what does not go together."""
@@ -267,7 +267,7 @@ class Robot:
 
     def of_planner(self, called: str) -> Iterator[str]:
         """That ours stands beside its own planners, and why."""
-        caveats = {each.plugin: each.caveat for each in PLANNERS.values()}
+        caveats = {nav_planner.plugin: nav_planner.caveat for nav_planner in PLANNERS.values()}
         others = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != called]
         if others and called not in self.planners:
             why = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
@@ -313,13 +313,13 @@ def with_costmap(robot: Robot, *kinds: str) -> Nav2Parameters:
     for kind in kinds:
         base = f"localizability_{kind}"  # topics are absolute: Kilted first resolves others
         plugin = f"{base}_filter"
-        own = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
-        own |= {"filter_info_topic": f"/{base}_info"}
+        filter_settings = {"plugin": f"nav2_costmap_2d::{kind.title()}Filter", "enabled": True}
+        filter_settings |= {"filter_info_topic": f"/{base}_info"}
         if kind == "speed":
             # The controller server obeys this one.
-            own |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
+            filter_settings |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
         names = names if plugin in names else [*names, plugin]
-        changes |= _settings(plugin, own)
+        changes |= _settings(plugin, filter_settings)
     return robot.parameters.changed(GLOBAL_COSTMAP, {"filters": names, **changes})
 
 
@@ -333,24 +333,24 @@ def with_planner(
     """
     planner, runs = conversion.planner, robot.distribution
     server, names = merged.of(PLANNER_SERVER), list(robot.planners)
-    alike = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
-    name = alike[0] if alike else "Localizability" if names else "GridBased"
+    same_type = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
+    name = same_type[0] if same_type else "Localizability" if names else "GridBased"
     plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
-    own: dict[str, Any] = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
+    planner_settings: dict[str, Any] = {"plugin": plugin, "allow_unknown": False, **planner.assumed}
     if not runs.quadratic_penalty:
-        own.pop("use_quadratic_cost_penalty", None)
+        planner_settings.pop("use_quadratic_cost_penalty", None)
     if planner.parameter is not None:
-        own[planner.parameter] = float(conversion.param)
+        planner_settings[planner.parameter] = float(conversion.param)
     if planner.planning_time is not None:
-        theirs = server.get(f"{name}.max_planning_time") if alike else None
-        longer = float(theirs) if isinstance(theirs, (int, float)) else 0.0
-        own["max_planning_time"] = max(longer, planner.planning_time)
-    if alike:
-        del own["plugin"]
-    listed = names if name in names else [*names, name]
-    changes = {"planner_plugins": listed, **_settings(name, own)}
+        user_time = server.get(f"{name}.max_planning_time") if same_type else None
+        longer = float(user_time) if isinstance(user_time, (int, float)) else 0.0
+        planner_settings["max_planning_time"] = max(longer, planner.planning_time)
+    if same_type:
+        del planner_settings["plugin"]
+    planner_list = names if name in names else [*names, name]
+    changes = {"planner_plugins": planner_list, **_settings(name, planner_settings)}
     for other, other_type in robot.planners.items():  # Nav2 fills in a type of its own list only
-        if listed != names and other_type and f"{other}.plugin" not in server:
+        if planner_list != names and other_type and f"{other}.plugin" not in server:
             changes[f"{other}.plugin"] = other_type.replace("::", "/" if runs.slashes else "::")
     return merged.changed(PLANNER_SERVER, changes), name
 

@@ -59,8 +59,8 @@ def path(
         return
     if suffix == ".json":
         rows = [dict(zip(names, pose, strict=True)) for pose in poses.tolist()]
-        about = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
-        text = json.dumps(about, indent=1)
+        content = {"locplan": __version__, "frame": frame, "length": route.length, "poses": rows}
+        text = json.dumps(content, indent=1)
     elif suffix == ".geojson":
         text = json.dumps(route.to_geojson(frame=frame))
     else:  # YAML, whose lines hold JSON: a pose a line

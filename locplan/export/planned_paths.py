@@ -123,8 +123,8 @@ def steeper_inflation(
     if steeper is None:
         return ""
     cost = costmap_costs(costs.grid, values, steeper)
-    again = (judged(costs, cost, planner, conversion.param, p.name, paths[p.name]) for p in left)
-    taken = [f"{each.name} ({each.text})" for each in again if each.follows]
+    steep_paths = (judged(costs, cost, planner, conversion.param, p.name, paths[p.name]) for p in left)
+    taken = [f"{each.name} ({each.text})" for each in steep_paths if each.follows]
     if not taken:
         return ""
     server = robot.parameters.of(PLANNER_SERVER)
@@ -150,16 +150,16 @@ def judged(
     costs: Costmap, cost: Floats, planner: NavPlanner, param: float, name: str, path: Path
 ) -> PlannedPath:
     """The path that a planner takes between the ends of a recommended one, beside it."""
-    free, planned_path = unblocked(costs), route_between(costs, cost, planner, param, path)
-    if planned_path is None:
+    free, nav2_path = unblocked(costs), route_between(costs, cost, planner, param, path)
+    if nav2_path is None:
         return PlannedPath(name, planner.name, math.nan, math.nan, math.nan)
     recommended = path_metrics(free, path).cost
-    xy, clearance = clearance_along(costs.grid, planned_path)
+    xy, clearance = clearance_along(costs.grid, nav2_path)
     narrowest, room = narrowest_of(xy, clearance)
     return PlannedPath(
         name,
         planner.name,
-        path_metrics(free, planned_path).cost / recommended,
+        path_metrics(free, nav2_path).cost / recommended,
         float(np.median(clearance)),
         float(clearance.min()),
         narrowest,
@@ -208,8 +208,8 @@ def narrowest_of(xy: Floats, clearance: Floats) -> tuple[Position, float]:
 
     Half a metre at both ends does not count: docks are at walls.
     """
-    away = np.minimum(np.hypot(*(xy - xy[0]).T), np.hypot(*(xy - xy[-1]).T))
-    inner = np.flatnonzero(away > 0.5)
+    end_distances = np.minimum(np.hypot(*(xy - xy[0]).T), np.hypot(*(xy - xy[-1]).T))
+    inner = np.flatnonzero(end_distances > 0.5)
     if not inner.size:
         return (math.nan, math.nan), math.inf
     at = inner[np.argmin(clearance[inner])]
@@ -261,8 +261,8 @@ def close_gaps(
             (x, y), clearance = narrowest_of(before.xy, before.clearance)
             if not _is_gap(costs, before.xy, (x, y), clearance):
                 break
-            away = _distance_from(costs, (x, y))
-            disc = costs.grid.free & (away <= clearance + 1.5 * costs.grid.resolution)
+            gap_distances = _distance_from(costs, (x, y))
+            disc = costs.grid.free & (gap_distances <= clearance + 1.5 * costs.grid.resolution)
             if (disc & _around_ends(costs, path)).any():
                 break
             trial_values = values.copy()
@@ -363,10 +363,10 @@ def _cuts(costs: Costmap, values: NDArray[np.int8], disc: Bools) -> bool:
     import cv2
 
     wide = ~costs.grid.closer_than(costs.robot_radius) & costs.grid.free & (values != CLOSED)
-    least = LARGE / costs.grid.resolution**2
+    min_cells = LARGE / costs.grid.resolution**2
 
     def count(cells: Bools) -> int:
-        _, _, about, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=8)
-        return int((about[1:, cv2.CC_STAT_AREA] >= least).sum())
+        _, _, statistics, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=8)
+        return int((statistics[1:, cv2.CC_STAT_AREA] >= min_cells).sum())
 
     return count(wide & ~disc) > count(wide)

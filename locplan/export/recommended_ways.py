@@ -109,14 +109,14 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     if not all(np.isfinite(lines.along(divided(path))).all() for path in paths.values()):
         lines = Lines(costs, aside=FINENESS)
     nodes, ways = straightened(lines, *joined(lines, paths))
-    there = [*ways.values()]
-    both = there + [way[::-1] for way in there]
-    edges = np.array(sorted({two for way in both for two in pairwise(way)}))
+    forward_ways = [*ways.values()]
+    all_ways = forward_ways + [way[::-1] for way in forward_ways]
+    edges = np.array(sorted({two for way in all_ways for two in pairwise(way)}))
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     price = np.maximum(lines.costs(nodes, edges), length)
     # Ways may contradict one another: the price of one, or of the way back, that is not followed.
-    worth = np.repeat([1e3, 1e1], len(there))
-    cost, followed = followed_costs(nodes, edges, price, length, both, worth)
+    worth = np.repeat([1e3, 1e1], len(forward_ways))
+    cost, followed = followed_costs(nodes, edges, price, length, all_ways, worth)
     e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
     return RecommendedWays(
         RouteGraph(nodes, edges, length, cost, e, u),
@@ -190,11 +190,11 @@ def nav2_routes(
         paths = {name: _unturned(grid, path) for name, path in paths.items()}
     ways = recommended_ways(unturned, paths)
     name = grid.name or "a map"
-    about = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
-    about |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
-    known: dict[str, Any] = {"map": name, "ways": ways, "robot": robot, "costs": costs}
-    known |= {"nodes": ways.graph.nodes, "ends": (1, 2)}
-    with export_folder(folder, "nav2-routes.md", about, force, **known) as temporary:
+    metadata = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
+    metadata |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
+    template_values: dict[str, Any] = {"map": name, "ways": ways, "robot": robot, "costs": costs}
+    template_values |= {"nodes": ways.graph.nodes, "ends": (1, 2)}
+    with export_folder(folder, "nav2-routes.md", metadata, force, **template_values) as temporary:
         count = len(ways.ways)
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
         write_graph(temporary, to_geojson(ways.graph, frame), SCORERS, robot, FilePath(folder))

@@ -65,7 +65,7 @@ class ExportJob:
     @property
     def rows(self) -> list[tuple[str, str]]:
         """What people are to do before they use an export: a label and a text each."""
-        return [("first", each) for each in self.choice.advice] if self.choice else []
+        return [("first", sentence) for sentence in self.choice.advice] if self.choice else []
 
     @classmethod
     def of_choice(cls, choice: Choice, field: CovarianceField) -> ExportJob:
@@ -79,7 +79,7 @@ class ExportJob:
             The field of its map, by the choice's `config`.
         """
         choice = choice.with_field(field)
-        paths = {each.name: each.path for each in [choice.chosen] if each}
+        paths = {candidate.name: candidate.path for candidate in [choice.chosen] if candidate}
         return cls(choice.costmap(), field, paths, robot=choice.robot, choice=choice)
 
     @classmethod
@@ -104,8 +104,8 @@ class ExportJob:
             name.
         """
         name, first = next(iter(choices.items()))
-        for other, each in choices.items():
-            if (each.map, each.config, each.robot.radius) != (
+        for other, choice in choices.items():
+            if (choice.map, choice.config, choice.robot.radius) != (
                 *(first.map, first.config, first.robot.radius),
             ):
                 raise ConfigError(
@@ -114,12 +114,12 @@ class ExportJob:
                 )
             if other in paths:
                 raise ConfigError(f"a path and a choice are both named {other}; rename one")
-        chosen = {other: each.path for other, each in choices.items() if each.path is not None}
-        if not chosen and not paths:
+        choice_paths = {other: choice.path for other, choice in choices.items() if choice.path is not None}
+        if not choice_paths and not paths:
             raise ConfigError(f"the choice {name} has no path: {first.sentence}")
         costs = first.with_field(field).costs
         assert costs is not None
-        return cls(costs, field, {**chosen, **paths}, robot=first.robot)
+        return cls(costs, field, {**choice_paths, **paths}, robot=first.robot)
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ def formats() -> dict[str, Format]:
     """All formats by name."""
     from locplan.export.formats import FORMATS
 
-    return {known.name: known for known in FORMATS}
+    return {export_format.name: export_format for export_format in FORMATS}
 
 
 @contextmanager

@@ -142,11 +142,11 @@ def to_geojson(graph: RouteGraph, frame: str = FRAME) -> dict[str, Any]:
     names = ("length", "integrated_e", "integrated_u", "penalty")
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
     for edge, (start, end) in enumerate(graph.edges.tolist()):
-        known = zip(names, values[edge], strict=True)
-        about: dict[str, Any] = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
-        about |= {"cost": float(graph.cost[edge]), "overridable": True}
-        about |= {"metadata": {name: value for name, value in known if math.isfinite(value)}}
-        features.append(feature("LineString", [xy[start], xy[end]], about))
+        edge_values = zip(names, values[edge], strict=True)
+        properties: dict[str, Any] = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
+        properties |= {"cost": float(graph.cost[edge]), "overridable": True}
+        properties |= {"metadata": {name: value for name, value in edge_values if math.isfinite(value)}}
+        features.append(feature("LineString", [xy[start], xy[end]], properties))
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
     return collection("graph", features, crs=crs)
 
@@ -161,20 +161,20 @@ def write_graph(
     write_geojson(folder / "graph.geojson", graph)
     loader = "GeoJsonGraphFileLoader"
     plugins = (loader, *scorers["edge_cost_functions"])
-    own: dict[str, Any] = {
+    server_settings: dict[str, Any] = {
         "graph_file_loader": loader,
         **scorers,
         **{f"{name}.plugin": f"nav2_route::{name}" for name in plugins},
         "smooth_corners": False,  # arcs would leave the edges, which were checked
     }
-    theirs, file = robot.parameters.of(node := "route_server"), "graph.geojson"
-    theirs.pop("graph_filepath", None)
-    alone = Nav2Parameters().changed(node, theirs | own).content[node]["ros__parameters"]
-    server = Server("nav2_route", node, node, alone, {"graph_filepath": file})
+    robot_settings, file = robot.parameters.of(node := "route_server"), "graph.geojson"
+    robot_settings.pop("graph_filepath", None)
+    merged_settings = Nav2Parameters().changed(node, robot_settings | server_settings).content[node]["ros__parameters"]
+    server = Server("nav2_route", node, node, merged_settings, {"graph_filepath": file})
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
     if robot.file:
         place = {"graph_filepath": str(target.resolve() / file)}
-        robot.warn_changed(merged := robot.parameters.changed(node, own | place))
+        robot.warn_changed(merged := robot.parameters.changed(node, server_settings | place))
         for name, content in parameter_files(robot.parameters, merged)[0].items():
             (folder / name).write_bytes(content)
 

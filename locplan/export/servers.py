@@ -67,5 +67,5 @@ def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
     write_servers(folder, [server], "lifecycle_manager_map_amcl")
     amcl = {"amcl": {"ros__parameters": {"map_topic": topic}}}
     (folder / "amcl.yaml").write_text(yaml_text(amcl), "utf-8")
-    about = rendered("filter-map.md", map=grid.name, topic=topic)
-    (folder / "README.md").write_text(about, "utf-8")
+    readme = rendered("filter-map.md", map=grid.name, topic=topic)
+    (folder / "README.md").write_text(readme, "utf-8")

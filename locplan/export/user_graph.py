@@ -237,12 +237,12 @@ def nav2_graph(
         if not set_cost and features[place]["properties"].get("overridable") is False
     ]
     values = {"nodes": len(user_graph.nodes), "edges": len(user_graph.edges)}
-    about = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | about_costs(costs)
+    metadata = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | about_costs(costs)
     name = costs.grid.name or "a map"
-    known: dict[str, Any] = {"map": name, "graph": Path(graph).name, "robot": robot, "costs": costs}
-    known |= {"nodes": user_graph.nodes, "ends": user_graph.node_ids[:2], "set_cost": set_cost}
-    known |= {"edges": len(user_graph.edges), "fixed": fixed}
-    with export_folder(folder, "nav2-graph.md", about, force, **known) as temporary:
+    template_values: dict[str, Any] = {"map": name, "graph": Path(graph).name, "robot": robot, "costs": costs}
+    template_values |= {"nodes": user_graph.nodes, "ends": user_graph.node_ids[:2], "set_cost": set_cost}
+    template_values |= {"edges": len(user_graph.edges), "fixed": fixed}
+    with export_folder(folder, "nav2-graph.md", metadata, force, **template_values) as temporary:
         document = user_graph.with_costs(measured.cost, set_cost=set_cost)
         write_graph(temporary, document, SCORERS, robot, Path(folder))
         save_graph_preview(temporary, unturned, measured, f"{name}: {Path(graph).name}")
@@ -311,8 +311,8 @@ def _features_of(features: Sequence[Any], kind: str) -> Iterator[tuple[int, Any,
         geometry = feature.get("geometry")
         if isinstance(geometry, dict) and str(geometry.get("type")).removeprefix("Multi") == kind:
             properties = feature.get("properties")
-            known = properties if isinstance(properties, dict) else {}
-            yield place, known, geometry.get("coordinates")
+            feature_properties = properties if isinstance(properties, dict) else {}
+            yield place, feature_properties, geometry.get("coordinates")
 
 
 def _id_of(properties: Mapping[str, Any], name: str, owner: str) -> int:

@@ -64,7 +64,7 @@ def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> N
 
     image = stem.with_suffix(".pgm")
     Image.fromarray(values[::-1].view(np.uint8)).save(image)
-    entries = {
+    yaml_fields = {
         "image": image.name,
         "mode": "raw",
         "resolution": grid.resolution,
@@ -73,7 +73,7 @@ def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> N
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,
     }
-    stem.with_suffix(".yaml").write_text(dumped(entries, default_flow_style=None), "utf-8")
+    stem.with_suffix(".yaml").write_text(dumped(yaml_fields, default_flow_style=None), "utf-8")
 
 
 def percent(costs: Costmap) -> NDArray[np.int8]:
@@ -108,16 +108,16 @@ def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
     number("lead", lead, 0)
     if slowest < 1:
         check_has_field(costs)
-    known = costs.grid.free if slowest == 1 else ~np.isnan(costs.u)
-    if not known.any():
+    is_known = costs.grid.free if slowest == 1 else ~np.isnan(costs.u)
+    if not is_known.any():
         raise ConfigError("u is not known in any cell of the map, so a mask would be empty")
-    given_up = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
+    speed_loss = np.floor(100 * (1 - slowest) * np.nan_to_num(costs.u) + 0.5)
     if costs.zones.has("slow"):
-        given_up = np.maximum(given_up, np.floor(100.5 - costs.zones.speed_limit(costs.grid)))
+        speed_loss = np.maximum(speed_loss, np.floor(100.5 - costs.zones.speed_limit(costs.grid)))
     reach = min(round(lead / costs.grid.resolution), max(costs.grid.shape))
     around = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
-    widened = cv2.dilate(given_up.astype(np.uint8), around.astype(np.uint8))
-    return np.where(known, np.minimum(widened, 99), -1).astype(np.int8)  # 100 means full speed
+    widened = cv2.dilate(speed_loss.astype(np.uint8), around.astype(np.uint8))
+    return np.where(is_known, np.minimum(widened, 99), -1).astype(np.int8)  # 100 means full speed
 
 
 def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
@@ -140,12 +140,12 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
     from locplan.export import figures as _figures
 
     values = percent(costs)
-    about = {"kind": "ros-map"} | about_costs(costs)
+    metadata = {"kind": "ros-map"} | about_costs(costs)
     grid = without_yaw(costs.grid)
     purposes = {"README.md": "how to use it", "*.yaml": "u in per cent, as a map of ROS"}
     name = grid.name or "a map"
     with export_folder(
-        folder, "ros-map.md", about, force, purposes=purposes, map=name
+        folder, "ros-map.md", metadata, force, purposes=purposes, map=name
     ) as temporary:
         write_values(temporary / "raw", values, grid)
         title = f"{grid.name or 'map'}: as it is published{costs_caption(costs)}"

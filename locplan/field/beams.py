@@ -70,9 +70,9 @@ class LidarEstimator(Estimator):
 
         See `locplan.field.Estimator.perfect`.
         """
-        least = lattice.quantisation
-        least[[0, 1], [0, 1]] = np.maximum(least[[0, 1], [0, 1]], SHARP**2)
-        return least
+        deviations = lattice.quantisation
+        deviations[[0, 1], [0, 1]] = np.maximum(deviations[[0, 1], [0, 1]], SHARP**2)
+        return deviations
 
     def identity(self) -> dict[str, object]:
         """The settings as they count; of the lidar, those that decide what its beams meet."""
@@ -302,9 +302,9 @@ def _normals(occupied: Bools) -> Singles:
         wider, agreement = _main_axes(tensor[occupied])
         # A wider window may turn the axis by 18 deg; of a straight surface nearly all slopes are on
         # one axis: (l1 - l2) / (l1 + l2) is above 0.8.
-        alike = (axis * wider).sum(axis=1) > math.cos(2 * math.radians(18))
-        better = alike & (agreement > 0.8)
-        axis[better] = wider[better]
+        agrees = (axis * wider).sum(axis=1) > math.cos(2 * math.radians(18))
+        is_better = agrees & (agreement > 0.8)
+        axis[is_better] = wider[is_better]
     # Halving the angle by roots keeps the normals of walls along the axes free of rounding.
     double_cos, double_sin = axis.T
     row = np.copysign(np.sqrt(np.clip((1 - double_cos) / 2, 0, 1)), double_sin)

@@ -213,8 +213,8 @@ class CacheEntry:
             return {}
         file = max(_files_in(self.path), default=self.path)
         try:
-            about = parsed_json(str(read_arrays(file, MAX_JSON_BYTES, (ABOUT,))[ABOUT]))
-            return about if isinstance(about, dict) else {}
+            metadata = parsed_json(str(read_arrays(file, MAX_JSON_BYTES, (ABOUT,))[ABOUT]))
+            return metadata if isinstance(metadata, dict) else {}
         except (OSError, ValueError, KeyError):
             return {}
 
@@ -275,12 +275,12 @@ def cache_table(entries: Sequence[CacheEntry], folder: Path) -> str:
         The folder, see `cache_folder`.
     """
     rows = []
-    for entry in entries:
-        about = entry.to_json()
+    for cached_result in entries:
+        about = cached_result.to_json()
         share = "–" if about["finished_share"] is None else f"{about['finished_share']:.0%}"
         names = [about[name] for name in ("kind", "map", "details")]
-        rows.append([*names, in_bytes(entry.size), share, age(entry.used)])
-    total = in_bytes(sum(entry.size for entry in entries))
+        rows.append([*names, in_bytes(cached_result.size), share, age(cached_result.used)])
+    total = in_bytes(sum(cached_result.size for cached_result in entries))
     count = f"{len(rows)} {'result' if len(rows) == 1 else 'results'}"
     last = f"{count}, {total} of at most {in_bytes(cache_limit())}, in {folder}"
     columns = ["kind", "map", "details", "size", "finished", "last used"]
@@ -304,21 +304,21 @@ def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list
     """
     removed: list[CacheEntry] = []
     busy: list[CacheEntry] = []
-    for entry in cache_entries(folder):
-        if time.time() - entry.used >= days * 86400.0:
-            (removed if remove(entry.path) else busy).append(entry)
+    for cached_result in cache_entries(folder):
+        if time.time() - cached_result.used >= days * 86400.0:
+            (removed if remove(cached_result.path) else busy).append(cached_result)
     clear_abandoned(folder)
     return removed, busy
 
 
 def evict(folder: Path, limit: int, keep: Path) -> None:
     """Remove the least recently used results, but not `keep`, down to the limit [bytes]."""
-    entries = cache_entries(folder)
-    total = sum(entry.size for entry in entries)
-    for entry in reversed(entries):
-        if total > limit and entry.path != keep:
+    cached_results = cache_entries(folder)
+    total = sum(cached_result.size for cached_result in cached_results)
+    for cached_result in reversed(cached_results):
+        if total > limit and cached_result.path != keep:
             with suppress(LocplanError):  # one that cannot be removed is skipped
-                total -= entry.size if remove(entry.path) else 0
+                total -= cached_result.size if remove(cached_result.path) else 0
 
 
 def remove(path: Path) -> bool:
@@ -326,8 +326,8 @@ def remove(path: Path) -> bool:
     from filelock import Timeout
 
     try:
-        with lock_of(path).acquire(blocking=False), temporary_folder(path.parent) as aside:
-            path.rename(aside / path.name)
+        with lock_of(path).acquire(blocking=False), temporary_folder(path.parent) as trash:
+            path.rename(trash / path.name)
     except Timeout:
         return False
     except FileNotFoundError:

@@ -95,8 +95,8 @@ def computed_chunks(
     waiting = chunks_of(missing, chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
-    taken = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
-    workers = max(1, int(min(threads, usable_memory() / 2 // max(1.0, taken))))
+    tile_memory = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
+    workers = max(1, int(min(threads, usable_memory() / 2 // max(1.0, tile_memory))))
     pool = executor or ThreadPoolExecutor(workers)
     try:
         while True:
@@ -123,8 +123,8 @@ def computed_chunks(
                 finished += len(points[0])
                 yield chunk, points, computed
             if progress:
-                begun = sum(int(part.control[1]) for *_, part in running.values())
-                progress(finished + begun, total)
+                n_started = sum(int(part.control[1]) for *_, part in running.values())
+                progress(finished + n_started, total)
     finally:
         for tile, (*_, part) in running.items():
             tile.cancel()

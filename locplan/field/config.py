@@ -163,8 +163,8 @@ class FieldConfig(Settings):
         if not isinstance(described, Mapping):
             raise ConfigError(f"estimator must be an object with a name, not {shown(described)}")
         estimator = made_of(estimator_class(str(described.get("name"))), described)
-        others = {name: value for name, value in settings.items() if name != "estimator"}
-        return made_of(cls, {**others, "estimator": estimator})
+        field_settings = {name: value for name, value in settings.items() if name != "estimator"}
+        return made_of(cls, {**field_settings, "estimator": estimator})
 
 
 def config_of(settings: FieldConfig | Estimator | None) -> FieldConfig:
@@ -197,8 +197,8 @@ def lidar_of(config: FieldConfig | None) -> Lidar:
     """
     if config is None:
         return SHORT_LIDAR
-    own: Lidar | None = getattr(config.estimator, "lidar", None)
-    return own or replace(SHORT_LIDAR, range=config.estimator.reach)
+    estimator_lidar: Lidar | None = getattr(config.estimator, "lidar", None)
+    return estimator_lidar or replace(SHORT_LIDAR, range=config.estimator.reach)
 
 
 def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:

@@ -112,9 +112,9 @@ def log_euclidean_means(some: Floats, others: Floats, shares: Floats) -> Floats:
     The others have the shares (...), from 0 to 1, and the first the rest.
     """
     means = np.full(np.broadcast_shapes(some.shape, others.shape), np.nan)
-    known = ~np.isnan(some + others).any(axis=(-2, -1))
-    share = shares[known][:, None, None]
-    means[known] = _exp((1 - share) * _log(some[known]) + share * _log(others[known]))
+    is_finite = ~np.isnan(some + others).any(axis=(-2, -1))
+    share = shares[is_finite][:, None, None]
+    means[is_finite] = _exp((1 - share) * _log(some[is_finite]) + share * _log(others[is_finite]))
     return means
 
 
@@ -158,8 +158,8 @@ def anchors_of(estimator: Estimator, window: OffsetLattice, name: str) -> tuple[
     for layer in estimator.layers:
         if layer.name == name:
             return layer.anchors(window)
-    least, greatest = estimator.perfect(window), estimator.featureless(window)
-    return float(scalar(least, name)), float(scalar(greatest, name))
+    perfect, featureless = estimator.perfect(window), estimator.featureless(window)
+    return float(scalar(perfect, name)), float(scalar(featureless, name))
 
 
 def quantity_of(estimator: Estimator, e_unit: str, name: str | None) -> Quantity:
@@ -167,7 +167,7 @@ def quantity_of(estimator: Estimator, e_unit: str, name: str | None) -> Quantity
     name = name or estimator.criterion
     if name == "e":
         return Quantity(SCALARS["e"].label, e_unit)
-    layers = {each.name: each for each in estimator.layers}
+    layers = {layer.name: layer for layer in estimator.layers}
     return Quantity(layers[name].label, layers[name].unit) if name in layers else SCALARS[name]
 
 
@@ -202,8 +202,8 @@ def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
     skew = np.abs(covariance - np.swapaxes(covariance, -2, -1)).max(axis=(-2, -1))
     rounding = MIN_ROUNDING + TOLERANCE * np.abs(covariance).max(axis=(-2, -1))
     _refuse(skew > rounding, "a covariance that is not symmetric", estimator, part)
-    least = np.linalg.eigvalsh(covariance)[..., 0]
-    _refuse(least < -rounding, "a covariance with a negative eigenvalue", estimator, part)
+    smallest_eigenvalue = np.linalg.eigvalsh(covariance)[..., 0]
+    _refuse(smallest_eigenvalue < -rounding, "a covariance with a negative eigenvalue", estimator, part)
 
 
 def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octets) -> None:
@@ -224,8 +224,8 @@ def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octe
     """
     halo = halo_of(estimator, part.resolution, part.map_shape)
     for at in np.unique(np.linspace(0, len(part.rows) - 1, 3).astype(int)):
-        again = estimator.covariances(_alone(estimator, part, at, halo, levels))
-        if not all(_alike(again[name][0], array[at]) for name, array in values.items()):
+        recomputed = estimator.covariances(_alone(estimator, part, at, halo, levels))
+        if not all(_alike(recomputed[name][0], array[at]) for name, array in values.items()):
             raise _wrong(
                 estimator,
                 f"the values at {_cell(part, at)} change with the map beyond the halo of {halo}"

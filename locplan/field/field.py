@@ -137,12 +137,12 @@ class CovarianceField(Pictured, Valued):
         else:
             covariance = self.quantised_covariance if with_q else self.covariance
             if headings == "mean":
-                own = covariance is self.covariance
+                is_stored = covariance is self.covariance
                 covariance = (
-                    self.mean_covariance if own else lattice.merged(covariance, self.evaluated)
+                    self.mean_covariance if is_stored else lattice.merged(covariance, self.evaluated)
                 )
-            known = name == "e" and covariance is self.covariance
-            values = self.e if known else scalar(covariance, name)
+            has_cached_e = name == "e" and covariance is self.covariance
+            values = self.e if has_cached_e else scalar(covariance, name)
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
 
     @cached_property
@@ -177,8 +177,8 @@ class CovarianceField(Pictured, Valued):
         values = self.scalar(criterion, with_q=True)[
             lattice.evenly_thinned(self.evaluated, self.lacking)
         ]
-        least, _ = self.anchors(criterion)
-        return float(np.mean(values <= 1.05 * least)) if values.size else 0.0
+        perfect_value, _ = self.anchors(criterion)
+        return float(np.mean(values <= 1.05 * perfect_value)) if values.size else 0.0
 
     @property
     def e_unit(self) -> str:
@@ -223,13 +223,13 @@ class CovarianceField(Pictured, Valued):
             return np.moveaxis(layers, 0, 2)
         if logarithmic:
             values = np.log(np.maximum(values, np.finfo(float).tiny))
-        known = values
+        lattice_values = values
         if self.lacking.any():
-            known = lattice.filled(values, self.evaluated, self.lacking)
+            lattice_values = lattice.filled(values, self.evaluated, self.lacking)
         if cells is None:
-            result = lattice.read_on_map(known, self.grid.free, self.stride)
+            result = lattice.read_on_map(lattice_values, self.grid.free, self.stride)
         else:
-            result = lattice.read_at_cells(known, self.stride, *cells)
+            result = lattice.read_at_cells(lattice_values, self.stride, *cells)
         return np.exp(result, out=result) if logarithmic else result
 
     @overload
@@ -301,10 +301,10 @@ class CovarianceField(Pictured, Valued):
         check_grid(grid)
         same = tiles.untouched_points(self.grid, grid, self.config)
         values = tiles.nothing_known(grid, self.config)
-        for name, known in self.values.items():
-            values[name][same] = known[same]
-        made = grid, self.config, threads, executor, progress
-        for _ in finished_chunks(values, *made, tiles.needed_points(*made[:2], points)):
+        for name, array in self.values.items():
+            values[name][same] = array[same]
+        arguments = grid, self.config, threads, executor, progress
+        for _ in finished_chunks(values, *arguments, tiles.needed_points(*arguments[:2], points)):
             pass
         return CovarianceField.of(values, grid, self.config)
 
@@ -333,8 +333,8 @@ class CovarianceField(Pictured, Valued):
         files.check_readable(self.values, self.grid, self.config)
         if self.lacking.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")
-        about = files.describe(self.grid, self.config)
-        files.write_field(target, self.values, self.grid, about, others)
+        metadata = files.describe(self.grid, self.config)
+        files.write_field(target, self.values, self.grid, metadata, others)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> CovarianceField:

@@ -42,8 +42,8 @@ def weak_spots(field: CovarianceField, values: Any, name: str | None = None) -> 
     """
     shown, name = field.quantity(name), name or field.config.estimator.criterion
     values = np.ma.filled(values, np.nan)
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite_values = values[np.isfinite(values)]
+    if not finite_values.size:
         return "nothing is known"
     low, high = (shown.factor * anchor for anchor in field.anchors(name))
 
@@ -52,7 +52,7 @@ def weak_spots(field: CovarianceField, values: Any, name: str | None = None) -> 
 
     unit = f" {shown.unit}" if shown.unit != "1" else ""
     least = value(DEGENERATE)
-    share, greatest = float(np.mean(known >= least)), float(known.max())
+    share, greatest = float(np.mean(finite_values >= least)), float(finite_values.max())
     if share == 0:
         none = "no weak spot: " if greatest < value(HARMLESS) else ""
         return f"{none}at most {greatest:.2g}{unit}"
@@ -68,12 +68,12 @@ def field_cells(
     They are those of all cells of the map, or of a part of it. The values of blocks are read in
     their middles: large maps are never filled cell by cell.
     """
-    drawn = part or field.grid
-    cells = block(drawn.shape)
-    if cells == 1 and drawn.shape == field.grid.shape:
+    visible_map = part or field.grid
+    cells = block(visible_map.shape)
+    if cells == 1 and visible_map.shape == field.grid.shape:
         return field.on_map(values, logarithmic=logarithmic)
-    first = np.round(field.grid.world_to_grid(*drawn.origin[:2]))
-    free = shrunk(drawn.cells) == FREE
+    first = np.round(field.grid.world_to_grid(*visible_map.origin[:2]))
+    free = shrunk(visible_map.cells) == FREE
     rows, cols = (
         (np.arange(size) + 0.5) * cells - 0.5 + float(start)
         for size, start in zip(free.shape, first, strict=True)
@@ -180,14 +180,14 @@ def draw_field(
     matplotlib.image.AxesImage
         The values, for a colour bar, in the unit of `CovarianceField.quantity`.
     """
-    name, drawn = name or field.config.estimator.criterion, part or field.grid
+    name, visible_map = name or field.config.estimator.criterion, part or field.grid
     if read is None:
         values = field.scalar(name, headings="mean")
         read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
-    draw_map(axes, drawn)
+    draw_map(axes, visible_map)
     values = field.quantity(name).factor * read
     norm = field_norm(field, name, values)
-    return draw_cells(axes, drawn, values, cmap=styles.FIELD_COLOURS, norm=norm)
+    return draw_cells(axes, visible_map, values, cmap=styles.FIELD_COLOURS, norm=norm)
 
 
 def field_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
@@ -211,14 +211,14 @@ def field_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
     """
     factor = field.quantity(name).factor
     low, high = (factor * anchor for anchor in field.anchors(name))
-    known = np.isfinite(values).any()
+    has_values = np.isfinite(values).any()
     if name in field.layers:
-        most = float(np.nanquantile(values, 0.98)) if known else high
-        return Normalize(low, min(high, max(low + 0.02 * (high - low), most)))
-    if known and not field.config.estimator.adds_q:
+        high_quantile = float(np.nanquantile(values, 0.98)) if has_values else high
+        return Normalize(low, min(high, max(low + 0.02 * (high - low), high_quantile)))
+    if has_values and not field.config.estimator.adds_q:
         low, high = np.nanmin(values), np.nanmax(values)
     low = max(low, np.finfo(float).tiny)
     high = max(high, low * 1.001)
-    if known:
+    if has_values:
         high = min(high, max(low * (high / low) ** HARMLESS, np.nanmax(values)))
     return LogNorm(low, high)

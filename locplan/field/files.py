@@ -47,7 +47,7 @@ def describe(grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False) 
     estimator = config.estimator
     try:
         has_versions = cached and not is_ours(estimator)
-        about = {
+        metadata = {
             **stamp(KIND, VERSION),
             "engine": tiles.ENGINE,
             "map": grid.name,
@@ -64,7 +64,7 @@ def describe(grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False) 
             "title": config.title,
             "config": config.to_json(),
         }
-        described: dict[str, Any] = json.loads(json.dumps(about))
+        described: dict[str, Any] = json.loads(json.dumps(metadata))
     except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
         raise FieldError(f"estimator {shown(estimator.name)}: {error}") from None
     return described
@@ -111,11 +111,11 @@ def read_about(file: Path) -> dict[str, Any]:
     """Read the description of a field; a LocplanError if it is none."""
     text = str(_read(file, MAX_JSON_BYTES, ABOUT)[ABOUT])
     try:
-        about = parsed_json(text)
+        metadata = parsed_json(text)
     except ValueError:
-        about = None
-    check_stamp(file, about, KIND, VERSION)
-    described: dict[str, Any] = about
+        metadata = None
+    check_stamp(file, metadata, KIND, VERSION)
+    described: dict[str, Any] = metadata
     return described
 
 
@@ -132,19 +132,19 @@ def fill_values(
     try:
         arrays = read_arrays(file, limit, (POINTS, *shapes))
         is_whole = POINTS not in arrays
-        known = np.ones(lattice, bool) if is_whole else arrays[POINTS]
-        if known.dtype != bool or known.shape != lattice:
+        is_stored = np.ones(lattice, bool) if is_whole else arrays[POINTS]
+        if is_stored.dtype != bool or is_stored.shape != lattice:
             raise ValueError(f"its {POINTS} do not fit its map")
         for name, shape in shapes.items():
-            expected = shape if is_whole else (int(known.sum()), *shape[2:])
+            expected = shape if is_whole else (int(is_stored.sum()), *shape[2:])
             if arrays[name].dtype != np.float64 or arrays[name].shape != expected:
                 raise ValueError(f"its {name} does not fit its map and config")
     except (OSError, ValueError, KeyError) as error:
         raise FieldError(f"{file}: is damaged, or no field ({_in_short(error)})") from None
-    new = known & ~tiles.known_points(values)
+    new = is_stored & ~tiles.known_points(values)
     if where is not None:
         new &= where
-    is_new = new[known]
+    is_new = new[is_stored]
     for name, array in values.items():
         rows = arrays[name].reshape(-1, *array.shape[2:])
         array[new] = rows if is_new.all() else rows[is_new]
@@ -191,8 +191,8 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
     estimator = config.estimator
     kind = type(estimator)
     try:
-        again = FieldConfig.from_json(json.loads(json.dumps(config.to_json())))
-        readable = type(again.estimator).__qualname__ == kind.__qualname__
+        reloaded = FieldConfig.from_json(json.loads(json.dumps(config.to_json())))
+        readable = type(reloaded.estimator).__qualname__ == kind.__qualname__
     except Exception:  # settings of a user's own fail in as many ways as they are written
         readable = False
     if not readable:
@@ -204,12 +204,12 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
     for name, shape in tiles.field_shapes(grid, config).items():
         if name not in values or values[name].shape != shape:
             raise FieldError(f"the field's {name} must be an array of shape {shape}")
-    known, stride = tiles.known_points(values), config.stride_cells(grid.resolution)
-    rows, cols = (index * stride for index in np.nonzero(known))
+    is_computed, stride = tiles.known_points(values), config.stride_cells(grid.resolution)
+    rows, cols = (index * stride for index in np.nonzero(is_computed))
     part = MapPart(
         grid.cells, rows, cols, grid.resolution, grid.shape, headings=config.heading_angles
     )
-    check_values({name: array[known] for name, array in values.items()}, estimator, part)
+    check_values({name: array[is_computed] for name, array in values.items()}, estimator, part)
 
 
 def _read(file: Path, limit: int, name: str) -> dict[str, Any]:

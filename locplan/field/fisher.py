@@ -85,7 +85,7 @@ class Fisher(LidarEstimator):
 
         squares, normals = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)
-        found = information(
+        beam_information = information(
             squares,
             normals,
             part.resolution,
@@ -97,8 +97,8 @@ class Fisher(LidarEstimator):
             part.control,
         )[:, :, : window.dimension, : window.dimension]
         prior = np.linalg.inv(window.uniform_covariance)
-        known = found * (self.temperature / self.sigma(part.resolution) ** 2)
-        covariance = self.noise_level * _inverse(known + prior)
+        scaled_information = beam_information * (self.temperature / self.sigma(part.resolution) ** 2)
+        covariance = self.noise_level * _inverse(scaled_information + prior)
         return {"covariance": covariance[:, part.heading_axis]}
 
     def prepare(self, levels: Octets, resolution: float) -> tuple[Octets, Singles]:
@@ -208,8 +208,8 @@ class Fused(Estimator):
 
     def identity(self) -> dict[str, object]:
         """What decides the values of both."""
-        both = {"fisher": self.fisher.identity(), "scan": self.scan.identity()}
-        return {"name": self.name, "noise_level": self.noise_level, **both}
+        identities = {"fisher": self.fisher.identity(), "scan": self.scan.identity()}
+        return {"name": self.name, "noise_level": self.noise_level, **identities}
 
     def lattice(self, resolution: float) -> OffsetLattice:
         return self.scan.lattice(resolution)
@@ -231,9 +231,9 @@ class Fused(Estimator):
         """
         of_fisher, of_scan = part.prepared or self.prepare(part.levels, part.resolution)
         uncounted = part.control[:1]  # the scan alone counts the cells that are done
-        known = self.fisher.covariances(replace(part, prepared=of_fisher, control=uncounted))
-        found = self.scan.covariances(replace(part, prepared=of_scan))
-        return {**found, "covariance": self._mean(known["covariance"], found["covariance"])}
+        fisher_values = self.fisher.covariances(replace(part, prepared=of_fisher, control=uncounted))
+        scan_values = self.scan.covariances(replace(part, prepared=of_scan))
+        return {**scan_values, "covariance": self._mean(fisher_values["covariance"], scan_values["covariance"])}
 
     def _mean(self, of_fisher: Floats, of_scan: Floats) -> Floats:
         major, minor, _ = position_axes(of_scan)
@@ -250,11 +250,11 @@ class Fused(Estimator):
         return self.fisher.prepare(levels, resolution), self.scan.prepare(levels, resolution)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        both = self.fisher, self.scan
-        return max(each.halo(resolution, map_shape) for each in both)
+        estimators = self.fisher, self.scan
+        return max(estimator.halo(resolution, map_shape) for estimator in estimators)
 
     def seconds(self, resolution: float) -> float:
         return self.fisher.seconds(resolution) + self.scan.seconds(resolution)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        return sum(each.memory(resolution, map_shape) for each in (self.fisher, self.scan))
+        return sum(estimator.memory(resolution, map_shape) for estimator in (self.fisher, self.scan))

@@ -23,14 +23,14 @@ def stride_cells(stride: float, resolution: float) -> int:
 
 def evaluated_points(free: Bools, stride: int) -> Bools:
     """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
-    needed = free[::stride, ::stride].copy()
-    lonely = free & ~_covered(needed, free.shape, stride)
+    required = free[::stride, ::stride].copy()
+    lonely = free & ~_covered(required, free.shape, stride)
     nearest = (
         np.minimum((index + stride // 2) // stride, size - 1)
-        for index, size in zip(np.nonzero(lonely), needed.shape, strict=True)
+        for index, size in zip(np.nonzero(lonely), required.shape, strict=True)
     )
-    needed[tuple(nearest)] = True
-    return needed
+    required[tuple(nearest)] = True
+    return required
 
 
 def _covered(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
@@ -58,10 +58,10 @@ def every_second_point(points: Bools) -> Bools:
     """
     import cv2
 
-    chosen = np.zeros_like(points)
-    chosen[::2, ::2] = points[::2, ::2]
-    around = cv2.dilate(chosen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    return np.asarray(chosen | (points & ~around))
+    is_selected = np.zeros_like(points)
+    is_selected[::2, ::2] = points[::2, ::2]
+    around = cv2.dilate(is_selected.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return np.asarray(is_selected | (points & ~around))
 
 
 def evenly_thinned(known: Bools, lacking: Bools) -> Bools:
@@ -92,12 +92,12 @@ def points_near(points: Bools, stride: int, cells: Floats, distance: float) -> B
 
     index = np.rint(cells / stride).astype(np.intp)
     rows, cols = (np.clip(i, 0, size - 1) for i, size in zip(index.T, points.shape, strict=True))
-    there = np.zeros(points.shape, np.uint8)
-    there[rows, cols] = 1
+    marks = np.zeros(points.shape, np.uint8)
+    marks[rows, cols] = 1
     reach = math.ceil(distance / stride)
     offset = np.arange(-reach, reach + 1)
     disc = offset[:, None] ** 2 + offset**2 <= (distance / stride) ** 2
-    return np.asarray(points & (cv2.dilate(there, disc.astype(np.uint8)) > 0))
+    return np.asarray(points & (cv2.dilate(marks, disc.astype(np.uint8)) > 0))
 
 
 def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
@@ -110,8 +110,8 @@ def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
 
     half = np.array([0.5, 1.0, 0.5])
     summed, weight = (
-        np.asarray(cv2.sepFilter2D(each, -1, half, half, borderType=cv2.BORDER_CONSTANT))
-        for each in (np.where(known, values, 0.0), known.astype(float))
+        np.asarray(cv2.sepFilter2D(array, -1, half, half, borderType=cv2.BORDER_CONSTANT))
+        for array in (np.where(known, values, 0.0), known.astype(float))
     )
     result = values.copy()
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where none is known around
@@ -126,20 +126,20 @@ def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
     weight.
     """
     rows, cols = free.shape
-    known = ~np.isnan(values)
-    value = _along_rows(np.where(known, values, 0.0), cols, stride)
-    weight = _along_rows(known.astype(float), cols, stride)
+    is_finite = ~np.isnan(values)
+    value = _along_rows(np.where(is_finite, values, 0.0), cols, stride)
+    weight = _along_rows(is_finite.astype(float), cols, stride)
     result = np.empty(free.shape)
     # So many cells and their neighbours fit a core's cache.
     block = max(1, (1 << 16) // (stride * cols))
 
     def read(first: int) -> None:
-        some = slice(first * stride, min((first + block) * stride, rows))
-        found = _between_rows(value, first, block, stride)
+        band = slice(first * stride, min((first + block) * stride, rows))
+        band_values = _between_rows(value, first, block, stride)
         with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-            found /= _between_rows(weight, first, block, stride)
-        np.copyto(result[some], found[: some.stop - some.start])
-        np.copyto(result[some], np.nan, where=~free[some])
+            band_values /= _between_rows(weight, first, block, stride)
+        np.copyto(result[band], band_values[: band.stop - band.start])
+        np.copyto(result[band], np.nan, where=~free[band])
 
     with ThreadPoolExecutor(usable_cores()) as pool:
         list(pool.map(read, range(0, -(-rows // stride), block)))
@@ -171,22 +171,22 @@ def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floa
     row, above, row_part = _sides(rows, stride, values.shape[0])
 
     def read(array: Floats) -> Floats:
-        here = array[row, left] * (1 - col_part) + array[row, right] * col_part
-        there = array[above, left] * (1 - col_part) + array[above, right] * col_part
-        return np.asarray(here * (1 - row_part) + there * row_part)
+        lower = array[row, left] * (1 - col_part) + array[row, right] * col_part
+        upper = array[above, left] * (1 - col_part) + array[above, right] * col_part
+        return np.asarray(lower * (1 - row_part) + upper * row_part)
 
-    known = ~np.isnan(values)
+    is_finite = ~np.isnan(values)
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-        return read(np.where(known, values, 0.0)) / read(known.astype(float))
+        return read(np.where(is_finite, values, 0.0)) / read(is_finite.astype(float))
 
 
 def _sides(
     cells: Array, stride: int, size: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     """Lattice indices before and after each cell along one axis, and the share of the latter."""
-    whole = np.floor(np.asarray(cells) / stride)
-    low = np.minimum(whole.astype(np.intp), size - 1)
-    return low, np.minimum(low + 1, size - 1), (cells - whole * stride) / stride
+    lattice_floor = np.floor(np.asarray(cells) / stride)
+    low = np.minimum(lattice_floor.astype(np.intp), size - 1)
+    return low, np.minimum(low + 1, size - 1), (cells - lattice_floor * stride) / stride
 
 
 def merged(covariance: Floats, known: Bools) -> Floats:

@@ -57,8 +57,8 @@ class Corners:
         number = np.tile(np.arange(len(xy)), len(sides))
         points = np.concatenate([np.minimum(low + side, size - 1) for side in sides])
         weight = np.concatenate([np.where(side, share, 1 - share).prod(axis=1) for side in sides])
-        kept = _is_free(grid, xy)[number] & (weight > 0)
-        number, points, weight = number[kept], points[kept], weight[kept]
+        is_used = _is_free(grid, xy)[number] & (weight > 0)
+        number, points, weight = number[is_used], points[is_used], weight[is_used]
         is_known = known[tuple(points.T)]
         is_lacking = lacking[tuple(points.T)]
         around = (points[is_lacking, None] + OFFSETS).reshape(-1, 2)
@@ -75,8 +75,8 @@ class Corners:
     @classmethod
     def _of(cls, number: Ints, points: Ints, weight: Floats, count: int) -> Corners:
         """Corners of entries: the number of the position, the point, and its weight."""
-        kept = weight > 0
-        number, points, weight = number[kept], points[kept], weight[kept]
+        is_used = weight > 0
+        number, points, weight = number[is_used], points[is_used], weight[is_used]
         index = points[:, 0] * (points[:, 1].max(initial=0) + 1) + points[:, 1]
         _, first, place = np.unique(index, return_index=True, return_inverse=True)
         weight = weight / np.bincount(number, weight, count)[number]
@@ -108,8 +108,8 @@ class Corners:
         from locplan.field.kernels.symmetric import mapped
 
         d = covariances.shape[-1]
-        known, weights = self._towards(covariances, 3, headings)
-        logs = weights @ mapped(known, True).reshape(-1, d * d)
+        heading_covariances, weights = self._towards(covariances, 3, headings)
+        logs = weights @ mapped(heading_covariances, True).reshape(-1, d * d)
         return self._blanked(mapped(logs.reshape(-1, d, d), False))
 
     def _towards(self, values: Floats, plain: int, headings: Floats | None) -> tuple[Floats, Any]:
@@ -122,14 +122,14 @@ class Corners:
         count = values.shape[1]
         turn = headings / (2 * math.pi) * count
         low = np.floor(turn).astype(np.int64)
-        entries = self.weights.tocoo()
-        share = (turn - low)[entries.row]
-        before = entries.col * count + low[entries.row] % count
-        after = entries.col * count + (low[entries.row] + 1) % count
+        sparse_weights = self.weights.tocoo()
+        share = (turn - low)[sparse_weights.row]
+        before = sparse_weights.col * count + low[sparse_weights.row] % count
+        after = sparse_weights.col * count + (low[sparse_weights.row] + 1) % count
         used, place = np.unique(np.concatenate([before, after]), return_inverse=True)
-        weight = np.concatenate([entries.data * (1 - share), entries.data * share])
+        weight = np.concatenate([sparse_weights.data * (1 - share), sparse_weights.data * share])
         shape = (self.weights.shape[0], len(used))
-        weights = _sparse(weight, np.tile(entries.row, 2), place, shape)
+        weights = _sparse(weight, np.tile(sparse_weights.row, 2), place, shape)
         return values.reshape(-1, *values.shape[2:])[used], weights
 
     def _blanked(self, values: Floats) -> Floats:
@@ -169,13 +169,13 @@ def read_field(field: Any, poses: ArrayLike, name: str | None) -> Any:
     at = tuple(corners.points.T)
     values: dict[str, Floats] = {}
     if name not in field.layers:
-        known = field.covariance if headings is not None else field.mean_covariance
-        values["covariance"] = corners.read_covariances(known[at], headings)
-    for each in names if name is None else (name,):
-        if each in field.layers:
-            values[each] = corners.read(field.layers[each][at], headings)
-        elif each != "covariance":
-            values[each] = scalar(values["covariance"], each)
+        covariances = field.covariance if headings is not None else field.mean_covariance
+        values["covariance"] = corners.read_covariances(covariances[at], headings)
+    for quantity_name in names if name is None else (name,):
+        if quantity_name in field.layers:
+            values[quantity_name] = corners.read(field.layers[quantity_name][at], headings)
+        elif quantity_name != "covariance":
+            values[quantity_name] = scalar(values["covariance"], quantity_name)
     if is_single:
-        values = {each: array[0] for each, array in values.items()}
+        values = {quantity_name: array[0] for quantity_name, array in values.items()}
     return values if name is None else values[name]

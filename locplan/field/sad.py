@@ -165,8 +165,8 @@ class Sad(Estimator):
             See `locplan.field.Estimator.halo`.
         """
         window = self.lattice(resolution).counted
-        whole_map = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
-        return max(1, min(math.floor(self.range / resolution + 1e-9), whole_map))
+        max_radius = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
+        return max(1, min(math.floor(self.range / resolution + 1e-9), max_radius))
 
     @property
     def reach(self) -> float:
@@ -216,8 +216,8 @@ class Sad(Estimator):
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
         layout = Layout.of(part, radius, window.counted)
         negligible, visible = self.negligible(part.resolution), self.template == "visible"
-        found = in_steps(layout, weights, window.places, negligible, visible)
-        covariance = self.noise_level * found * np.outer(window.steps, window.steps)
+        covariance_in_steps = in_steps(layout, weights, window.places, negligible, visible)
+        covariance = self.noise_level * covariance_in_steps * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
 
@@ -283,14 +283,14 @@ class Sad(Estimator):
 
         window = self.lattice(resolution).counted
         radius, turns = self.template_radius(resolution, map_shape), window.angles.size
-        turned = min(TILE_CELLS, max(map_shape)) * math.sqrt(2) + 2.0 * radius
+        rotated_edge = min(TILE_CELLS, max(map_shape)) * math.sqrt(2) + 2.0 * radius
         still = min(TILE_CELLS, max(map_shape)) + 2.0 * (radius + window.reach)
         words = 32 / math.gcd(window.step_cells, SQUARE) ** 2 + 8
         strips = 2.0 * turns
         if self.negligible(resolution) is not None:  # sums of one heading, and of the blocks
             strips, words = strips + 4, words + 12
         sight = 20 if self.template == "visible" else 4
-        return strips * turned**2 + words * still**2 + (sight * turns + 16 * math.pi) * radius**2
+        return strips * rotated_edge**2 + words * still**2 + (sight * turns + 16 * math.pi) * radius**2
 
     def seconds(self, resolution: float) -> float:
         """Time in proportion to the offsets and, but for rejected ones, to the disc's cells [s].

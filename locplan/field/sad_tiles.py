@@ -77,22 +77,22 @@ class Layout:
         first_rows, first_cols = rows.min(axis=0), cols.min(axis=0)
         tops, lefts = rows - first_rows, cols - first_cols
         spans = int(lefts.max()) + diameter, int(tops.max()) + diameter
-        turned = np.empty((window.angles.size, PLANES, *spans), np.uint8)
+        rotated_strips = np.empty((window.angles.size, PLANES, *spans), np.uint8)
         middle = centre_row, centre_col
         first_rows, first_cols = first_rows - radius, first_cols - radius
         bitplanes.cut_strips(
-            levels, *part.corner, *middle, cos, sin, first_rows, first_cols, turned
+            levels, *part.corner, *middle, cos, sin, first_rows, first_cols, rotated_strips
         )
 
         # The map: the rows and columns of the discs of any cell at any offset, in whole squares.
         around = radius + window.reach
         first = int(part.rows.min()) - around, int(part.cols.min()) - around
-        more = diameter + 2 * window.reach + 2 * SQUARE
-        spans = int(np.ptp(part.cols)) + more, int(np.ptp(part.rows)) + more
+        extra_cells = diameter + 2 * window.reach + 2 * SQUARE
+        spans = int(np.ptp(part.cols)) + extra_cells, int(np.ptp(part.rows)) + extra_cells
         still = np.empty((1, PLANES, *spans), np.uint8)
         no_turn = np.ones(1), np.zeros(1), np.array(first[:1]), np.array(first[1:])
         bitplanes.cut_strips(levels, *part.corner, 0.0, 0.0, *no_turn, still)
-        return cls(part, levels, window, radius, squares, first, still[0], turned, tops, lefts)
+        return cls(part, levels, window, radius, squares, first, still[0], rotated_strips, tops, lefts)
 
     @property
     def offsets(self) -> int:
@@ -108,7 +108,7 @@ class Layout:
         """
         unit = math.gcd(self.window.step_cells, SQUARE)
         over = self.part.rows % unit * unit + self.part.cols % unit
-        return [self._group(np.flatnonzero(over == each)) for each in np.unique(over)]
+        return [self._group(np.flatnonzero(over == remainder)) for remainder in np.unique(over)]
 
     def _group(self, cells: NDArray[np.intp]) -> Group:
         around, step = self.radius + self.window.reach, self.window.step_cells
@@ -215,14 +215,14 @@ def disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
     """
 
     def columns(start: int) -> list[tuple[int, int]]:
-        found = []
+        blocks = []
         for left in range(start, 2 * radius + 2 - edge, edge):
             across = max(abs(left - radius), abs(left + edge - 1 - radius))
             half = math.isqrt(radius**2 - across**2)
             low = -(-(radius - half) // SQUARE) * SQUARE
             number = (radius + half + 1 - low) // edge
-            found += [(low + n * edge, left) for n in range(number)]
-        return found
+            blocks += [(low + n * edge, left) for n in range(number)]
+        return blocks
 
     best = max((columns(start) for start in range(0, edge, SQUARE)), key=len)
     centre = radius - (edge - 1) / 2
@@ -245,7 +245,7 @@ def kept_lines(layout: Layout, groups: list[Group], negligible: int) -> list[Boo
     """
     control, headings = layout.part.control, layout.window.angles.size
     limit, shift = scaled(negligible)
-    kept = [np.ones((headings, group.cells.size, layout.offsets), bool) for group in groups]
+    line_masks = [np.ones((headings, group.cells.size, layout.offsets), bool) for group in groups]
     still = np.empty((2, *(size + 1 for size in layout.still.shape[1:])), np.uint16)
     bitplanes.sum_up(layout.still, still)
     table = np.empty((2, *(size + 1 for size in layout.turned.shape[2:])), np.uint16)
@@ -253,19 +253,19 @@ def kept_lines(layout: Layout, groups: list[Group], negligible: int) -> list[Boo
     for k in range(headings):
         bitplanes.sum_up(layout.turned[k], table)
         corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
-        for group, blocks, lines in zip(groups, laid_out, kept, strict=True):
-            own = corners[group.cells]
-            bitplanes.keep_lines(blocks, table, own, limit, shift, lines[k], control)
-    return kept
+        for group, blocks, lines in zip(groups, laid_out, line_masks, strict=True):
+            cell_corners = corners[group.cells]
+            bitplanes.keep_lines(blocks, table, cell_corners, limit, shift, lines[k], control)
+    return line_masks
 
 
 def _lay_out(layout: Layout, group: Group, still: Shorts, table_rows: int) -> bitplanes.Blocks:
     """The blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
     places = [disc_blocks(layout.radius, edge) for edge in edges]
-    unit, more = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
+    unit, extra_cells = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
     step_units = layout.window.step_cells // unit
-    rows, cols = (span + more // unit for span in group.spans(unit, layout.window.reach))
+    rows, cols = (span + extra_cells // unit for span in group.spans(unit, layout.window.reach))
     lanes = -(-rows // step_units) + -(-layout.offsets // SHORTS) * SHORTS
     counts = np.empty((len(edges), 2, cols, step_units, lanes), np.uint16)
     col_stride, plane_stride = step_units * lanes, cols * step_units * lanes
@@ -300,21 +300,21 @@ def in_steps(
     """
     part, groups = layout.part, layout.groups()
     cells, headings = len(part.rows), layout.window.angles.size
-    every = np.ones((headings, 1, layout.offsets), bool)
-    kept = [every] * len(groups)
+    all_lines = np.ones((headings, 1, layout.offsets), bool)
+    line_masks = [all_lines] * len(groups)
     if negligible is not None:
-        kept = kept_lines(layout, groups, negligible)
+        line_masks = kept_lines(layout, groups, negligible)
         if (places % 1).any():  # what lies beside a kept line along x is read from both
-            for lines in kept:
+            for lines in line_masks:
                 wide = lines.copy()
                 wide[:, :, 1:] |= lines[:, :, :-1]
                 wide[:, :, :-1] |= lines[:, :, 1:]
                 lines[:] = wide
     scratch = sad.empty_scratch(layout.offsets, headings, layout.disc, masked=visible)
     result = np.full((cells, 3, 3), np.nan)
-    for group, lines in zip(groups, kept, strict=True):
-        found = np.full((group.cells.size, 3, 3), np.nan)
+    for group, lines in zip(groups, line_masks, strict=True):
+        covariances = np.full((group.cells.size, 3, 3), np.nan)
         tile, sight = layout.tile(group), layout.sight(group) if visible else None
-        sad.tile_covariances(tile, sight, lines, weights, places, scratch, part.control, found)
-        result[group.cells] = found
+        sad.tile_covariances(tile, sight, lines, weights, places, scratch, part.control, covariances)
+        result[group.cells] = covariances
     return result

@@ -66,7 +66,7 @@ class Scan(LidarEstimator):
 
         scene = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)
-        found = scan_posteriors(
+        posteriors = scan_posteriors(
             scene.likelihood,
             make_lattice(window.half_steps, window.angles),
             scene.squares,
@@ -79,13 +79,13 @@ class Scan(LidarEstimator):
             self.temperature,
             part.control,
         )
-        in_steps = found.covariance[:, :, : window.dimension, : window.dimension]
+        in_steps = posteriors.covariance[:, :, : window.dimension, : window.dimension]
         steps = window.steps[: window.dimension]
         covariance = self.noise_level * in_steps * np.outer(steps, steps) + self.q(window)
         return {
             "covariance": covariance[:, part.heading_axis],
-            "ambiguity": found.ambiguity[:, part.heading_axis],
-            "entropy": found.entropy[:, part.heading_axis],
+            "ambiguity": posteriors.ambiguity[:, part.heading_axis],
+            "entropy": posteriors.entropy[:, part.heading_axis],
         }
 
     @property
@@ -124,8 +124,8 @@ class Scan(LidarEstimator):
         offsets = self.lattice(resolution).reach
         shift, growth = self.endpoint_noise
         farthest = float(np.abs(self.pattern).max())
-        moved = math.ceil(farthest * (shift + growth * self.lidar.range) / resolution)
-        reach = reach_of_beams(self.lidar, resolution) + moved + offsets + around
+        noise_cells = math.ceil(farthest * (shift + growth * self.lidar.range) / resolution)
+        reach = reach_of_beams(self.lidar, resolution) + noise_cells + offsets + around
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
     def seconds(self, resolution: float) -> float:
@@ -152,7 +152,7 @@ def _noise(noise: object) -> tuple[float, float]:
     if not (
         isinstance(noise, (tuple, list))
         and len(noise) == 2
-        and all(is_number(each) and each >= 0 for each in noise)
+        and all(is_number(deviation) and deviation >= 0 for deviation in noise)
     ):
         raise ConfigError(
             "endpoint_noise must be two numbers of at least 0, [m] and [m per m], such as"

@@ -125,8 +125,8 @@ class OffsetLattice:
     @property
     def step(self) -> float:
         """Spacing of the offsets [m]."""
-        whole = self.step_cells * self.resolution
-        return whole if self.exact_step is None else self.exact_step
+        cell_step = self.step_cells * self.resolution
+        return cell_step if self.exact_step is None else self.exact_step
 
     @property
     def cells(self) -> Ints:

@@ -96,8 +96,8 @@ def covariance_field(
     check_grid(grid)
     config = config_of(config)
     values = tiles.nothing_known(grid, config)
-    needed = tiles.needed_points(grid, config, points)
-    for _ in finished_chunks(values, grid, config, threads, executor, progress, needed):
+    required = tiles.needed_points(grid, config, points)
+    for _ in finished_chunks(values, grid, config, threads, executor, progress, required):
         pass
     return CovarianceField.of(values, grid, config)
 
@@ -147,15 +147,15 @@ def load_or_compute(
     """
     check_grid(grid)
     config = config_of(config)
-    needed = None if points is None else tiles.needed_points(grid, config, points)
+    required = None if points is None else tiles.needed_points(grid, config, points)
     try:
-        about = files.describe(grid, config, cached=True)
+        metadata = files.describe(grid, config, cached=True)
     except FieldError as error:
         warnings.warn(CacheWarning(f"the field is not cached: {error}"), stacklevel=2)
         return covariance_field(
             grid, config, points=points, threads=threads, executor=executor, progress=progress
         )
-    field = _CachedField(grid, config, about, needed)
+    field = _CachedField(grid, config, metadata, required)
 
     def compute(parts: Path | None) -> Values:
         values, due = field.values_known(path, parts)
@@ -164,7 +164,7 @@ def load_or_compute(
             field.write_parts(chunks, values, parts)
         return values
 
-    key = files.key_of(about)
+    key = files.key_of(metadata)
     path = cache_folder(cache_dir) / f"{key}{RESULT}"
     values = load_or_compute_result(
         key,
@@ -174,9 +174,9 @@ def load_or_compute(
         cache_dir=cache_dir,
         waiting=(lambda parts: field.report(parts, progress)) if progress else None,
     )
-    if needed is not None:
+    if required is not None:
         for array in values.values():
-            array[~needed] = np.nan
+            array[~required] = np.nan
     return CovarianceField.of(values, grid, config)
 
 
@@ -225,8 +225,8 @@ class _CachedField:
 
     def load(self, path: Path) -> Values | None:
         """Read the field from its file; None if points are lacking."""
-        about = self._described(path)
-        if self.needed is None and about.get("finished_share") != 1.0:
+        metadata = self._described(path)
+        if self.needed is None and metadata.get("finished_share") != 1.0:
             return None  # some points only
         values = files.read_values(path, self.grid, self.config)
         if self.needed is not None and (self.needed & ~tiles.known_points(values)).any():
@@ -237,8 +237,8 @@ class _CachedField:
 
     def save(self, path: Path, values: Values) -> None:
         """Write all known values to the field's file."""
-        known = tiles.known_points(values)
-        files.write_points(path, values, known, self._with_share(known), self.grid.cells)
+        is_computed = tiles.known_points(values)
+        files.write_points(path, values, is_computed, self._with_share(is_computed), self.grid.cells)
 
     def values_known(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
         """Values of the field that the cache has, NaN elsewhere, and the points due for computing.
@@ -253,20 +253,20 @@ class _CachedField:
                 self._described(file)
                 files.fill_values(values, file, self.grid, self.config, self.all_points)
         same = 0
-        for entry in cache_entries(path.parent):
+        for cached_result in cache_entries(path.parent):
             lacking = due & ~tiles.known_points(values)
             if same == 3 or not lacking.any():
                 break
-            if entry.path == path or not all(
-                entry.about.get(name) == self.about[name] for name in ("kind", *files.ALIKE)
+            if cached_result.path == path or not all(
+                cached_result.about.get(name) == self.about[name] for name in ("kind", *files.ALIKE)
             ):
                 continue
             with suppress(LocplanError):  # damaged ones are skipped: this is only a shortcut
                 same += 1
-                before = files.read_grid(entry.path, entry.about)
+                before = files.read_grid(cached_result.path, cached_result.about)
                 useful = lacking & tiles.untouched_points(before, self.grid, self.config)
                 if useful.any():
-                    files.fill_values(values, entry.path, self.grid, self.config, useful)
+                    files.fill_values(values, cached_result.path, self.grid, self.config, useful)
         return values, due
 
     def write_parts(self, chunks: Iterable[object], values: Values, parts: Path | None) -> None:
@@ -286,17 +286,17 @@ class _CachedField:
     def report(self, parts: Path, progress: ProgressCallback) -> None:
         """Report how far another process is, by the names of the parts that it has written."""
         due = int((self.all_points if self.needed is None else self.needed).sum())
-        done = 0
+        n_done = 0
         with suppress(OSError, ValueError):  # there are none yet
-            done = max(int(Path(name).stem) for name in os.listdir(parts))
-        progress(min(done, due), due)
+            n_done = max(int(Path(name).stem) for name in os.listdir(parts))
+        progress(min(n_done, due), due)
 
     def _described(self, file: Path) -> dict[str, Any]:
         """The description in a file of this field; a FieldError if it is another field's."""
-        about = files.read_about(file)
-        if any(about.get(name) != self.about[name] for name in files.DECISIVE):
+        metadata = files.read_about(file)
+        if any(metadata.get(name) != self.about[name] for name in files.DECISIVE):
             raise FieldError(f"{file}: holds another field")
-        return about
+        return metadata
 
     def _with_share(self, known: Bools) -> dict[str, Any]:
         total = int(self.all_points.sum())

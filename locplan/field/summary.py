@@ -123,8 +123,8 @@ class FieldSummary:
 
 
 def _percentiles(values: Floats) -> Percentiles:
-    found = np.percentile(values, (10, 50, 90)).tolist() if values.size else [math.nan] * 3
-    return Percentiles(*found)
+    percentiles = np.percentile(values, (10, 50, 90)).tolist() if values.size else [math.nan] * 3
+    return Percentiles(*percentiles)
 
 
 def _shown(e: float) -> str:
@@ -145,8 +145,8 @@ def about_field(field: CovarianceField) -> str:
     share = field.saturated_share
     remedy = f"\n{field.config.estimator.remedy}" if share > SATURATED else ""
     spacing = field.stride * field.grid.resolution
-    apart = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
-    near_paths = apart if field.lacking.any() else ""
+    spacing_text = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
+    near_paths = spacing_text if field.lacking.any() else ""
     return f"{made}{near_paths}; u is about 0 (localizable) on {share:.0%} of the map{remedy}"
 
 
@@ -172,9 +172,9 @@ def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats,
     # Closer to walls than 0.15 m they would lie in slits and stray cells.
     i, j = np.nonzero(field.evaluated & (clearance >= 0.15))
     xy = np.stack(field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5), axis=1)
-    chosen = well_spaced(xy, clearance[i, j], spacing)
-    covariance = field.covariance[i[chosen], j[chosen]]
-    return xy[chosen], mean_information(covariance) if covariance.ndim == 4 else covariance
+    indices = well_spaced(xy, clearance[i, j], spacing)
+    covariance = field.covariance[i[indices], j[indices]]
+    return xy[indices], mean_information(covariance) if covariance.ndim == 4 else covariance
 
 
 def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
@@ -202,9 +202,9 @@ def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
     """
     from scipy.spatial import cKDTree
 
-    tree, covered, chosen = cKDTree(xy), np.zeros(len(xy), bool), []
+    tree, covered, indices = cKDTree(xy), np.zeros(len(xy), bool), []
     for k in np.argsort(-priority, kind="stable").tolist():
         if not covered[k]:
-            chosen.append(k)
+            indices.append(k)
             covered[tree.query_ball_point(xy[k], spacing * (1 - 1e-9))] = True
-    return np.array(chosen, np.int64)
+    return np.array(indices, np.int64)

@@ -73,10 +73,10 @@ def rotated_template(cells: Octets, row: int, col: int, radius: int, theta: floa
     centre_row, centre_col = map_centre(cells.shape)
     cos, sin = math.cos(theta), math.sin(theta)
     dy, dx = row - centre_row, col - centre_col
-    turned_row = math.floor(sin * dx + cos * dy + centre_row + 0.5)
-    turned_col = math.floor(cos * dx - sin * dy + centre_col + 0.5)
+    rotated_row = math.floor(sin * dx + cos * dy + centre_row + 0.5)
+    rotated_col = math.floor(cos * dx - sin * dy + centre_col + 0.5)
     offset = np.arange(-radius, radius + 1)
-    v, u = (turned_row + offset)[:, None] - centre_row, turned_col + offset - centre_col
+    v, u = (rotated_row + offset)[:, None] - centre_row, rotated_col + offset - centre_col
     source_row = np.floor(cos * v - sin * u + centre_row + 0.5).astype(np.int64)
     source_col = np.floor(sin * v + cos * u + centre_col + 0.5).astype(np.int64)
     return cells_at(cells, source_row, source_col)

@@ -157,8 +157,8 @@ def dataset_of(
     arrays["covariance"] = (*places, "pose_row", "pose_col"), values["covariance"]
     arrays["e"] = places, e, {"units": e_unit}
     at = {name: (name, *described) for name, described in along.items()}
-    about = {"map": grid.name, "yaw": grid.origin[2], "estimator": config.estimator.title}
-    return Dataset(arrays, at, about)
+    attributes = {"map": grid.name, "yaw": grid.origin[2], "estimator": config.estimator.title}
+    return Dataset(arrays, at, attributes)
 
 
 def coordinates(
@@ -168,11 +168,11 @@ def coordinates(
     stride, (x0, y0, _) = config.stride_cells(grid.resolution), grid.origin
     meaning = "of the map's own axes, which the origin's yaw turns about the origin"
     metres = {"long_name": meaning, "units": "m"}
-    found = {
+    axes = {
         name: (start + (np.arange(-(-size // stride)) * stride + 0.5) * grid.resolution, metres)
         for name, start, size in zip("yx", (y0, x0), grid.shape, strict=True)
     }
     if config.headings != 1:
-        about = {"long_name": "of the robot in the world", "units": "rad"}
-        found["heading"] = config.heading_angles, about
-    return found
+        attributes = {"long_name": "of the robot in the world", "units": "rad"}
+        axes["heading"] = config.heading_angles, attributes
+    return axes

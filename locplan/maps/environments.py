@@ -61,8 +61,8 @@ def _plan(name: str) -> tuple[list[_Shape], dict[str, tuple[float, float]]]:
     places: dict[str, tuple[float, float]] = {}
     text = Path(__file__).with_name("plans").joinpath(f"{name}.txt").read_text("utf-8")
     for line in text.splitlines():
-        word, *given = line.split(maxsplit=1)
-        for part in given[0].split(",") if word != "#" else ():
+        word, *arguments = line.split(maxsplit=1)
+        for part in arguments[0].split(",") if word != "#" else ():
             if word == "place":
                 place, x, y = part.split()
                 places[place] = float(x), float(y)
@@ -191,12 +191,12 @@ def boundary_cells(grid: OccupancyGrid) -> Bools:
 
 def _beside(mask: Bools) -> Bools:
     """Cells with a 4-neighbour in the mask."""
-    beside = np.zeros_like(mask)
-    beside[1:] |= mask[:-1]
-    beside[:-1] |= mask[1:]
-    beside[:, 1:] |= mask[:, :-1]
-    beside[:, :-1] |= mask[:, 1:]
-    return beside
+    neighbours = np.zeros_like(mask)
+    neighbours[1:] |= mask[:-1]
+    neighbours[:-1] |= mask[1:]
+    neighbours[:, 1:] |= mask[:, :-1]
+    neighbours[:, :-1] |= mask[:, 1:]
+    return neighbours
 
 
 class _Canvas:

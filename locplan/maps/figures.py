@@ -112,10 +112,10 @@ def block(shape: tuple[int, ...], most: int | None = None) -> int:
 
 def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
     """First row, end of the rows, first column and end of the columns with known cells."""
-    known = grid.cells != UNKNOWN
-    if not known.any():
+    is_known = grid.cells != UNKNOWN
+    if not is_known.any():
         return 0, grid.shape[0], 0, grid.shape[1]
-    rows, cols = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    rows, cols = (np.flatnonzero(is_known.any(axis=axis)) for axis in (1, 0))
     return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
 
 
@@ -124,7 +124,7 @@ def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
     low, high, left, right = known_cells(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
     margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
-    ends = [(float(each.min() - margin), float(each.max() + margin)) for each in (x, y)]
+    ends = [(float(coordinates.min() - margin), float(coordinates.max() + margin)) for coordinates in (x, y)]
     return dict(zip(("xlim", "ylim"), ends, strict=True))
 
 
@@ -181,8 +181,8 @@ def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
     height, width = high - low, right - left
     cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
     height, width = sin * width + cos * height, cos * width + sin * height
-    drawn_width = min(7.6, 7.6 * width / height)
-    return drawn_width, drawn_width * height / width
+    width_inches = min(7.6, 7.6 * width / height)
+    return width_inches, width_inches * height / width
 
 
 class Polyline(Protocol):
@@ -216,8 +216,8 @@ def map_around(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
         slice(max(0, int(values.min() - margin)), min(size, int(values.max() + margin) + 1))
         for values, size in zip((rows, cols), grid.shape, strict=True)
     )
-    beside = down.start >= down.stop or across.start >= across.stop
-    return grid if beside else grid.part(down, across)
+    is_off_map = down.start >= down.stop or across.start >= across.stop
+    return grid if is_off_map else grid.part(down, across)
 
 
 def zoomed_to(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
@@ -242,8 +242,8 @@ def zoomed_to(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
 def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
     """Whether a part is so small that a picture of the map would hardly show what is in it."""
     ends = map(known_cells, (part, grid))
-    own, whole = (max(high - low, right - left) for low, high, left, right in ends)
-    return own < 0.6 * whole
+    part_size, grid_size = (max(high - low, right - left) for low, high, left, right in ends)
+    return part_size < 0.6 * grid_size
 
 
 def map_figure(grid: OccupancyGrid) -> Figure:
@@ -343,6 +343,6 @@ def faults_figure(faults: MapFaults) -> Figure:
     tints = to_rgba_array(["black", styles.VERMILION], [0.0, 0.8])
     colours = np.round(255 * tints).astype(np.uint8)
     draw_cells(axes, faults.grid, colours[shrunk(faults.cells.astype(np.uint8))])
-    kinds = ", ".join(dict.fromkeys(each.kind for each in faults)) or "no fault"
+    kinds = ", ".join(dict.fromkeys(fault.kind for fault in faults)) or "no fault"
     axes.set_title(f"{faults.grid.name or 'map'}: {kinds}", fontsize="medium")
     return figure

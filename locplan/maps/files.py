@@ -78,7 +78,7 @@ def missing_image(file: Path, image: str) -> MapError:
     where = "" if line is None else f"line {line}, "
     name = re.split(r"[/\\]", image)[-1]
     names = [name, *(file.stem + suffix for suffix in SUFFIXES)]
-    near = [each for each in names if each and os.path.isfile(file.parent / each)]
+    near = [candidate for candidate in names if candidate and os.path.isfile(file.parent / candidate)]
     near = near or _alike_images(file.parent, name)
     if near:
         remedy = f"{shown(near[0])} lies next to the YAML: write image: {_yaml_text(near[0])}"
@@ -93,9 +93,9 @@ def _alike_images(folder: Path, name: str) -> list[str]:
         names = sorted(os.listdir(folder))
     except OSError:
         return []
-    images = [each for each in names if Path(each).suffix.lower() in SUFFIXES]
+    images = [filename for filename in names if Path(filename).suffix.lower() in SUFFIXES]
     stem = Path(name).stem.lower()
-    return [each for each in images if Path(each).stem.lower() == stem]
+    return [filename for filename in images if Path(filename).stem.lower() == stem]
 
 
 def _line_of_image(file: Path) -> int | None:
@@ -135,7 +135,7 @@ def read_header(file: Path) -> Header:
     """Read the entries of a map's YAML; a missing or a wrong one is a MapError."""
     entries = {"negate": "0", "mode": "trinary"} | _read_entries(file)
     image, origin, mode = entries.get("image"), entries.get("origin"), entries["mode"]
-    place = [_number(item) for item in origin] if isinstance(origin, list) else []
+    place = [_number(coordinate) for coordinate in origin] if isinstance(origin, list) else []
     negate = {"0": False, "1": True, "false": False, "true": True}.get(
         str(entries["negate"]).lower()
     )
@@ -143,10 +143,10 @@ def read_header(file: Path) -> Header:
         _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
     )
     finite = len(place) == 3 and all(abs(value) <= FARTHEST for value in place)
-    named = isinstance(image, str) and is_file_name(image)
+    has_file_name = isinstance(image, str) and is_file_name(image)
     (finest, coarsest), metres = RESOLUTIONS, f"{RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g} metres"
     for key, rule, example, holds in (
-        ("image", "the name of a file", "map.pgm", named),
+        ("image", "the name of a file", "map.pgm", has_file_name),
         ("resolution", metres, "0.05", finest <= resolution <= coarsest),
         ("origin", "three finite numbers x, y, yaw", "[0.0, 0.0, 0.0]", finite),
         ("negate", "0 or 1", "0", negate is not None),
@@ -170,13 +170,13 @@ def _read_entries(file: Path) -> dict[str, Entry]:
     root = compose(file, content, remedy)
     if root is None or root.id != "mapping":
         raise fault_of(file, "holds no keys", remedy)
-    entries: dict[str, Entry] = {}
+    yaml_values: dict[str, Entry] = {}
     for key, value in root.value:
         name = "".join(_plain(key) or "")
-        if name in entries:
+        if name in yaml_values:
             raise fault_of(file, f"{_shown(name)} occurs twice", "keep one of the two")
-        entries[name] = _plain(value)
-    return entries
+        yaml_values[name] = _plain(value)
+    return yaml_values
 
 
 def _plain(node: Any) -> Entry:
@@ -187,7 +187,7 @@ def _plain(node: Any) -> Entry:
         return str(node.value)
     if node.id != "sequence":
         return ["..."]
-    return [str(item.value) if item.id == "scalar" else "..." for item in node.value]
+    return [str(child.value) if child.id == "scalar" else "..." for child in node.value]
 
 
 def _number(entry: Entry) -> float:
@@ -315,18 +315,18 @@ def _counts(pixels: Array, seen: Bools | None, values: int) -> Ints:
     """Number of the pixels that are seen of each value, (values,)."""
     counts = np.zeros(values, np.int64)
     for rows in range(0, len(pixels), ROWS):  # bincount takes 8 bytes for each pixel
-        some = slice(rows, rows + ROWS)
+        band = slice(rows, rows + ROWS)
         counts += np.bincount(
-            (pixels[some] if seen is None else pixels[some][seen[some]]).ravel(), None, values
+            (pixels[band] if seen is None else pixels[band][seen[band]]).ravel(), None, values
         )
     return counts
 
 
 def _of_costs(counts: Ints, levels: Octets) -> int:
     """Number of pixels of a costmap's lethal and inscribed costs that are read as free."""
-    both = counts[253:255]
-    is_costmap = (levels[253:255] == FREE).all() and (both > 0.01 * counts.sum()).all()
-    return int(both.sum()) if is_costmap else 0
+    obstacle_counts = counts[253:255]
+    is_costmap = (levels[253:255] == FREE).all() and (obstacle_counts > 0.01 * counts.sum()).all()
+    return int(obstacle_counts.sum()) if is_costmap else 0
 
 
 def _as_of_walls(
@@ -340,8 +340,8 @@ def _as_of_walls(
         return 0
     image = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(pixels), ROWS):  # an index takes 8 bytes for each pixel
-        some = slice(rows, rows + ROWS)
-        image[some] = dark[pixels[some]] if seen is None else dark[pixels[some]] & seen[some]
+        band = slice(rows, rows + ROWS)
+        image[band] = dark[pixels[band]] if seen is None else dark[pixels[band]] & seen[band]
     # From 1 m on a grey area is the unknown around or between rooms.
     width = min(int(1.0 / resolution), max(image.shape)) + 1
     wide = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
@@ -555,8 +555,8 @@ def meant_header(source: MapSource, more: Mapping[str, object] | None = None) ->
 def _text_of(header: Header, more: Mapping[str, object]) -> str:
     """A map's YAML, with some entries other ones."""
     # ROS 1 does not read true and false.
-    entries = header._asdict() | {"negate": int(header.negate), **more}
-    return dumped(entries, default_flow_style=None, sort_keys=True, width=math.inf)
+    yaml_values = header._asdict() | {"negate": int(header.negate), **more}
+    return dumped(yaml_values, default_flow_style=None, sort_keys=True, width=math.inf)
 
 
 def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
@@ -564,7 +564,7 @@ def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
     image = file.parent / header.image
     if not os.path.lexists(image):
         raise missing_image(file, header.image)
-    pixels, seen, rescaled = read_pixels(image)
+    pixels, opaque, rescaled = read_pixels(image)
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
         raise fault_of(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
@@ -572,10 +572,10 @@ def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
     cells = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(cells), ROWS):  # an index takes 8 bytes for each pixel
         cells[rows : rows + ROWS] = levels[pixels[rows : rows + ROWS]]
-    seen = None if raw else seen
-    if seen is not None:
-        cells[~seen] = UNKNOWN
-    source = MapSource.of(str(file), header, pixels, seen, occupancy, levels)
+    opaque = None if raw else opaque
+    if opaque is not None:
+        cells[~opaque] = UNKNOWN
+    source = MapSource.of(str(file), header, pixels, opaque, occupancy, levels)
     return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file)), source
 
 
@@ -602,8 +602,8 @@ def source_files(path: Path) -> list[Path]:
     """
     if is_built_in(path):
         return []
-    beside = [] if os.path.isdir(path) else sorted(path.parent.glob("*.y*ml"))
-    maps = [*find_maps(path), *(file for file in beside if _names_an_image(file))]
+    neighbour_files = [] if os.path.isdir(path) else sorted(path.parent.glob("*.y*ml"))
+    maps = [*find_maps(path), *(file for file in neighbour_files if _names_an_image(file))]
     return [*maps, *(image for file in maps if (image := _image_of(file)))]
 
 
@@ -625,15 +625,15 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
     LocplanError
         If an argument can be no path.
     """
-    found: list[Path] = []
+    map_files: list[Path] = []
     for path in (file_path("a map file", path) for path in paths):
         files = sorted(path.rglob("*.y*ml")) if os.path.isdir(path) else [path]
         if os.path.isdir(path):
             exported = {file.parent for file in path.rglob("export.json")} - {path}
             files = [file for file in files if file.parent not in exported]
             files = [file for file in files if _names_an_image(file)] or [path]
-        found += files
-    return list(dict.fromkeys(found))
+        map_files += files
+    return list(dict.fromkeys(map_files))
 
 
 def save_map(
@@ -721,7 +721,7 @@ def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> N
         new.mkdir()
         picture.save(new / image.name, "PNG" if image.suffix == ".png" else "PPM")
         (new / file.name).write_text(text, encoding="utf-8")
-        decide(staging, {each.name: digest_of(each) for each in (image, file)})
+        decide(staging, {target.name: digest_of(target) for target in (image, file)})
 
 
 def _image_of(file: Path) -> Path | None:

@@ -120,15 +120,15 @@ def _solidity(grid: OccupancyGrid) -> Solidity:
     if not inside.any():
         return Solidity(0.0, 0.0, 0.0)
     wins, count, moves = np.zeros(2), 0, _moves(grid.resolution)
-    before, both = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
+    before, window_scores = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
     for around, pose, ends in _scans(grid):
         if around != before:
             occupied = grid.cells[around] == OCCUPIED
             rims, before = occupied & ~inside[around], around
-            both = [_scores(each.view(np.uint8), grid.resolution) for each in (occupied, rims)]
-        if both[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score(np.float64(CLEARANCE)):
+            window_scores = [_scores(layer.view(np.uint8), grid.resolution) for layer in (occupied, rims)]
+        if window_scores[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score(np.float64(CLEARANCE)):
             continue
-        wins += [_wrong_pose_wins(each, ends, pose, moves) for each in both]
+        wins += [_wrong_pose_wins(layer, ends, pose, moves) for layer in window_scores]
         count += 1
         if count == SCANS:
             break
@@ -144,10 +144,10 @@ def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats)
 
     # Cells of the window in the ring, counted from its corner.
     rows, cols = scores.shape
-    own = BeamScores(scores.ravel(), rows, cols, resolution=1.0, product=False, shift=1.0)
+    beam_scores = BeamScores(scores.ravel(), rows, cols, resolution=1.0, product=False, shift=1.0)
     sums = np.empty(len(moves) + 1)
     poses = pose[[1, 0, 2], None] + np.column_stack([np.zeros(3), moves.T])
-    add_scores(own, ends, poses, len(sums), sums)
+    add_scores(beam_scores, ends, poses, len(sums), sums)
     return bool(sums[1:].max() > sums[0])
 
 
@@ -175,12 +175,12 @@ def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, F
     noise = BeamDisturbances(OUTLIERS, 0.2, np.radians(20.0), 0.5, 2.0)
     before, squares = (slice(0), slice(0)), np.empty((0, 0), np.uint8)
     for row, col in _places(grid, random):
-        seen, pose = _window(grid, row, col, RANGE), np.empty(3)
-        first = seen[0].start, seen[1].start
+        window, pose = _window(grid, row, col, RANGE), np.empty(3)
+        first = window[0].start, window[1].start
         pose[:] = row - first[0], col - first[1], random.uniform(-np.pi, np.pi)
         ends = np.empty((BEAMS, 2))
-        if seen != before:
-            before, squares = seen, empty_squares(grid.cells[seen] == OCCUPIED)
+        if window != before:
+            before, squares = window, empty_squares(grid.cells[window] == OCCUPIED)
         measured_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue
@@ -191,9 +191,9 @@ def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, F
 
 def _places(grid: OccupancyGrid, random: np.random.Generator) -> Iterator[tuple[float, float]]:
     """Positions in free cells, drawn at random [cells]; fewer than TRIES where few are free."""
-    drawn = random.random((100 * TRIES, 2)) * grid.shape
-    rows, cols = drawn.astype(np.int64).T
-    for row, col in drawn[grid.cells[rows, cols] == FREE][:TRIES]:
+    positions = random.random((100 * TRIES, 2)) * grid.shape
+    rows, cols = positions.astype(np.int64).T
+    for row, col in positions[grid.cells[rows, cols] == FREE][:TRIES]:
         yield float(row), float(col)
 
 
@@ -261,25 +261,25 @@ class MapFault:
     @property
     def where(self) -> str:
         """The largest places in words, the middle of each and its size [m]; else empty."""
-        said = [
+        place_texts = [
             f"{(left + right) / 2:.1f},{(low + top) / 2:.1f}"
             f" ({right - left:.1f} x {top - low:.1f} m)"
             for left, right, low, top in self.boxes[:3]
         ]
-        more = [f"{len(self.boxes) - 3} more places"] if len(self.boxes) > 3 else []
-        return ", ".join([*said, *more])
+        omitted = [f"{len(self.boxes) - 3} more places"] if len(self.boxes) > 3 else []
+        return ", ".join([*place_texts, *omitted])
 
     @property
     def sentence(self) -> str:
         """All of it in one sentence, without a full stop."""
-        what = f"{self.what}, at {self.where}" if self.boxes else self.what
-        return "; ".join(each for each in (what, self.costs, self.mend) if each)
+        message = f"{self.what}, at {self.where}" if self.boxes else self.what
+        return "; ".join(clause for clause in (message, self.costs, self.mend) if clause)
 
 
 def _said(kind: str, sentence: str, *, sure: bool = False) -> MapFault:
     """A fault whose sentence ends in what to do, or in what it means."""
-    what, _, mend = sentence.rpartition("; ")
-    return MapFault(kind, what or mend, mend if what else "", sure=sure)
+    message, _, mend = sentence.rpartition("; ")
+    return MapFault(kind, message or mend, mend if message else "", sure=sure)
 
 
 def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
@@ -393,11 +393,11 @@ def of_cells(grid: OccupancyGrid) -> Iterator[MapFault]:
     count = np.zeros(2, np.int64)  # of the boundary's cells, and of the open ones
     for top in range(0, len(cells), ROWS):
         first = max(top - 3, 0)
-        around, own = cells[first : top + ROWS + 3], slice(top - first, top - first + ROWS)
+        around, band_rows = cells[first : top + ROWS + 3], slice(top - first, top - first + ROWS)
         free, occupied = ((around == level).astype(np.uint8) for level in (FREE, OCCUPIED))
         inner = cv2.erode(free, cross, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        edge = (free > inner)[own]
-        open_ = edge & (cv2.dilate(occupied, kernel)[own] == 0)
+        edge = (free > inner)[band_rows]
+        open_ = edge & (cv2.dilate(occupied, kernel)[band_rows] == 0)
         count += np.count_nonzero(edge), np.count_nonzero(open_)
     share = count[1] / count[0]
     if share > 0.5:
@@ -425,8 +425,8 @@ def specks_of(grid: OccupancyGrid) -> Bools:
     """The cells of specks: up to 3 that touch each other, and else only free ones, (H, W)."""
     import cv2
 
-    found = np.zeros(grid.shape, np.bool_)
-    for top in range(0, len(found), ROWS):
+    is_speck = np.zeros(grid.shape, np.bool_)
+    for top in range(0, len(is_speck), ROWS):
         first = max(top - SPECK - 1, 0)
         around = grid.cells[first : top + ROWS + SPECK + 1]
         occupied = (around == OCCUPIED).view(np.uint8)
@@ -434,9 +434,9 @@ def specks_of(grid: OccupancyGrid) -> Bools:
         floats = np.bincount(labels[_beside_unknown(around)], minlength=count) == 0
         small = floats & (stats[:, cv2.CC_STAT_AREA] <= SPECK)
         small[0] = False
-        own = slice(top - first, top - first + ROWS)
-        found[top : top + ROWS] = small[labels[own]]
-    return found
+        band_rows = slice(top - first, top - first + ROWS)
+        is_speck[top : top + ROWS] = small[labels[band_rows]]
+    return is_speck
 
 
 def _beside_unknown(cells: Octets) -> Bools:
@@ -467,10 +467,10 @@ def boxes_of(
     near = cv2.dilate(cells.view(np.uint8), np.ones((size, size), np.uint8))
     count, labels = cv2.connectedComponents(near, connectivity=8)
     rows, cols = np.nonzero(cells)
-    own = labels[rows, cols]
+    cell_labels = labels[rows, cols]
     places = []
-    for n in np.argsort(-np.bincount(own, minlength=count), kind="stable")[: len(np.unique(own))]:
-        row, col = rows[own == n], cols[own == n]
+    for n in np.argsort(-np.bincount(cell_labels, minlength=count), kind="stable")[: len(np.unique(cell_labels))]:
+        row, col = rows[cell_labels == n], cols[cell_labels == n]
         corners = np.ix_((row.min(), row.max() + 1.0), (col.min(), col.max() + 1.0))
         x, y = grid.grid_to_world(*map(np.ravel, np.broadcast_arrays(*corners)))
         places.append((float(x.min()), float(x.max()), float(y.min()), float(y.max())))
@@ -541,7 +541,7 @@ class MapFaults(Result):
     """The map as its file is meant, see `as_meant`, which the faults of walls and cells are of."""
 
     def __repr__(self) -> str:
-        kinds = ", ".join(each.kind for each in self) or "none"
+        kinds = ", ".join(fault.kind for fault in self) or "none"
         return f"MapFaults({self.grid.name or 'map'}: {kinds})"
 
     def __iter__(self) -> Iterator[MapFault]:
@@ -553,17 +553,17 @@ class MapFaults(Result):
     @property
     def is_solid(self) -> bool:
         """True if walls are black inside so that a filter gets lost, and hollowing mends it."""
-        return any(each.kind == "solid walls" for each in self)
+        return any(fault.kind == "solid walls" for fault in self)
 
     @cached_property
     def cells(self) -> Bools:
         """The cells that walls black inside, painted unknown space and specks concern, (H, W)."""
-        where, kinds = np.zeros(self.meant.shape, np.bool_), {each.kind for each in self}
+        is_faulty, kinds = np.zeros(self.meant.shape, np.bool_), {fault.kind for fault in self}
         if kinds & {"solid walls", "thick walls", "painted unknown"}:
-            where |= inside_of_walls(self.meant)
+            is_faulty |= inside_of_walls(self.meant)
         if "specks" in kinds:
-            where |= self.specks
-        return where
+            is_faulty |= self.specks
+        return is_faulty
 
     @cached_property
     def specks(self) -> Bools:
@@ -573,7 +573,7 @@ class MapFaults(Result):
     @property
     def mended(self) -> OccupancyGrid:
         """The map for a filter: as its file is meant, without specks, solid walls hollowed."""
-        grid, kinds = self.meant, {each.kind for each in self}
+        grid, kinds = self.meant, {fault.kind for fault in self}
         if "specks" in kinds:
             grid = replace(grid, cells=np.where(self.specks, np.uint8(FREE), grid.cells))
         # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
@@ -590,8 +590,8 @@ class MapFaults(Result):
         return {
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "faults": [
-                {**row, "boxes": [list(box) for box in each.boxes]}
-                for row, each in zip(self.table().records(), self, strict=True)
+                {**row, "boxes": [list(box) for box in fault.boxes]}
+                for row, fault in zip(self.table().records(), self, strict=True)
             ],
         }
 
@@ -658,9 +658,9 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
     0
     """
     check_grid(grid)
-    of_file = (*of_mask(grid, source), *of_source(grid, source)) if source else ()
+    file_faults = (*of_mask(grid, source), *of_source(grid, source)) if source else ()
     # No filter has a mask for its map, whose areas are no walls.
-    is_mask = any(each.kind == "mask" for each in of_file)
-    meant = grid if is_mask else as_meant(grid, source)
-    walls = () if is_mask else (*of_walls(meant, solidity(meant)), *of_painted(meant))
-    return MapFaults(grid, (*of_file, *walls, *of_cells(meant), *of_origin(grid)), meant)
+    is_mask = any(fault.kind == "mask" for fault in file_faults)
+    corrected_map = grid if is_mask else as_meant(grid, source)
+    walls = () if is_mask else (*of_walls(corrected_map, solidity(corrected_map)), *of_painted(corrected_map))
+    return MapFaults(grid, (*file_faults, *walls, *of_cells(corrected_map), *of_origin(grid)), corrected_map)

@@ -67,13 +67,13 @@ def _checked_per_cent(values: NDArray[Any]) -> NDArray[Any]:
 def parts_of(message: Any) -> tuple[NDArray[Any], float, tuple[float, float, float]]:
     """Values (H, W), resolution [m] and origin (x, y, yaw) of a nav_msgs/OccupancyGrid."""
     try:
-        info, pose = message.info, message.info.origin
-        values = np.asarray(message.data, np.int64).reshape(int(info.height), int(info.width))
+        metadata, pose = message.info, message.info.origin
+        values = np.asarray(message.data, np.int64).reshape(int(metadata.height), int(metadata.width))
         turn = pose.orientation
         sine = 2 * (turn.w * turn.z + turn.x * turn.y)
         yaw = math.atan2(sine, 1 - 2 * (turn.y**2 + turn.z**2))
         origin = float(pose.position.x), float(pose.position.y), yaw
-        return values, float(info.resolution), origin
+        return values, float(metadata.resolution), origin
     except (AttributeError, TypeError, ValueError, OverflowError) as error:
         raise MapError(
             f"the message is no nav_msgs/OccupancyGrid with data and info ({error})"

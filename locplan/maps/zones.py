@@ -531,9 +531,9 @@ def _find_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
     pairs = np.argwhere(np.triu(is_across & is_across.T))
     if not len(pairs):
         return None
-    one, other = pairs[0]
-    share = begin[one, other] / (begin[one, other] - end[one, other])
-    x, y = (starts[other] + share * steps[other]).tolist()
+    edge, other_edge = pairs[0]
+    share = begin[edge, other_edge] / (begin[edge, other_edge] - end[edge, other_edge])
+    x, y = (starts[other_edge] + share * steps[other_edge]).tolist()
     return x, y
 
 

@@ -205,12 +205,12 @@ def at_places(
     """
     shifts = np.unique([-around, 0.0, around])
     dx, dy = (axis.ravel() for axis in np.meshgrid(shifts, shifts))
-    found = {}
+    covariances = {}
     for place, name in PLACES.items():
         x, y = environments.landmarks(name)[place]
         rows, cols = np.floor(maps[name].world_to_grid(x + dx, y + dy)).astype(np.int64)
-        found[place] = _covariances(maps[name], rows, cols, estimator)
-    return found
+        covariances[place] = _covariances(maps[name], rows, cols, estimator)
+    return covariances
 
 
 def shares_of_claims(
@@ -223,8 +223,8 @@ def shares_of_claims(
     maps, estimator, around
         See `at_places`.
     """
-    found = at_places(maps, estimator, around=around)
-    return {claim: float(holds(found).mean()) for claim, holds in CLAIMS.items()}
+    covariances = at_places(maps, estimator, around=around)
+    return {claim: float(holds(covariances).mean()) for claim, holds in CLAIMS.items()}
 
 
 def share_smaller_with_range(
@@ -244,11 +244,11 @@ def share_smaller_with_range(
         Distance of the poses along x and y [m], at least a cell.
     """
     step = round(spacing / grid.resolution)
-    chosen = np.zeros(grid.shape, bool)
-    chosen[step // 2 :: step, step // 2 :: step] = True
-    rows, cols = np.nonzero(chosen & grid.free)
-    both = estimator, replace(estimator, range=longer)
-    shorter, further = (scalar(_covariances(grid, rows, cols, each), "e") for each in both)
+    is_sampled = np.zeros(grid.shape, bool)
+    is_sampled[step // 2 :: step, step // 2 :: step] = True
+    rows, cols = np.nonzero(is_sampled & grid.free)
+    estimators = estimator, replace(estimator, range=longer)
+    shorter, further = (scalar(_covariances(grid, rows, cols, ranged_estimator), "e") for ranged_estimator in estimators)
     return float(np.mean(further <= shorter * (1 + 1e-9)))
 
 

@@ -131,24 +131,24 @@ def any_angle_path(
     wider : (m, 2) array, optional
         Cells to straighten in place of those, if they were searched over more moves.
     """
-    others = [_without_end_centres(costs, cells, start, goal)]
+    candidates = [_without_end_centres(costs, cells, start, goal)]
     if (line := straight_line(costs, start, goal, allow_corner_cutting)) is not None:
-        others.append(line)
+        candidates.append(line)
     ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
     inner = (cells if wider is None else wider) + 0.5
     positions = np.vstack([ends[:1], inner, ends[1:]])
     straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
-    best: Path = min(straight, *others, key=lambda path: path_cost(costs, path))
+    best: Path = min(straight, *candidates, key=lambda path: path_cost(costs, path))
     return best
 
 
 def _without_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
     """The path over cells without the centres of its ends' cells, where that costs no more."""
     xy = np.vstack([start, turning_centres(costs, cells), goal])
-    for end, between, beyond in ((0, 1, 2), (-1, -2, -3)):
+    for end, between, far in ((0, 1, 2), (-1, -2, -3)):
         if len(xy) > 2:
-            direct, around = Path(xy[[end, beyond]]), Path(xy[[end, between, beyond]])
+            direct, around = Path(xy[[end, far]]), Path(xy[[end, between, far]])
             if path_cost(costs, direct) <= path_cost(costs, around):
                 xy = np.delete(xy, between, axis=0)
     return distinct(costs, xy)
@@ -177,8 +177,8 @@ def _improved(
     half, columns, cheapest = bordered.half, bordered.columns, bordered.scale.cheapest
     positions, spacing = positions + 1, 1.0
     while True:
-        kept = shortcut(half, columns, positions, LOOKAHEAD, cutting, cheapest)
-        positions = positions[kept]
+        indices = shortcut(half, columns, positions, LOOKAHEAD, cutting, cheapest)
+        positions = positions[indices]
         length = np.hypot(*np.diff(positions, axis=0).T).sum()
         if LOOKAHEAD * spacing >= length:
             break
@@ -187,8 +187,8 @@ def _improved(
     positions = subdivided(positions, 8.0)
     for step in SHIFTS:  # in at most 20 sweeps over all positions
         positions = shift(half, columns, positions, step, 20, cutting)
-    kept = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
-    xy = np.column_stack(costs.grid.grid_to_world(*(positions[kept] - 1).T))
+    indices = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
+    xy = np.column_stack(costs.grid.grid_to_world(*(positions[indices] - 1).T))
     return distinct(costs, np.vstack([start, xy[1:-1], goal]))
 
 
@@ -221,16 +221,16 @@ def _moves(columns: int, allow_corner_cutting: bool) -> Any:
     from locplan._support.kernels.rays import cells_along
     from locplan.planning.kernels.any_angle import Moves
 
-    whole = range(-REACH, REACH + 1)
-    moves = [move for move in itertools.product(whole, whole) if math.gcd(*move) == 1]
+    steps = range(-REACH, REACH + 1)
+    moves = [move for move in itertools.product(steps, steps) if math.gcd(*move) == 1]
     crossed, lengths, touched = [], [], []
     for move in moves:
         rows, cols, inside = cells_along(np.array([(0.5, 0.5), (move[0] + 0.5, move[1] + 0.5)]))
         crossed.append(rows * columns + cols)
         lengths.append(2 * inside)
         corners = (np.diff(rows) != 0) & (np.diff(cols) != 0)
-        beside = rows[:-1] * columns + cols[1:], rows[1:] * columns + cols[:-1]
-        touched.append(np.concatenate([cells[corners] for cells in beside]))
+        flanks = rows[:-1] * columns + cols[1:], rows[1:] * columns + cols[:-1]
+        touched.append(np.concatenate([cells[corners] for cells in flanks]))
     if allow_corner_cutting:
         touched = [np.empty(0, np.int64) for _ in moves]
     offsets = np.array([row * columns + col for row, col in moves])

@@ -102,11 +102,11 @@ class CostToGo:
             If the start lies outside the map or in a blocked cell.
         """
         began = time.perf_counter()
-        cells, found = self.cells(start), Found(status="unreachable")
+        cells, planner_result = self.cells(start), Found(status="unreachable")
         if cells is not None:
             note = unfit_note("grid", self.costs.robot)
-            found = Found(self._path_over(cells, start), note=note)
-        return finished("grid", self.costs, start, self.goal, found, time.perf_counter() - began)
+            planner_result = Found(self._path_over(cells, start), note=note)
+        return finished("grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began)
 
     def _path_over(self, cells: Ints, start: Position) -> Path:
         """The path over cells (n, 2) from a start."""
@@ -224,22 +224,22 @@ def farthest_pairs(
     part : (H, W) array of bool, optional
         The part of the room that places lie in; paths between them may leave it.
     """
-    searched = _Room(grid, room_of_cell, room, part)
-    chosen = [searched.farthest(searched.distance(searched.deepest))]
-    distances = [searched.distance(chosen[0])]
-    while len(chosen) < len(names):
+    coarse_room = _Room(grid, room_of_cell, room, part)
+    place_cells = [coarse_room.farthest(coarse_room.distance(coarse_room.deepest))]
+    distances = [coarse_room.distance(place_cells[0])]
+    while len(place_cells) < len(names):
         nearest = np.minimum.reduce(distances)
-        place = searched.farthest(nearest)
-        spacing = 0.2 * distances[0][chosen[1]] if len(chosen) > 1 else 0.0
+        place = coarse_room.farthest(nearest)
+        spacing = 0.2 * distances[0][place_cells[1]] if len(place_cells) > 1 else 0.0
         if nearest[place] <= max(min_distance, spacing):
             break
-        chosen.append(place)
-        distances.append(searched.distance(place))
-    ends = sorted(chosen[:2], key=searched.position)  # A is the left one of the first pair
-    order = [*ends, *chosen[2:]]
-    from_places = [distances[chosen.index(place)] for place in order]
+        place_cells.append(place)
+        distances.append(coarse_room.distance(place))
+    ends = sorted(place_cells[:2], key=coarse_room.position)  # A is the left one of the first pair
+    order = [*ends, *place_cells[2:]]
+    from_places = [distances[place_cells.index(place)] for place in order]
     places = [
-        NamedPlace(name, *searched.position(place), room)
+        NamedPlace(name, *coarse_room.position(place), room)
         for name, place in zip(names, order, strict=False)
     ]
     pairs = []
@@ -272,12 +272,12 @@ class _Room:
         deepest, self._place = np.empty(coarse, np.float32), np.empty(coarse, np.int64)
         inside = inside[top : bottom + 1, left : right + 1]
         for band, around, inner in bands(coarse[0], coarse[1] * factor**2, -(-DEEP // factor)):
-            some = inside[around.start * factor : around.stop * factor]
+            inside_band = inside[around.start * factor : around.stop * factor]
             # With a border, which is outside; in large rooms it ends depths beyond `DEEP`.
             height, width = factor * (around.stop - around.start), factor * coarse[1]
-            own = np.zeros((height + 2, width + 2), np.uint8)
-            own[1 : len(some) + 1, 1 : cols + 1] = some
-            depth = np.asarray(cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_5))[1:-1, 1:-1]
+            bordered = np.zeros((height + 2, width + 2), np.uint8)
+            bordered[1 : len(inside_band) + 1, 1 : cols + 1] = inside_band
+            depth = np.asarray(cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_5))[1:-1, 1:-1]
             blocks = depth.reshape(-1, factor, coarse[1], factor)[inner].swapaxes(1, 2)
             blocks = blocks.reshape(-1, coarse[1], factor**2)
             deepest[band], self._place[band] = blocks.max(axis=2), blocks.argmax(axis=2)

@@ -271,9 +271,9 @@ class Costmap(CostLayers, Saved):
         check_weight(weight)
         of_u = checked_layer("u", u, grid, 1.0)
         of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
-        zones, radius, own = check_zones(zones), radius_of(robot), whole_robot(robot)
+        zones, radius, robot_model = check_zones(zones), radius_of(robot), whole_robot(robot)
         density = blocked_near(with_zones(density_of(of_u, weight), grid, zones), grid, radius)
-        return cls(grid, density, float(weight), radius, of_u, of_e, robot=own, zones=zones)
+        return cls(grid, density, float(weight), radius, of_u, of_e, robot=robot_model, zones=zones)
 
     @classmethod
     def from_density(
@@ -319,8 +319,8 @@ class Costmap(CostLayers, Saved):
         zones = check_zones(zones)
         values = blocked_near(with_zones(values, grid, zones), grid, radius_of(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
-        radius, own = radius_of(robot), whole_robot(robot)
-        return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=own, zones=zones)
+        radius, robot_model = radius_of(robot), whole_robot(robot)
+        return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=robot_model, zones=zones)
 
     @classmethod
     def blank(
@@ -446,8 +446,8 @@ class Costmap(CostLayers, Saved):
                 f" {radius:g} m; make another one instead"
             )
         density = blocked_near(self.density, self.grid, radius)
-        own = whole_robot(robot) or self.robot
-        return dataclasses.replace(self, density=density, robot_radius=radius, robot=own)
+        robot_model = whole_robot(robot) or self.robot
+        return dataclasses.replace(self, density=density, robot_radius=radius, robot=robot_model)
 
     def figure(self) -> Figure:
         """Draw the degeneracy u of a costmap over its map; blocked cells show the map."""

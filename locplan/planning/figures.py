@@ -72,16 +72,16 @@ if TYPE_CHECKING:
 
 def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
     """Weight, limits, footprint and robot radius that the plans were made with."""
-    asked = [f"weight {costs.weight:g}"]
+    parts = [f"weight {costs.weight:g}"]
     for plan in plans.values():
         if plan.budget is not None:
-            asked = [f"budget {plan.budget:g} m"]
+            parts = [f"budget {plan.budget:g} m"]
         if plan.max_e is not None:
-            asked.append(f"e at most {plan.max_e:g}")
-        if plan.footprint is not None and "footprint" not in asked:
-            asked.append("footprint")
+            parts.append(f"e at most {plan.max_e:g}")
+        if plan.footprint is not None and "footprint" not in parts:
+            parts.append("footprint")
     radius = format_radius(costs.robot, costs.robot_radius)
-    return ", ".join([*asked, f"robot radius {radius}"])
+    return ", ".join([*parts, f"robot radius {radius}"])
 
 
 def info_figure(info: MapInfo) -> Figure:
@@ -174,11 +174,11 @@ def along_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
         Whether the values are mean errors [m]: the scale then spans all from `MIN_ERROR` on, and
         else those between the quantiles of 2 and 98 %.
     """
-    known = values[np.isfinite(values)]
+    finite_values = values[np.isfinite(values)]
     if of_errors:
-        low = max(styles.MIN_ERROR, float(known.min()))
-        return LogNorm(low, max(float(known.max()), 2 * low), clip=True)
-    low, high = np.quantile(known, (0.02, 0.98)).tolist()
+        low = max(styles.MIN_ERROR, float(finite_values.min()))
+        return LogNorm(low, max(float(finite_values.max()), 2 * low), clip=True)
+    low, high = np.quantile(finite_values, (0.02, 0.98)).tolist()
     return LogNorm(low, max(high, 1.5 * low), clip=True)
 
 
@@ -324,23 +324,23 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         At most four plans, by the name to show; plans without a path are only named.
     """
     solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
-    found = [(*each, style) for each, style in zip(solved, PATH_STYLES, strict=False)]
-    shown = [path for plan in plans.values() for path in _drawn(plan)]
-    figure, upper, lower, part = _map_and_plot(costs.grid, shown, 2.2)
+    styled_paths = [(*solved_plan, style) for solved_plan, style in zip(solved, PATH_STYLES, strict=False)]
+    paths = [path for plan in plans.values() for path in _drawn(plan)]
+    figure, upper, lower, part = _map_and_plot(costs.grid, paths, 2.2)
     config = field.config
     of_field = costs.settings is not None and costs.settings.config == config
     plain = config.headings == 1 and config.estimator.criterion == "e"
-    whole = part is costs.grid and block(part.shape) == 1 and costs.grid == field.grid
-    read = costs.e if of_field and plain and whole else None  # they are the same
+    is_whole_map = part is costs.grid and block(part.shape) == 1 and costs.grid == field.grid
+    read = costs.e if of_field and plain and is_whole_map else None  # they are the same
     image = draw_field(upper, field, part=part, read=read)
-    draw_inset(upper, costs.grid, part, shown)
+    draw_inset(upper, costs.grid, part, paths)
     field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
     # The first plan comes out on top, with its dashes visible where paths coincide.
-    for _, _, path, style in reversed(found):
+    for _, _, path, style in reversed(styled_paths):
         draw_path(upper, path, **style)
     _draw_stops(upper, plans)
-    _draw_profiles(lower, costs, found)
-    handles = [*_handles(plans, found, field.e_unit), *draw_zones(upper, costs.zones, part)]
+    _draw_profiles(lower, costs, styled_paths)
+    handles = [*_handles(plans, styled_paths, field.e_unit), *draw_zones(upper, costs.zones, part)]
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
     weak = weak_spots(field, image.get_array())
@@ -434,8 +434,8 @@ def _handles(plans: Mapping[str, Plan], found: Sequence[Drawn], e_unit: str) -> 
 
 def _drawn(plan: Plan) -> list[Path]:
     """What a picture of a plan must show: its path, and the places that were asked for."""
-    asked = [plan.start, *plan.via, plan.goal]
-    places = Path(np.array([pose[:2] for pose in asked], dtype=float))
+    stops = [plan.start, *plan.via, plan.goal]
+    places = Path(np.array([pose[:2] for pose in stops], dtype=float))
     return [places] if plan.path is None else [plan.path, places]
 
 
@@ -461,10 +461,10 @@ def path_figure(plan: Plan) -> Figure:
     """
     assert plan.costs is not None
     found = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
-    shown = _drawn(plan)
-    part = zoomed_to(plan.costs.grid, shown)
+    paths = _drawn(plan)
+    part = zoomed_to(plan.costs.grid, paths)
     figure, axes = _u_figure(plan.costs, f"{plan.planner}, {found}", part)
-    draw_inset(axes, plan.costs.grid, part, shown)
+    draw_inset(axes, plan.costs.grid, part, paths)
     if plan.path is not None:
         draw_path(axes, plan.path, **PATH_STYLES[1])
     draw_ends(axes, plan.start, plan.goal)
@@ -487,8 +487,8 @@ def path_check_figure(check: PathCheck) -> Figure:
     for pose in check.path.resampled(max(size, check.length / 500)).poses:
         _draw_outline(axes, check.outline, pose, color="0.4", linewidth=0.6)
     draw_path(axes, check.path, **PATH_STYLES[1])
-    for each in check.faults:
-        pose = np.array([each.x, each.y, each.heading])
+    for fault in check.faults:
+        pose = np.array([fault.x, fault.y, fault.heading])
         _draw_outline(axes, check.outline, pose, color="tab:red", linewidth=1.4)
     name, count = check.grid.name or "map", len(check.faults)
     found = f"cannot be driven at {count} place{'s' if count > 1 else ''}" if count else "drivable"
@@ -534,8 +534,8 @@ def draw_degeneracy(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyG
         The greatest u there, 0..1.
     """
     top, left = np.round(costs.grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
-    shown = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
-    u, density = (shrunk(each[shown], maximum=True) for each in (costs.u, costs.density))
+    window = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
+    u, density = (shrunk(layer[window], maximum=True) for layer in (costs.u, costs.density))
     u = np.where(np.isfinite(density), u, np.nan)
     if np.isfinite(u).any():
         image = draw_cells(axes, part, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
@@ -553,17 +553,17 @@ def front_figure(front: ParetoFront) -> Figure:
     """
     grid = front.costs.grid
     ends = front.plan(0), front.plan(len(front) - 1)
-    shown = [path for plan in ends for path in _drawn(plan)]
-    figure, upper, lower, part = _map_and_plot(grid, shown, 3.0)
+    paths = [path for plan in ends for path in _drawn(plan)]
+    figure, upper, lower, part = _map_and_plot(grid, paths, 3.0)
     draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
+    draw_inset(upper, grid, part, paths)
     low, high = front.length[[0, -1]]
     norm, colours = Normalize(low, max(high, 1.01 * low)), colormaps[ERROR_COLOURS]
     targets = np.linspace(low, high, 12)  # more lines hide each other
     chosen = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
     knee = front.knee
     thin: dict[str, Any] = {"linewidth": 1.6, "path_effects": []}
-    for index, style in [*((each, thin) for each in chosen), (knee, {"linewidth": 3})]:
+    for index, style in [*((number, thin) for number in chosen), (knee, {"linewidth": 3})]:
         path = front.plan(index).path
         assert path is not None
         draw_path(upper, path, color=colours(norm(front.length[index])), **style)

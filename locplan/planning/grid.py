@@ -71,15 +71,15 @@ def turning_centres(costs: Costmap, cells: Ints) -> Floats:
     """The centres (k, 2) of the first and the last of the cells, and of those where they turn."""
     direction = np.diff(cells, axis=0)
     turns = np.any(direction[1:] != direction[:-1], axis=1)
-    kept = cells[np.concatenate([[True], turns, [True]])] if len(cells) > 1 else cells
-    return np.column_stack(costs.grid.grid_to_world(kept[:, 0] + 0.5, kept[:, 1] + 0.5))
+    turning_cells = cells[np.concatenate([[True], turns, [True]])] if len(cells) > 1 else cells
+    return np.column_stack(costs.grid.grid_to_world(turning_cells[:, 0] + 0.5, turning_cells[:, 1] + 0.5))
 
 
 def distinct(costs: Costmap, xy: Floats) -> Path:
     """The path over positions (n, 2) [m] without those that repeat the one before."""
-    moved = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
-    moved[-1] |= not moved.any()  # a path has two ends, even in one place
-    return Path(xy[np.concatenate([[True], moved])])
+    is_new = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
+    is_new[-1] |= not is_new.any()  # a path has two ends, even in one place
+    return Path(xy[np.concatenate([[True], is_new])])
 
 
 GUIDED_CONTRAST = 12.0
@@ -326,16 +326,16 @@ def parts_of_map(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Arra
         seams.append(np.unique([above[touching], first[touching]], axis=1) - 1)
         above, total = last, total + count - 1
     pairs = np.concatenate(seams, axis=1)
-    joined = coo_array((np.ones(pairs.shape[1], bool), pairs), (total, total))
-    count, part_of = connected_components(joined, directed=False) if total else (0, pairs[0])
+    adjacency = coo_array((np.ones(pairs.shape[1], bool), pairs), (total, total))
+    count, part_of = connected_components(adjacency, directed=False) if total else (0, pairs[0])
     cells = np.bincount(part_of, np.concatenate(sizes), count).astype(np.float64)
     number_of, before = part_of + 1, 0
-    found = np.empty(grid.shape, np.min_scalar_type(count))
+    part_map = np.empty(grid.shape, np.min_scalar_type(count))
     for band, count, labels in labelled():
-        own = number_of[before : before + count - 1]
-        found[band] = np.concatenate([[0], own]).astype(found.dtype)[labels]
+        band_numbers = number_of[before : before + count - 1]
+        part_map[band] = np.concatenate([[0], band_numbers]).astype(part_map.dtype)[labels]
         before += count - 1
-    return cells, found
+    return cells, part_map
 
 
 def bordered_ends(

@@ -86,16 +86,16 @@ class Lattice:
         if robot is None or robot.outline is None or robot.margin == 0:
             return self._solved(costs, start, goal, until)
         wider = dataclasses.replace(costs, robot=_with_margin(robot, robot.outline))
-        found = self._solved(wider, start, goal, until)
-        if found.status != "infeasible":
-            kept = f" if it keeps the robot's margin of {robot.margin:g} m" if found.note else ""
-            return dataclasses.replace(found, note=found.note + kept)
-        found = self._solved(costs, start, goal, until)
-        if found.path is None:
-            return found
+        planner_result = self._solved(wider, start, goal, until)
+        if planner_result.status != "infeasible":
+            margin_text = f" if it keeps the robot's margin of {robot.margin:g} m" if planner_result.note else ""
+            return dataclasses.replace(planner_result, note=planner_result.note + margin_text)
+        planner_result = self._solved(costs, start, goal, until)
+        if planner_result.path is None:
+            return planner_result
         near = f"comes nearer to walls than the robot's margin of {robot.margin:g} m"
         note = f"{near}: no path of the lattice keeps it"
-        return dataclasses.replace(found, note="; ".join(filter(None, [found.note, note])))
+        return dataclasses.replace(planner_result, note="; ".join(filter(None, [planner_result.note, note])))
 
     def _solved(self, costs: Costmap, start: Position, goal: Position, until: float) -> Found:
         """Plan for the costmap's robot as it is, until a time of `time.perf_counter`."""
@@ -103,13 +103,13 @@ class Lattice:
 
         prices = Prices(self.reverse, self.gear_change, self.turn_cost)
         search = LatticeSearch(costs, self.headings, self.span, prices, until)
-        found = search.found(start, goal)
-        if found.path is None or not self.smooth:
-            return found
+        planner_result = search.found(start, goal)
+        if planner_result.path is None or not self.smooth:
+            return planner_result
         smoother = Smoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
-        at_goal = costs.cell_of(found.path.xy[-1].tolist()) == costs.cell_of(goal[:2])
-        path = smoother.smoothed(found.path, start, goal if at_goal else None)
-        return dataclasses.replace(found, path=path)
+        at_goal = costs.cell_of(planner_result.path.xy[-1].tolist()) == costs.cell_of(goal[:2])
+        path = smoother.smoothed(planner_result.path, start, goal if at_goal else None)
+        return dataclasses.replace(planner_result, path=path)
 
 
 def _with_margin(robot: Robot, outline: Footprint) -> Robot:

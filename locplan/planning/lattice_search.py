@@ -76,13 +76,13 @@ def angles_of(headings: int) -> Floats:
 
 def _directions(headings: int) -> list[tuple[int, int]]:
     """The direction (columns, rows) of each heading."""
-    quarter, every = DIRECTIONS[headings], []
+    quarter, directions = DIRECTIONS[headings], []
     for turns in range(4):
         for col, row in quarter:
             for _ in range(turns):
                 col, row = -row, col
-            every.append((col, row))
-    return every
+            directions.append((col, row))
+    return directions
 
 
 @lru_cache(maxsize=32)
@@ -103,19 +103,19 @@ def primitives(
         Number of headings, at least 1, that a turn may pass to either side.
     """
     directions, angles = _directions(headings), angles_of(headings)
-    found = []
+    motion_primitives = []
     for source, ahead in enumerate(directions):
         start, angle = (0.0, 0.0, angles[source]), angles[source]
-        found.append(Primitive(source, source, (start, (*map(float, ahead), angle))))
+        motion_primitives.append(Primitive(source, source, (start, (*map(float, ahead), angle))))
         for steps in (*range(1, span + 1), *range(-1, -span - 1, -1)):
             target = (source + steps) % headings
             for poses in _turns(ahead, directions[target], angle, radius):
-                found.append(Primitive(source, target, poses))
+                motion_primitives.append(Primitive(source, target, poses))
         for quarter in (1, 3) if sideways else ():
-            aside = directions[(source + quarter * headings // 4) % headings]
-            poses = start, (*map(float, aside), angle)
-            found.append(Primitive(source, source, poses, sideways=True))
-    return tuple(found)
+            direction = directions[(source + quarter * headings // 4) % headings]
+            poses = start, (*map(float, direction), angle)
+            motion_primitives.append(Primitive(source, source, poses, sideways=True))
+    return tuple(motion_primitives)
 
 
 def _turns(
@@ -126,20 +126,20 @@ def _turns(
     cross = x * y1 - y * x1
     turn = math.atan2(cross, x * x1 + y * y1)
     long, long1 = math.hypot(x, y), math.hypot(x1, y1)
-    least = radius * math.tan(abs(turn) / 2)
+    min_tangent = radius * math.tan(abs(turn) / 2)
     # The ends lie in a parallelogram from the least turn's end on.
-    near, reach = least * (x / long + x1 / long1), math.ceil(long + long1)
+    near, reach = min_tangent * (x / long + x1 / long1), math.ceil(long + long1)
     columns = range(math.floor(near) - reach, math.ceil(near) + reach + 1)
-    near = least * (y / long + y1 / long1)
+    near = min_tangent * (y / long + y1 / long1)
     rows = range(math.floor(near) - reach, math.ceil(near) + reach + 1)
-    found = []
+    pose_lists = []
     for col, row in itertools.product(columns, rows):
         along = (col * y1 - row * x1) / cross * long
-        beyond = (x * row - y * col) / cross * long1
-        first, second = along - least, beyond - least
+        along1 = (x * row - y * col) / cross * long1
+        first, second = along - min_tangent, along1 - min_tangent
         if -1e-9 <= first < long - 1e-9 and -1e-9 <= second < long1 - 1e-9:
-            found.append(_turn_poses(heading, turn, along, beyond, (float(col), float(row))))
-    return found
+            pose_lists.append(_turn_poses(heading, turn, along, along1, (float(col), float(row))))
+    return pose_lists
 
 
 def _turn_poses(
@@ -166,7 +166,7 @@ def _turn_poses(
 def reach_of(found: tuple[Primitive, ...], outline: Footprint | None, resolution: float) -> int:
     """Number of cells, rounded up, that the robot reaches from where a primitive begins."""
     body = 0.0 if outline is None else outline.circumscribed_radius / resolution
-    far = max(max(abs(col), abs(row)) for each in found for col, row, _ in each.poses)
+    far = max(max(abs(col), abs(row)) for primitive in found for col, row, _ in primitive.poses)
     return math.ceil(far + body) + 2
 
 
@@ -213,33 +213,33 @@ def moves_of(
     its end.
     """
     yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
-    slots, made = slots_of(found), _driven(found, kinematics.reverse)
+    slots, motions = slots_of(found), _driven(found, kinematics.reverse)
     crossed, lengths, rest = [], [], []
-    for number, back in made:
-        each = found[number]
-        cells, shares = _crossed_from(each, back, costs.density_of_heading.shape, yaw)
-        factor = prices.reverse if back or each.sideways else 1.0
+    for number, back in motions:
+        primitive = found[number]
+        cells, shares = _crossed_from(primitive, back, costs.density_of_heading.shape, yaw)
+        factor = prices.reverse if back or primitive.sideways else 1.0
         crossed.append(cells)
         lengths.append(2 * factor * shares)
-        gear = EITHER if each.neutral else BACKWARD if back else FORWARD
-        ends = (each.target, each.source) if back else (each.source, each.target)
-        leads = (-each.end[0], -each.end[1]) if back else each.end
-        rest.append((*ends, *leads, gear, int(back), each.source, slots[number]))
+        gear = EITHER if primitive.neutral else BACKWARD if back else FORWARD
+        ends = (primitive.target, primitive.source) if back else (primitive.source, primitive.target)
+        leads = (-primitive.end[0], -primitive.end[1]) if back else primitive.end
+        rest.append((*ends, *leads, gear, int(back), primitive.source, slots[number]))
     begin = np.searchsorted([row[0] for row in rest], np.arange(found[-1].source + 2))
     table = np.array(rest, np.int64).T
-    count = np.array([len(one) if one.sum() > 0 else 0 for one in lengths])
-    extra = np.array([turn * found[number].turn for number, _ in made])
-    least = np.array([one.sum() / 2 for one in lengths])
-    arrays = _padded(crossed, np.int64), _padded(lengths, np.float64), count, extra, least
+    count = np.array([len(cell_lengths) if cell_lengths.sum() > 0 else 0 for cell_lengths in lengths])
+    extra = np.array([turn * found[number].turn for number, _ in motions])
+    base_costs = np.array([cell_lengths.sum() / 2 for cell_lengths in lengths])
+    arrays = _padded(crossed, np.int64), _padded(lengths, np.float64), count, extra, base_costs
     moves = Moves._make([begin.astype(np.int64), *(row.copy() for row in table), *arrays])
-    return moves, made
+    return moves, motions
 
 
 def _driven(found: tuple[Primitive, ...], reverse: bool) -> list[tuple[int, bool]]:
     """The number of each primitive, and whether it is driven from its end, by the first heading."""
-    ahead = [(each.source, number, False) for number, each in enumerate(found)]
-    both = enumerate(found) if reverse else ()
-    back = [(each.target, number, True) for number, each in both if not each.neutral]
+    ahead = [(primitive.source, number, False) for number, primitive in enumerate(found)]
+    reversible = enumerate(found) if reverse else ()
+    back = [(primitive.target, number, True) for number, primitive in reversible if not primitive.neutral]
     return [(number, backward) for _, number, backward in sorted(ahead + back)]
 
 
@@ -258,8 +258,8 @@ def _crossed_from(
 def slots_of(found: tuple[Primitive, ...]) -> list[int]:
     """The number of each primitive among those of its heading."""
     slots: list[int] = []
-    for each in found:
-        slots.append(sum(other.source == each.source for other in found[: len(slots)]))
+    for primitive in found:
+        slots.append(sum(other.source == primitive.source for other in found[: len(slots)]))
     return slots
 
 
@@ -284,7 +284,7 @@ def masked_ground(
     density = costs.density_of_heading
     rows, columns = costs.grid.shape
     masks = outline_masks(costs.grid, outline, found).copy()
-    centres = [np.insert(centre_cells(each), 2, 1, axis=1) for each in found]
+    centres = [np.insert(centre_cells(primitive), 2, 1, axis=1) for primitive in found]
     _add_masks(masks, np.isinf(density[0]), centres, found, outside=True)
     half = np.array(density).reshape(-1) / 2
     free = half[np.isfinite(half)]
@@ -298,12 +298,12 @@ def _nearby(density: Array, reach: int) -> Singles:
     """Least density within so many cells of each cell, over all headings, (rows * columns,)."""
     import cv2
 
-    least = density.min(axis=0).astype(np.float32)
+    lowest_density = density.min(axis=0).astype(np.float32)
     size = 2 * reach + 1
-    eroded = cv2.erode(least, np.ones((size, size), np.uint8), borderValue=np.inf)
+    eroded = cv2.erode(lowest_density, np.ones((size, size), np.uint8), borderValue=np.inf)
     # A free cell is below infinity; single precision may have rounded it up.
-    found: Singles = np.where(np.isfinite(eroded), eroded * np.float32(1 - 1e-6), 0.0)
-    return found.astype(np.float32).reshape(-1)
+    nearby_density: Singles = np.where(np.isfinite(eroded), eroded * np.float32(1 - 1e-6), 0.0)
+    return nearby_density.astype(np.float32).reshape(-1)
 
 
 @lru_cache(maxsize=4)
@@ -317,8 +317,8 @@ def outline_masks(
     if outline is not None:
         reach, half = reach_of(found, outline, grid.resolution), np.array([0.5, 0.5, 0.0])
         corners = outline.vertices / grid.resolution
-        cells = [swept(corners, np.array(each.poses) + half, reach) for each in found]
-        runs = [_runs(each, reach) for each in cells]
+        cells = [swept(corners, np.array(swept_cells.poses) + half, reach) for swept_cells in found]
+        runs = [_runs(swept_cells, reach) for swept_cells in cells]
         _add_masks(masks, grid.cells == OCCUPIED, runs, found, outside=False)
     masks.setflags(write=False)
     return masks
@@ -328,11 +328,11 @@ def _add_masks(
     masks: Words, plane: Array, runs: list[Ints], found: tuple[Primitive, ...], *, outside: bool
 ) -> None:
     """Set the bits where runs of cells, those of each primitive, meet a plane."""
-    farthest = max(int(np.abs(each).max()) + int(each[:, 2].max()) for each in runs)
+    farthest = max(int(np.abs(primitive).max()) + int(primitive[:, 2].max()) for primitive in runs)
     margin = WORD * math.ceil(farthest / WORD)
     wide = widened(_packed(plane, margin, masks.shape[2], outside))
-    for each, slot, of_each in zip(found, slots_of(found), runs, strict=True):
-        add_runs(masks, wide, of_each, np.array([each.source, slot]), margin)
+    for primitive, slot, primitive_runs in zip(found, slots_of(found), runs, strict=True):
+        add_runs(masks, wide, primitive_runs, np.array([primitive.source, slot]), margin)
 
 
 def _packed(plane: Array, margin: int, words: int, outside: bool) -> Array:
@@ -369,8 +369,8 @@ class LatticeSearch:
         self._costs, self._angles, self._until = costs, angles_of(headings), until
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
-        every = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
-        self._primitives = tuple(each for each in every if not _leads_off(each, grid.shape))
+        all_primitives = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        self._primitives = tuple(primitive for primitive in all_primitives if not _leads_off(primitive, grid.shape))
         ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
         moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
@@ -426,7 +426,7 @@ class LatticeSearch:
         """The cells whose centres lie within the robot's goal tolerance of the goal."""
         grid, robot = self._costs.grid, self._costs.robot
         tolerance = (robot.goal_tolerance if robot else 0.0) / grid.resolution
-        row, col = (float(one) for one in grid.world_to_grid(*goal[:2]))
+        row, col = (float(coordinate) for coordinate in grid.world_to_grid(*goal[:2]))
         rows = np.arange(grid.shape[0])[:, None] + 0.5 - row
         columns = np.arange(grid.shape[1]) + 0.5 - col
         free = np.isfinite(self._costs.density)
@@ -495,8 +495,8 @@ class LatticeSearch:
         """The heading nearest to that of a pose; without one all headings."""
         if len(pose) < 3:
             return list(range(len(self._angles)))
-        apart = np.cos(self._angles + self._costs.grid.origin[2] - pose[2])
-        return [int(np.argmax(apart))]
+        alignment = np.cos(self._angles + self._costs.grid.origin[2] - pose[2])
+        return [int(np.argmax(alignment))]
 
     def _path(self, moves: Array) -> Path:
         """The path of motions after the state that begins it."""
@@ -541,8 +541,8 @@ def _is_reversible(robot: Robot | None) -> bool:
     if robot is None or robot.outline is None:
         return True
     corners = robot.outline.vertices
-    apart = np.hypot(*(corners[:, None] + corners).T)
-    return bool((apart.min(axis=0) < TOUCH).all())
+    distance = np.hypot(*(corners[:, None] + corners).T)
+    return bool((distance.min(axis=0) < TOUCH).all())
 
 
 def _between_cells(moves: kernels.Moves, reversible: bool) -> kernels.Moves:
@@ -551,7 +551,7 @@ def _between_cells(moves: kernels.Moves, reversible: bool) -> kernels.Moves:
     In reverse a robot that is `reversible` goes where it does ahead the other way round, but at a
     higher cost.
     """
-    kept = (moves.row != 0) | (moves.col != 0)
+    is_kept = (moves.row != 0) | (moves.col != 0)
     if reversible:
-        kept &= moves.gear != kernels.BACKWARD
-    return kernels.Moves(moves.begin, *(each[kept] for each in moves[1:]))
+        is_kept &= moves.gear != kernels.BACKWARD
+    return kernels.Moves(moves.begin, *(array[is_kept] for array in moves[1:]))

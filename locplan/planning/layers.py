@@ -57,16 +57,16 @@ def degeneracy(
         return _degeneracy(field, criterion, law, values, of_e)
     count = values.shape[2]
     if headings is None:
-        both = np.empty((2, count, *field.grid.shape))
+        heading_layers = np.empty((2, count, *field.grid.shape))
         for k in range(count):
-            both[:, k] = _degeneracy(field, criterion, law, values[..., k], of_e[..., k])
-        return both[0], both[1]
+            heading_layers[:, k] = _degeneracy(field, criterion, law, values[..., k], of_e[..., k])
+        return heading_layers[0], heading_layers[1]
     # One heading at a time, since all of a large map take much memory.
-    joined = np.zeros((2, *field.grid.shape))
+    combined = np.zeros((2, *field.grid.shape))
     join = np.add if headings == "mean" else np.maximum
     for k in range(count):
-        join(joined, _degeneracy(field, criterion, law, values[..., k], of_e[..., k]), out=joined)
-    u, e = joined / count if headings == "mean" else joined
+        join(combined, _degeneracy(field, criterion, law, values[..., k], of_e[..., k]), out=combined)
+    u, e = combined / count if headings == "mean" else combined
     return u, e
 
 
@@ -74,17 +74,17 @@ def _degeneracy(
     field: CovarianceField, criterion: str, law: str, values: Floats, of_e: Floats
 ) -> tuple[Floats, Floats]:
     """u and e, (H, W), of the criterion and of e on the lattice, (h, w)."""
-    least, greatest = field.anchors(criterion)
+    lowest, greatest = field.anchors(criterion)
     e = field.on_map(of_e)
     if criterion in field.layers:
-        u = field.on_map((values - least) / (greatest - least), logarithmic=False)
+        u = field.on_map((values - lowest) / (greatest - lowest), logarithmic=False)
     elif law == "logarithmic" and np.shares_memory(values, of_e):
-        u = e / least
+        u = e / lowest
         u = np.log(u, out=u)
-        u /= math.log(greatest / least)
+        u /= math.log(greatest / lowest)
     elif law == "logarithmic":
-        values = np.log(np.maximum(values, np.finfo(float).tiny) / least)
-        u = field.on_map(values / math.log(greatest / least), logarithmic=False)
+        values = np.log(np.maximum(values, np.finfo(float).tiny) / lowest)
+        u = field.on_map(values / math.log(greatest / lowest), logarithmic=False)
     else:
         u = field.on_map(values / greatest)
         u = np.cbrt(u, out=u) if law == "cube-root" else u
@@ -138,8 +138,8 @@ class CostLayers(Pictured):
         return copy.deepcopy(self)
 
     def __repr__(self) -> str:
-        own = math.isnan(self.weight)
-        made = "a density of one's own" if own else f"weight {self.weight:g}"
+        is_custom = math.isnan(self.weight)
+        made = "a density of one's own" if is_custom else f"weight {self.weight:g}"
         grid = repr(self.grid).removeprefix("OccupancyGrid(").partition(", origin")[0]
         return f"{type(self).__name__}({grid}, robot radius {self.robot_radius:g} m, {made})"
 
@@ -265,8 +265,8 @@ class CostLayers(Pictured):
         remedy = f"no cell of the map is free for a robot of radius {self.robot_radius:g} m"
         rows, cols = np.nonzero(np.isfinite(self.density))
         if rows.size:
-            there = self.grid.world_to_grid(x, y)
-            at = np.argmin((rows + 0.5 - there[0]) ** 2 + (cols + 0.5 - there[1]) ** 2)
+            grid_position = self.grid.world_to_grid(x, y)
+            at = np.argmin((rows + 0.5 - grid_position[0]) ** 2 + (cols + 0.5 - grid_position[1]) ** 2)
             nearest = self.grid.position(int(rows[at]), int(cols[at]))
             decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
             remedy = "the nearest free position is "
@@ -357,8 +357,8 @@ class HeadingLayers:
 
     def __getstate__(self) -> dict[str, Any]:
         # What has been read needs no field any more, which is large.
-        both = vars(self).get("both")
-        return {"read": partial(tuple, both), "both": both} if both else vars(self)
+        layers = vars(self).get("both")
+        return {"read": partial(tuple, layers), "both": layers} if layers else vars(self)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

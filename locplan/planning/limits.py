@@ -46,14 +46,14 @@ class Limited(Wrapper):
     def _below(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan where e allows it; if nothing joins the stops there, find the least e that does."""
         assert self.max_e is not None
-        allowed, found = _allowed(costs, self.max_e), None
+        allowed, planner_result = _allowed(costs, self.max_e), None
         if _free(allowed, stops):
-            found = self._clear(allowed, stops)
-            if found.path is not None:
-                return found
+            planner_result = self._clear(allowed, stops)
+            if planner_result.path is not None:
+                return planner_result
         least = self._min_max_e(self._thin(costs), stops)
         if least is None or least <= self.max_e:  # max_e is not the reason
-            return found or self._clear(costs, stops)
+            return planner_result or self._clear(costs, stops)
         any_will_do = self.outline is None and self.space not in CURVED
         verdict = "would do" if any_will_do else "is needed at least"
         note = f"every path enters cells with e above {self.max_e:g};"
@@ -66,9 +66,9 @@ class Limited(Wrapper):
             return self._over(costs, stops)
         if self.space == LATTICE:
             return self._exactly(costs, stops, self.planner)
-        found, gave_up, meets = self._of_circles(costs, stops)
-        if found is not None:
-            return found
+        planner_result, gave_up, meets = self._of_circles(costs, stops)
+        if planner_result is not None:
+            return planner_result
         if not self._joins(self._thin(costs), stops):
             without = self._over(costs, stops)
             if without.path is None:
@@ -78,13 +78,13 @@ class Limited(Wrapper):
             return Found(status="infeasible", note=note)
         if self.space == "R2" and gave_up is None:
             limit = getattr(self.planner, "time_limit", None)
-            found = self._exactly(costs, stops, Lattice(time_limit=limit))
-            if found.path is not None:
+            planner_result = self._exactly(costs, stops, Lattice(time_limit=limit))
+            if planner_result.path is not None:
                 note = "planned by the lattice for the footprint itself: no path of its inner or"
                 note += " outer circle is clear of walls"
-                return dataclasses.replace(found, note="; ".join(filter(None, [note, found.note])))
-            if found.status == "timeout":
-                return found
+                return dataclasses.replace(planner_result, note="; ".join(filter(None, [note, planner_result.note])))
+            if planner_result.status == "timeout":
+                return planner_result
         return gave_up or self._not_searched(costs, meets)
 
     def _of_circles(
@@ -101,14 +101,14 @@ class Limited(Wrapper):
             wide = costs.with_robot(max(radius, costs.robot_radius))
             if not _free(wide, stops):
                 continue
-            found = self._over(wide, stops)
-            if found.status in ("timeout", "not found"):
-                gave_up = found
-            if found.path is None:
+            planner_result = self._over(wide, stops)
+            if planner_result.status in ("timeout", "not found"):
+                gave_up = planner_result
+            if planner_result.path is None:
                 continue
-            collision = self.outline.first_collision(costs.grid, found.path)
+            collision = self.outline.first_collision(costs.grid, planner_result.path)
             if collision is None:
-                clear = dataclasses.replace(found, note=wider) if radius > inner else found
+                clear = dataclasses.replace(planner_result, note=wider) if radius > inner else planner_result
                 return clear, None, None
             meets = meets or collision
         return None, gave_up, meets
@@ -117,8 +117,8 @@ class Limited(Wrapper):
         """Plan for the outline itself, by a lattice."""
         assert self.outline is not None
         robot = dataclasses.replace(costs.robot or Robot(), footprint=self.outline)
-        own = dataclasses.replace(costs, robot=robot)
-        return dataclasses.replace(self, planner=planner)._over(own, stops)
+        outline_costs = dataclasses.replace(costs, robot=robot)
+        return dataclasses.replace(self, planner=planner)._over(outline_costs, stops)
 
     def _not_searched(self, costs: Costmap, meets: tuple[float, float] | None) -> Found:
         """What was searched where the outline meets a wall on both circles' paths."""
@@ -175,8 +175,8 @@ class Limited(Wrapper):
         radius = self.outline.inscribed_radius - costs.grid.resolution * math.sqrt(0.5)
         if costs.robot_radius <= radius:
             return costs.with_robot(radius)
-        alone = Costmap.blank(costs.grid, robot=max(0.0, radius), zones=costs.zones)
-        return dataclasses.replace(costs, density=alone.density)
+        thin_costs = Costmap.blank(costs.grid, robot=max(0.0, radius), zones=costs.zones)
+        return dataclasses.replace(costs, density=thin_costs.density)
 
     def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
         """Whether a path over the grid joins the stops: where none does, no other one does."""

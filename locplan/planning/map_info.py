@@ -83,9 +83,9 @@ def _is_between_walls(grid: OccupancyGrid) -> Bools:
     """Mark the cells with an occupied cell on all four sides, in their row and column."""
     occupied = grid.cells == OCCUPIED
     between = np.ones(grid.shape, np.bool_)
-    for turned, marks in ((occupied, between), (occupied.T, between.T)):
-        marks &= np.logical_or.accumulate(turned, axis=1)
-        marks &= np.logical_or.accumulate(turned[:, ::-1], axis=1)[:, ::-1]
+    for mask, marks in ((occupied, between), (occupied.T, between.T)):
+        marks &= np.logical_or.accumulate(mask, axis=1)
+        marks &= np.logical_or.accumulate(mask[:, ::-1], axis=1)[:, ::-1]
     return between
 
 
@@ -187,8 +187,8 @@ class MapInfo(Pictured):
             Start and goal, such as one of `pairs`.
         """
         name = self.grid.name or "MAP"
-        drawn = name if name in environments.names() else f"{name}.yaml"
-        file = self.source.file if self.source else drawn
+        file_name = name if name in environments.names() else f"{name}.yaml"
+        file = self.source.file if self.source else file_name
         radius = f" --set footprint={self.robot_radius:g} --set margin=0"
         return (
             f"locplan plan {shlex.quote(file)} --start {pair.start.xy} --goal {pair.goal.xy}"
@@ -337,7 +337,7 @@ def describe_map(
     rooms = tuple(Room(n, float(areas[label])) for n, label in enumerate(large, 1))
     free, occupied, unknown = (
         Level(int(number) * cell, int(number) / grid.cells.size)
-        for number in (np.count_nonzero(grid.cells == each) for each in (FREE, OCCUPIED, UNKNOWN))
+        for number in (np.count_nonzero(grid.cells == fault) for fault in (FREE, OCCUPIED, UNKNOWN))
     )
     return MapInfo(
         grid=grid,
@@ -353,7 +353,7 @@ def describe_map(
         room_of_cell=room_of_cell,
         pairs=_choose_routes(grid, room_of_cell, rooms, radius),
         warnings=(
-            *(each.sentence for each in faults(grid, source)),
+            *(fault.sentence for fault in faults(grid, source)),
             *_of_robot(grid, radius, bool(rooms)),
         ),
     )
@@ -368,17 +368,17 @@ def _choose_routes(
     if not main:
         return ()
     outside = find_surroundings(room_of_cell, len(rooms))
-    others = [room.number for room in rooms if room.number not in (main, outside)]
+    side_rooms = [room.number for room in rooms if room.number not in (main, outside)]
     large = areas[main - 1] if cells is None else np.count_nonzero(cells) * grid.resolution**2
     pairs: list[PlacePair] = []
     used = 0
-    for number, count in zip((main, *others), (4, 2, 2), strict=False):
+    for number, count in zip((main, *side_rooms), (4, 2, 2), strict=False):
         if number == main or areas[number - 1] >= large / 3:
             names = "ABCDEFGH"[used : used + count]
             part = cells if number == main else None
-            found = farthest_pairs(grid, room_of_cell, number, names, 2 * radius, part)
-            used += len(found) + 1 if found else 0
-            pairs += found
+            room_pairs = farthest_pairs(grid, room_of_cell, number, names, 2 * radius, part)
+            used += len(room_pairs) + 1 if room_pairs else 0
+            pairs += room_pairs
     return tuple(pairs)
 
 

@@ -107,7 +107,7 @@ def _split_by_heading(
     before = begin[:, 2] + 2 * np.pi * (total[:-1] - total[first])
     after = end[:, 2] + 2 * np.pi * (total[1:] - total[first])
     # In steps between headings, shifted so that the nearest heading changes at whole numbers.
-    before, after = (each / (2 * np.pi) * headings + 0.5 for each in (before, after))
+    before, after = (angle / (2 * np.pi) * headings + 0.5 for angle in (before, after))
     changes = np.floor(after) - np.floor(before)
     counts = np.abs(changes).astype(np.int64) + 1
     lines = np.repeat(np.arange(len(begin)), counts)
@@ -266,11 +266,11 @@ def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
     values = np.empty(len(sizes))
     has_heading = ~np.isnan(poses[np.cumsum(sizes) - sizes, 2]) & (costs.u_of_heading is not None)
     for headed in np.unique(has_heading):
-        chosen = has_heading == headed
+        selection = has_heading == headed
         density = costs.density_of_heading if headed else costs.density[None]
-        part = poses[np.repeat(chosen, sizes)]
-        *at, lengths, number = crossed_by_paths(costs.grid, part, sizes[chosen], len(density))
-        values[chosen] = _integrals(_along(density, at, np.inf), lengths, number)
+        part = poses[np.repeat(selection, sizes)]
+        *at, lengths, number = crossed_by_paths(costs.grid, part, sizes[selection], len(density))
+        values[selection] = _integrals(_along(density, at, np.inf), lengths, number)
     return float(values[0]) if is_single else values
 
 
@@ -374,10 +374,10 @@ def compare_lidars(
     LocplanError
         If an argument is out of its range.
     """
-    shares, each_in_turn = [], in_turn(progress, len(lidars)) if progress else None
+    shares, report_progress = [], in_turn(progress, len(lidars)) if progress else None
     for lidar in lidars:
         config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
-        field = load_or_compute(grid, config, progress=each_in_turn)
+        field = load_or_compute(grid, config, progress=report_progress)
         costs = Costmap.from_field(grid, field, robot=robot, headings="worst")
         u = costs.u[np.isfinite(costs.density)]
         shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))

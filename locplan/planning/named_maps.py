@@ -40,22 +40,22 @@ def named_maps(
         return {str(name): _map(one, read) for name, one in maps.items()}
     if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
         maps = [maps]
-    named: dict[str, OccupancyGrid | Costmap] = {}
-    for n, given in enumerate(maps, 1):
-        for one in find_maps(given) if isinstance(given, (str, os.PathLike)) else [given]:
+    maps_by_name: dict[str, OccupancyGrid | Costmap] = {}
+    for n, argument in enumerate(maps, 1):
+        for one in find_maps(argument) if isinstance(argument, (str, os.PathLike)) else [argument]:
             loaded = _map(one, read)
             grid = loaded.grid if isinstance(loaded, Costmap) else loaded
             name = grid.name or f"map {n}"
-            if name in named and isinstance(one, File):
+            if name in maps_by_name and isinstance(one, File):
                 name = f"{one.resolve().parent.name}/{name}"
-            if name in named:
+            if name in maps_by_name:
                 raise ConfigError(
                     f"two maps are called {shown(name)}; give a mapping of names to maps"
                 )
-            named[name] = loaded
-    if not named:
+            maps_by_name[name] = loaded
+    if not maps_by_name:
         raise ConfigError("there must be at least one map")
-    return named
+    return maps_by_name
 
 
 def _map(given: Any, read: Callable[[File], OccupancyGrid]) -> OccupancyGrid | Costmap:

@@ -116,9 +116,9 @@ class Problem:
         ends_length = ends_integral = 0.0
         for xy in (start, goal):
             cell = costs.cell_of(xy)
-            apart = float(np.hypot(*np.subtract(xy, costs.grid.position(*cell))))
-            ends_length += apart
-            ends_integral += apart * float(layer[cell])
+            offset = float(np.hypot(*np.subtract(xy, costs.grid.position(*cell))))
+            ends_length += offset
+            ends_integral += offset * float(layer[cell])
         per_metre = SCALE / costs.grid.resolution
         per_integral = SCALE / (costs.grid.resolution * greatest)
         line, path = None, straight_line(costs, start, goal, cutting)
@@ -178,8 +178,8 @@ class Problem:
         """Both costs of a path over cells, given by flat indices, in whole units."""
         from locplan.planning.kernels.pareto import SCALE
 
-        apart = np.abs(np.diff(flat))
-        diagonal = (apart > 1) & (apart != self.columns)
+        index_steps = np.abs(np.diff(flat))
+        diagonal = (index_steps > 1) & (index_steps != self.columns)
         steps = self.half[flat[1:]] + self.half[flat[:-1]]
         second = np.where(diagonal, np.ceil(np.sqrt(2.0) * steps), steps).sum()
         first = np.where(diagonal, np.ceil(np.sqrt(2.0) * SCALE), SCALE).sum()
@@ -192,10 +192,10 @@ class Problem:
         """
         if self.line is not None and not len(cells):
             return self.line.measures
-        apart = self.costs.grid.resolution * np.hypot(*np.diff(cells, axis=0).T)
+        step_lengths = self.costs.grid.resolution * np.hypot(*np.diff(cells, axis=0).T)
         rates = np.asarray(self.layer[cells[:, 0], cells[:, 1]], np.float64)
-        integral = float(apart @ (rates[1:] + rates[:-1]) / 2)
-        return float(apart.sum()) + self.ends[0], integral + self.ends[1]
+        integral = float(step_lengths @ (rates[1:] + rates[:-1]) / 2)
+        return float(step_lengths.sum()) + self.ends[0], integral + self.ends[1]
 
     def length(self, first: float) -> float:
         """The length of a path with its ends, from whole units [m]."""
@@ -232,8 +232,8 @@ def prepare() -> None:
     costs = dataclasses.replace(blank_costs(2, 3), u=np.ones((2, 3)))
     problem = Problem.between(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
     search = Search(problem, problem.to_go(1, 0)[0], problem.to_go(0, 1)[0], max_labels=100)
-    found, _ = search.run(1, np.inf)
-    search.cells_of(int(found[0]))
+    labels, _ = search.run(1, np.inf)
+    search.cells_of(int(labels[0]))
 
 
 class Search:
@@ -266,8 +266,8 @@ class Search:
         state[pareto.LOWEST] = lowest
         heads = np.full(pareto.BUCKETS, -1, np.int32)
         heads[lowest % pareto.BUCKETS] = 0
-        least = np.full(problem.half.size, np.inf)
-        least[problem.target] = within + 0.5
+        lowest_second = np.full(problem.half.size, np.inf)
+        lowest_second[problem.target] = within + 0.5
         self._labels = pareto.Labels(
             state=state,
             cell=np.full(room, problem.source, np.int32),
@@ -279,7 +279,7 @@ class Search:
             heap=np.zeros(room, np.int32),
             heap_first=np.zeros(room),
             heap_second=np.zeros(room),
-            least=least,
+            least=lowest_second,
         )
 
     @property
@@ -296,14 +296,14 @@ class Search:
         """
         from locplan.planning.kernels import pareto
 
-        found = np.zeros(solutions, np.int32)
+        solution_labels = np.zeros(solutions, np.int32)
         while True:
-            bound = pareto.search(self._labels, self._terms, STRETCH, found)
+            bound = pareto.search(self._labels, self._terms, STRETCH, solution_labels)
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
             full = status == pareto.OUT_OF_LABELS and not self._grow()
             late = time.perf_counter() > until
             if status == pareto.FINISHED or count == solutions or full or late:
-                return found[:count], bound
+                return solution_labels[:count], bound
 
     def costs_of(self, labels: NDArray[np.int32]) -> tuple[Array, Array]:
         """Both costs of labels in whole units."""
@@ -409,9 +409,9 @@ class BudgetPlanner:
             search = Search(
                 problem, first_to_go, second_to_go, self.max_labels, within, bounds.joint
             )
-            found, to_come = search.run(1, until)
-            if found.size:
-                path = through_centres(costs, search.cells_of(int(found[0])), start, goal)
+            solution_labels, to_come = search.run(1, until)
+            if solution_labels.size:
+                path = through_centres(costs, search.cells_of(int(solution_labels[0])), start, goal)
                 return Found(path, bound=path.length)
             lower = min(max(to_come, bounds.lower), bounds.upper)
         best = through_centres(costs, cells_of(bounds.best, problem.columns), start, goal)
@@ -436,30 +436,30 @@ def _lagrangian(
     problem: Problem, first_to_go: Floats, short: Ints, frugal: Ints, within: float
 ) -> _Bounds:
     """Raise the multiplier to where the bound is greatest (Handler and Zang, 1980)."""
-    beyond_first, beyond_second = problem.measured(short)
-    if beyond_second <= within:
-        return _Bounds(short, beyond_first, beyond_first, (first_to_go, 0.0, np.inf))
+    outer_first, outer_second = problem.measured(short)
+    if outer_second <= within:
+        return _Bounds(short, outer_first, outer_first, (first_to_go, 0.0, np.inf))
     best, (best_first, best_second) = frugal, problem.measured(frugal)
-    lower, joint = beyond_first, (first_to_go, 0.0, np.inf)
+    lower, joint = outer_first, (first_to_go, 0.0, np.inf)
     while True:
-        multiplier = (best_first - beyond_first) / (beyond_second - best_second)
+        multiplier = (best_first - outer_first) / (outer_second - best_second)
         try:
-            both_to_go, cells = problem.to_go(1, multiplier)
+            joint_to_go, cells = problem.to_go(1, multiplier)
         except OutOfTime:
             return _Bounds(best, best_first, lower, joint)
         assert cells is not None
-        lower = max(lower, both_to_go[problem.source] - multiplier * within)
+        lower = max(lower, joint_to_go[problem.source] - multiplier * within)
         first, second = problem.measured(cells)
-        line = beyond_first + multiplier * beyond_second
+        line = outer_first + multiplier * outer_second
         closer = line - (first + multiplier * second) > GAIN * line
         if second <= within and first < best_first:
             best, best_first, best_second = cells, first, second
-        elif within < second < beyond_second:
-            beyond_first, beyond_second = first, second
+        elif within < second < outer_second:
+            outer_first, outer_second = first, second
         else:
             closer = False
         if not closer:  # no path lies below the line between the two
-            joint = both_to_go, multiplier, best_first + multiplier * within
+            joint = joint_to_go, multiplier, best_first + multiplier * within
             return _Bounds(best, best_first, lower, joint)
 
 
@@ -544,9 +544,9 @@ def pareto_front(
         search = Search(problem, first_to_go, second_to_go, max_labels=max_labels)
         completing = SUPPORTED * (time.perf_counter() - searching) / 2
         completing = min(completing, time_limit / 4)
-        found, to_come = search.run(100_000, until - completing)
+        solution_labels, to_come = search.run(100_000, until - completing)
         labels = search.labels
-        for label, first, second in zip(found, *search.costs_of(found), strict=True):
+        for label, first, second in zip(solution_labels, *search.costs_of(solution_labels), strict=True):
             points.append((float(first), float(second), search.cells_of(int(label))))
         if problem.line is not None:
             points.append((*problem.line.units, np.empty((0, 2), np.int64)))
@@ -577,11 +577,11 @@ def _undominated(points: list[Point], longest: float, tolerance: float) -> list[
     a budget of that much never lets one of them in.
     """
     best: list[Point] = []
-    least = math.inf
+    lowest_second = math.inf
     for point in sorted(points, key=lambda point: point[:2]):
-        if point[0] <= longest and point[1] < least - tolerance:
+        if point[0] <= longest and point[1] < lowest_second - tolerance:
             best.append(point)
-        least = min(least, point[1])
+        lowest_second = min(lowest_second, point[1])
     return best
 
 

@@ -152,8 +152,8 @@ class Path(Valued):
             )
         used = COLUMNS if "heading" in columns else COLUMNS[:2]
         try:
-            at = [number for number, each in enumerate(lines, 2) if each.strip()]
-            rows = [[float(v) for v in each.split(",")] for each in lines if each.strip()]
+            at = [number for number, row_text in enumerate(lines, 2) if row_text.strip()]
+            rows = [[float(v) for v in row_text.split(",")] for row_text in lines if row_text.strip()]
             poses = np.array(rows)[:, [columns.index(name) for name in used]]
         except (ValueError, IndexError):
             raise LocplanError(
@@ -228,8 +228,8 @@ class Path(Valued):
         if self.heading is not None or len(self) == 1:
             return np.column_stack([self.xy, self.facing])
         heading = self.facing[:-1]
-        both = [np.column_stack([xy, heading]) for xy in (self.xy[:-1], self.xy[1:])]
-        return np.asarray(np.stack(both, axis=1).reshape(-1, 3))
+        line_ends = [np.column_stack([xy, heading]) for xy in (self.xy[:-1], self.xy[1:])]
+        return np.asarray(np.stack(line_ends, axis=1).reshape(-1, 3))
 
     @property
     def facing(self) -> Floats:
@@ -302,8 +302,8 @@ def divided_poses(poses: Floats, parts: Floats) -> Floats:
     """
     steps = np.maximum(1, np.ceil(parts))
     at = np.concatenate([[0.0], np.cumsum(steps)])
-    every = np.arange(at[-1] + 1)
-    return np.column_stack([np.interp(every, at, v) for v in poses.T])
+    indices = np.arange(at[-1] + 1)
+    return np.column_stack([np.interp(indices, at, v) for v in poses.T])
 
 
 class HasPath(Protocol):

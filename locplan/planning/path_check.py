@@ -99,9 +99,9 @@ class PathCheck(Result, Valued):
     def summary(self) -> dict[str, object]:
         """The figures and the faults, fit for JSON."""
         names = "drivable", "length", "cost", "least_radius", "clearance"
-        about: dict[str, object] = {name: getattr(self, name) for name in names}
-        about["swept_area"] = float(self.swept.sum()) * self.grid.resolution**2
-        return finite({**about, "faults": self.table().records()})
+        record: dict[str, object] = {name: getattr(self, name) for name in names}
+        record["swept_area"] = float(self.swept.sum()) * self.grid.resolution**2
+        return finite({**record, "faults": self.table().records()})
 
     def table(self) -> Table:
         """The faults, a row each."""
@@ -112,7 +112,7 @@ class PathCheck(Result, Valued):
         return f"{self._summed()}\n{self.table()}" if self.faults else self._summed()
 
     def _summed(self) -> str:
-        kinds = [each.kind for each in self.faults]
+        kinds = [fault.kind for fault in self.faults]
         counted = ", ".join(f"{kind} {kinds.count(kind)}x" for kind in dict.fromkeys(kinds))
         cost = "" if math.isnan(self.cost) else f", cost {self.cost:.2f} m"
         turns = math.isfinite(self.least_radius)
@@ -179,13 +179,13 @@ def check_path(
         raise ConfigError("the costmap is of another map than the one that is given")
     path = path_from(path)
     poses = path.driven
-    driven = Path(poses[:, :2], poses[:, 2])
+    drive_path = Path(poses[:, :2], poses[:, 2])
     outline = outline_of(robot)
-    faults = path_faults(grid, driven, robot)
-    collides = any(each.kind == "collision" for each in faults)
+    faults = path_faults(grid, drive_path, robot)
+    collides = any(fault.kind == "collision" for fault in faults)
     return PathCheck(
         grid=grid,
-        path=driven,
+        path=drive_path,
         outline=outline,
         length=path.length,
         cost=math.nan if costs is None else path_cost(costs, path),
@@ -214,15 +214,15 @@ def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFaul
         In their order along the path; none where it can be driven.
     """
     poses, kinematics = path.driven, robot.kinematics
-    driven = Path(poses[:, :2], poses[:, 2])
+    drive_path = Path(poses[:, :2], poses[:, 2])
     tight = _turning_radii(poses) < kinematics.turning_radius * (1 - TIGHT)
     backward = (_ahead(poses) < -0.5) & (not kinematics.reverse)
-    found = [
-        *_stretches("collision", outline_of(robot).collisions(grid, poses), driven),
-        *_stretches("tight turn", np.flatnonzero(tight), driven),
-        *_stretches("reverse", np.flatnonzero(backward), driven),
+    faults = [
+        *_stretches("collision", outline_of(robot).collisions(grid, poses), drive_path),
+        *_stretches("tight turn", np.flatnonzero(tight), drive_path),
+        *_stretches("reverse", np.flatnonzero(backward), drive_path),
     ]
-    return tuple(sorted(found, key=lambda each: (each.along, each.kind)))
+    return tuple(sorted(faults, key=lambda each: (each.along, each.kind)))
 
 
 def outline_of(robot: Robot) -> Footprint:
@@ -259,14 +259,14 @@ def _stretches(
     kind: Literal["collision", "tight turn", "reverse"], lines: Array, path: Path
 ) -> list[PathFault]:
     """The faults of lines between poses, those that follow each other as one."""
-    found = []
+    faults = []
     runs = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
     for run in runs if len(lines) else ():
         first, last = int(run[0]), int(run[-1]) + 1
         begin, end = path.distance[[first, last]].tolist()
         x, y, heading = path.poses[first].tolist()
-        found.append(PathFault(kind, x, y, heading, begin, end - begin))
-    return found
+        faults.append(PathFault(kind, x, y, heading, begin, end - begin))
+    return faults
 
 
 def _clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
@@ -299,6 +299,6 @@ def _swept(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> Bools:
     met = np.argwhere(swept(outline.vertices / grid.resolution, local, reach))
     row, col = (met - reach + middle[::-1].astype(int)).T
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    found = np.zeros(grid.shape, bool)
-    found[row[inside], col[inside]] = True
-    return found
+    is_swept = np.zeros(grid.shape, bool)
+    is_swept[row[inside], col[inside]] = True
+    return is_swept

@@ -58,9 +58,9 @@ def check_ends(
     PoseError
         If it cannot, with the nearest free position, or if a heading is missing or useless.
     """
-    named = [(start, "start"), *((xy, f"waypoint {n}") for n, xy in enumerate(via, 1))]
+    stops = [(start, "start"), *((xy, f"waypoint {n}") for n, xy in enumerate(via, 1))]
     headed = None if space == LATTICE else space != "R2"
-    return [check_pose(costs, pose, role, headed=headed) for pose, role in [*named, (goal, "goal")]]
+    return [check_pose(costs, pose, role, headed=headed) for pose, role in [*stops, (goal, "goal")]]
 
 
 def plan(
@@ -140,11 +140,11 @@ def plan(
     limits["robot"] = costs.robot
     space = planner_for(planner, options, via=via, **limits).space
     start, *over, goal = check_ends(costs, start, goal, via, space=space)
-    asked = planner_for(planner, options, via=over, **limits)
-    asked.prepare()
+    limited_planner = planner_for(planner, options, via=over, **limits)
+    limited_planner.prepare()
     corners = None if outline is None else tuple((x, y) for x, y in outline.vertices.tolist())
     return dataclasses.replace(
-        run_planner(asked, costs, start, goal),
+        run_planner(limited_planner, costs, start, goal),
         via=tuple(over),
         max_e=max_e,
         budget=None if budget is None else float(budget),
@@ -170,12 +170,12 @@ def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Positio
         The plan with the path's metrics and the time that it took.
     """
     began = time.perf_counter()
-    found = planner.solve(costs, start, goal)
-    elapsed = time.perf_counter() - began if found.solve_time is None else found.solve_time
-    if found.path is not None and (note := robot_note(planner, costs, found.path)):
-        found = dataclasses.replace(found, note="; ".join(filter(None, [found.note, note])))
-    made = finished(planner.name, costs, start, goal, found, elapsed)
-    return dataclasses.replace(made, minimises=planner.minimises is not None)
+    planner_result = planner.solve(costs, start, goal)
+    elapsed = time.perf_counter() - began if planner_result.solve_time is None else planner_result.solve_time
+    if planner_result.path is not None and (note := robot_note(planner, costs, planner_result.path)):
+        planner_result = dataclasses.replace(planner_result, note="; ".join(filter(None, [planner_result.note, note])))
+    timed_plan = finished(planner.name, costs, start, goal, planner_result, elapsed)
+    return dataclasses.replace(timed_plan, minimises=planner.minimises is not None)
 
 
 def plan_beside_shortest(
@@ -225,12 +225,12 @@ def plan_beside_shortest(
     # Of the many shortest paths on a grid this is the one that sees most: the comparison is fair.
     shortest = plan(costs.for_shortest, start, goal, **request).measured_on(costs)
     aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
-    both = [one for one in (shortest, aware) if one.metrics]
+    solved_plans = [candidate for candidate in (shortest, aware) if candidate.metrics]
     free = max_e is None and budget is None
-    own = planner_for(planner, options, robot=costs.robot)
-    if free and len(both) == 2 and not takes(own, "seed"):
+    aware_planner = planner_for(planner, options, robot=costs.robot)
+    if free and len(solved_plans) == 2 and not takes(aware_planner, "seed"):
         shortest, aware = (
-            min(both, key=lambda one: getattr(one.metrics, measure))
+            min(solved_plans, key=lambda one: getattr(one.metrics, measure))
             for measure in ("length", "cost")
         )
     return {SHORTEST: shortest, AWARE: aware}
@@ -270,23 +270,23 @@ def planned_near_paths(
     planned
         What was planned on it.
     """
-    needed = config.lattice_points(grid)
+    required = config.lattice_points(grid)
     resolution, stride = grid.resolution, config.stride_cells(grid.resolution)
-    points = every_second_point(needed)
+    points = every_second_point(required)
     for _ in range(3):  # at last there is a fourth field, whose paths may leave what is fine
         field = field_of(points)
         points = points | field.evaluated
-        found = planned(field)
+        plans = planned(field)
         spacing = max(resolution, stride * resolution / 2)
-        along = [path.resampled(spacing).xy for path in paths_of(found)]
+        along = [path.resampled(spacing).xy for path in paths_of(plans)]
         xy = np.concatenate([*along, np.empty((0, 2))])
         cells = np.stack(grid.world_to_grid(*xy.T), axis=1) - 0.5  # from the first cell's centre
         # Within 0.3 m of a path, or one and a half strides, the field must be fine, ...
-        close = points_near(needed, stride, cells, max(0.3 / resolution, 1.5 * stride))
+        close = points_near(required, stride, cells, max(0.3 / resolution, 1.5 * stride))
         if not (close & ~points).any():
-            return field, found
+            return field, plans
         # ... and is made so within 1 m, so that the next paths have room to move.
-        points = points | points_near(needed, stride, cells, 1.0 / resolution)
-        del field, found  # saves memory on a large map
+        points = points | points_near(required, stride, cells, 1.0 / resolution)
+        del field, plans  # saves memory on a large map
     field = field_of(points)
     return field, planned(field)

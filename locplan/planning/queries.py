@@ -108,10 +108,10 @@ def queries_of(
         return tuple(read_queries(queries))
     try:
         return tuple(
-            one
-            if isinstance(one, Query)
-            else Query(f"query {n}", *(tuple(map(float, pose)) for pose in one))
-            for n, one in enumerate(queries, 1)
+            query
+            if isinstance(query, Query)
+            else Query(f"query {n}", *(tuple(map(float, pose)) for pose in query))
+            for n, query in enumerate(queries, 1)
         )
     except (TypeError, ValueError):
         raise ConfigError(
@@ -139,7 +139,7 @@ def read_stations(path: str | os.PathLike[str]) -> list[Station]:
         If the file cannot be read, or a row is wrong.
     """
     rows = _rows(path, "stations")
-    return [Station(name, *_pose(where, values, "")) for name, (where, values) in rows.items()]
+    return [Station(name, *_pose(place, values, "")) for name, (place, values) in rows.items()]
 
 
 def read_queries(path: str | os.PathLike[str]) -> list[Query]:
@@ -165,8 +165,8 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     rows = _rows(path, "queries", "stations")
     if all("start_x" in values for _, values in rows.values()):
         return [
-            Query(name, _pose(where, values, "start_"), _pose(where, values, "goal_"))
-            for name, (where, values) in rows.items()
+            Query(name, _pose(place, values, "start_"), _pose(place, values, "goal_"))
+            for name, (place, values) in rows.items()
         ]
     if len(rows) < 2:
         raise LocplanError(f"{path}: has one station; add a row for each, at least two")
@@ -203,8 +203,8 @@ def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dic
     known = []
     for kind in kinds:
         first, more = COLUMNS[kind]
-        columns, beside = first.split(","), set(filter(None, more.split(",")))
-        if header[: len(columns)] == columns and set(header[len(columns) :]) <= beside:
+        columns, optional_columns = first.split(","), set(filter(None, more.split(",")))
+        if header[: len(columns)] == columns and set(header[len(columns) :]) <= optional_columns:
             break
         known.append(f"{first}, and if wanted {more}" if more else first)
     else:
@@ -274,13 +274,13 @@ def random_queries(
     check_random(count, seed, min_distance)
     random = np.random.default_rng(seed)
     parts = _Parts(costs, min_distance)
-    chosen = np.empty((0, 4))
-    while len(chosen) < count:
+    query_pairs = np.empty((0, 4))
+    while len(query_pairs) < count:
         pairs = np.array([parts.draw(random) for _ in range(20)])
-        chosen = np.vstack([chosen, _farthest(pairs, chosen)])
+        query_pairs = np.vstack([query_pairs, _farthest(pairs, query_pairs)])
     angles = random.uniform(-math.pi, math.pi, (count, 2, int(headed)))  # none, or one an end
     queries = []
-    for n, (pair, turns) in enumerate(zip(chosen.reshape(-1, 2, 2), angles, strict=True), 1):
+    for n, (pair, turns) in enumerate(zip(query_pairs.reshape(-1, 2, 2), angles, strict=True), 1):
         start, goal = (
             (*costs.grid.position(int(row), int(col)), *turn.tolist())
             for (row, col), turn in zip(pair, turns, strict=True)
@@ -296,14 +296,14 @@ class _Parts:
         count, labels = connected_parts(costs)
         flat = np.argsort(labels, axis=None, kind="stable")
         borders = np.searchsorted(labels.ravel()[flat], np.arange(1, count))
-        every = [
+        part_cells = [
             np.column_stack(np.unravel_index(part, labels.shape))
             for part in np.split(flat, borders)[1:]
         ]
-        if not every:
+        if not part_cells:
             raise ConfigError(f"{costs.grid.name or 'the map'}: has no cell where the robot fits")
         self._min = min_distance / costs.grid.resolution - 1e-9
-        ends = [_farthest_apart(part) for part in every]
+        ends = [_farthest_apart(part) for part in part_cells]
         widths = [_apart(*pair) for pair in ends]
         if max(widths) < self._min:
             raise ConfigError(
@@ -312,18 +312,18 @@ class _Parts:
                 f" {max(widths) * costs.grid.resolution:.2f} m; choose a smaller minimum distance"
             )
         wide = [n for n, width in enumerate(widths) if width >= self._min]
-        self._cells, self._ends = [every[n] for n in wide], [ends[n] for n in wide]
+        self._cells, self._ends = [part_cells[n] for n in wide], [ends[n] for n in wide]
 
     def draw(self, random: np.random.Generator) -> Floats:
         """Start and goal in one part, far enough apart: (row, col, row, col)."""
         pairs = np.array([len(part) ** 2 for part in self._cells], float)
-        which = random.choice(len(self._cells), p=pairs / pairs.sum())
-        part = self._cells[which]
+        part_index = random.choice(len(self._cells), p=pairs / pairs.sum())
+        part = self._cells[part_index]
         starts, goals = (part[random.integers(0, len(part), 4096)] for _ in range(2))
         fit = np.flatnonzero(_apart(starts, goals) >= self._min)
         if fit.size:
             return np.concatenate([starts[fit[0]], goals[fit[0]]])
-        ends = [self._ends[which][random.integers(2)]]
+        ends = [self._ends[part_index][random.integers(2)]]
         for _ in range(2):  # the goal is far from an end of the part, and the start from the goal
             ends.append(random.choice(part[_apart(part, ends[-1]) >= self._min]))
         return np.concatenate(ends[:0:-1])
@@ -347,6 +347,6 @@ def _farthest(pairs: Floats, before: Floats) -> Floats:
     """The pair that is farthest from those before, in whichever direction these lead."""
     if not len(before):
         return np.asarray(pairs[0])
-    known = np.vstack([before, before[:, [2, 3, 0, 1]]])
-    nearest = np.linalg.norm(pairs[:, None] - known[None], axis=2).min(axis=1)
+    earlier_pairs = np.vstack([before, before[:, [2, 3, 0, 1]]])
+    nearest = np.linalg.norm(pairs[:, None] - earlier_pairs[None], axis=2).min(axis=1)
     return np.asarray(pairs[np.argmax(nearest)])

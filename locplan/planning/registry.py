@@ -85,14 +85,14 @@ def named_planner(
     """
     entries = PLANNERS if entries is None else entries
     name = known_name(name, entries)
-    entry, kind = entries[name], entries[name].kind
-    own_settings = getattr(kind, "setting_names", None)
-    other = {option: options[option] for option in options if option not in entry.options()}
-    if other and own_settings:
-        check_names(f"planner {shown(name)}", other, [*entry.typed_options(), *own_settings(name)])
-        kept = {option: value for option, value in options.items() if option not in other}
-        options = {**kept, "settings": {**kept.get("settings", {}), **other}}
-    check_names(f"planner {shown(name)}", options, entry.options())
+    planner_entry, kind = entries[name], entries[name].kind
+    list_settings = getattr(kind, "setting_names", None)
+    other = {option: options[option] for option in options if option not in planner_entry.options()}
+    if other and list_settings:
+        check_names(f"planner {shown(name)}", other, [*planner_entry.typed_options(), *list_settings(name)])
+        plain_options = {option: value for option, value in options.items() if option not in other}
+        options = {**plain_options, "settings": {**plain_options.get("settings", {}), **other}}
+    check_names(f"planner {shown(name)}", options, planner_entry.options())
     several = "name" in inspect.signature(kind).parameters
     planner: Planner = kind(name, **options) if several else kind(**options)
     planner.check()
@@ -114,12 +114,12 @@ def known_name(name: str, entries: Iterable[str]) -> str:
     >>> known_name("rrt*", PLANNERS), known_name("AnyAngle", PLANNERS)
     ('RRTstar', 'any-angle')
     """
-    known = {_plain_name(entry): entry for entry in entries}
+    spellings = {_plain_name(planner_name): planner_name for planner_name in entries}
     plain = _plain_name(name)
-    if plain not in known:
-        names_known, guess = ", ".join(known.values()), suggestion(name, known.values())
+    if plain not in spellings:
+        names_known, guess = ", ".join(spellings.values()), suggestion(name, spellings.values())
         raise ConfigError(f"planner must be one of {names_known}, not {shown(name)}{guess}")
-    return known[plain]
+    return spellings[plain]
 
 
 def _plain_name(name: str) -> str:
@@ -131,9 +131,9 @@ def defaults_of(kind: type) -> dict[str, Any]:
     if not dataclasses.is_dataclass(kind):
         return {}
     return {
-        one.name: one.default_factory() if callable(one.default_factory) else one.default
-        for one in dataclasses.fields(kind)
-        if one.name not in ("name", "planner")  # its own name, and the planner that it wraps
+        option.name: option.default_factory() if callable(option.default_factory) else option.default
+        for option in dataclasses.fields(kind)
+        if option.name not in ("name", "planner")  # its own name, and the planner that it wraps
     }
 
 

@@ -64,13 +64,13 @@ class FunctionPlanner:
     @property
     def parameters(self) -> list[str]:
         """The names of the function's options."""
-        every = list(inspect.signature(self.function).parameters.values())[3:]
-        return [one.name for one in every if one.kind is not one.VAR_KEYWORD]
+        arguments = list(inspect.signature(self.function).parameters.values())[3:]
+        return [parameter.name for parameter in arguments if parameter.kind is not parameter.VAR_KEYWORD]
 
     def check(self) -> None:
         """Raise a ConfigError unless the function takes the options."""
-        every = inspect.signature(self.function).parameters.values()
-        if not any(one.kind is one.VAR_KEYWORD for one in every):
+        arguments = inspect.signature(self.function).parameters.values()
+        if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in arguments):
             check_names(f"planner {shown(self.name)}", self.options, self.parameters)
 
     def prepare(self) -> None:
@@ -85,7 +85,7 @@ class FunctionPlanner:
         if isinstance(result, Path):
             return Found(result)
         if isinstance(result, Plan):
-            names = [one.name for one in dataclasses.fields(Found)]
+            names = [attribute.name for attribute in dataclasses.fields(Found)]
             return Found(**{name: getattr(result, name) for name in names})
         return result
 
@@ -110,15 +110,15 @@ class Guarded(Wrapper):
         LocplanError
             If the planner returns something else than a path that can be driven, or a reason.
         """
-        own = costs.copy()
+        costs_copy = costs.copy()
         began = time.perf_counter()
-        found = self.planner.solve(own, start, goal)
+        planner_result = self.planner.solve(costs_copy, start, goal)
         elapsed = time.perf_counter() - began
-        _check_sound(found, costs, start, goal)
-        found = dataclasses.replace(found, note=str(found.note or ""))
-        reported = found.solve_time
+        _check_sound(planner_result, costs, start, goal)
+        planner_result = dataclasses.replace(planner_result, note=str(planner_result.note or ""))
+        reported = planner_result.solve_time
         plausible = reported is not None and 0 <= reported <= elapsed
-        return found if plausible else dataclasses.replace(found, solve_time=elapsed)
+        return planner_result if plausible else dataclasses.replace(planner_result, solve_time=elapsed)
 
 
 def _check_sound(found: object, costs: Costmap, start: Position, goal: Position) -> None:
@@ -137,8 +137,8 @@ def _check_sound(found: object, costs: Costmap, start: Position, goal: Position)
         if found.status == "solved":
             raise LocplanError("the planner says it has solved the query, but returned no path")
         return
-    apart = np.hypot(*(found.path.xy[[0, -1]] - np.array([start[:2], goal[:2]])).T)
-    if apart.max() > 1.5 * costs.grid.resolution:
+    end_offsets = np.hypot(*(found.path.xy[[0, -1]] - np.array([start[:2], goal[:2]])).T)
+    if end_offsets.max() > 1.5 * costs.grid.resolution:
         raise LocplanError("the planner's path does not lead from start to goal")
     if not np.isfinite(path_metrics(costs, found.path).cost):
         raise LocplanError("the planner's path enters cells where the robot cannot be")
@@ -185,17 +185,17 @@ def planner_for(
     """
     options, stops, outline = options or {}, tuple(via), outline_of(footprint)
     if budget is None:
-        made = _unlimited(default_planner(robot) if planner is None else planner, options)
+        new_planner = _unlimited(default_planner(robot) if planner is None else planner, options)
     else:
         if planner not in (None, "grid") or stops or outline is not None or max_e is not None:
             raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
-        known = [name for name in defaults_of(BudgetPlanner) if name != "budget"]
-        check_names("a budget", options, known)
-        made = BudgetPlanner(budget, **options)
+        budget_options = [name for name in defaults_of(BudgetPlanner) if name != "budget"]
+        check_names("a budget", options, budget_options)
+        new_planner = BudgetPlanner(budget, **options)
     if stops or outline is not None or max_e is not None:
-        made = Limited(made, stops, outline, max_e)
-    made.check()
-    return made
+        new_planner = Limited(new_planner, stops, outline, max_e)
+    new_planner.check()
+    return new_planner
 
 
 def outline_of(footprint: Footprint | ArrayLike | None) -> Footprint | None:
@@ -216,8 +216,8 @@ def takes(planner: Planner, option: str) -> bool:
         Name of an option, such as "seed".
     """
     inner = innermost(planner)
-    own = inner.parameters if isinstance(inner, FunctionPlanner) else defaults_of(type(inner))
-    return option in own
+    option_names = inner.parameters if isinstance(inner, FunctionPlanner) else defaults_of(type(inner))
+    return option in option_names
 
 
 def innermost(planner: Planner) -> Planner:
@@ -262,9 +262,9 @@ def options_of(planner: Planner) -> dict[str, Any]:
     if isinstance(planner, FunctionPlanner):
         return dict(planner.options)
     inner = options_of(planner.planner) if isinstance(planner, Wrapper) else {}
-    known = defaults_of(type(planner))
-    own = {name: getattr(planner, name) for name in known if getattr(planner, name) != known[name]}
-    return inner | own
+    defaults = defaults_of(type(planner))
+    differences = {name: getattr(planner, name) for name in defaults if getattr(planner, name) != defaults[name]}
+    return inner | differences
 
 
 def with_options(planner: Planner, **options: Any) -> Planner:
@@ -295,13 +295,13 @@ def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
     if isinstance(planner, str):
         return named_planner(planner, options)
     if isinstance(planner, Planner) and not isinstance(planner, type):
-        made = with_options(planner, **options)
+        new_planner = with_options(planner, **options)
     elif callable(planner) and not isinstance(planner, type):
-        made = FunctionPlanner(planner, options)
+        new_planner = FunctionPlanner(planner, options)
     else:
         raise ConfigError(
             "planner must be a name, a function f(costs, start, goal), or an object with name,"
             f" minimises, space, check, prepare and solve, not {shown(planner)}"
         )
-    ours = type(made).__module__.startswith("locplan.") and not isinstance(made, FunctionPlanner)
-    return made if ours else Guarded(made)
+    is_shipped = type(new_planner).__module__.startswith("locplan.") and not isinstance(new_planner, FunctionPlanner)
+    return new_planner if is_shipped else Guarded(new_planner)

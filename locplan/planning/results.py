@@ -140,12 +140,12 @@ def finished(
     if found.status == "unreachable" and not note:
         radius = format_radius(costs.robot, costs.robot_radius)
         note = f"no path joins start and goal for a robot of radius {radius}"
-    known = {each.name: getattr(found, each.name) for each in dataclasses.fields(found)}
+    attributes = {attribute.name: getattr(found, attribute.name) for attribute in dataclasses.fields(found)}
     if found.path is not None:
         note = "; ".join(filter(None, [note, costs.note]))
-    known |= {"note": note, "solve_time": elapsed, "costs": costs}
+    attributes |= {"note": note, "solve_time": elapsed, "costs": costs}
     metrics = None if found.path is None else path_metrics(costs, found.path)
-    return Plan(planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **known)
+    return Plan(planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **attributes)
 
 
 POINT = Column("length", "m", "length"), Column("integral", title="integral")
@@ -238,22 +238,22 @@ class ParetoFront(Result, Stored):
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = through_centres(self.costs, self.cells[index], self.start, self.goal)
-        found = Found(path, note=unfit_note("pareto", self.costs.robot))
-        return finished("pareto", self.costs, self.start, self.goal, found, self.solve_time)
+        planner_result = Found(path, note=unfit_note("pareto", self.costs.robot))
+        return finished("pareto", self.costs, self.start, self.goal, planner_result, self.solve_time)
 
     def summary(self) -> dict[str, object]:
         """The front without its cells, fit for JSON."""
         names = "start", "goal", "objective", "status", "epsilon", "labels", "solve_time"
-        about = {name: getattr(self, name) for name in names}
-        about["knee"] = self.knee if len(self) else None
-        about |= {each.name: getattr(self, each.name).tolist() for each in POINT}
+        record = {name: getattr(self, name) for name in names}
+        record["knee"] = self.knee if len(self) else None
+        record |= {column.name: getattr(self, column.name).tolist() for column in POINT}
         costs = about_costs(self.costs)
         del costs["weight"]  # it does not matter
-        return {**costs, **finite(about)}
+        return {**costs, **finite(record)}
 
     def table(self) -> Table:
         """Length and integral of each path."""
-        return Table(POINT, tuple(zip(*(getattr(self, each.name) for each in POINT), strict=True)))
+        return Table(POINT, tuple(zip(*(getattr(self, column.name) for column in POINT), strict=True)))
 
     def report(self) -> str:
         """Up to twelve paths with what each metre more saves, the knee marked."""
@@ -264,9 +264,9 @@ class ParetoFront(Result, Stored):
             return "unreachable: no path leads to the goal"
         unit = "m" if self.objective == "u" else f"{self.costs.e_unit} m"
         lengths = np.linspace(self.length[0], self.length[-1], 12)
-        shown = np.abs(self.length[:, None] - lengths).argmin(axis=0)
+        indices = np.abs(self.length[:, None] - lengths).argmin(axis=0)
         rows = []
-        for index in sorted({*map(int, shown), self.knee}):
+        for index in sorted({*map(int, indices), self.knee}):
             longer = self.length[index] / self.length[0] - 1
             texts = [str(index), f"{self.length[index]:.2f} m", f"+{longer:.1%}"]
             knee = "knee" if index == self.knee > 0 else ""
@@ -293,8 +293,8 @@ class ParetoFront(Result, Stored):
     def _write(self, folder: PathOf, *_: object) -> None:
         self.write(folder / "front.npz")
         # All digits: a budget that is copied from here must not lie below the path's integral.
-        both = np.column_stack([self.length, self.integral])
-        write_csv(folder / "front.csv", both, ",".join(self.table().names), "%s")
+        points = np.column_stack([self.length, self.integral])
+        write_csv(folder / "front.csv", points, ",".join(self.table().names), "%s")
         if len(self):
             path = self.plan(self.knee).path
             assert path is not None

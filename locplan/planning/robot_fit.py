@@ -64,9 +64,9 @@ def robot_note(planner: Planner, costs: Costmap, path: Path) -> str:
     if robot is None or not needs_lattice(robot):
         return ""
     keeps_outline, inner = False, planner
-    while (wrapped := getattr(inner, "planner", None)) is not None:
+    while (inner_planner := getattr(inner, "planner", None)) is not None:
         keeps_outline |= getattr(inner, "outline", None) is not None
-        inner = wrapped
+        inner = inner_planner
     if not type(inner).__module__.startswith("locplan.planning.") or _is_function(inner):
         faults = path_faults(costs.grid, path, robot)
         where = f"{faults[0].kind} near {faults[0].x:.2f},{faults[0].y:.2f}" if faults else ""

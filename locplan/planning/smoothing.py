@@ -107,15 +107,15 @@ class Smoother:
     def smoothed(self, path: Path, start: Position | None, goal: Position | None) -> Path:
         """A path smoothed, or itself; its ends become start and goal where curves lead there."""
         poses = self._on_grid(path)
-        found = self._improved(self._with_ends(poses, start, goal))
-        if found is None and (start or goal):
-            found = self._improved(poses)
-        if found is None:
+        improved_poses = self._improved(self._with_ends(poses, start, goal))
+        if improved_poses is None and (start or goal):
+            improved_poses = self._improved(poses)
+        if improved_poses is None:
             return path
-        made = self._in_world(found)
-        if self._outline and self._outline.first_collision(self._costs.grid, made) is not None:
+        world_path = self._in_world(improved_poses)
+        if self._outline and self._outline.first_collision(self._costs.grid, world_path) is not None:
             return path
-        return made
+        return world_path
 
     def cost(self, poses: Floats) -> float:
         """Cost of poses (n, 3) on the bordered grid, with all prices [cells]."""
@@ -125,15 +125,15 @@ class Smoother:
 
     def _improved(self, poses: Floats) -> Floats | None:
         """Better poses, or None where none are."""
-        best, least = None, self.cost(poses)
+        best, lowest_cost = None, self.cost(poses)
         step, turn = 1.5, 0.2
         poses = self._straightened(poses)
         for _ in range(ROUNDS + 1):
             if len(poses) < 2:
                 break
             cost = self.cost(poses)
-            if cost < least * (1 - 1e-9):
-                best, least = poses, cost
+            if cost < lowest_cost * (1 - 1e-9):
+                best, lowest_cost = poses, cost
             shifted = self._shifted(poses, (step, turn))
             poses = poses if shifted is poses else self._straightened(shifted)
             step, turn = 0.6 * step, 0.6 * turn
@@ -146,8 +146,8 @@ class Smoother:
         if len(poses) < 2:
             return poses
         at = self._knots(poses, max(2.0, 0.25 * self._drive.radius))
-        own = np.add.reduceat(self._own(poses), at[:-1])
-        chain = straightest(self._ground, self._drive, self._body, poses[at], own, LOOKAHEAD)
+        step_costs = np.add.reduceat(self._own(poses), at[:-1])
+        chain = straightest(self._ground, self._drive, self._body, poses[at], step_costs, LOOKAHEAD)
         pieces, last = [], len(at) - 1
         while last > 0:
             before = int(chain[last])
@@ -166,9 +166,9 @@ class Smoother:
         from locplan.planning.kernels.smoothing import shift_knots
 
         at = self._knots(poses, max(3.0, 0.75 * self._drive.radius))
-        own = np.add.reduceat(self._own(poses), at[:-1])
-        knots, curved = poses[at].copy(), np.zeros(len(own), bool)
-        shift_knots(self._ground, self._drive, self._body, knots, own, curved, steps)
+        step_costs = np.add.reduceat(self._own(poses), at[:-1])
+        knots, curved = poses[at].copy(), np.zeros(len(step_costs), bool)
+        shift_knots(self._ground, self._drive, self._body, knots, step_costs, curved, steps)
         if not curved.any():
             return poses
         pieces = [
@@ -189,9 +189,9 @@ class Smoother:
         still = np.hypot(*steps[:, :2].T) < 1e-3
         way = np.hypot(*steps[:, :2].T) / spacing + np.where(still, 4 * turn, 0.0)
         along = np.concatenate([[0.0], np.cumsum(way)])
-        kept = np.concatenate([[True], np.diff(np.floor(along)) > 0])
-        kept[-1] = True
-        return np.flatnonzero(kept)
+        is_knot = np.concatenate([[True], np.diff(np.floor(along)) > 0])
+        is_knot[-1] = True
+        return np.flatnonzero(is_knot)
 
     def _curve(self, start: Floats, end: Floats) -> Floats:
         from locplan.planning.kernels.motions import motion_poses

@@ -78,11 +78,11 @@ class AmbiguousPlaces:
 
         # Factor on the spacing of the places within which they are neighbours.
         near = cKDTree(self.places).query_ball_point(self.places, 1.6 * self.spacing)
-        least = np.array([self.excess[some].min() for some in near])
-        most = np.array([self.elsewhere[some].max() for some in near])
+        nearby_excess = np.array([self.excess[neighbours].min() for neighbours in near])
+        nearby_elsewhere = np.array([self.elsewhere[neighbours].max() for neighbours in near])
         starts: list[Floats] = []
-        for n in np.lexsort([most, -least]):
-            if len(starts) == STARTS or least[n] <= THRESHOLD:
+        for n in np.lexsort([nearby_elsewhere, -nearby_excess]):
+            if len(starts) == STARTS or nearby_excess[n] <= THRESHOLD:
                 break
             if all(np.hypot(*(self.places[n] - start)) >= STARTS_APART for start in starts):
                 starts.append(self.places[n])
@@ -184,14 +184,14 @@ def _compare_elsewhere(database: Database, ranges: Floats, home: Floats) -> tupl
     modes = ScanOnMap(database, ranges).modes(home)
     if modes.returns < MIN_RETURNS:
         return 0.0, 1.0
-    away = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
+    distances = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
     turn = np.abs(wrapped(modes.poses[:, 2] - home[2]))
-    here = np.flatnonzero((away < APART) & (turn < TURNED))
-    if not here.size:  # the robot does not fit quite there
+    home_modes = np.flatnonzero((distances < APART) & (turn < TURNED))
+    if not home_modes.size:  # the robot does not fit quite there
         return 0.0, 1.0
-    excess = modes.losses - modes.losses[here[0]]
+    excess = modes.losses - modes.losses[home_modes[0]]
     weights = np.exp(-(modes.losses - modes.losses.min()))
-    far = away > AWAY
+    far = distances > AWAY
     return (
         float(excess[far].min()) if far.any() else math.inf,
         float(weights[far].sum() / weights.sum()),

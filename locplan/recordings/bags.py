@@ -67,31 +67,31 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
     with _opened(path) as bag:
         topic = _scan_topic(bag, options.scan_topic)
         scans = _read_scans(bag, topic, options, progress)
-        heard = _listen(bag, topic, options, scans, progress)
-    place, notes = heard.located(), heard.notes
-    kept: list[int] = np.flatnonzero(place.known).tolist()
+        bag_poses = _listen(bag, topic, options, scans, progress)
+    scan_poses, notes = bag_poses.located(), bag_poses.notes
+    kept: list[int] = np.flatnonzero(scan_poses.known).tolist()
     if len(kept) < len(scans.times):
         notes.append(f"{len(scans.times) - len(kept)} of {len(scans.times)} scans have no pose")
     rows = scans.rows
     if rows.resampled:
         of = f"{rows.resampled} of {len(rows)}"
         notes.append(f"scans of other angles were brought to those of the first ({of})")
-    lidar = rows.lidar(place.mount, place.upside_down)
+    lidar = rows.lidar(scan_poses.mount, scan_poses.upside_down)
     ranges = rows.finish([scans.order[n] for n in kept])
-    if place.upside_down:
+    if scan_poses.upside_down:
         ranges = ranges[:, ::-1]
     ranges.setflags(write=False)
     source = replace(
-        place.source,
+        scan_poses.source,
         file=path.name,
         scans=topic,
         stamps_back=scans.stamps_back,
         notes=tuple(notes),
     )
-    odometry = None if place.odometry is None else place.odometry[kept]
-    speeds = None if place.speeds is None else place.speeds[kept]
+    odometry = None if scan_poses.odometry is None else scan_poses.odometry[kept]
+    speeds = None if scan_poses.speeds is None else scan_poses.speeds[kept]
     times = np.array(scans.times)[kept]
-    return Recording(ranges, lidar, place.poses[kept], times, odometry, source, speeds)
+    return Recording(ranges, lidar, scan_poses.poses[kept], times, odometry, source, speeds)
 
 
 def _scan_topic(bag: Bag, named: str | None) -> str:
@@ -107,7 +107,7 @@ def _scan_topic(bag: Bag, named: str | None) -> str:
             f"has no scans (sensor_msgs/LaserScan); its topics are {bag.listed()}; record one"
         )
     if len(topics) > 1:
-        topics = [each for each in topics if bag.count([each])] or topics
+        topics = [topic for topic in topics if bag.count([topic])] or topics
     if len(topics) > 1:
         raise RecordingError(
             f"has scans on {' and '.join(topics)}; choose one with scan_topic={topics[0]!r}"
@@ -155,8 +155,8 @@ def _read_scans(
         stamps_back += stamp < latest
         latest = max(latest, stamp)
         frame = frame or frame_name(scan.header.frame_id)
-        about = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
-        rows.add(scan.ranges, *map(float, about))
+        scan_geometry = scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+        rows.add(scan.ranges, *map(float, scan_geometry))
         stamps.append(stamp)
     if not stamps:
         within = "" if options.window is None else " in the window"
@@ -171,41 +171,41 @@ def _listen(
     """Transforms, poses and odometry near the times of the scans."""
     window = _window(bag, options, 5.0)
     topics = _pose_topics(bag, options)
-    listed = bag.listed()
-    poses = {each: kind for each, kind in topics.items() if kind != Kind.ODOMETRY}
-    heard = Heard(FrameTree([]), scans.times, scans.frame, options, listed)
+    topic_list = bag.listed()
+    poses = {topic_name: kind for topic_name, kind in topics.items() if kind != Kind.ODOMETRY}
+    bag_poses = Heard(FrameTree([]), scans.times, scans.frame, options, topic_list)
     for message in bag.messages(poses, *window, progress=progress):
-        _take(message, poses, heard, scans.times)
+        _take(message, poses, bag_poses, scans.times)
     # The poses of AMCL are few: they need odometry at their own times, too.
     samples = [
-        np.concatenate([part[:, 0] for part in each.track.samples()])
-        for each in heard.topics.values()
-        if each.kind == Kind.POSE_WITH_COVARIANCE
+        np.concatenate([part[:, 0] for part in topic_name.track.samples()])
+        for topic_name in bag_poses.topics.values()
+        if topic_name.kind == Kind.POSE_WITH_COVARIANCE
     ]
     knots = np.unique(np.concatenate([scans.times, *samples]))
     times = knots[np.isfinite(knots)].tolist()
     tree = FrameTree(times)
-    heard = replace(heard, tree=tree)
+    bag_poses = replace(bag_poses, tree=tree)
     of_tf = _near_namespace(bag.of_type(Kind.TF), topic)
-    static = [each for each in of_tf if each.endswith("tf_static")]
+    static = [topic_name for topic_name in of_tf if topic_name.endswith("tf_static")]
     for message in bag.messages(static):
-        for each in message.content.transforms:
-            tree.add_static(each.header.frame_id, each.child_frame_id, _transform(each.transform))
-    others = topics.keys() - poses.keys()
-    topics = {each: kind for each, kind in topics.items() if each in others}
-    topics |= {each: Kind.TF for each in of_tf if each not in static}
+        for topic_name in message.content.transforms:
+            tree.add_static(topic_name.header.frame_id, topic_name.child_frame_id, _transform(topic_name.transform))
+    odometry_topics = topics.keys() - poses.keys()
+    topics = {topic_name: kind for topic_name, kind in topics.items() if topic_name in odometry_topics}
+    topics |= {topic_name: Kind.TF for topic_name in of_tf if topic_name not in static}
     count = 0
     for message in bag.messages(topics, *window, progress=progress):
         if topics[message.topic] != Kind.TF:
-            _take(message, topics, heard, times)
+            _take(message, topics, bag_poses, times)
             continue
-        for each in message.content.transforms:
-            time, pose = _seconds(each.header.stamp, message.logged), _transform(each.transform)
-            tree.add(time, each.header.frame_id, each.child_frame_id, pose)
+        for topic_name in message.content.transforms:
+            time, pose = _seconds(topic_name.header.stamp, message.logged), _transform(topic_name.transform)
+            tree.add(time, topic_name.header.frame_id, topic_name.child_frame_id, pose)
         count += 1
         if count % 500 == 0:
-            heard.leave_out_others()
-    return heard
+            bag_poses.leave_out_others()
+    return bag_poses
 
 
 def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequence[float]) -> None:
@@ -226,11 +226,11 @@ def _pose_topics(bag: Bag, options: Options) -> dict[str, str]:
     """Topics of poses and odometry that may be needed, and their types."""
     topics: dict[str, str] = {}
     for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
-        topics |= {each: kind for each in bag.of_type(kind) if _wanted(each, kind, options)}
+        topics |= {topic: kind for topic in bag.of_type(kind) if _wanted(topic, kind, options)}
     for name, option in ((options.pose_topic, "pose_topic"), (options.odom_topic, "odom_topic")):
         if name is not None and name not in topics:
-            others = (Kind.POSE_WITH_COVARIANCE, Kind.POSE) if option == "pose_topic" else ()
-            have = ", ".join(bag.of_type(*others, Kind.ODOMETRY)) or "none"
+            pose_types = (Kind.POSE_WITH_COVARIANCE, Kind.POSE) if option == "pose_topic" else ()
+            have = ", ".join(bag.of_type(*pose_types, Kind.ODOMETRY)) or "none"
             raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
     return topics
 
@@ -255,8 +255,8 @@ def _near_namespace(topics: Sequence[str], scan: str) -> list[str]:
     ['/tf', '/tf_static']
     """
     spaces = {topic: topic.rpartition("/")[0] + "/" for topic in topics}
-    ours = [space for space in spaces.values() if scan.startswith(space)]
-    best = max(ours, key=len, default=None)
+    scan_spaces = [space for space in spaces.values() if scan.startswith(space)]
+    best = max(scan_spaces, key=len, default=None)
     return [topic for topic in topics if best is None or spaces[topic] == best]
 
 
@@ -303,12 +303,12 @@ class Place:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Mask of the scans with a pose, and odometry if there is any; all without any pose."""
-        found = np.isfinite(self.poses).all(1)
-        if not found.any():
+        is_finite = np.isfinite(self.poses).all(1)
+        if not is_finite.any():
             return np.ones(len(self.poses), np.bool_)
         if self.odometry is not None:
-            found &= np.isfinite(self.odometry).all(1)
-        return np.asarray(found)
+            is_finite &= np.isfinite(self.odometry).all(1)
+        return np.asarray(is_finite)
 
 
 @dataclass(frozen=True)
@@ -338,7 +338,7 @@ class Heard:
 
     def of_odometry(self) -> dict[str, PoseTopic]:
         """The topics of odometry."""
-        return {name: each for name, each in self.topics.items() if each.kind == Kind.ODOMETRY}
+        return {name: pose_topic for name, pose_topic in self.topics.items() if pose_topic.kind == Kind.ODOMETRY}
 
     def located(self) -> Place:
         """Find poses, odometry and the lidar's mount in what the bag says.
@@ -355,12 +355,12 @@ class Heard:
         mount, upside_down = self._mount(base)
         reported, odometry_from = self._odometry(base)
         poses, poses_from, map_frame = self._poses(base, reported, odometry_from)
-        located = np.isfinite(poses).all(axis=1)
+        is_located = np.isfinite(poses).all(axis=1)
         if not poses_from:
             reported, odometry_from = None, ""
-        elif not located.any():
-            own = self.topics.get(poses_from)
-            begin, end = (own.track.begin, own.track.end) if own else self.tree.clock
+        elif not is_located.any():
+            pose_topic = self.topics.get(poses_from)
+            begin, end = (pose_topic.track.begin, pose_topic.track.end) if pose_topic else self.tree.clock
             raise RecordingError(
                 f"no scan has a pose: {poses_from} is known from {begin:.3f} to {end:.3f} s, and"
                 f" the scans are from {self.times[0]:.3f} to {self.times[-1]:.3f} s; do both have"
@@ -368,7 +368,7 @@ class Heard:
             )
         odometry = None if reported is None else reported[self.at_scans]
         if odometry is not None:
-            known = np.isfinite(odometry[located]).all(axis=1).mean()
+            known = np.isfinite(odometry[is_located]).all(axis=1).mean()
             if known < 0.9:
                 self.notes.append(
                     f"{odometry_from} tells odometry at only {known:.0%} of the scans"
@@ -397,9 +397,9 @@ class Heard:
         """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
         tree = self.tree
         if tree.connected(self.map_frame, self.lidar_frame):
-            usual = {each for each in tree.frames if each.rpartition("/")[2] in (*BASES, "odom")}
+            robot_frames = {frame for frame in tree.frames if frame.rpartition("/")[2] in (*BASES, "odom")}
             base = (self.options.base_frame or "").lstrip("/")
-            tree.keep_between(self.map_frame, {self.lidar_frame, base, *usual})
+            tree.keep_between(self.map_frame, {self.lidar_frame, base, *robot_frames})
 
     def _base_frame(self) -> str:
         """Frame of the robot: the one that is named, that of odometry, or one of a usual name."""
@@ -411,14 +411,14 @@ class Heard:
                     f"has no frame {base!r}; base_frame= can be: {', '.join(frames)}"
                 )
             return base
-        reported = [each.child for each in self.of_odometry().values() if each.child]
-        named = [frame for base in BASES for frame in frames if frame.rpartition("/")[2] == base]
-        found = [frame for frame in dict.fromkeys(reported + named) if frame in frames]
-        for frame in found:
+        reported = [pose_topic.child for pose_topic in self.of_odometry().values() if pose_topic.child]
+        standard_frames = [frame for base in BASES for frame in frames if frame.rpartition("/")[2] == base]
+        candidates = [frame for frame in dict.fromkeys(reported + standard_frames) if frame in frames]
+        for frame in candidates:
             if self.tree.connected(frame, self.lidar_frame):
                 return frame
-        if found:
-            return found[0]
+        if candidates:
+            return candidates[0]
         if self.lidar_frame in frames:
             self.notes.append(
                 f"no frame is named as the robot's: the lidar's, {self.lidar_frame}, is taken for"
@@ -508,8 +508,8 @@ class Heard:
         for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
             topics = [
                 name
-                for name, each in self.topics.items()
-                if each.kind == kind and (kind != Kind.ODOMETRY or each.frame == self.map_frame)
+                for name, pose_topic in self.topics.items()
+                if pose_topic.kind == kind and (kind != Kind.ODOMETRY or pose_topic.frame == self.map_frame)
             ]
             if len(topics) == 1:
                 return topics[0]
@@ -535,20 +535,20 @@ class Heard:
 
     def _odometry(self, base: str) -> tuple[Floats | None, str]:
         """Odometry at all times of the tree, if there is some that is not the poses themselves."""
-        named, of_poses = self.options.odom_topic, self.options.pose_topic
+        requested_topic, of_poses = self.options.odom_topic, self.options.pose_topic
         topics = [
             name
-            for name, each in self.of_odometry().items()
-            if name != of_poses and each.frame != self.map_frame
+            for name, pose_topic in self.of_odometry().items()
+            if name != of_poses and pose_topic.frame != self.map_frame
         ]
-        if named is None:
+        if requested_topic is None:
             frames = [self.topics[name].frame for name in topics]
-            frames += [each for each in self.tree.frames if each.rpartition("/")[2] == "odom"]
+            frames += [pose_topic for pose_topic in self.tree.frames if pose_topic.rpartition("/")[2] == "odom"]
             for frame in frames:
                 pose = self.tree.pose(frame, base) if frame != base else None
                 if pose is not None:
                     return in_plane(pose), f"TF {frame} -> {base}"
-        topics = topics if named is None else [named]
+        topics = topics if requested_topic is None else [requested_topic]
         if len(topics) == 1:
             return in_plane(self.topics[topics[0]].track.at_times()), topics[0]
         if topics:
@@ -592,14 +592,14 @@ def _carried_poses(
         guesses.append(after_way(in_plane(samples[:, 1:]), way))
         # The nearer sample in time counts for more; one that is too far for nothing.
         weights.append(np.where(near, 1.0 / np.maximum(np.abs(at - then), 1e-9), 0.0))
-    (one, other), (first, second) = guesses, weights
-    one, other = np.where(first[:, None] > 0, one, other), np.where(second[:, None] > 0, other, one)
+    (earlier, later), (first, second) = guesses, weights
+    earlier, later = np.where(first[:, None] > 0, earlier, later), np.where(second[:, None] > 0, later, earlier)
     total = first + second
     share = np.divide(second, total, out=np.full(len(at), np.nan), where=total > 0)
-    step = other - one
+    step = later - earlier
     step[:, 2] = wrapped(step[:, 2])
-    found: Floats = one + share[:, None] * step
-    return found
+    carried: Floats = earlier + share[:, None] * step
+    return carried
 
 
 class Kind(StrEnum):
@@ -633,12 +633,12 @@ class Bag:
 
     def of_type(self, *types: str) -> list[str]:
         """Names of the topics of these types that have messages."""
-        some = (each for each in self._reader.connections if _type(each) in types)
-        return list(dict.fromkeys(each.topic for each in some))
+        connections = (connection for connection in self._reader.connections if _type(connection) in types)
+        return list(dict.fromkeys(connection.topic for connection in connections))
 
     def count(self, topics: Collection[str]) -> int:
         """Number of the messages of some topics."""
-        return sum(each.msgcount for each in self._reader.connections if each.topic in topics)
+        return sum(connection.msgcount for connection in self._reader.connections if connection.topic in topics)
 
     def messages(
         self,
@@ -652,11 +652,11 @@ class Bag:
 
         Only these are decoded, one at a time.
         """
-        chosen = [each for each in self._reader.connections if each.topic in topics]
-        if not chosen:
+        connections = [topic_connection for topic_connection in self._reader.connections if topic_connection.topic in topics]
+        if not connections:
             return
         total = self.count(topics)
-        stream = self._reader.messages(connections=chosen, start=start, stop=stop)
+        stream = self._reader.messages(connections=connections, start=start, stop=stop)
         for number, (connection, logged, raw) in enumerate(stream):
             if progress and number % 1000 == 0:
                 progress(min(number, total), total)
@@ -673,8 +673,8 @@ class Bag:
 
     def listed(self) -> str:
         """The topics and their types, for an error message."""
-        every = self._reader.connections
-        names = {f"{each.topic} ({_type(each).replace('/msg/', '/')})" for each in every}
+        connections = self._reader.connections
+        names = {f"{each.topic} ({_type(each).replace('/msg/', '/')})" for each in connections}
         return ", ".join(sorted(names)) or "none"
 
 
@@ -705,10 +705,10 @@ def _opened(path: Path) -> Iterator[Bag]:
     file = _storage_of(path)
     ros1 = file.suffix == ".bag"
     try:
-        for each in file.iterdir() if file.is_dir() else (file,):
-            if not each.is_dir():
-                reading.opened(each).close()  # rosbags would wait for a pipe
-                keep_input(each)
+        for bag_file in file.iterdir() if file.is_dir() else (file,):
+            if not bag_file.is_dir():
+                reading.opened(bag_file).close()  # rosbags would wait for a pipe
+                keep_input(bag_file)
         _bound_unpacking(reader1, reader2, storage_mcap)
         with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
             reader: Any = Reader1(file) if ros1 else Reader2(file)
@@ -734,9 +734,9 @@ def _storage_of(path: Path) -> Path:
     """The file or folder that is read: a folder without metadata.yaml stands for its only file."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path
-    files = sorted(each for each in path.iterdir() if each.suffix in SUFFIXES)
+    files = sorted(storage_file for storage_file in path.iterdir() if storage_file.suffix in SUFFIXES)
     if len(files) != 1:
-        found = ", ".join(each.name for each in files) or "no bag"
+        found = ", ".join(storage_file.name for storage_file in files) or "no bag"
         raise RecordingError(f"is a folder without metadata.yaml, with {found}; name one file")
     return files[0]
 
@@ -753,8 +753,8 @@ def _bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
     if zstd is not None:  # older ones unpack no more than a chunk says of itself
         unpacked = partial(_unpacked, zstd.ZstdDecompressor)
         mcap.DECOMPRESSORS["zstd"] = unpacked
-        whole_file = partial(_whole_file, zstd.open)
-        vars(ros2)["zstd"] = SimpleNamespace(open=whole_file, decompress=unpacked)
+        bounded_open = partial(_whole_file, zstd.open)
+        vars(ros2)["zstd"] = SimpleNamespace(open=bounded_open, decompress=unpacked)
 
 
 def _unpacked(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:

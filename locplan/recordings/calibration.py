@@ -130,11 +130,11 @@ def odometry_noise(
     drifts = intervals(stretches.fitted, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one is hardly apart from odometry's.
     position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
-    sure = position, math.radians(heading)
-    alphas = intervals(lambda w: increments.fitted(w, *sure), blocks[updates[:-1]], RESAMPLES)
+    pose_noise = position, math.radians(heading)
+    alphas = intervals(lambda w: increments.fitted(w, *pose_noise), blocks[updates[:-1]], RESAMPLES)
     turns = np.diff(poses[updates_of(poses, math.inf, TURN), 2])
-    turned = float(np.abs(wrapped(turns)).sum())
-    notes = _notes(increments, np.array([each.value for each in alphas]), sure, turned)
+    total_turn = float(np.abs(wrapped(turns)).sum())
+    notes = _notes(increments, np.array([each.value for each in alphas]), pose_noise, total_turn)
     if jumps:
         notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
     if smoothed:
@@ -146,7 +146,7 @@ def odometry_noise(
             "the drive is too short to tell the drifts, which are not written: it has"
             f" {len(stretches.way)} stretches of {each} m, not {needed}"
         )
-    values: list[Any] = [*alphas, *drifts, turned, len(updates), long_enough, tuple(notes)]
+    values: list[Any] = [*alphas, *drifts, total_turn, len(updates), long_enough, tuple(notes)]
     return OdometryNoise(*values)
 
 
@@ -201,8 +201,8 @@ class _Stretches:
     def of(cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]) -> _Stretches:
         """Stretches of each length [m], one after the other."""
         turns = np.abs(wrapped(np.diff(odometry[:, 2])))
-        way, turned = way_along(odometry), np.concatenate([[0.0], np.cumsum(turns)])
-        progress = way + 0.3 * turned  # a turn of 1 rad counts as 0.3 m of way
+        way, turn_sums = way_along(odometry), np.concatenate([[0.0], np.cumsum(turns)])
+        progress = way + 0.3 * turn_sums  # a turn of 1 rad counts as 0.3 m of way
         begins, ends = [], []
         for span in spans:
             marks = np.searchsorted(progress, np.arange(0.0, progress[-1], span))
@@ -212,14 +212,14 @@ class _Stretches:
         begin, end = begin[end > begin], end[end > begin]
         true, reported = _ways(poses, begin, end), _ways(odometry, begin, end)
         chord = np.hypot(true[:, 0], true[:, 1])
-        own = np.hypot(reported[:, 0], reported[:, 1])  # noise of the poses chooses no stretches
+        reported_chord = np.hypot(reported[:, 0], reported[:, 1])  # noise of the poses chooses no stretches
         along = (reported[:, :2] * true[:, :2]).sum(axis=1) / np.maximum(chord, TINY)
         long = way[end] - way[begin]
-        straight = (own > 0.9 * long) & (own > spans[0] / 2)
+        straight = (reported_chord > 0.9 * long) & (reported_chord > spans[0] / 2)
         return cls(
             begin,
             long,
-            turned[end] - turned[begin],
+            turn_sums[end] - turn_sums[begin],
             chord,
             true[:, 2],
             np.where(straight, along - chord, np.nan),
@@ -228,18 +228,18 @@ class _Stretches:
 
     def fitted(self, weights: Floats) -> Floats:
         """Drifts, biases, and the noise of the poses, in the order of `OdometryNoise`, (8,)."""
-        some = np.isfinite(self.ahead)
-        one = np.ones(len(self.way))
+        is_straight = np.isfinite(self.ahead)
+        ones = np.ones(len(self.way))
         (scale,), (distance, at) = _regressed(
-            self.ahead[some],
-            self.chord[some, None],
-            np.column_stack([self.way, one])[some],
-            weights[some],
+            self.ahead[is_straight],
+            self.chord[is_straight, None],
+            np.column_stack([self.way, ones])[is_straight],
+            weights[is_straight],
         )
         (bend, turn_scale), (heading, turning, to) = _regressed(
             self.aside,
             np.column_stack([self.way, self.turn]),
-            np.column_stack([self.way, self.turned, one]),
+            np.column_stack([self.way, self.turned, ones]),
             weights,
         )
         return np.array(
@@ -277,32 +277,32 @@ class _Increments:
         from locplan._support.kernels.particles import STILL
 
         begin = np.arange(len(poses) - 1)
-        true, reported = (_ways(each, begin, begin + 1) for each in (poses, odometry))
+        true, reported = (_ways(pose_track, begin, begin + 1) for pose_track in (poses, odometry))
         way = np.hypot(reported[:, 0], reported[:, 1])
         first = np.where(way >= STILL, np.arctan2(reported[:, 1], reported[:, 0]), 0.0)
         # The true end in the direction of the reported way.
         ahead = np.cos(first) * true[:, 0] + np.sin(first) * true[:, 1]
         second, turn = reported[:, 2] - first, wrapped(true[:, 2] - reported[:, 2])
-        turned = sum(
+        turn_squares = sum(
             np.minimum(abs(wrapped(t)), abs(wrapped(t - np.pi))) ** 2 for t in (first, second)
         )
-        none, two, square = np.zeros(len(way)), np.full(len(way), 2.0), way**2
+        zeros, twos, square = np.zeros(len(way)), np.full(len(way), 2.0), way**2
         return cls(
             np.array(
                 [
-                    np.column_stack([turned, 2 * square, none, none]),
-                    np.column_stack([none, none, square, turned]),
+                    np.column_stack([turn_squares, 2 * square, zeros, zeros]),
+                    np.column_stack([zeros, zeros, square, turn_squares]),
                 ]
             ),
-            np.array([np.column_stack([none, two]), np.column_stack([two, none])]),
+            np.array([np.column_stack([zeros, twos]), np.column_stack([twos, zeros])]),
             np.array([turn, ahead - way]),
         )
 
     def fitted(self, weights: Floats, position: float, heading: float) -> Floats:
         """The alphas, (4,), with poses that have noise of their own [m, rad]."""
         fixed = (self.poses @ np.array([position**2, heading**2])).ravel()
-        features, every = self.features.reshape(-1, 4), np.tile(weights, 2)
-        return likeliest_variances(self.residuals.ravel() ** 2, features, fixed, every)
+        features, stacked_weights = self.features.reshape(-1, 4), np.tile(weights, 2)
+        return likeliest_variances(self.residuals.ravel() ** 2, features, fixed, stacked_weights)
 
     def outweighed(self, alphas: Floats, position: float, heading: float) -> bool:
         """Whether the poses' noise is more than odometry's, of the turns or of the distances."""
@@ -325,9 +325,9 @@ def _regressed(
     for _ in range(4):
         squares = (values - means @ coefficients) ** 2
         parts = likeliest_variances(squares, features, np.zeros(len(values)), weights, parts)
-        own = weights / (features @ parts + TINY)
-        matrix = (means * own[:, None]).T @ means + TINY * np.eye(means.shape[1])
-        coefficients = np.asarray(np.linalg.solve(matrix, (means * own[:, None]).T @ values))
+        precisions = weights / (features @ parts + TINY)
+        matrix = (means * precisions[:, None]).T @ means + TINY * np.eye(means.shape[1])
+        coefficients = np.asarray(np.linalg.solve(matrix, (means * precisions[:, None]).T @ values))
     assert parts is not None
     return coefficients, parts
 
@@ -400,15 +400,15 @@ def scan_noise(
         If too few scans fit the map.
     """
     check_enough(len(recording), len(recording))
-    chosen = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
+    scan_numbers = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
     walls = SeenWalls(grid, recording)
 
     def compared(some: NDArray[np.int64]) -> list[tuple[float, Floats]]:
-        return [walls.compared(scan) for scan in chosen[some].tolist()]
+        return [walls.compared(scan) for scan in scan_numbers[some].tolist()]
 
-    results = in_batches(compared, len(chosen), check_threads(threads), progress, batch=1)
-    moves, expected = (np.array(each) for each in zip(*results, strict=True))
-    measured = recording.ranges[chosen].astype(np.float64)
+    results = in_batches(compared, len(scan_numbers), check_threads(threads), progress, batch=1)
+    moves, expected = (np.array(column) for column in zip(*results, strict=True))
+    measured = recording.ranges[scan_numbers].astype(np.float64)
     reach = recording.lidar.range
     met = np.isfinite(expected)
     walls_at = np.where(met, expected, reach)
@@ -416,14 +416,14 @@ def scan_noise(
         residual = measured - walls_at
         near = met & (np.abs(residual) < FAR)
         fits = near.sum(axis=1) > 0.5 * np.maximum(met.sum(axis=1), 1)
-    check_enough(int(fits.sum()), len(chosen))
+    check_enough(int(fits.sum()), len(scan_numbers))
     of_scans = residual, walls_at, near, np.isfinite(measured)
-    residual, walls_at, near, returned = (each[fits] for each in of_scans)
+    residual, walls_at, near, returned = (column[fits] for column in of_scans)
     scans = _Scans.of(residual, walls_at, near, returned, recording.lidar, grid.resolution)
-    blocks = blocks_along(recording.poses)[chosen][fits]
-    found = intervals(scans.statistics, blocks, 200)
-    apart = len(chosen) - int(fits.sum())
-    values: list[Any] = [*found, float(np.median(moves[fits])), int(fits.sum()), apart]
+    blocks = blocks_along(recording.poses)[scan_numbers][fits]
+    estimates = intervals(scans.statistics, blocks, 200)
+    n_unmatched = len(scan_numbers) - int(fits.sum())
+    values: list[Any] = [*estimates, float(np.median(moves[fits])), int(fits.sum()), n_unmatched]
     return ScanNoise(*values)
 
 
@@ -477,7 +477,7 @@ class _Scans:
             (np.maximum(walls - bound, 0) / reach).sum(axis=1),
             residual.shape[1],
             np.clip((walls - bound - nearest) / (farthest - nearest), 0, 1).mean(axis=1),
-            spacing * np.array([_in_runs(each) for each in short & (measured < farthest)], float),
+            spacing * np.array([_in_runs(is_short) for is_short in short & (measured < farthest)], float),
         )
 
     def statistics(self, weights: Floats) -> Floats:
@@ -487,9 +487,9 @@ class _Scans:
         outliers = min(1.0, float(weights @ self.through / max(float(weights @ self.room), 1.0)))
         beams = weights.sum() * self.beams
         blocked = max(0.0, float(weights @ self.short - outliers * (weights @ self.before)) / beams)
-        seen = weights * (self.angle > 0)
-        occlusion = min(1.0, float(seen.sum() / max(float(weights @ self.open), 1e-9)))
-        angle = float(seen @ self.angle / seen.sum()) if seen.any() else 0.0
+        object_weights = weights * (self.angle > 0)
+        occlusion = min(1.0, float(object_weights.sum() / max(float(weights @ self.open), 1e-9)))
+        angle = float(object_weights @ self.angle / object_weights.sum()) if object_weights.any() else 0.0
         return np.array([MAD * middle, outliers, blocked, occlusion, angle])
 
 
@@ -511,8 +511,8 @@ class SeenWalls:
         self.squares = empty_squares(grid.cells == OCCUPIED)
         self.every = max(1, lidar.beams // 61)  # some sixty beams settle a scan
         self.beams = lidar.for_kernels()._replace(min_range=0.0)
-        some = np.ascontiguousarray(lidar.angles[:: self.every])
-        self.some = self.beams._replace(angles=some)
+        sparse_beams = np.ascontiguousarray(lidar.angles[:: self.every])
+        self.some = self.beams._replace(angles=sparse_beams)
 
     def compared(self, scan: int) -> tuple[float, Floats]:
         """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""
@@ -525,11 +525,11 @@ class SeenWalls:
 
         It moves along x, y and the heading as long as that lessens the mean difference.
         """
-        seen = np.isfinite(measured)
-        measured = measured[seen].astype(np.float64)
+        has_return = np.isfinite(measured)
+        measured = measured[has_return].astype(np.float64)
 
         def loss(trial: Floats) -> float:
-            difference = np.abs(self.ranges(trial, self.some)[seen] - measured)
+            difference = np.abs(self.ranges(trial, self.some)[has_return] - measured)
             return float(np.minimum(difference, FAR).mean()) if len(difference) else 0.0
 
         best = loss(pose)
@@ -539,9 +539,9 @@ class SeenWalls:
             for _ in range(8):
                 before = best
                 for move in (*moves, *-moves):
-                    found = loss(pose + move)
-                    if found < best:
-                        pose, best = pose + move, found
+                    trial_loss = loss(pose + move)
+                    if trial_loss < best:
+                        pose, best = pose + move, trial_loss
                 if best == before:
                     break
         return pose

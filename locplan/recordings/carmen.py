@@ -67,14 +67,14 @@ def read_carmen(path: Path, options: Options) -> Recording:
     options.refuse_others("a log of CARMEN", of_robot=True)
     log = _parsed(path, options)
     kind = _kind(log, options.scan_topic)
-    found, kept = log.scans[kind], slice(None, None, options.every)
-    lines = np.array(found.lines).reshape(-1, 7)
-    poses, reported, mount = _poses(lines, found.before, log)
-    lidar = found.rows.lidar(options.mount or mount, upside_down=False)
-    ranges = found.rows.finish(range(len(found.rows)))
-    least, most = options.range_limits or (0.0, found.greatest)
-    if not 0 < most <= MAX_RANGE:
-        most = _limit(ranges)
+    scan_lines, selection = log.scans[kind], slice(None, None, options.every)
+    lines = np.array(scan_lines.lines).reshape(-1, 7)
+    poses, reported, mount = _poses(lines, scan_lines.before, log)
+    lidar = scan_lines.rows.lidar(options.mount or mount, upside_down=False)
+    ranges = scan_lines.rows.finish(range(len(scan_lines.rows)))
+    min_range, max_range = options.range_limits or (0.0, scan_lines.greatest)
+    if not 0 < max_range <= MAX_RANGE:
+        max_range = _limit(ranges)
     times = lines[:, 6]
     ordered, stamps_back = bool((np.diff(times) > 0).all()), int((np.diff(times) < 0).sum())
     if not ordered:
@@ -88,16 +88,16 @@ def read_carmen(path: Path, options: Options) -> Recording:
         stamps_back=stamps_back,
         notes=tuple(log.notes),
     )
-    speeds = _speeds(log, found.before)
+    speeds = _speeds(log, scan_lines.before)
     ranges.setflags(write=False)
     recording = Recording(
         ranges,
-        replace(lidar, min_range=least, range=most),
-        poses[kept],
-        times[kept] if ordered else None,
-        None if reported is None else reported[kept],
+        replace(lidar, min_range=min_range, range=max_range),
+        poses[selection],
+        times[selection] if ordered else None,
+        None if reported is None else reported[selection],
         source,
-        None if reported is None or speeds is None else speeds[kept],
+        None if reported is None or speeds is None else speeds[selection],
     )
     return recording if options.window is None else recording.window(*options.window)
 
@@ -112,7 +112,7 @@ def _speeds(log: _Log, before: Sequence[int]) -> Floats | None:
 
 def _kind(log: _Log, named: str | None) -> str:
     """The kind of scans that is named, or the first one of `KINDS` that the log has."""
-    kind = named or next((each for each in KINDS if each in log.scans), "")
+    kind = named or next((kind_name for kind_name in KINDS if kind_name in log.scans), "")
     if kind in log.scans:
         return kind
     have = ", ".join(sorted(log.others | log.scans.keys())[:12]) or "nothing"
@@ -124,11 +124,11 @@ def _kind(log: _Log, named: str | None) -> str:
 def _limit(ranges: NDArray[np.float32]) -> float:
     """Maximum range of a lidar whose log does not name it: readings pile up at "no return" [m]."""
     pile = 0.1  # readings so near below the largest count as no return if they are over 3 permille
-    known = ranges[np.isfinite(ranges)]
-    most = float(known.max(initial=0.0))
-    if (known > most - pile).sum() > 3e-3 * ranges.size and most > 2 * pile:
-        return round(most - pile, 3)
-    return round(min(most + pile, MAX_RANGE), 3)
+    finite_ranges = ranges[np.isfinite(ranges)]
+    longest = float(finite_ranges.max(initial=0.0))
+    if (finite_ranges > longest - pile).sum() > 3e-3 * ranges.size and longest > 2 * pile:
+        return round(longest - pile, 3)
+    return round(min(longest + pile, MAX_RANGE), 3)
 
 
 def _poses(
@@ -240,17 +240,17 @@ def odometry_at(
     off[:, 2] = wrapped(off[:, 2])
     repeated = (np.abs(off) < 1e-5).all(1)
     if repeated.mean() > 0.5:  # odometry begins anew at most scans
-        own = at[1:] > after[:-1]
-        if len(own) and own.mean() < 0.5:
+        has_later_line = at[1:] > after[:-1]
+        if len(has_later_line) and has_later_line.mean() < 0.5:
             return None
         # The k-th piece leads from the line begins[k] to the line at[k + 1].
         begins = np.where(repeated, after, at)
-        found = np.empty((len(at), 3))
-        found[0] = lines[at[0], :3]
+        odometry = np.empty((len(at), 3))
+        odometry[0] = lines[at[0], :3]
         for n in range(1, len(at)):
             begin = min(begins[n - 1], at[n])
-            found[n] = after_way(found[n - 1], way_between(lines[begin, :3], lines[at[n], :3]))
-        return found
+            odometry[n] = after_way(odometry[n - 1], way_between(lines[begin, :3], lines[at[n], :3]))
+        return odometry
     # Between the lines around each scan if their stamps tell where, else at the former.
     gap = lines[after, 3] - lines[at, 3]
     inside = (gap > 0) & (stamps >= lines[at, 3]) & (stamps <= lines[after, 3])

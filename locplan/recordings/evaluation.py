@@ -117,18 +117,18 @@ class Matches:
 
         clear = np.asarray(self.grid.cells != OCCUPIED, np.uint8)
         distance = self.grid.resolution * cv2.distanceTransform(clear, cv2.DIST_L2, 5)
-        least, share = max(3 * self.grid.resolution, 0.25), np.zeros(len(self))
+        min_distance, share = max(3 * self.grid.resolution, 0.25), np.zeros(len(self))
         for first in range(0, len(self), 512):  # in blocks, which saves memory
-            some = slice(first, first + 512)
-            ends = self.recording[some].ends_on_robot()
+            block = slice(first, first + 512)
+            ends = self.recording[block].ends_on_robot()
             at = looked_up(
                 self.grid,
                 distance,
-                ends_in_map(ends, self.recording.poses[some] + self.best[some]),
+                ends_in_map(ends, self.recording.poses[block] + self.best[block]),
                 math.inf,
             )
-            away = at > least + np.hypot(*ends.T).T / 50  # False without a return
-            share[some] = away.sum(axis=1) / np.maximum(np.isfinite(ends[..., 0]).sum(axis=1), 1)
+            is_stray = at > min_distance + np.hypot(*ends.T).T / 50  # False without a return
+            share[block] = is_stray.sum(axis=1) / np.maximum(np.isfinite(ends[..., 0]).sum(axis=1), 1)
         return share
 
     @property
@@ -188,8 +188,8 @@ def match_scans(
     best, summary = np.zeros((count, 3)), np.full((count, 3), np.nan)
     returns = np.isfinite(recording.ranges[:, settings.beam_numbers]).sum(axis=1)
     inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
-    chosen = np.flatnonzero(inside & (returns >= min(MIN_RETURNS, beams)))
-    if not chosen.size:
+    usable_scans = np.flatnonzero(inside & (returns >= min(MIN_RETURNS, beams)))
+    if not usable_scans.size:
         raise RecordingError(
             "no scan with enough returns was taken on this map; is it the right one? See"
             " locplan.recordings.fit_to_map"
@@ -197,15 +197,15 @@ def match_scans(
     _ = matcher.prepared  # now, once for all threads
 
     def match(numbers: NDArray[np.int64]) -> list[int]:
-        some = chosen[numbers]
-        found = matcher.posteriors(recording[some].ends_on_robot(), recording.poses[some])
-        mean[some], covariance[some], best[some], summary[some] = found
-        return list(some)
+        scan_numbers = usable_scans[numbers]
+        posteriors = matcher.posteriors(recording[scan_numbers].ends_on_robot(), recording.poses[scan_numbers])
+        mean[scan_numbers], covariance[scan_numbers], best[scan_numbers], summary[scan_numbers] = posteriors
+        return list(scan_numbers)
 
-    in_batches(match, chosen.size, workers, progress, batch=64)
+    in_batches(match, usable_scans.size, workers, progress, batch=64)
     entropy, ambiguity, score = summary.T
-    found = mean, best, covariance, ambiguity, entropy, score
-    return Matches(recording, grid, settings, *found, returns)
+    posterior_parts = mean, best, covariance, ambiguity, entropy, score
+    return Matches(recording, grid, settings, *posterior_parts, returns)
 
 
 def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
@@ -224,9 +224,9 @@ def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
 
 def looked_up(grid: OccupancyGrid, values: NDArray[Any], xy: Floats, beyond: float) -> Floats:
     """Values of the cells at points (..., 2), and off the map, or where a point is NaN, another."""
-    row, col = (np.floor(each) for each in grid.world_to_grid(xy[..., 0], xy[..., 1]))
+    row, col = (np.floor(coordinate) for coordinate in grid.world_to_grid(xy[..., 0], xy[..., 1]))
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    at = tuple(np.where(inside, each, 0).astype(np.int64) for each in (row, col))
+    at = tuple(np.where(inside, coordinate, 0).astype(np.int64) for coordinate in (row, col))
     return np.where(inside, values[at], beyond)
 
 
@@ -266,15 +266,15 @@ def agreement(
     blocks : (n,) array of int
         The block of the drive that each scan belongs to.
     """
-    drawn = draws_of(blocks)
+    resamples = draws_of(blocks)
     major, minor, direction = position_axes(measured)
-    own, _, towards = position_axes(predicted)
-    turned = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
+    predicted_major, _, towards = position_axes(predicted)
+    direction_error = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
     elongated = (major > 3 * minor).astype(float)  # a rounder ellipse has no direction
     return Agreement(
-        rank([values], [major], Resamples([drawn], np.ones((len(drawn), 1)))),
-        mean_interval((turned < math.radians(15)).astype(float), blocks, elongated),
-        Interval(*np.exp(mean_interval(np.log(own / major), blocks)).tolist()),
+        rank([values], [major], Resamples([resamples], np.ones((len(resamples), 1)))),
+        mean_interval((direction_error < math.radians(15)).astype(float), blocks, elongated),
+        Interval(*np.exp(mean_interval(np.log(predicted_major / major), blocks)).tolist()),
     )
 
 
@@ -319,10 +319,10 @@ class DriveEvaluation(Pictured):
     @cached_property
     def compared(self) -> NDArray[np.bool_]:
         """Mask of the scans at which measured and all predicted deviations are compared, (n,)."""
-        known = self.matches.judged & ~self.outdated
-        for each in self.predicted.values():
-            known &= np.isfinite(each[:, 0, 0])
-        return np.asarray(known)
+        has_values = self.matches.judged & ~self.outdated
+        for covariances in self.predicted.values():
+            has_values &= np.isfinite(covariances[:, 0, 0])
+        return np.asarray(has_values)
 
     @cached_property
     def blocks(self) -> NDArray[np.int64]:
@@ -332,13 +332,13 @@ class DriveEvaluation(Pictured):
     @cached_property
     def agreements(self) -> dict[str, Agreement]:
         """How well each estimator agrees with the measurement, at the scans compared."""
-        some = self.compared
+        scans = self.compared
         return {
             name: agreement(
-                scalar(covariance[some], self.criteria[name]),
-                covariance[some],
-                self.matches.covariance[some],
-                self.blocks[some],
+                scalar(covariance[scans], self.criteria[name]),
+                covariance[scans],
+                self.matches.covariance[scans],
+                self.blocks[scans],
             )
             for name, covariance in self.predicted.items()
         }
@@ -365,13 +365,13 @@ class DriveEvaluation(Pictured):
                 f"Nine of ten scans fix the position within {100 * nine_of_ten:.0f} cm: there is"
                 " little to gain by other ways"
             )
-        each, number, counts = np.unique(blocks[compared], return_inverse=True, return_counts=True)
-        worst = each[np.argmax(np.bincount(number, np.log(std[compared])) / counts)]
+        block_numbers, number, counts = np.unique(blocks[compared], return_inverse=True, return_counts=True)
+        worst = block_numbers[np.argmax(np.bincount(number, np.log(std[compared])) / counts)]
         here = compared & (blocks == worst)
         count, median = int(here.sum()), float(np.median(std[here]))
         scans = "the only scan compared fixes" if count == 1 else f"{count} scans fix"
         every = len(np.unique(blocks))
-        left = every - len(each)
+        left = every - len(block_numbers)
         without = f"; {left} of {every} stretches of 10 m have no scan to compare" if left else ""
         return (
             f"The worst 10 m lie around {self._middle(here)}, where {scans} the position to"
@@ -383,8 +383,8 @@ class DriveEvaluation(Pictured):
         outdated, blocks = self.outdated, self.blocks
         if outdated.sum() < max(1, 0.05 * len(outdated)):
             return ""
-        each, counts = np.unique(blocks[outdated], return_counts=True)
-        most = outdated & (blocks == each[np.argmax(counts)])
+        block_numbers, counts = np.unique(blocks[outdated], return_counts=True)
+        most = outdated & (blocks == block_numbers[np.argmax(counts)])
         return (
             f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
             f" {self._middle(most)}: people, changes, or what a map leaves out, such as plants"
@@ -439,8 +439,8 @@ class DriveEvaluation(Pictured):
             Column("ambiguity"): matches.ambiguity,
         }
         for name, covariance in self.predicted.items():
-            own, _, towards = position_axes(covariance)
-            values[Column(f"{name}_major_std", "m")] = own
+            predicted_major, _, towards = position_axes(covariance)
+            values[Column(f"{name}_major_std", "m")] = predicted_major
             values[Column(f"{name}_major_axis", "rad")] = towards
         rows = np.column_stack([*values.values()]).astype(float).tolist()
         return Table(tuple(values), tuple(map(tuple, rows)))
@@ -510,7 +510,7 @@ def evaluate_drive(
         field = covariance_field(grid, config, points=points, threads=threads)
         predicted[name] = field.at(recording.poses, "covariance")
         tell(n, len(estimators) + 1)
-    criteria = {name: each.criterion for name, each in estimators.items()}
+    criteria = {name: predictor.criterion for name, predictor in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)
     check_enough(int(result.compared.sum()), len(recording))
     return result
@@ -531,8 +531,8 @@ def _about_fields(agreements: Mapping[str, Agreement]) -> str:
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
     ranks = {name: agreements[name].rank for name in names}
-    sure = [name for name, each in ranks.items() if each.spearman.low > 0 and each.auc.value > 0.5]
-    for name in sure:
+    significant = [name for name, field_rank in ranks.items() if field_rank.spearman.low > 0 and field_rank.auc.value > 0.5]
+    for name in significant:
         rank, factor = ranks[name], agreements[name].factor
         if rank.spearman.value >= 0.5:  # good enough to plan by
             return (
@@ -547,7 +547,7 @@ def _about_fields(agreements: Mapping[str, Agreement]) -> str:
             f"The drive is too short to tell whether a field is right: `{best}` has a rank"
             f" correlation of {plain(rank.spearman.value)}, but less than 50 m were compared."
         )
-    if best in sure:
+    if best in significant:
         return (
             f"The fields rank the scans of this drive only a little better than chance (`{best}`"
             f" {short(rank.spearman)}, AUC {short(rank.auc)}): look at the picture before you plan"

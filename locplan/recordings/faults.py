@@ -71,9 +71,9 @@ class ScanSteps:
     @property
     def disagree(self) -> Bools:
         """Mask of the steps at which the scans contradict odometry, (k,)."""
-        turned = np.abs(self.measured[:, 2] - self.reported[:, 2])
+        turn_error = np.abs(self.measured[:, 2] - self.reported[:, 2])
         # At the edge of the lattice the true turn lies beyond.
-        is_inside = turned < math.radians(HALF_TURNS - 0.5)
+        is_inside = turn_error < math.radians(HALF_TURNS - 0.5)
         is_apart = is_inside & (self.errors > APART) & (self.scores > FIT)
         is_likely, is_sure = (is_apart & (self.gains > gain) for gain in (NEXT_GAIN, GAIN))
         runs = np.cumsum(np.diff(is_likely, prepend=False))
@@ -116,29 +116,29 @@ def measure_steps(recording: Recording) -> ScanSteps:
         scores[n], any_turn = values[turn, left, ahead], values.max(axis=0)
         # Odometry may err by a cell, and in its turn.
         gains[n] = scores[n] - any_turn[_distances(HALF_STEPS, HALF_STEPS) < 1.2 * CELL].max()
-        away = _distances(left, ahead)
-        hidden[n] = scores[n] - any_turn[(away > 4.5 * CELL) & (away < 6.5 * CELL)].max() < GAIN
+        distances = _distances(left, ahead)
+        hidden[n] = scores[n] - any_turn[(distances > 4.5 * CELL) & (distances < 6.5 * CELL)].max() < GAIN
     return ScanSteps(scans, reported, measured, scores, gains, hidden)
 
 
 def step_ends(odometry: Floats, times: Floats | None) -> Ints:
     """Scans at which steps end: after so much way or turn, and of a robot that stands, of time."""
     way = way_along(odometry)
-    turned = np.append(0.0, np.cumsum(np.abs(wrapped(np.diff(odometry[:, 2])))))
+    turn_sums = np.append(0.0, np.cumsum(np.abs(wrapped(np.diff(odometry[:, 2])))))
     passed = np.arange(len(way)) / SCANS if times is None else (times - times[0]) / SECONDS
-    progress, scans = np.column_stack([way / WAY, turned / TURN, passed]), [0]
-    for n, here in enumerate(progress):
-        if (here - progress[scans[-1]] >= 1.0).any():
+    progress, scans = np.column_stack([way / WAY, turn_sums / TURN, passed]), [0]
+    for n, step_progress in enumerate(progress):
+        if (step_progress - progress[scans[-1]] >= 1.0).any():
             scans.append(n)
     return np.array(scans)
 
 
 def _compared_ends(recording: Recording, scans: Ints) -> list[Floats]:
     """Ends of up to some 180 beams of each scan on the robot, (b, 2) [m]."""
-    some = slice(None, None, max(1, recording.lidar.beams // 180))
-    chosen = recording[scans]
-    near = chosen.ranges[:, some] < REACH
-    ends = chosen.ends_on_robot()[:, some]
+    beam_slice = slice(None, None, max(1, recording.lidar.beams // 180))
+    scan_subset = recording[scans]
+    near = scan_subset.ranges[:, beam_slice] < REACH
+    ends = scan_subset.ends_on_robot()[:, beam_slice]
     return [part[is_near] for part, is_near in zip(ends, near, strict=True)]
 
 
@@ -148,16 +148,16 @@ def _outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
     The other ends are left out: at the same angles from anywhere in a corridor, they would show a
     robot that stands still.
     """
-    chosen = recording[scans]
-    angles, found = recording.lidar.angles, []
+    scan_subset = recording[scans]
+    angles, outlines = recording.lidar.angles, []
     spacing = GRAZING * abs(float(angles[1] - angles[0])) if len(angles) > 1 else 0.0
-    for ends, ranges in zip(chosen.ends_on_robot(), chosen.ranges, strict=True):
+    for ends, ranges in zip(scan_subset.ends_on_robot(), scan_subset.ranges, strict=True):
         near, gaps = ranges < REACH, np.hypot(*np.diff(ends, axis=0).T)
         widest = np.maximum(2 * CELL, spacing * np.minimum(ranges[1:], ranges[:-1]))
-        joined = near[1:] & near[:-1] & (gaps < widest)
-        kept = np.append(joined, False) | np.append(False, joined)
-        found.append((ends[kept], np.append(joined, False)[kept]))
-    return found
+        is_joined = near[1:] & near[:-1] & (gaps < widest)
+        has_neighbour = np.append(is_joined, False) | np.append(False, is_joined)
+        outlines.append((ends[has_neighbour], np.append(is_joined, False)[has_neighbour]))
+    return outlines
 
 
 def _scores_around(
@@ -172,9 +172,9 @@ def _scores_around(
     position = (motion[:2] - low) / CELL
     cell = np.floor(position).astype(np.int64)
     cos, sin = math.cos(motion[2]), math.sin(motion[2])
-    turned = ends @ np.array([[cos, sin], [-sin, cos]]) / CELL + (position - cell - 0.5)
+    rotated_ends = ends @ np.array([[cos, sin], [-sin, cos]]) / CELL + (position - cell - 0.5)
     costs = np.empty_like(lattice.empty)
-    score(field, lattice, int(cell[1]), int(cell[0]), turned, costs)
+    score(field, lattice, int(cell[1]), int(cell[0]), rotated_ends, costs)
     rows, side = lattice.plane // lattice.width, lattice.offsets
     values = costs.reshape(-1, rows, lattice.width)[:, :side, :side]
     return np.asarray(1.0 - values / (TOP * len(ends)))
@@ -228,30 +228,30 @@ def longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
     check_grid(grid)
     way = way_along(recording.poses)
     scans = np.unique(np.searchsorted(way, [*np.arange(0.0, way[-1], SPACING), way[-1]]))
-    chosen, way = recording[scans], way[scans]
-    distances = _mean_distances(chosen, chosen.poses, grid)
+    scan_subset, way = recording[scans], way[scans]
+    distances = _mean_distances(scan_subset, scan_subset.poses, grid)
     for n in np.array_split(far := np.flatnonzero(distances > AWAY), len(far) // 500 + 1):
         if len(n):
-            poses = chosen.poses[n] + _best_offsets(chosen[n], grid)
-            distances[n] = np.minimum(distances[n], _mean_distances(chosen[n], poses, grid))
+            poses = scan_subset.poses[n] + _best_offsets(scan_subset[n], grid)
+            distances[n] = np.minimum(distances[n], _mean_distances(scan_subset[n], poses, grid))
     is_away = np.concatenate([[False], distances > AWAY, [False]])
     begins, ends = (np.flatnonzero(np.diff(is_away.astype(int)) == sign) for sign in (1, -1))
     lengths = way[ends - 1] - way[begins]
     if not lengths.any():
-        x, y, _ = chosen.poses[0].tolist()
+        x, y, _ = scan_subset.poses[0].tolist()
         return MisfitStretch(x, y, 0.0)
     longest = int(np.argmax(lengths))
-    x, y, _ = chosen.poses[(begins[longest] + ends[longest]) // 2].tolist()
+    x, y, _ = scan_subset.poses[(begins[longest] + ends[longest]) // 2].tolist()
     return MisfitStretch(x, y, float(lengths[longest]))
 
 
 def _mean_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
     """Mean distance of each scan's ends from the walls, (n,) [m]; 0 with too few returns."""
     ends = ends_in_map(recording.ends_on_robot(), poses)
-    away = looked_up(grid, grid.clearance, ends, math.inf)
+    wall_distances = looked_up(grid, grid.clearance, ends, math.inf)
     returns = np.isfinite(ends[..., 0])
     count = returns.sum(axis=1)
-    total = np.where(returns, np.minimum(away, FARTHEST), 0.0).sum(axis=1)
+    total = np.where(returns, np.minimum(wall_distances, FARTHEST), 0.0).sum(axis=1)
     return np.where(count >= RETURNS, total / np.maximum(count, 1), 0.0)
 
 
@@ -465,15 +465,15 @@ def find_recording_faults(
     stretch = longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
     odometry, count = recording.odometry, len(recording)
     if odometry is None:
-        none = np.zeros(count - 1, np.bool_)
+        no_faults = np.zeros(count - 1, np.bool_)
         return RecordingFaults(
-            none, (), 0, 0, 0.0, 0, 0, (), 0, 0, recording.source.stamps_back, stretch
+            no_faults, (), 0, 0, 0.0, 0, 0, (), 0, 0, recording.source.stamps_back, stretch
         )
     jumps, resets = odometry_jumps(odometry, recording.times)
     steps = measure_steps(recording)
-    judged = steps.are_judged & ~_with_any(jumps, steps.scans)
-    disagree = steps.disagree & judged
-    moves_back = (steps.motions[:, 0] < BACK) & judged
+    is_judged = steps.are_judged & ~_with_any(jumps, steps.scans)
+    disagree = steps.disagree & is_judged
+    moves_back = (steps.motions[:, 0] < BACK) & is_judged
     is_reversed = disagree & moves_back & (steps.reported[:, 0] > FORWARD)
     return RecordingFaults(
         faulty_steps=jumps | _from_scan_to_scan(_widened(disagree), steps.scans, count),
@@ -481,8 +481,8 @@ def find_recording_faults(
         moved_back=int(moves_back.sum()),
         reversed_steps=int(is_reversed.sum()),
         reversed_way=float(np.hypot(*steps.reported[is_reversed, :2].T).sum()),
-        steps=len(judged),
-        hidden_steps=int((steps.hidden | ~judged).sum()),
+        steps=len(is_judged),
+        hidden_steps=int((steps.hidden | ~is_judged).sum()),
         wrong_signs=_wrong_signs(recording),
         jumps=int(jumps.sum()),
         resets=int(resets.sum()),

@@ -52,7 +52,7 @@ def drive_figure(found: DriveEvaluation) -> Figure:
         What `evaluate_drive` returned.
     """
     figure, upper, lower = _over_profile_of(found.matches.grid, found.matches.recording)
-    name = next(each for each in (*PREFERRED, *found.predicted) if each in found.predicted)
+    name = next(estimator_name for estimator_name in (*PREFERRED, *found.predicted) if estimator_name in found.predicted)
     predicted = position_axes(found.predicted[name])[0]
     measured = np.where(found.compared, found.matches.position_std, np.nan)
     norm = along_norm(100 * np.concatenate([measured, predicted]))
@@ -86,13 +86,13 @@ def _map_over_profile(
     grid: OccupancyGrid, poses: Floats, file: str, about: str
 ) -> tuple[Picture, Axes, Axes]:
     """A figure with the map around a drive's poses, and axes for what changes along it."""
-    shown = [Path(poses[:, :2])]
-    part = map_around(grid, shown)
+    drive_paths = [Path(poses[:, :2])]
+    part = map_around(grid, drive_paths)
     width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
+    draw_inset(upper, grid, part, drive_paths)
     title = f"{grid.name or 'map'}{', ' if file else ''}{file}: {about}"
     upper.set_title(title, fontsize="medium")
     lower.set_xlabel("distance along the drive [m]")
@@ -118,40 +118,40 @@ def _draw_line(
     xy = found.matches.recording.poses[:, :2]
     lines = np.stack([xy[:-1], xy[1:]], axis=1)
     means = (values[:-1] + values[1:]) / 2
-    shown = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < 3)
-    joined = np.append(shown, False) | np.insert(shown, 0, False)
-    alone = np.isfinite(values) & ~joined
-    dots = np.stack([xy[alone], xy[alone] + 1e-3], axis=1)  # without length they are not drawn
+    is_segment = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < 3)
+    is_joined = np.append(is_segment, False) | np.insert(is_segment, 0, False)
+    is_dot = np.isfinite(values) & ~is_joined
+    dots = np.stack([xy[is_dot], xy[is_dot] + 1e-3], axis=1)  # without length they are not drawn
     colours: dict[str, Any] = {"colors": "white"}
     if norm:
-        every = np.concatenate([means[shown], values[alone]])
-        colours = {"array": every, "cmap": FIELD_COLOURS, "norm": norm}
-    drawn = LineCollection(
-        list(np.concatenate([lines[shown], dots])),
+        colour_values = np.concatenate([means[is_segment], values[is_dot]])
+        colours = {"array": colour_values, "cmap": FIELD_COLOURS, "norm": norm}
+    line_collection = LineCollection(
+        list(np.concatenate([lines[is_segment], dots])),
         linewidths=width,
         capstyle="round",
         zorder=3,
         **colours,
     )
-    axes.add_collection(drawn)
-    return drawn
+    axes.add_collection(line_collection)
+    return line_collection
 
 
 def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
     """Draw both ellipses at poses along the drive; return how much they are magnified."""
-    some = np.flatnonzero(found.compared)
-    chosen = some[np.unique(np.linspace(0, len(some) - 1, 14).round().astype(int))]
-    xy = found.matches.recording.poses[chosen, :2]
-    every = [
-        position_axes(covariance[chosen])
+    compared_scans = np.flatnonzero(found.compared)
+    ellipse_scans = compared_scans[np.unique(np.linspace(0, len(compared_scans) - 1, 14).round().astype(int))]
+    xy = found.matches.recording.poses[ellipse_scans, :2]
+    ellipse_axes = [
+        position_axes(covariance[ellipse_scans])
         for covariance in (found.predicted[name], found.matches.covariance)
     ]
-    largest = max(float(major.max()) for major, _, _ in every)
+    largest = max(float(major.max()) for major, _, _ in ellipse_axes)
     low, high = axes.get_xlim()
     # The largest takes 4 % of the map's width.
     magnify = max(1.0, float(f"{0.04 * (high - low) / (2 * largest):.1g}"))
     for (major, minor, direction), colour, line in zip(
-        every, (PREDICTED, MEASURED), (2.0, 1.2), strict=True
+        ellipse_axes, (PREDICTED, MEASURED), (2.0, 1.2), strict=True
     ):
         axes.add_collection(
             EllipseCollection(
@@ -171,13 +171,13 @@ def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
 def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Floats]) -> None:
     """Draw deviations along the way, and where scans are unlike the map."""
     way = way_along(found.matches.recording.poses)
-    for (label, each), colour, line in zip(
+    for (label, deviations), colour, line in zip(
         values.items(), (MEASURED, PREDICTED), (1.2, 2.0), strict=True
     ):
-        axes.plot(way, 100 * each, color=colour, linewidth=line, label=label, zorder=4 - line)
+        axes.plot(way, 100 * deviations, color=colour, linewidth=line, label=label, zorder=4 - line)
     if found.outdated.any():
         at = way[found.outdated]
-        low = 100 * min(float(np.nanmin(each)) for each in values.values())
+        low = 100 * min(float(np.nanmin(deviations)) for deviations in values.values())
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
     axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="std. dev. [cm]")
     label_plainly(axes.yaxis)
@@ -198,15 +198,15 @@ def replay_figure(replay: Replay) -> Figure:
     upper.plot(*xy.T, color=RECORDED, linewidth=1.0, linestyle=(0, (4, 2)), zorder=5)
     upper.plot(*xy[0], "o", color=RECORDED, markersize=6, zorder=6)
     profile, deviation = replay.drives.profile(), replay.filter_std
-    way, known = profile[:, 0], np.isfinite(deviation)
+    way, has_deviation = profile[:, 0], np.isfinite(deviation)
     low, high = profile[:, 6], profile[:, 7]
     style: dict[str, Any] = {"color": ESTIMATED}
     runs = f"error, median of {len(replay.errors)} runs"
     lower.plot(way, profile[:, 5], linewidth=1.8, label=runs, **style)
     lower.fill_between(way, low, high, alpha=0.2, linewidth=0, label="error, 10 to 90 %", **style)
     style = {"color": FILTER, "linestyle": "--", "label": "rms deviation by the filter"}
-    lower.plot(way[known], deviation[known], linewidth=1.4, **style)
-    top = 1.1 * max(float(high.max()), float(deviation[known].max(initial=0.0)))
+    lower.plot(way[has_deviation], deviation[has_deviation], linewidth=1.4, **style)
+    top = 1.1 * max(float(high.max()), float(deviation[has_deviation].max(initial=0.0)))
     if top > LOST / 2:
         lower.axhline(LOST, color="0.5", linewidth=0.8, zorder=0)
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
@@ -233,16 +233,16 @@ def trajectory_figure(found: Trajectory) -> Figure:
     """
     assert found.grid is not None  # else it is not drawable
     xy, deviation, doubtful = found.poses[:, :2], 100 * found.deviation, ~found.trusted
-    about = f"{len(found):,} scans"
-    figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, about)
+    scan_count = f"{len(found):,} scans"
+    figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, scan_count)
     look: dict[str, Any] = {"cmap": FIELD_COLOURS, "capstyle": "round"}
     means = (deviation[:-1] + deviation[1:]) / 2
-    drawn = draw_along(upper, xy, means, norm=along_norm(deviation), **look)
-    draw_along_bar(figure, drawn, upper, "std. dev. of the position [cm]", 0.8)
+    drive_line = draw_along(upper, xy, means, norm=along_norm(deviation), **look)
+    draw_along_bar(figure, drive_line, upper, "std. dev. of the position [cm]", 0.8)
     limits = upper.get_xlim(), upper.get_ylim()
     upper.plot(*found.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
     upper.plot(*xy[doubtful].T, "x", color=FILTER, markersize=5, mew=1.6, zorder=6)
-    jumps = np.array([(each.x, each.y) for each in found.jumps]).reshape(-1, 2)
+    jumps = np.array([(jump.x, jump.y) for jump in found.jumps]).reshape(-1, 2)
     upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
     upper.set(xlim=limits[0], ylim=limits[1])
     way = way_along(found.poses)
@@ -289,18 +289,18 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     width, height = map_size(grid)
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
     ends = ends_in_map(on_robot, np.array([best.pose]))[0]
-    away = np.hypot(*(ends - np.array(best.pose[:2])).T)
+    end_distances = np.hypot(*(ends - np.array(best.pose[:2])).T)
     # Minimum distance from the robot to the edges of that map [m].
-    reach = max(4.0, 1.1 * float(np.nanquantile(away, 0.95)))
+    reach = max(4.0, 1.1 * float(np.nanquantile(end_distances, 0.95)))
     # Share of the map's width from which on the surroundings of the robot get no map of their own.
     columns = 2 if 2 * reach < 0.6 * max(grid.shape) * grid.resolution else 1
     figure = Picture(
         figsize=(width + (columns - 1) * CLOSE, max(height, CLOSE) + 1.2), layout="constrained"
     )
     axes = figure.subplots(1, columns, squeeze=False, width_ratios=(width, CLOSE)[:columns])[0]
-    for own in axes:
-        draw_map(own, grid)
-        own.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
+    for map_axes in axes:
+        draw_map(map_axes, grid)
+        map_axes.plot(*ends.T, ".", color=style.VERMILION, markersize=3, zorder=4)
     _draw_modes(axes[0], location)
     close = axes[-1]
     if columns == 2:
@@ -314,10 +314,10 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     # Ellipses are so much larger that that of the best mode has this share of the map's width.
     magnify = max(1.0, float(f"{0.08 * (high - low) / (DEVIATIONS * best.position_std):.1g}"))
     larger = "" if magnify == 1 else f", {magnify:g} times as large"
-    for own in axes:
+    for map_axes in axes:
         for mode in location.modes:
-            major, minor, direction = (float(each) for each in position_axes(mode.covariance))
-            own.add_patch(
+            major, minor, direction = (float(axis_value) for axis_value in position_axes(mode.covariance))
+            map_axes.add_patch(
                 Ellipse(
                     mode.pose[:2],
                     2 * DEVIATIONS * magnify * major,
@@ -335,8 +335,8 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     ]
     if recorded is not None:
         pose = np.asarray(recorded, np.float64)
-        for own in axes:
-            own.plot(*pose[:2], "x", color=style.GREEN, markersize=9, mew=2, zorder=7)
+        for map_axes in axes:
+            map_axes.plot(*pose[:2], "x", color=style.GREEN, markersize=9, mew=2, zorder=7)
         cross = Line2D([], [], color=style.GREEN, marker="x", mew=2, ls="", label="recorded pose")
         handles.append(cross)
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
@@ -357,8 +357,8 @@ def _draw_modes(axes: Axes, location: Location) -> None:
         colour = style.VERMILION if n == 1 else style.BLUE
         _draw_arrow(axes, mode.pose, colour)
         heading, side = mode.pose[2], (1, -1)[n % 2]
-        aside = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
-        draw_number(axes, n, mode.pose[:2], aside, colour, zorder=8 if n == 1 else 7)
+        offset = -15 * side * math.sin(heading), 15 * side * math.cos(heading)
+        draw_number(axes, n, mode.pose[:2], offset, colour, zorder=8 if n == 1 else 7)
 
 
 def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> None:
@@ -385,32 +385,32 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
         recorded = found.recording.poses[0] if found.recording.has_poses else None
         return locate_figure(found.alone, recorded=recorded)
     grid, poses, right, certain = found.grid, found.poses[:, :2], found.right, found.certain
-    known = np.isfinite(poses[:, 0])
+    is_located = np.isfinite(poses[:, 0])
     drive = found.recording.poses[:, :2]
     if not found.recording.has_poses:  # then the best places are drawn by themselves
-        drive, right = np.where(known[:, None], poses, 0.0), known
-    shown = [Path(np.concatenate([drive[known | found.recording.has_poses], poses[known]]))]
-    part = zoomed_to(grid, shown)
+        drive, right = np.where(is_located[:, None], poses, 0.0), is_located
+    drive_paths = [Path(np.concatenate([drive[is_located | found.recording.has_poses], poses[is_located]]))]
+    part = zoomed_to(grid, drive_paths)
     figure, axes = _on_map(part, 1.4)
-    draw_inset(axes, grid, part, shown)
-    wrong = known & ~right
+    draw_inset(axes, grid, part, drive_paths)
+    wrong = is_located & ~right
     kinds: list[tuple[str, Bools, str, str]] = [
         ("right, certain", right & certain, "o", style.BLUE),
         ("right, other places alike", right & ~certain, "o", style.BLUE),
         ("elsewhere, other places alike", wrong & ~certain, "s", style.VERMILION),
         ("elsewhere, certain", wrong & certain, "s", style.VERMILION),
-        ("too few returns", ~known & found.recording.has_poses, "x", "0.4"),
+        ("too few returns", ~is_located & found.recording.has_poses, "x", "0.4"),
     ]
-    joined = list(np.stack([drive[wrong], poses[wrong]], axis=1))
+    error_lines = list(np.stack([drive[wrong], poses[wrong]], axis=1))
     dotted: dict[str, Any] = {"linewidths": 0.8, "linestyles": "dotted", "zorder": 3}
-    axes.add_collection(LineCollection(joined, colors=style.VERMILION, **dotted))
+    axes.add_collection(LineCollection(error_lines, colors=style.VERMILION, **dotted))
     axes.plot(*poses[wrong].T, "+", color=style.VERMILION, markersize=7, zorder=4)
     for label, chosen, marker, colour in kinds:
         if chosen.any():
             face = "white" if "alike" in label else colour
             text = label if found.recording.has_poses else label.removeprefix("right, ")
-            named: dict[str, Any] = {"label": f"{text}: {int(chosen.sum())}", "zorder": 5}
-            axes.plot(*drive[chosen].T, marker, color=colour, mfc=face, markersize=5, **named)
+            marker_style: dict[str, Any] = {"label": f"{text}: {int(chosen.sum())}", "zorder": 5}
+            axes.plot(*drive[chosen].T, marker, color=colour, mfc=face, markersize=5, **marker_style)
     if wrong.any():
         axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)

@@ -182,9 +182,9 @@ def _read_npz(path: Path, options: Options) -> Recording:
     lidar = options.lidar(_entries("lidar", arrays["lidar"]))
     source = Source(file=path.name)
     if "source" in arrays:
-        about = _entries("source", arrays["source"])
+        source_fields = _entries("source", arrays["source"])
         try:
-            source = made(Source, about)
+            source = made(Source, source_fields)
         except (LookupError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"its source is not as Recording.save writes it: {error}"
@@ -212,11 +212,11 @@ def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
 
 def _write_npz(drive: Recording, target: Path) -> None:
     ranges: NDArray[Any] = drive.ranges
-    whole = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NONE_MM)
+    millimetres = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NONE_MM)
     returns = np.isfinite(ranges)
-    exact = (whole[returns] / 1000).astype(np.float32) == ranges[returns]
-    if exact.all() and (whole[returns] < NONE_MM).all():  # nothing is lost
-        ranges = whole.astype(np.uint16)
+    exact = (millimetres[returns] / 1000).astype(np.float32) == ranges[returns]
+    if exact.all() and (millimetres[returns] < NONE_MM).all():  # nothing is lost
+        ranges = millimetres.astype(np.uint16)
     values = {
         "ranges": ranges,
         "poses": drive.poses,
@@ -226,5 +226,5 @@ def _write_npz(drive: Recording, target: Path) -> None:
         "odometry": drive.odometry,
         "speeds": drive.speeds,
     }
-    known: Any = {name: value for name, value in values.items() if value is not None}
-    write_arrays(target, known)
+    arrays: Any = {name: value for name, value in values.items() if value is not None}
+    write_arrays(target, arrays)

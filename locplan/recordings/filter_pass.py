@@ -112,9 +112,9 @@ class FilterPass:
         count = len(self.ways)
         clouds = np.empty((count, 3, PARTICLES), np.float32)
         best_fits, n_poor = np.full(count, np.nan), 0
-        done = self._read_blocks(folder, clouds, best_fits)
+        n_done = self._read_blocks(folder, clouds, best_fits)
         for k in range(count):
-            if k >= done:
+            if k >= n_done:
                 clouds[k], best_fits[k] = self._update(k, clouds[k - 1], best_fits[:k], n_poor)
                 if folder and (k + 1) % BLOCK == 0:
                     self._write_block(folder, k + 1, clouds, best_fits)
@@ -149,15 +149,15 @@ class FilterPass:
                 break
         # A scan that no particle explains, or the third one that fits badly.
         if k and is_poor and (n_poor % 3 == 2 or fits.max() < UNEXPLAINED):
-            others, count = self._draw_anywhere(random, k, 1000), poses.shape[1]
-            poses = np.ascontiguousarray(np.concatenate([poses, others], axis=1))
-            fits = np.concatenate([fits, self._compute_fits(k, others)])
+            map_poses, count = self._draw_anywhere(random, k, 1000), poses.shape[1]
+            poses = np.ascontiguousarray(np.concatenate([poses, map_poses], axis=1))
+            fits = np.concatenate([fits, self._compute_fits(k, map_poses)])
             weights = _weigh(fits)
             # Poses from the whole map weigh little next to the particles.
-            weights[count:] *= math.exp(-14.0) * count / others.shape[1]
-        drawn = np.empty_like(cloud)
-        draw_evenly(random, poses, weights, drawn)
-        return drawn, fits.max()
+            weights[count:] *= math.exp(-14.0) * count / map_poses.shape[1]
+        new_cloud = np.empty_like(cloud)
+        draw_evenly(random, poses, weights, new_cloud)
+        return new_cloud, fits.max()
 
     def _predict(self, random: np.random.Generator, k: int, cloud: Singles, size: int) -> Floats:
         """Draw poses at scan `k` from a cloud at the scan before, (3, size)."""
@@ -212,16 +212,16 @@ class FilterPass:
 
     def _read_blocks(self, folder: Path | None, clouds: Singles, best_fits: Floats) -> int:
         """Read the blocks of an interrupted pass; return the number of their scans."""
-        done = 0
-        while folder and (file := self._block_file(folder, done + BLOCK)).is_file():
+        n_done = 0
+        while folder and (file := self._block_file(folder, n_done + BLOCK)).is_file():
             try:
                 block = read_arrays(file, 2 * clouds[:BLOCK].nbytes)
-                clouds[done : done + BLOCK] = block["clouds"]
-                best_fits[done : done + BLOCK] = block["best"]
+                clouds[n_done : n_done + BLOCK] = block["clouds"]
+                best_fits[n_done : n_done + BLOCK] = block["best"]
             except (OSError, ValueError, KeyError):
                 break  # a damaged block is computed again
-            done += BLOCK
-        return done
+            n_done += BLOCK
+        return n_done
 
     def _block_file(self, folder: Path, done: int) -> Path:
         return folder / f"pass_{self.number}_{self._key}_{done}.npz"
@@ -242,5 +242,5 @@ def _weigh(fits: Floats) -> Floats:
 
 def _poor_fit(best_fits: Floats) -> float:
     """Return the fit below which a scan fits badly, by the best fits of the scans before."""
-    known = best_fits[np.isfinite(best_fits)]
-    return max(-0.8, float(np.median(known)) - 0.35) if len(known) > 10 else -0.8
+    finite_fits = best_fits[np.isfinite(best_fits)]
+    return max(-0.8, float(np.median(finite_fits)) - 0.35) if len(finite_fits) > 10 else -0.8

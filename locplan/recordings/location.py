@@ -285,8 +285,8 @@ class LocatedDrive(Result):
     @property
     def poses(self) -> Floats:
         """The best pose of each scan in the world, (n, 3) [m, m, rad]; NaN where there is none."""
-        none = (np.nan,) * 3
-        return np.array([none if each is None else each.best.pose for each in self.locations])
+        missing_pose = (np.nan,) * 3
+        return np.array([missing_pose if scan_location is None else scan_location.best.pose for scan_location in self.locations])
 
     @property
     def distance(self) -> Floats:
@@ -306,12 +306,12 @@ class LocatedDrive(Result):
     @property
     def certain(self) -> Bools:
         """Mask of the scans that no second place explains within 3 nats, (n,)."""
-        return np.array([each is not None and each.certain for each in self.locations])
+        return np.array([scan_location is not None and scan_location.certain for scan_location in self.locations])
 
     @property
     def fits(self) -> Bools:
         """Mask of the scans of which three of five returns end at walls of the map, (n,)."""
-        return np.array([each is not None and each.fits for each in self.locations])
+        return np.array([scan_location is not None and scan_location.fits for scan_location in self.locations])
 
     @property
     def sentence(self) -> str:
@@ -323,24 +323,24 @@ class LocatedDrive(Result):
         """The scans: where each was taken, and how far that is from the recorded pose."""
         drive, unknown = self.recording, (math.nan,) * 8
         times = np.full(len(drive), np.nan) if drive.times is None else drive.times - drive.times[0]
-        beside = np.column_stack([drive.poses, self.distance, self.turn]).tolist()
+        recorded_columns = np.column_stack([drive.poses, self.distance, self.turn]).tolist()
         rows = []
-        for n, each in enumerate(self.locations):
-            own = unknown
-            if each is not None:
-                best, sure = each.best, (each.second, each.explained)
-                own = (*best.pose, best.weight, *sure, best.position_std, best.heading_std)
-            rows.append((n, float(times[n]), *own, *beside[n]))
+        for n, scan_location in enumerate(self.locations):
+            location_columns = unknown
+            if scan_location is not None:
+                best, certainty = scan_location.best, (scan_location.second, scan_location.explained)
+                location_columns = (*best.pose, best.weight, *certainty, best.position_std, best.heading_std)
+            rows.append((n, float(times[n]), *location_columns, *recorded_columns[n]))
         return Table(SCANS, tuple(rows))
 
     def report(self) -> str:
         """The modes of the only scan, or how many of several are right: text for people."""
         if self.alone is None:
             drive = repr(self.recording).removeprefix("Recording(").removesuffix(")")
-            missing = sum(each is None for each in self.locations)
-            few = [f"{missing} scans have too few returns."] if missing else []
-            about = [f"{self.grid.name or 'map'}, {drive}", *few]
-            return "\n".join(map(_wrapped, [*about, self.sentence, *self._errors()]))
+            missing = sum(scan_location is None for scan_location in self.locations)
+            missing_notes = [f"{missing} scans have too few returns."] if missing else []
+            header = [f"{self.grid.name or 'map'}, {drive}", *missing_notes]
+            return "\n".join(map(_wrapped, [*header, self.sentence, *self._errors()]))
         modes = self.alone.table()
         if not self.recording.has_poses:
             return f"{modes}\n{_wrapped(self.alone.sentence)}"
@@ -356,8 +356,8 @@ class LocatedDrive(Result):
     def _errors(self) -> list[str]:
         if not self.right.any():
             return []
-        away, turn = 100 * self.distance[self.right], np.degrees(self.turn[self.right])
-        at = np.column_stack([np.quantile(each, (0.5, 0.9)) for each in (away, turn)])
+        distances, turn = 100 * self.distance[self.right], np.degrees(self.turn[self.right])
+        at = np.column_stack([np.quantile(error_values, (0.5, 0.9)) for error_values in (distances, turn)])
         median, below = (f"{distance:.1f} cm, {angle:.2f}°" for distance, angle in at)
         return [f"Errors of these: median {median}; nine of ten below {below}."]
 
@@ -369,7 +369,7 @@ class LocatedDrive(Result):
 
     def summary(self) -> dict[str, object]:
         """The only scan with its modes, or of several the shares that are right, fit for JSON."""
-        about = {"map": self.grid.name, "drive": self.recording.source.file}
+        header = {"map": self.grid.name, "drive": self.recording.source.file}
         right, certain = self.right, self.certain
         if self.alone:
             names = ("x", "y", "heading", "distance", "turn")
@@ -377,7 +377,7 @@ class LocatedDrive(Result):
             recorded = dict(zip(names, map(float, values), strict=True))
             return finite(
                 {
-                    **about,
+                    **header,
                     "sentence": self.alone.sentence,
                     "certain": self.alone.certain,
                     "second": self.alone.second,
@@ -389,7 +389,7 @@ class LocatedDrive(Result):
             )
         return finite(
             {
-                **about,
+                **header,
                 "sentence": self.sentence,
                 "scans": len(self),
                 "right": float(right.mean()) if self.recording.has_poses else None,
@@ -533,10 +533,10 @@ def located(
     compared = places.matching.compared(ranges[None])[0]
     scan = ScanOnMap(places, compared)
     starts = scan.shortlisted()
-    found = scan.refined(starts)
+    scan_modes = scan.refined(starts)
     on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
     ends = database.compared_ends(on_robot[0])
-    if found.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
+    if scan_modes.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
         raise NotLocatedError(
             f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to know where it was"
             f" taken; at least {MIN_RETURNS} of {int(places.matching.seen.sum())} directions need"
@@ -544,7 +544,7 @@ def located(
         )
     # Where people stand around, a wide deviation leads away from the true pose.
     # Modes and, of the shortlist's best pairs of a place and a turn, those refined with all beams.
-    poses = np.concatenate([found.poses[:150], starts[:20]])
+    poses = np.concatenate([scan_modes.poses[:150], starts[:20]])
     tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
     losses = np.array(
         [settle(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
@@ -554,12 +554,12 @@ def located(
     if not stands.any():
         raise NotLocatedError("the robot fits at no place that explains the scan; lower clearance")
     poses, losses = poses[stands], losses[stands]
-    kept = unlike(poses, np.argsort(losses, kind="stable"), APART / resolution, TURNED)
-    excess = losses[kept] - losses[kept[0]]
-    kept = kept[excess <= ENOUGH]
-    excess = excess[: len(kept)]
+    distinct = unlike(poses, np.argsort(losses, kind="stable"), APART / resolution, TURNED)
+    excess = losses[distinct] - losses[distinct[0]]
+    distinct = distinct[excess <= ENOUGH]
+    excess = excess[: len(distinct)]
     share = np.exp(-excess) / np.exp(-excess).sum()
-    best = kept[:count]
+    best = distinct[:count]
     world = places.in_world(poses[best])
     matched = database.matcher.posteriors(np.repeat(on_robot, len(best), axis=0), world)
     modes = [
@@ -574,7 +574,7 @@ def located(
         ranges,
         tuple(modes),
         second=float(excess[1]) if len(excess) > 1 else math.inf,
-        explained=_explained(places, ends, poses[kept[0]]),
+        explained=_explained(places, ends, poses[distinct[0]]),
         restricted=restricted,
     )
 
@@ -585,10 +585,10 @@ def _explained(places: Database, ends: Singles, pose: Floats) -> float:
 
     tables, z_rand = places.tables, places.matching.z_rand
     # A beam's end within two deviations of a wall is explained by it.
-    most = TOP * math.log((1 - z_rand) * math.exp(-0.5 * 2.0**2) + z_rand) / math.log(z_rand)
+    max_loss = TOP * math.log((1 - z_rand) * math.exp(-0.5 * 2.0**2) + z_rand) / math.log(z_rand)
     last = len(tables.corners) - 1
     losses = [loss_at(tables, last, ends[:, [n]], *pose.tolist()) for n in range(ends.shape[1])]
-    return float(np.mean(np.array(losses) <= most))
+    return float(np.mean(np.array(losses) <= max_loss))
 
 
 def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, Lidar]:
@@ -677,14 +677,14 @@ def locate_drive(
     _ = database.matcher.prepared  # now, once for all threads
 
     def find(some: Ints) -> list[Location | None]:
-        found: list[Location | None] = []
+        batch_locations: list[Location | None] = []
         for n in some:
             ranges = recording.ranges[n].astype(np.float64)
             try:
-                found.append(located(database, ranges, places, count, restricted=near is not None))
+                batch_locations.append(located(database, ranges, places, count, restricted=near is not None))
             except NotLocatedError:
-                found.append(None)
-        return found
+                batch_locations.append(None)
+        return batch_locations
 
     locations = in_batches(find, len(recording), workers, progress)
     if not any(locations):

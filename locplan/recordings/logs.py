@@ -82,12 +82,12 @@ class Options(Topics):
         for name in ("window", "range_limits"):
             keep(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
         keep(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
-        for name, most, what in (
+        for name, upper_limit, what in (
             ("window", math.inf, "two times from the start on, the first one earlier [s]"),
             ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
         ):
             ends = getattr(self, name)
-            if ends and not 0 <= ends[0] < ends[1] <= most:
+            if ends and not 0 <= ends[0] < ends[1] <= upper_limit:
                 raise ConfigError(f"{name} must be {what}, not {shown(ends)}")
 
     def refuse_others(self, what: str, *, of_robot: bool) -> None:
@@ -104,7 +104,7 @@ class Options(Topics):
 
     def lidar(self, values: Mapping[str, Any]) -> Lidar:
         """The lidar that a file describes, with the mount and the limits that were named."""
-        known = [each.name for each in fields(Lidar)]
+        known = [lidar_field.name for lidar_field in fields(Lidar)]
         for name in values:
             if name not in known:
                 raise RecordingError(
@@ -119,8 +119,8 @@ class Options(Topics):
             x, y, yaw = self.mount
             lidar = replace(lidar, mount_x=x, mount_y=y, mount_yaw_deg=math.degrees(yaw))
         if self.range_limits is not None:
-            least, most = self.range_limits
-            lidar = replace(lidar, min_range=least, range=most)
+            min_range, max_range = self.range_limits
+            lidar = replace(lidar, min_range=min_range, range=max_range)
         return lidar
 
 
@@ -128,10 +128,10 @@ def _numbers(name: str, values: Any, count: int, what: str) -> tuple[float, ...]
     """A number of numbers, or None."""
     if values is None:
         return None
-    found = finite_numbers(values)
-    if len(found) != count:
+    numbers = finite_numbers(values)
+    if len(numbers) != count:
         raise ConfigError(f"{name} must be {what}, not {shown(values)}")
-    return found
+    return numbers
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -276,8 +276,8 @@ class ScanRows:
         angles = self._first + self._step * np.arange(self._beams)
         turn = 2 * math.pi
         beam = np.rint(((angles - first + step / 2) % turn - step / 2) / step).astype(np.int64)
-        seen = (beam >= 0) & (beam < len(values))
-        row[seen] = values[beam[seen]]
+        is_covered = (beam >= 0) & (beam < len(values))
+        row[is_covered] = values[beam[is_covered]]
         return row
 
 

@@ -53,7 +53,7 @@ class RangeFit:
     @property
     def is_scaled(self) -> bool:
         """True if the map surely has another resolution than its file says."""
-        value, low, high = (each - 1 for each in self.factor)
+        value, low, high = (bound - 1 for bound in self.factor)
         return abs(value) >= OFF and (low > SURELY_OFF or high < -SURELY_OFF)
 
     def faults(self, grid: OccupancyGrid) -> Iterator[MapFault]:
@@ -65,7 +65,7 @@ class RangeFit:
             The map.
         """
         if self.is_scaled:
-            value, low, high = (100 * (each - 1) for each in self.factor)
+            value, low, high = (100 * (bound - 1) for bound in self.factor)
             true = grid.resolution * self.factor.value
             yield MapFault(
                 "resolution",
@@ -75,7 +75,7 @@ class RangeFit:
                 " lidar's ranges are right",
                 sure=True,
             )
-        cells, low, _ = (each / grid.resolution for each in self.depth)
+        cells, low, _ = (bound / grid.resolution for bound in self.depth)
         if cells >= DEEP and low > 1:
             yield MapFault(
                 "deep walls",
@@ -106,8 +106,8 @@ def range_fit(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit:
         return RangeFit(nothing, nothing)
     # What a pose took for its own error, it no longer does where the ranges are nearly right.
     first = 1 + float(_solved(once, np.ones(len(once)))[0])
-    kept, blocks = _compared(grid, recordings, first)
-    factor, depth = intervals(lambda weights: _solved(kept, weights), blocks, 200)
+    scan_equations, blocks = _compared(grid, recordings, first)
+    factor, depth = intervals(lambda weights: _solved(scan_equations, weights), blocks, 200)
     return RangeFit(Interval(*(first * (1 + value) for value in factor)), depth)
 
 
@@ -116,20 +116,20 @@ def _compared(
 ) -> tuple[list[Floats], Ints]:
     """What the scans say of ranges that are divided by a factor, and the block of each."""
     parts, blocks, first = [], [], 0
-    for each in recordings:
-        own, of_scan = _equations(grid, each, factor)
-        parts += own
+    for scan_equations in recordings:
+        drive_equations, of_scan = _equations(grid, scan_equations, factor)
+        parts += drive_equations
         blocks += (first + of_scan).tolist()
         first = max([first, *blocks]) + 1
-    kept = _projected(parts)
+    reduced = _projected(parts)
     for _ in range(2 * bool(parts)):
         # What is off by three deviations is no wall of the map, or a beam that something blocks.
-        at = _solved(kept, np.ones(len(kept)))
-        off = [np.abs(each[:, 2] - each[:, :2] @ at) for each in kept]
+        at = _solved(reduced, np.ones(len(reduced)))
+        off = [np.abs(scan_equations[:, 2] - scan_equations[:, :2] @ at) for scan_equations in reduced]
         bound = max(3 * MAD * float(np.median(np.concatenate(off))), 0.5 * grid.resolution)
-        parts = [each[far < bound] for each, far in zip(parts, off, strict=True)]
-        kept = _projected(parts)
-    return kept, np.array(blocks, np.int64)
+        parts = [scan_equations[far < bound] for scan_equations, far in zip(parts, off, strict=True)]
+        reduced = _projected(parts)
+    return reduced, np.array(blocks, np.int64)
 
 
 def _equations(
@@ -142,9 +142,9 @@ def _equations(
     """
     walls, rows, used = SeenWalls(grid, recording), [], []
     far = max(FAR, FAR_CELLS * grid.resolution)
-    chosen = np.unique(np.linspace(0, len(recording) - 1, RANGE_SCANS).astype(np.int64))
+    scan_numbers = np.unique(np.linspace(0, len(recording) - 1, RANGE_SCANS).astype(np.int64))
     steps = np.diag([grid.resolution, grid.resolution, math.radians(0.5)])
-    for scan in chosen.tolist():
+    for scan in scan_numbers.tolist():
         measured = recording.ranges[scan, :: walls.every].astype(np.float64) / factor
         pose = walls.settled(recording.poses[scan], measured)
         expected = walls.ranges(pose, walls.some)
@@ -168,16 +168,16 @@ def _equations(
 
 def _projected(parts: list[Floats]) -> list[Floats]:
     """The first three columns of each, without what another pose explains."""
-    found = []
-    for each in parts:
-        base, _ = np.linalg.qr(each[:, 3:])
-        found.append(each[:, :3] - base @ (base.T @ each[:, :3]))
-    return found
+    reduced = []
+    for scan_equations in parts:
+        base, _ = np.linalg.qr(scan_equations[:, 3:])
+        reduced.append(scan_equations[:, :3] - base @ (base.T @ scan_equations[:, :3]))
+    return reduced
 
 
 def _solved(parts: list[Floats], weights: Floats) -> Floats:
     """Factor minus 1, and depth [m], by least squares of scans with weights, (2,)."""
-    sums = np.tensordot(weights, np.array([each.T @ each for each in parts]), 1)
+    sums = np.tensordot(weights, np.array([scan_equations.T @ scan_equations for scan_equations in parts]), 1)
     return np.asarray(np.linalg.lstsq(sums[:2, :2], sums[:2, 2], rcond=None)[0])
 
 
@@ -229,8 +229,8 @@ class MapFit:
     def shifted(self) -> bool:
         """True if the map would fit, or fit clearly better, after a move."""
         x, y, turn = self.move
-        away = math.hypot(x, y) > 0.1 or abs(turn) > math.radians(0.5)
-        return away and self.best_share >= FITS and self.best_share >= self.share + BETTER
+        is_far = math.hypot(x, y) > 0.1 or abs(turn) > math.radians(0.5)
+        return is_far and self.best_share >= FITS and self.best_share >= self.share + BETTER
 
     @property
     def sentence(self) -> str:
@@ -400,8 +400,8 @@ def _measure_agreement(
 ) -> float:
     """Return the mean share of ranges that agree along a drive; NaN if no scan can be located."""
     motion = recording.poses if recording.odometry is None else recording.odometry
-    moved_by = np.hypot(*np.diff(motion[:, :2], axis=0).T)
-    way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(moved_by))])  # NaN without any poses
+    step_lengths = np.hypot(*np.diff(motion[:, :2], axis=0).T)
+    way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(step_lengths))])  # NaN without any poses
     reach = min(STEPS * STEP, way[-1] / 2)
     at = np.linspace(reach, way[-1] - reach, PLACES) if way[-1] else np.zeros(1)
     scans = np.unique(np.searchsorted(way, at))
@@ -447,11 +447,11 @@ def _compare_ranges(
         return pose, math.nan
     best, best_share = pose, -1.0
     for turn in TURNS:  # if odometry misjudged a turn, a scan settles from another heading alone
-        there = walls.settled(pose + np.array([0.0, 0.0, turn]), ranges[:: walls.every])
-        off = np.abs(ranges[returned] - walls.ranges(there, walls.beams)[returned])
+        settled_pose = walls.settled(pose + np.array([0.0, 0.0, turn]), ranges[:: walls.every])
+        off = np.abs(ranges[returned] - walls.ranges(settled_pose, walls.beams)[returned])
         share = float((off < AGREES).mean())
         if share > best_share:
-            best, best_share = there, share
+            best, best_share = settled_pose, share
         if share >= SAME_PLACE:
             break
     return best, best_share
@@ -492,13 +492,13 @@ def _origin(grid: OccupancyGrid, move: Move) -> Move:
 def _mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: float) -> str:
     """How the lidar is mounted if another mount explains the scans at the recorded poses."""
     x, y = sample.on_robot[..., 0], sample.on_robot[..., 1]
-    others = {
+    mounts = {
         "turned by 90 deg": (-y, x),
         "turned by 180 deg": (-x, -y),
         "turned by -90 deg": (y, -x),
         "upside down": (x, -y),
     }
-    for words, ends in others.items():
+    for words, ends in mounts.items():
         share = _share(grid, near, sample._replace(on_robot=np.stack(ends, axis=-1)).ends())
         if share >= max(FITS, best + BETTER):
             return words
@@ -531,27 +531,27 @@ class _Search:
         cell = max(FINEST, side / 224, grid.resolution)  # of which so many lie along a side at most
         walls, free = self._coarse(cell)
         half = math.ceil(math.hypot(reach, reach) / cell) + 1
-        shape = tuple(next_fast_len(each + 2 * half + 1, real=True) for each in walls.shape)
-        of_walls, of_free = (np.conj(rfft2(each, shape)) for each in (walls, free))
+        shape = tuple(next_fast_len(layer + 2 * half + 1, real=True) for layer in walls.shape)
+        of_walls, of_free = (np.conj(rfft2(layer, shape)) for layer in (walls, free))
         turns = 4 * max(1, min(math.ceil(2 * math.pi * self.radius / cell / 4), 180))
         (tell,) = parts(progress, [turns])
-        found: list[tuple[float, float, float, float]] = []
+        peaks: list[tuple[float, float, float, float]] = []
         for n in range(turns):
             turn = 2 * math.pi * n / turns
-            rotated = (_rotated(each, turn) for each in (self.out, self.stood))
-            rasters = (_raster(each, cell, half) for each in rotated)
-            hits, stands = (rfft2(each / each.sum(), shape) for each in rasters)
+            rotated = (_rotated(layer, turn) for layer in (self.out, self.stood))
+            rasters = (_raster(layer, cell, half) for layer in rotated)
+            hits, stands = (rfft2(layer / layer.sum(), shape) for layer in rasters)
             score = irfft2(np.conj(hits * of_walls + 0.5 * stands * of_free), shape)
             for _ in range(2):
                 row, col = divmod(int(np.argmax(score)), shape[1])
-                found.append((float(score[row, col]), turn, float(row), float(col)))
+                peaks.append((float(score[row, col]), turn, float(row), float(col)))
                 score[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4] = -1.0
             tell(n + 1, turns)
         moves: list[Move] = []
-        for _, turn, *at in sorted(found, reverse=True):
+        for _, turn, *at in sorted(peaks, reverse=True):
             # The raster's cell (half, half) holds the drive's middle; the transform is periodic.
             shift = (s - n if s > n / 2 else s for s, n in zip(at, shape, strict=True))
-            rows, cols = ((each + half + 0.5) * cell / grid.resolution for each in shift)
+            rows, cols = ((layer + half + 0.5) * cell / grid.resolution for layer in shift)
             x, y = map(float, grid.grid_to_world(rows, cols))
             move = self._about_origin((x, y, turn + grid.origin[2]))
             if all(self._apart(move, other) > 2 * cell for other in moves):
@@ -579,11 +579,11 @@ class _Search:
         score, turning = self._score(at, blur), step / max(self.radius, self.grid.resolution)
         steps = np.array([*itertools.product((-1, 0, 1), repeat=3)]) * (step, step, turning)
         for _ in range(30):
-            others = [(at[0] + x, at[1] + y, at[2] + turn) for x, y, turn in steps.tolist()]
-            better, there = max((self._score(other, blur), other) for other in others)
-            if better <= score:
+            neighbours = [(at[0] + x, at[1] + y, at[2] + turn) for x, y, turn in steps.tolist()]
+            best_score, best_move = max((self._score(other, blur), other) for other in neighbours)
+            if best_score <= score:
                 break
-            score, at = better, there
+            score, at = best_score, best_move
         return at
 
     def _score(self, at: Move, blur: float) -> float:
@@ -596,7 +596,7 @@ class _Search:
     def _coarse(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Nearness to walls, and free space, in coarser cells along the map's own axes."""
         grid = self.grid
-        counts = (math.ceil(each * grid.resolution / cell) for each in grid.shape)
+        counts = (math.ceil(edge * grid.resolution / cell) for edge in grid.shape)
         at = np.ix_(
             *(
                 np.minimum((np.arange(n) + 0.5) * cell / grid.resolution, side - 1).astype(np.int64)
@@ -673,13 +673,13 @@ class Misfits:
         """
         remedy = "here the scans do not fit the map: see what stands there, and map it again"
         if self.seen_through > SEEN_THROUGH:
-            what = f"{self.seen_through:.1%} of the walls in view are seen through"
+            description = f"{self.seen_through:.1%} of the walls in view are seen through"
             boxes = boxes_of(grid, self.false)
-            yield MapFault("false walls", what, remedy, sure=True, boxes=boxes)
+            yield MapFault("false walls", description, remedy, sure=True, boxes=boxes)
         if self.missing.sum() * grid.resolution > LENGTH:
-            what = f"{1 - self.at_walls:.0%} of the beams end at no wall"
+            description = f"{1 - self.at_walls:.0%} of the beams end at no wall"
             boxes = boxes_of(grid, self.missing)
-            yield MapFault("missing walls", what, remedy, sure=True, boxes=boxes)
+            yield MapFault("missing walls", description, remedy, sure=True, boxes=boxes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -713,9 +713,9 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
     RecordingError
         If the poses are off by so much that walls would seem to be wrong.
     """
-    for each in recordings:
-        instance("recording", each, Recording, "read one with locplan.recordings.read_recording")
-    deviation = max(_pose_deviation(grid, each) for each in recordings)
+    for recording in recordings:
+        instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    deviation = max(_pose_deviation(grid, recording) for recording in recordings)
     name = grid.name or "the map"
     if math.isinf(deviation):
         raise RecordingError(
@@ -727,10 +727,10 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
             f" too much to tell false walls by (at most {BAD_POSES:g} m);"
             " find the ground truth with locplan recording FILE MAP -o drive.npz"
         )
-    parts = [_beams(grid, each) for each in recordings]
+    parts = [_beams(grid, recording) for recording in recordings]
     beams = _Beams(
-        np.concatenate([each.origins for each in parts]),
-        np.concatenate([each.ends for each in parts]),
+        np.concatenate([recording.origins for recording in parts]),
+        np.concatenate([recording.ends for recording in parts]),
     )
     return Misfits(*_contradicted(grid, beams), _at_walls(grid, beams))
 
@@ -744,8 +744,8 @@ def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
     lidars = np.repeat(lidar, len(scans), axis=0)
     ends = ends_in_map(recording.ends_on_robot()[:, beams], recording.poses)
     origins = ends_in_map(lidars, recording.poses)[:, 0]
-    own = [np.stack(grid.world_to_grid(each[..., 0], each[..., 1]), -1) for each in (origins, ends)]
-    return _Beams(own[0], own[1])
+    cell_positions = [np.stack(grid.world_to_grid(positions[..., 0], positions[..., 1]), -1) for positions in (origins, ends)]
+    return _Beams(cell_positions[0], cell_positions[1])
 
 
 def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
@@ -754,17 +754,17 @@ def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
     The largest of the three counts. A map that is wrong somewhere has walls enough elsewhere; along
     a corridor no pose is judged.
     """
-    some = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
-    found = match_scans(recording[some], grid, threads=1)
-    _, minor, direction = position_axes(found.covariance)
+    scan_numbers = np.unique(np.linspace(0, len(recording) - 1, 100).astype(np.int64))
+    scan_matches = match_scans(recording[scan_numbers], grid, threads=1)
+    _, minor, direction = position_axes(scan_matches.covariance)
     # A few scans fit any map somewhere.
-    deviations = [] if (found.judged & (minor < SURE)).sum() > 5 else [math.inf]
-    x, y = np.sqrt(found.covariance[:, 0, 0]), np.sqrt(found.covariance[:, 1, 1])
+    deviations = [] if (scan_matches.judged & (minor < SURE)).sum() > 5 else [math.inf]
+    x, y = np.sqrt(scan_matches.covariance[:, 0, 0]), np.sqrt(scan_matches.covariance[:, 1, 1])
     for across, sigma in ((0.0, x), (math.pi / 2, y), (direction + math.pi / 2, minor)):
-        off = found.mean[:, 0] * np.cos(across) + found.mean[:, 1] * np.sin(across)
-        sure = found.judged & (sigma < SURE)
-        if sure.sum() > 5:
-            deviations.append(float(np.median(np.abs(off[sure]))))
+        off = scan_matches.mean[:, 0] * np.cos(across) + scan_matches.mean[:, 1] * np.sin(across)
+        is_sure = scan_matches.judged & (sigma < SURE)
+        if is_sure.sum() > 5:
+            deviations.append(float(np.median(np.abs(off[is_sure]))))
     return max(deviations, default=0.0)
 
 
@@ -778,15 +778,15 @@ def _contradicted(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, flo
 
     walls = grid.cells == OCCUPIED
     passed, hit, around = _counted(grid, np.zeros_like(walls), beams)
-    kept = walls & ((passed < CROSSED) | (passed <= TIMES * around))
-    cells = np.where(walls & ~kept, np.uint8(FREE), grid.cells)
-    _, beside = at_walls(replace(grid, cells=cells))
-    missing = (hit >= HITS) & (passed <= TIMES * hit) & ~beside & ~walls
+    is_confirmed = walls & ((passed < CROSSED) | (passed <= TIMES * around))
+    cells = np.where(walls & ~is_confirmed, np.uint8(FREE), grid.cells)
+    _, is_near_wall = at_walls(replace(grid, cells=cells))
+    missing = (hit >= HITS) & (passed <= TIMES * hit) & ~is_near_wall & ~walls
     met = (around >= HITS) & (passed <= TIMES * around)
     passed, _, around = _counted(grid, missing | (walls & met), beams)
-    seen = walls & (passed > TIMES * around)
-    _, labels = cv2.connectedComponents(seen.view(np.uint8), connectivity=8)
-    false = seen & np.isin(labels, labels[seen & (passed >= HITS)])
+    is_crossed = walls & (passed > TIMES * around)
+    _, labels = cv2.connectedComponents(is_crossed.view(np.uint8), connectivity=8)
+    false = is_crossed & np.isin(labels, labels[is_crossed & (passed >= HITS)])
     in_view = np.count_nonzero(walls & ((passed > 0) | (around > 0)))
     return false, missing, float(false.sum() / max(in_view, 1))
 

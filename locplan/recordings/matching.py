@@ -86,9 +86,9 @@ class Matching(Settings):
     @property
     def seen(self) -> Bools:
         """Mask of these beams that lie in the lidar's field of view, (96,)."""
-        aside = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
+        angle_offsets = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
         half = math.radians(self.lidar.field_of_view_deg) / 2
-        return np.asarray(np.abs(aside) <= half + 1e-9)
+        return np.asarray(np.abs(angle_offsets) <= half + 1e-9)
 
     def compared(self, ranges: Floats) -> Floats:
         """Ranges of scans at `bearings`.
@@ -106,10 +106,10 @@ class Matching(Settings):
             out of the view.
         """
         beams = self.lidar.angles + self.lidar.mount_yaw
-        aside = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi
-        chosen = ranges[:, np.abs(aside).argmin(axis=1)]
-        returns = (chosen > self.lidar.min_range) & (chosen <= self.lidar.range)
-        return np.where(self.seen, np.where(returns, chosen, np.inf), np.nan)
+        angle_offsets = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi
+        bearing_ranges = ranges[:, np.abs(angle_offsets).argmin(axis=1)]
+        returns = (bearing_ranges > self.lidar.min_range) & (bearing_ranges <= self.lidar.range)
+        return np.where(self.seen, np.where(returns, bearing_ranges, np.inf), np.nan)
 
     def beams(self, forward: float, left: float) -> Any:
         """The beams that are compared, of a lidar so mounted, as the kernels take them.
@@ -158,8 +158,8 @@ def loss_tables(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Any:
         for level, words in zip(levels, corners[:, top : top + count], strict=True):
             steps = level[squares]
             words[:] = steps[:-1, :-1]
-            for n, each in enumerate((steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]), 1):
-                words |= each << np.uint32(8 * n)
+            for n, neighbour_steps in enumerate((steps[:-1, 1:], steps[1:, :-1], steps[1:, 1:]), 1):
+                words |= neighbour_steps << np.uint32(8 * n)
     # Steps of the refinement: only with the least deviation there are several.
     steps = sigmas[:, None] / resolution * (0.5, 0.25, 0.125)
     steps[:-1, 1:] = 0
@@ -264,9 +264,9 @@ class Matcher:
         from_cell = np.stack([ends_col - middle[:, 1, None], ends_row - middle[:, 0, None]], -1)
         mean, covariance = np.empty((count, 3)), np.empty((count, 3, 3))
         best, summary = np.zeros((count, 3), np.int64), np.empty((count, 3))
-        found = mean, covariance, best, summary
+        posterior_arrays = mean, covariance, best, summary
         field, lattice = self.prepared
-        recorded_posteriors(field, lattice, cells, from_cell, self.settings.temperature, *found)
+        recorded_posteriors(field, lattice, cells, from_cell, self.settings.temperature, *posterior_arrays)
         turn, steps = turning(self.grid.origin[2]), self.window.steps
         return Posteriors(
             mean * steps @ turn.T,
@@ -332,8 +332,8 @@ class Database:
             Ranges, infinite without a return [m].
         """
         # No return lies two metres behind the lidar's range, which no wall does.
-        none = 16 * self.matching.lidar.range + 32
-        counts = np.where(np.isfinite(ranges), 16 * ranges, none)
+        no_return = 16 * self.matching.lidar.range + 32
+        counts = np.where(np.isfinite(ranges), 16 * ranges, no_return)
         return np.asarray(np.floor(counts).astype(np.int64) % 256, np.uint8)
 
     def in_world(self, poses: Floats) -> Floats:
@@ -378,8 +378,8 @@ def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
     tables = loss_tables(grid, matching, fits)
     positions = places_every(0.4, _of_lidar(grid, matching, fits), grid.resolution)
     squares = empty_squares(occupied)
-    made = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
-    return dataclasses.replace(made, codes=_all_codes(made))
+    range_database = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
+    return dataclasses.replace(range_database, codes=_all_codes(range_database))
 
 
 def _all_codes(database: Database) -> Octets:
@@ -387,10 +387,10 @@ def _all_codes(database: Database) -> Octets:
     count = len(database.positions)
     codes = np.empty((count, TURNS), np.uint8)
     for first in range(0, count, 1 << 14):  # in blocks, which bounds the memory
-        some = database.positions[first : first + (1 << 14)]
-        poses = np.column_stack([some, np.zeros(len(some))])
+        positions = database.positions[first : first + (1 << 14)]
+        poses = np.column_stack([positions, np.zeros(len(positions))])
         ranges = _ranges(database, poses, 0.0, 0.0)
-        codes[first : first + len(some)] = database.codes_of(ranges)
+        codes[first : first + len(positions)] = database.codes_of(ranges)
     return in_blocks(np.hstack([codes, codes]))
 
 
@@ -432,22 +432,22 @@ def places_every(spacing: float, fits: Bools, resolution: float) -> Floats:
     edge = max(1, round(spacing / resolution))
     height, width = fits.shape
     rows = edge * max(1, BLOCK_BAND // (edge * width))
-    found = [np.empty((0, 2))]
+    places = [np.empty((0, 2))]
     for top in range(0, height, rows):
-        found.append(_middles(fits[top : top + rows], edge))
-        found[-1][:, 1] += top
-    return np.concatenate(found) + 0.5
+        places.append(_middles(fits[top : top + rows], edge))
+        places[-1][:, 1] += top
+    return np.concatenate(places) + 0.5
 
 
 def _middles(fits: Bools, edge: int) -> Floats:
     """Columns and rows (n, 2) of the cells next to the middles of squares."""
     rows, cols = np.nonzero(fits)
     block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
-    aside = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
-    order = np.lexsort([aside, block])  # cells that are as near stay in the order of their rows
+    offsets = (2 * (rows % edge) + 1 - edge) ** 2 + (2 * (cols % edge) + 1 - edge) ** 2
+    order = np.lexsort([offsets, block])  # cells that are as near stay in the order of their rows
     block = block[order]
-    chosen = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
-    return np.column_stack([cols[chosen], rows[chosen]]).astype(np.float64)
+    middle_cells = order[np.concatenate([block[:1] >= 0, block[1:] != block[:-1]])]
+    return np.column_stack([cols[middle_cells], rows[middle_cells]]).astype(np.float64)
 
 
 def _of_lidar(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Bools:
@@ -562,14 +562,14 @@ class ScanDatabase:
         ConfigError
             If the robot fits nowhere so near.
         """
-        grid, every = self.grid, self.everywhere
-        chosen = every.fits & (_distances(grid, xy) <= within)
-        if not chosen.any():
+        grid, full_database = self.grid, self.everywhere
+        is_near = full_database.fits & (_distances(grid, xy) <= within)
+        if not is_near.any():
             raise ConfigError(
                 f"the robot has no place within {within:g} m of the {len(xy)} positions that it"
                 f" may be near; are they in the frame of {grid.name or 'the map'}?"
             )
-        return _restricted(every, chosen)
+        return _restricted(full_database, is_near)
 
 
 @lru_cache(maxsize=4)
@@ -613,13 +613,13 @@ def _distances(grid: OccupancyGrid, xy: Floats) -> Singles:
     """Distance of each cell from the nearest cell with a position, (H, W) [m]."""
     import cv2
 
-    row, col = (np.floor(each).astype(np.int64) for each in grid.world_to_grid(*xy.T))
+    row, col = (np.floor(coordinate).astype(np.int64) for coordinate in grid.world_to_grid(*xy.T))
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
-    away = np.ones(grid.shape, np.uint8)
-    away[row[inside], col[inside]] = 0
+    is_elsewhere = np.ones(grid.shape, np.uint8)
+    is_elsewhere[row[inside], col[inside]] = 0
     if not inside.any():
         return np.full(grid.shape, np.inf, np.float32)
-    cells = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    cells = cv2.distanceTransform(is_elsewhere, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(cells * np.float32(grid.resolution))
 
 
@@ -629,13 +629,13 @@ def _restricted(database: Database, fits: Bools) -> Database:
 
     near = _of_lidar(database.grid, database.matching, fits)
     col, row = np.floor(database.positions.T).astype(np.int64)
-    chosen = np.flatnonzero(near[row, col])
+    place_numbers = np.flatnonzero(near[row, col])
     places = database.codes.reshape(-1, 2 * TURNS, OCTETS).transpose(0, 2, 1)
     return dataclasses.replace(
         database,
         fits=fits,
-        positions=database.positions[chosen],
-        codes=in_blocks(places.reshape(-1, 2 * TURNS)[chosen]),
+        positions=database.positions[place_numbers],
+        codes=in_blocks(places.reshape(-1, 2 * TURNS)[place_numbers]),
         tables=database.tables._replace(fits=fits.astype(np.uint8)),
     )
 
@@ -686,16 +686,16 @@ class ScanOnMap:
         """Ends of the beams that return, ahead and to the left of the robot, (2, k) [cells]."""
         database = self.database
         bearing = database.matching.bearings[self.returns]
-        away = self.ranges[self.returns] / database.grid.resolution
+        distances = self.ranges[self.returns] / database.grid.resolution
         forward, left = database.lever
-        ends = np.array([forward + away * np.cos(bearing), left + away * np.sin(bearing)])
+        ends = np.array([forward + distances * np.cos(bearing), left + distances * np.sin(bearing)])
         return ends.astype(np.float32)
 
     @cached_property
     def lever(self) -> float:
         """Root mean square of the ranges, which makes turns comparable with moves [cells]."""
-        away = self.ranges[self.returns] / self.database.grid.resolution
-        return max(1.0, math.sqrt(float((away**2).mean())))
+        distances = self.ranges[self.returns] / self.database.grid.resolution
+        return max(1.0, math.sqrt(float((distances**2).mean())))
 
     @property
     def _nats(self) -> float:
@@ -730,8 +730,8 @@ class ScanOnMap:
         codes = database.codes_of(self.ranges)[compared]
         count = len(database.positions)
         # From a difference of eight codes on, half a metre, a beam costs no more.
-        _, where = shortlist(database.codes, count, compared, codes, 8, matching.shortlisted)
-        place, turn = np.divmod(where, TURNS)
+        _, pairs = shortlist(database.codes, count, compared, codes, 8, matching.shortlisted)
+        place, turn = np.divmod(pairs, TURNS)
         heading = turn * STEP
         forward, left = database.lever
         cos, sin = np.cos(heading), np.sin(heading)
@@ -795,11 +795,11 @@ def in_batches(
     batch : int, default 16
         How many a thread takes at a time.
     """
-    found: list[Result] = []
+    results: list[Result] = []
     batches = np.array_split(np.arange(count), max(1, -(-count // batch)))
     with ThreadPoolExecutor(threads) as pool:
-        for some in pool.map(work, batches):
-            found.extend(some)
+        for batch_results in pool.map(work, batches):
+            results.extend(batch_results)
             if progress:
-                progress(len(found), count)
-    return found
+                progress(len(results), count)
+    return results

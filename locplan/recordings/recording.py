@@ -258,25 +258,25 @@ class Recording:
         robot = replace(known, lidar=self.lidar)
         if robot.kinematics != Kinematics():
             return robot
-        own: dict[str, Any] = {}
+        kinematics_settings: dict[str, Any] = {}
         if self.times is not None:
             steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
             with np.errstate(divide="ignore", invalid="ignore"):
                 speeds = steps / np.diff(self.times)
             moving = speeds[np.isfinite(speeds) & (speeds > 0.05)]  # else it counts as standing
             if moving.size:
-                own["speed"] = round(float(np.median(moving)), 2)
+                kinematics_settings["speed"] = round(float(np.median(moving)), 2)
         if self.odometry is not None:
-            ahead, aside, turn = way_between(self.odometry[:-1], self.odometry[1:]).T
+            ahead, left, turn = way_between(self.odometry[:-1], self.odometry[1:]).T
             straight = np.abs(wrapped(turn)) < 0.02  # an arc leads aside, too
-            way = np.hypot(ahead, aside)[straight].sum()
-            if np.abs(aside)[straight].sum() > 0.2 * way:
-                own["drive"] = "omnidirectional"
-        return replace(robot, kinematics=replace(robot.kinematics, **own))
+            way = np.hypot(ahead, left)[straight].sum()
+            if np.abs(left)[straight].sum() > 0.2 * way:
+                kinematics_settings["drive"] = "omnidirectional"
+        return replace(robot, kinematics=replace(robot.kinematics, **kinematics_settings))
 
     def summary(self) -> dict[str, Any]:
         """Length, duration, spacing and shares of returns, fit for JSON."""
-        known = self.ranges[np.isfinite(self.ranges)]
+        finite_ranges = self.ranges[np.isfinite(self.ranges)]
         steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
         source, has_odometry = self.source, self.odometry is not None
         return finite(
@@ -289,8 +289,8 @@ class Recording:
                 "turned": float(np.abs(wrapped(np.diff(self.poses[:, 2]))).sum()),
                 "seconds": None if self.times is None else float(self.times[-1] - self.times[0]),
                 "spacing": float(np.median(steps)) if len(steps) else 0.0,
-                "returns": known.size / self.ranges.size,
-                "median_range": float(np.median(known)),
+                "returns": finite_ranges.size / self.ranges.size,
+                "median_range": float(np.median(finite_ranges)),
                 "poses": source.poses or "given",
                 "odometry": (source.odometry or "given") if has_odometry else "",
                 "notes": list(source.notes),

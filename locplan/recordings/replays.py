@@ -163,17 +163,17 @@ def without_jumps(
     >>> still[:, 0].tolist(), odometry[:, 0].tolist(), jumps
     ([0.0, 1.0, 1.0], [5.0, 6.0, 6.0], 1)
     """
-    true, reported = (way_between(each[:-1], each[1:]) for each in (poses, odometry))
+    true, reported = (way_between(motions[:-1], motions[1:]) for motions in (poses, odometry))
     off = reported - true
-    apart, true_way, way = (np.hypot(each[:, 0], each[:, 1]) for each in (off, true, reported))
+    step_error, true_way, way = (np.hypot(motions[:, 0], motions[:, 1]) for motions in (off, true, reported))
     # Half a metre or half a radian, and three tenths of the step, are no jump yet.
-    far = apart > 0.5 + 0.3 * np.minimum(true_way, way)
+    far = step_error > 0.5 + 0.3 * np.minimum(true_way, way)
     far |= np.abs(wrapped(off[:, 2])) > 0.5 + 0.3 * np.abs(wrapped(true[:, 2]))
     left_out = far if faulty is None else far | faulty
     if not left_out.any():
         return poses, odometry, 0
-    joined = _joined(poses[0], true, left_out), _joined(odometry[0], reported, left_out)
-    return *joined, int(far.sum())
+    tracks = _joined(poses[0], true, left_out), _joined(odometry[0], reported, left_out)
+    return *tracks, int(far.sum())
 
 
 def _joined(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> Floats:
@@ -297,8 +297,8 @@ class Replay(Result):
         """How well the filter knows its own errors."""
         at = self.updated
         if not at.any():
-            none = math.nan
-            return Consistency(Interval(none, none, none), none, none, none, 0)
+            unknown = math.nan
+            return Consistency(Interval(unknown, unknown, unknown), unknown, unknown, unknown, 0)
         # Where the covariance is right, these squares have a chi-square distribution of two
         # degrees of freedom: 95 % of them are below -2 ln 0.05, and half below 2 ln 2.
         squares = self.squares[:, at]
@@ -352,18 +352,18 @@ class Replay(Result):
 
     def summary(self) -> dict[str, object]:
         """All that was found, fit for JSON."""
-        found = self.consistency
-        about: dict[str, object] = {
+        consistency = self.consistency
+        content: dict[str, object] = {
             "drive": self.recording.summary(),
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "runs": len(self.errors),
-            "updates": found.updates,
+            "updates": consistency.updates,
             "errors": values_of(DRIVEN, self.drives),
             "consistency": {
-                "within_95_ellipse": list(found.within),
-                "wider_by": found.wider,
-                "filter_std": found.filter_std,
-                "error": found.error,
+                "within_95_ellipse": list(consistency.within),
+                "wider_by": consistency.wider,
+                "filter_std": consistency.filter_std,
+                "error": consistency.error,
             },
             "verdict": self.verdict,
             "notes": list(self.notes),
@@ -371,7 +371,7 @@ class Replay(Result):
             "robot": self.robot.summary(),
             **about_filter(self.filter_map),
         }
-        return finite(about)
+        return finite(content)
 
     def table(self) -> Table:
         """A row per scan: the recorded pose, the errors there, and the filter's own deviation."""
@@ -480,7 +480,7 @@ def replay_report(replay: Replay) -> str:
     found, within = replay.consistency, replay.consistency.within
     share = f"{within.value:.0%}" if np.isnan(within.low) else in_percent(within)
     # A rate of losses would be that of the log's lack of scans, not of the filter.
-    shown = [each for each in DRIVEN if each not in RATES or not replay.is_sparse]
+    columns = [column for column in DRIVEN if column not in RATES or not replay.is_sparse]
     of_filter = [
         ("within the 95% ellipse", share),
         ("rms deviation by the filter", in_metres(found.filter_std)),
@@ -489,15 +489,15 @@ def replay_report(replay: Replay) -> str:
         ("map", replay.grid.name),
         ("drive", repr(replay.recording)),
         ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
-        *Table.of(shown, [replay.drives]).turned(),
+        *Table.of(columns, [replay.drives]).turned(),
         *(of_filter if found.updates and not replay.is_sparse else ()),
     ]
-    about = (
+    caption = (
         "errors against the recorded positions [95 % intervals over runs, of the ellipse by"
         f" stretches of\n10 m]; with {replay.robot.title}"
     )
-    said = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
-    lines = [said, table([], rows), about] if replay.is_sparse else [table([], rows), about, said]
+    verdict_text = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
+    lines = [verdict_text, table([], rows), caption] if replay.is_sparse else [table([], rows), caption, verdict_text]
     return "\n".join(lines)
 
 

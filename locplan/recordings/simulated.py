@@ -71,7 +71,7 @@ def record_drive(
     from locplan.simulation.worlds import POSE_SPACING, poses_along
 
     path = path_from(path)
-    every = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
+    pose_step = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
     positive("speed", speed, "m/s")
     simulator = Simulator(grid, robot, seed=seed, threads=1)
     lidar = simulator.robot.known_lidar
@@ -81,8 +81,8 @@ def record_drive(
         raise ConfigError(f"the path {error}") from None
     random = np.random.default_rng(seed)
     arguments = simulator.arguments
-    reported = odometry_along(random, own_axes(grid, line), arguments.odometry)[::every]
-    poses = line[::every]
+    reported = odometry_along(random, own_axes(grid, line), arguments.odometry)[::pose_step]
+    poses = line[::pose_step]
     sensor = arguments.lidar._replace(angles=lidar.angles)
     rows, cols = grid.world_to_grid(*poses[:, :2].T)
     headings = poses[:, 2] - grid.origin[2]
@@ -90,10 +90,10 @@ def record_drive(
     for n, pose in enumerate(np.column_stack([rows, cols, headings])):
         world, size = simulator.worlds[0], grid.resolution
         measured_ends(random, world, size, pose, sensor, arguments.disturbances, ends)
-        away = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
-        ranges[n] = np.hypot(*away.T)
+        beam_vectors = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
+        ranges[n] = np.hypot(*beam_vectors.T)
     # A hundredth of a second a scan beside the way's time, so that turns on the spot take some.
-    times = way_along(line)[::every] / speed + 0.01 * np.arange(len(poses), dtype=float)
+    times = way_along(line)[::pose_step] / speed + 0.01 * np.arange(len(poses), dtype=float)
     return Recording(
         (np.rint(ranges * 1000) / 1000).astype(np.float32),
         lidar,

@@ -209,9 +209,9 @@ class _Drive:
     def choose_key_scans(self) -> Ints:
         """Choose the scans that the filter takes: the first and last one, and some between."""
         moves = Moves.of(self.odometry, np.arange(len(self.odometry)))
-        way, turned, keys = np.cumsum(moves.lengths), np.cumsum(moves.turned), [0]
+        way, turn_sums, keys = np.cumsum(moves.lengths), np.cumsum(moves.turned), [0]
         for n in range(1, len(way)):
-            is_far = way[n] - way[keys[-1]] >= KEY_WAY or turned[n] - turned[keys[-1]] >= KEY_TURN
+            is_far = way[n] - way[keys[-1]] >= KEY_WAY or turn_sums[n] - turn_sums[keys[-1]] >= KEY_TURN
             if is_far or n == len(way) - 1:
                 keys.append(n)
         return np.array(keys)
@@ -515,13 +515,13 @@ class Chain:
         way, is_displaced = np.cumsum(self.moves.lengths), np.zeros(len(poses), np.bool_)
         shifts = itertools.combinations(self._find_shifts(poses, way), 2)
         # Turns accumulate within the stretch as well, so that a greater rest may remain.
-        for (entry, leaving), rest in itertools.chain(
+        for (entering, leaving), rest in itertools.chain(
             ((pair, 0.5) for pair in shifts), ((pair, 1.0) for pair in self._find_turns(poses))
         ):
-            begin, end = entry.end, leaving.begin
+            begin, end = entering.end, leaving.begin
             is_near = begin <= end and way[end] - way[begin] < DISPLACED_LENGTH
-            if is_near and math.hypot(*(entry.error + leaving.error)) < rest * min(
-                math.hypot(*entry.error), math.hypot(*leaving.error)
+            if is_near and math.hypot(*(entering.error + leaving.error)) < rest * min(
+                math.hypot(*entering.error), math.hypot(*leaving.error)
             ):
                 is_displaced[begin : end + 1] = True
         return is_displaced
@@ -649,8 +649,8 @@ def referenced(
     of_bag = bool(recording.source.lidar_frame)  # other files name none
     if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
         return recording
-    found = trajectory_of(recording, grid, robot, cache_dir=cache_dir, progress=progress)
-    return found.of(recording)
+    drive_trajectory = trajectory_of(recording, grid, robot, cache_dir=cache_dir, progress=progress)
+    return drive_trajectory.of(recording)
 
 
 def _digest(
@@ -662,8 +662,8 @@ def _digest(
 ) -> str:
     """What a trajectory is found by: all that it depends on."""
     odometry = recording.robot(robot).odometry
-    about = VERSION, grid.digest, repr(recording.lidar), repr(odometry), repr(start), seed
-    digest = hashlib.sha256(repr(about).encode())
+    inputs = VERSION, grid.digest, repr(recording.lidar), repr(odometry), repr(start), seed
+    digest = hashlib.sha256(repr(inputs).encode())
     for array in (recording.ranges, recording.poses, recording.times, recording.odometry):
         digest.update(b"-" if array is None else array.tobytes())
     return digest.hexdigest()[:32]

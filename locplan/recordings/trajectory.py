@@ -92,11 +92,11 @@ class OdometryModel(Valued):
             That of the robot.
         """
         turn = math.radians(4.0)
-        own = math.radians(odometry.heading_drift_deg), math.radians(odometry.turn_drift_deg)
+        drifts = math.radians(odometry.heading_drift_deg), math.radians(odometry.turn_drift_deg)
         deviations = [
             [max(0.10, odometry.distance_drift), 0.05, 0.01],
             [0.07, 0.05, 0.01],
-            [max(turn, own[0]), max(turn, own[1]), math.radians(0.3)],
+            [max(turn, drifts[0]), max(turn, drifts[1]), math.radians(0.3)],
         ]
         return cls(0.0, 0.0, 0.0, (0.0, 0.0, 0.0), np.square(deviations))
 
@@ -146,12 +146,12 @@ class OdometryModel(Valued):
             variances = np.empty((3, 3))
             for axis in range(3):
                 square, scale = errors[:, axis] ** 2, model.deviations(moves)[:, axis] ** 2
-                sure = (FREEDOM + 1) / (FREEDOM + square / scale)
-                squares, none = sure * square + known[:, axis], np.zeros(len(square))
-                variances[axis] = likeliest_variances(squares, moves.features, none, used)
+                robust_weights = (FREEDOM + 1) / (FREEDOM + square / scale)
+                squares, zeros = robust_weights * square + known[:, axis], np.zeros(len(square))
+                variances[axis] = likeliest_variances(squares, moves.features, zeros, used)
             # So that a drive that hardly errs does not become one without error.
-            least = np.array([0.005, 0.005, math.radians(0.1)]) ** 2
-            variances[:, 2] = np.maximum(variances[:, 2], least)
+            min_variances = np.array([0.005, 0.005, math.radians(0.1)]) ** 2
+            variances[:, 2] = np.maximum(variances[:, 2], min_variances)
             model = replace(model, variances=variances)
         return model
 
@@ -167,24 +167,24 @@ class OdometryModel(Valued):
             np.column_stack([ahead, left, cos, -sin]),
             np.column_stack([left, -ahead, sin, cos]),
         ]
-        both = np.concatenate([each / deviations[:, [n]] for n, each in enumerate(features)])
+        scaled_features = np.concatenate([axis_features / deviations[:, [n]] for n, axis_features in enumerate(features)])
         places = np.concatenate([off[:, AHEAD] / deviations[:, 0], off[:, LEFT] / deviations[:, 1]])
-        scale, yaw, x, y = _robust(both, places, np.tile(used, 2), (0.1, 0.1, 0.2, 0.2))
+        scale, yaw, x, y = _robust(scaled_features, places, np.tile(used, 2), (0.1, 0.1, 0.2, 0.2))
         turns = np.column_stack([turn, moves.lengths]) / deviations[:, [TURN]]
-        own = off[:, TURN] / deviations[:, TURN]
-        turn_scale, bend = _robust(turns, own, used, (0.2, 0.1))
+        scaled_turns = off[:, TURN] / deviations[:, TURN]
+        turn_scale, bend = _robust(turns, scaled_turns, used, (0.2, 0.1))
         return OdometryModel(scale, bend, turn_scale, (x, y, yaw), self.variances)
 
 
 def _robust(features: Floats, values: Floats, used: Floats, near: tuple[float, ...]) -> list[float]:
     """Coefficients by least squares with Student's weights, and a prior about zero."""
     prior = np.diag(1 / np.square(near))
-    found: Floats = np.zeros(len(near))
+    coefficients: Floats = np.zeros(len(near))
     for _ in range(6):
-        weights = used * (FREEDOM + 1) / (FREEDOM + (values - features @ found) ** 2)
+        weights = used * (FREEDOM + 1) / (FREEDOM + (values - features @ coefficients) ** 2)
         weighed = (features * weights[:, None]).T
-        found = np.asarray(np.linalg.solve(weighed @ features + prior, weighed @ values))
-    return list(map(float, found))
+        coefficients = np.asarray(np.linalg.solve(weighed @ features + prior, weighed @ values))
+    return list(map(float, coefficients))
 
 
 def ways_of(poses: Floats, own: Floats, across: Floats) -> tuple[Floats, Floats]:
@@ -197,7 +197,7 @@ def ways_of(poses: Floats, own: Floats, across: Floats) -> tuple[Floats, Floats]
     own, across : (n, 3, 3) arrays
         Covariances of each, and of each with the one before.
     """
-    ways, known = np.zeros((len(poses), 3)), np.zeros((len(poses), 3))
+    ways, variances = np.zeros((len(poses), 3)), np.zeros((len(poses), 3))
     ways[1:] = way_between(poses[:-1], poses[1:])
     ways[:, TURN] = wrapped(ways[:, TURN])
     cos, sin = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
@@ -206,10 +206,10 @@ def ways_of(poses: Floats, own: Floats, across: Floats) -> tuple[Floats, Floats]
     after[:, 2, 2] = 1.0
     before = -after
     before[:, 0, 2], before[:, 1, 2] = ways[1:, LEFT], -ways[1:, AHEAD]
-    both = np.concatenate([before, after], axis=2)
+    jacobian = np.concatenate([before, after], axis=2)
     joint = np.block([[own[:-1], across[1:].transpose(0, 2, 1)], [across[1:], own[1:]]])
-    known[1:] = np.einsum("nij,njk,nik->ni", both, joint, both)
-    return ways, known
+    variances[1:] = np.einsum("nij,njk,nik->ni", jacobian, joint, jacobian)
+    return ways, variances
 
 
 def likeliest_variances(
@@ -225,29 +225,29 @@ def likeliest_variances(
     scoring: least squares of the squares, weighted by the precision that they have by now.
     """
     scale = np.maximum(weights @ features, TINY)
-    found = weights @ squares / scale if start is None else start
+    coefficients = weights @ squares / scale if start is None else start
     # So that no value of hardly any variance counts for all others.
-    least = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
+    min_variance = 1e-3 * float(weights @ squares / max(weights.sum(), TINY)) + TINY
     for _ in range(12):
-        variance = np.maximum(features @ found + fixed, least)
-        own = (weights / variance**2)[:, None] * features
-        found = (found + _not_negative(own.T @ features, own.T @ (squares - fixed))) / 2
-    return np.asarray(found)
+        variance = np.maximum(features @ coefficients + fixed, min_variance)
+        weighted_features = (weights / variance**2)[:, None] * features
+        coefficients = (coefficients + _not_negative(weighted_features.T @ features, weighted_features.T @ (squares - fixed))) / 2
+    return np.asarray(coefficients)
 
 
 def _not_negative(matrix: Floats, vector: Floats) -> Floats:
     """Least squares by their normal equations, without the coefficients that would be negative."""
-    some = np.diag(matrix) > TINY
-    found = np.zeros(len(vector))
-    while some.any():
-        part = matrix[np.ix_(some, some)]
+    is_active = np.diag(matrix) > TINY
+    coefficients = np.zeros(len(vector))
+    while is_active.any():
+        part = matrix[np.ix_(is_active, is_active)]
         size = np.sqrt(np.diag(part))
-        solved = np.linalg.lstsq(part / np.outer(size, size), vector[some] / size, rcond=1e-9)[0]
+        solved = np.linalg.lstsq(part / np.outer(size, size), vector[is_active] / size, rcond=1e-9)[0]
         if (solved >= 0).all():
-            found[some] = solved / size
+            coefficients[is_active] = solved / size
             break
-        some[np.flatnonzero(some)[np.argmin(solved)]] = False
-    return found
+        is_active[np.flatnonzero(is_active)[np.argmin(solved)]] = False
+    return coefficients
 
 
 UNCERTAIN, AMBIGUOUS, BAD_FIT, JUMPED, MAP_MOVED = range(1, 6)
@@ -288,13 +288,13 @@ class Jump:
 
 def jump_at(scan: int, pose: Floats, error: Floats, times: Floats | None) -> Jump:
     """The jump to a scan's pose, where odometry errs so."""
-    away, kind = float(np.hypot(error[0], error[1])), "slip"
+    distance, kind = float(np.hypot(error[0], error[1])), "slip"
     steps = np.zeros(1) if times is None else np.diff(times)
     if times is not None and steps[scan - 1] > max(5.0, 10 * float(np.median(steps))):
         kind = "gap"
-    elif away > CARRIED:
+    elif distance > CARRIED:
         kind = "carried"
-    return Jump(scan, kind, float(pose[0]), float(pose[1]), away, float(error[2]))
+    return Jump(scan, kind, float(pose[0]), float(pose[1]), distance, float(error[2]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -410,23 +410,23 @@ class Trajectory(Result, Stored):
             if count
             else "all are to be trusted"
         )
-        found = [f"{len(self):,} scans, known to {100 * self._median:.0f} cm; {doubtful}."]
+        lines = [f"{len(self):,} scans, known to {100 * self._median:.0f} cm; {doubtful}."]
         names = {"slip": "wheels slip", "carried": "the robot is carried", "gap": "the log lacks"}
-        found += [
+        lines += [
             f"At {each.x:.1f},{each.y:.1f} (scan {each.scan}) {names[each.kind]}"
             f" {each.distance:.2g} m, {math.degrees(each.turn):.0f} deg."
             for each in self.jumps
         ]
         if self.odometry is None:
-            found.append("The log has no odometry: its own poses stand for it.")
+            lines.append("The log has no odometry: its own poses stand for it.")
         off = self.off[self.trusted]
         lost = float((off > LOST).mean())
-        found.append(
+        lines.append(
             f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
             f" median, 95 %: {100 * float(np.quantile(off, 0.95)):.0f} cm"
             + (f"; they are lost, {OFF}, at {lost:.0%} of the scans." if lost else ".")
         )
-        return found
+        return lines
 
     def summary(self) -> dict[str, object]:
         """What was found, fit for JSON."""
@@ -447,8 +447,8 @@ class Trajectory(Result, Stored):
                 "sentences": self.sentences,
                 "deviation": self._median,
                 "not_trusted": int((~self.trusted).sum()),
-                "stretches": [[each.start, each.stop] for each in self.stretches],
-                "jumps": [vars(each) for each in self.jumps],
+                "stretches": [[jump.start, jump.stop] for jump in self.stretches],
+                "jumps": [vars(jump) for jump in self.jumps],
                 "log_off": float(np.median(off)) if len(off) else math.nan,
                 "odometry": of_odometry,
             }
@@ -484,10 +484,10 @@ class Trajectory(Result, Stored):
         file : path
             The file; one that is there is replaced.
         """
-        some = np.flatnonzero(self.trusted)
+        trusted_scans = np.flatnonzero(self.trusted)
         times = np.arange(len(self), dtype=float) if self.times is None else self.times
-        half, none = self.poses[some, 2] / 2, np.zeros(len(some))
-        rows = (times[some], *self.poses[some, :2].T, none, none, none, np.sin(half), np.cos(half))
+        half, zeros = self.poses[trusted_scans, 2] / 2, np.zeros(len(trusted_scans))
+        rows = (times[trusted_scans], *self.poses[trusted_scans, :2].T, zeros, zeros, zeros, np.sin(half), np.cos(half))
         np.savetxt(file, np.column_stack(rows), "%.9f" + 7 * " %.6f")
 
     def figure(self) -> Figure:
@@ -521,7 +521,7 @@ def trajectory_report(found: Trajectory) -> str:
         turns = f"{abs(model.turn_scale):.1%} too {'small' if model.turn_scale > 0 else 'large'}"
         side = "left" if model.bend > 0 else "right"
         bend = f"{math.degrees(abs(model.bend)):.2f} deg/m to the {side}"
-        said = f"reports ways {ways} and turns {turns}; its straight ways bend by {bend}"
+        odometry_text = f"reports ways {ways} and turns {turns}; its straight ways bend by {bend}"
         mount = f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"
-        rows += [("odometry", said), ("lidar's mount", mount)]
+        rows += [("odometry", odometry_text), ("lidar's mount", mount)]
     return "\n".join([" ".join(found.sentences), table([], rows)])

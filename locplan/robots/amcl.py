@@ -248,8 +248,8 @@ class Amcl(Settings):
         lidar : Lidar
             The robot's lidar, whose range counts where it is shorter than `laser_max_range`.
         """
-        most = self.laser_max_range
-        return min(lidar.range, most) if most > 0 else lidar.range
+        max_range = self.laser_max_range
+        return min(lidar.range, max_range) if max_range > 0 else lidar.range
 
     def beam_step(self, beams: int) -> int:
         """Number n such that every n-th of a scan's beams is compared.

@@ -127,7 +127,7 @@ class Links:
             poses[name] = pose
             joint = self._joints.get(name)
             if joint is None:
-                bases = [each for each in poses if _last_part(each) in BASES]
+                bases = [link_name for link_name in poses if _last_part(link_name) in BASES]
                 return poses[bases[-1] if bases else name]
             pose, name = composed(_origin(joint), pose), _link_of(joint, "parent")
         raise ConfigError(f"its joints form a circle at {shown(name)}; give each link one parent")
@@ -179,10 +179,10 @@ def _last_part(name: str | None) -> str:
 def _origin(joint: Element) -> Floats:
     """Return the pose of a URDF's joint in its parent link."""
     origin = joint.find("origin")
-    about = {} if origin is None else origin.attrib
-    texts = [about.get(name) or "0 0 0" for name in ("xyz", "rpy")]
-    what = f"the origin of joint {shown(joint.get('name'))}"
-    return _transform(_six(" ".join(texts), what))
+    attributes = {} if origin is None else origin.attrib
+    texts = [attributes.get(name) or "0 0 0" for name in ("xyz", "rpy")]
+    subject = f"the origin of joint {shown(joint.get('name'))}"
+    return _transform(_six(" ".join(texts), subject))
 
 
 def _pose_of(part: Element, what: str) -> Floats:
@@ -268,7 +268,7 @@ def _only_sensor(sensors: list[Element], root: Element) -> Element:
             f"has {len(sensors)} planar lidars ({names}); leave one sensor of type ray or lidar in"
             " the file"
         )
-    if any("xacro" in element.tag.partition("}")[0] for element in root.iter()):
+    if any("xacro" in node.tag.partition("}")[0] for node in root.iter()):
         raise ConfigError("has no planar lidar, but macros; run xacro on it first")
     raise ConfigError("has no planar lidar; name the robot's, such as lidar='turtlebot4'")
 
@@ -286,7 +286,7 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: Links) -> Lidar:
         mount = _horizontal(tree.pose_of_link(links[0]))
         yaw = math.degrees(mount.yaw)
         return dataclasses.replace(lidar, mount_x=mount.x, mount_y=mount.y, mount_yaw_deg=yaw)
-    names = ", ".join(shown(each.get("name")) for each in (sensors or links)[:5])
+    names = ", ".join(shown(part.get("name")) for part in (sensors or links)[:5])
     if sensors or links:
         several = "planar lidars" if sensors else "links named like a scanner"
         tree.warn(f"has {len(sensors or links)} {several} ({names})")
@@ -296,8 +296,8 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: Links) -> Lidar:
 
 
 def _planar_sensors(root: Element) -> list[Element]:
-    sensors = [each for each in root.iter("sensor") if each.get("type") in SENSOR_TYPES]
-    return [each for each in sensors if _number(each, ".//vertical/samples", 1.0) <= 1]
+    sensors = [sensor for sensor in root.iter("sensor") if sensor.get("type") in SENSOR_TYPES]
+    return [sensor for sensor in sensors if _number(sensor, ".//vertical/samples", 1.0) <= 1]
 
 
 def _lidar_of_sensor(sensor: Element, tree: Links) -> Lidar:

@@ -45,7 +45,7 @@ PARTS: dict[str, type] = {
 
 def names_of(kind: type) -> list[str]:
     """Names of the settings of a part."""
-    return [each.name for each in dataclasses.fields(kind)]
+    return [setting.name for setting in dataclasses.fields(kind)]
 
 
 def outline_of(value: Any) -> Any:
@@ -98,7 +98,7 @@ def _content_of(
             check_stamp(path, content, "robot", VERSION)
         with errors_at(path):
             settings = _known_settings(content["robot"])
-        return {name: each for name, each in settings.items() if not (lidar and name == "lidar")}
+        return {name: setting for name, setting in settings.items() if not (lidar and name == "lidar")}
     if suffix == ".json":  # a calibration that is older, or one of a field alone
         raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or write it anew')
     return ParameterFile(file, content), robot
@@ -148,10 +148,10 @@ def _with_settings(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dic
 def made(about: Mapping[str, Any]) -> dict[str, Any]:
     """Parts of a robot that plain data describe."""
     _known_settings(about)
-    found = {name: _part(name, value) if name in PARTS else value for name, value in about.items()}
-    if "footprint" in found:
-        found["footprint"] = outline_of(found["footprint"])
-    return found
+    parts = {name: _part(name, value) if name in PARTS else value for name, value in about.items()}
+    if "footprint" in parts:
+        parts["footprint"] = outline_of(parts["footprint"])
+    return parts
 
 
 def _known_settings(about: Mapping[str, Any]) -> dict[str, Any]:

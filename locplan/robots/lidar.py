@@ -207,7 +207,7 @@ class Lidar(Settings):
         """
         for name, value in {"angle_min": angle_min, "angle_max": angle_max}.items():
             number(name, value)
-        x, y, yaw = (number("mount", each) for each in mount)
+        x, y, yaw = (number("mount", coordinate) for coordinate in mount)
         step = number("angle_increment", angle_increment)
         if step == 0 or not 0 <= (angle_max - angle_min) / step < MAX_BEAMS:
             raise ConfigError(
@@ -277,8 +277,8 @@ class Lidar(Settings):
         if self.sees_all_round:  # the first and the last beam must not coincide
             between = np.arange(self.beams, dtype=np.float64) + 0.5
             return between * (width / self.beams) - width / 2
-        beside = np.arange(self.beams, dtype=np.float64) - (self.beams - 1) / 2
-        return beside * (width / max(1, self.beams - 1))
+        offsets = np.arange(self.beams, dtype=np.float64) - (self.beams - 1) / 2
+        return offsets * (width / max(1, self.beams - 1))
 
     @property
     def mount_yaw(self) -> float:
@@ -316,8 +316,8 @@ class Lidar(Settings):
         import numpy as np
 
         with np.errstate(invalid="ignore"):
-            least = np.float32(self.min_range)
-            within = (ranges >= least) & (ranges > 0) & (ranges < np.float32(self.range))
+            min_range = np.float32(self.min_range)
+            within = (ranges >= min_range) & (ranges > 0) & (ranges < np.float32(self.range))
         return np.asarray(within)
 
     def ends_on_robot(self, ranges: NDArray[Any], beams: slice | None = None) -> Floats:
@@ -333,6 +333,6 @@ class Lidar(Settings):
         import numpy as np
 
         bearings = self.mount_yaw + self.angles[beams or slice(None)]
-        known = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
-        ends = known[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+        finite_ranges = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float64)
+        ends = finite_ranges[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
         return np.asarray(ends + np.array([self.mount_x, self.mount_y]))

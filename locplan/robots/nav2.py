@@ -71,16 +71,16 @@ def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Layer]:
     costmap : str
         Name of the costmap's node.
     """
-    own = parameters.of(costmap)
-    is_named = any(not entry.is_shared for _, entry in parameters.entries(costmap))
-    if "plugins" not in own and not is_named:
+    costmap_parameters = parameters.of(costmap)
+    is_named = any(not section.is_shared for _, section in parameters.entries(costmap))
+    if "plugins" not in costmap_parameters and not is_named:
         return []
-    names = parameters.names(costmap, "plugins", () if "plugins" in own else (*DEFAULT_TYPES,))
+    names = parameters.names(costmap, "plugins", () if "plugins" in costmap_parameters else (*DEFAULT_TYPES,))
     types = DEFAULT_TYPES if names == [*DEFAULT_TYPES] else {}
 
     def layer(name: str, container: str = "") -> Layer:
-        plugin = str(own.get(f"{name}.plugin", types.get(name, ""))).replace("/", "::")
-        return Layer(name, plugin, own.get(f"{name}.enabled", True), container)
+        plugin = str(costmap_parameters.get(f"{name}.plugin", types.get(name, ""))).replace("/", "::")
+        return Layer(name, plugin, costmap_parameters.get(f"{name}.enabled", True), container)
 
     layers = []
     for outer in map(layer, names):
@@ -116,7 +116,7 @@ def _misses_walls(layers: list[Layer], at: int) -> bool:
     type.
     """
     container = layers[at].container
-    walls = [n for n, each in enumerate(layers) if each.is_a("StaticLayer")]
+    walls = [n for n, layer in enumerate(layers) if layer.is_a("StaticLayer")]
     if container:
         return not any(n < at and layers[n].container == container for n in walls)
     return bool(walls) and min(walls) > at
@@ -131,8 +131,8 @@ def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
         The parameters.
     """
     layers = costmap_layers(parameters, GLOBAL_COSTMAP)
-    if missing := [each.name for each in layers if not each.plugin]:
-        listed = ", ".join(each.name for each in layers if not each.container)
+    if missing := [costmap_layer.name for costmap_layer in layers if not costmap_layer.plugin]:
+        listed = ", ".join(costmap_layer.name for costmap_layer in layers if not costmap_layer.container)
         yield (
             f"Nav2 refuses the plugins of global_costmap ({listed}), since {', '.join(missing)}"
             f" {'has' if len(missing) == 1 else 'have'} no plugin type; add it, or list just Nav2's"
@@ -170,12 +170,12 @@ def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
     }
     reported = set()
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        own = parameters.of(costmap)
-        for name in (name for key in ("filters", "plugins") for name in _listed(own.get(key))):
-            kind = str(own.get(f"{name}.plugin")).replace("/", "::").rpartition("::")[2]
-            enabled = own.get(f"{name}.enabled", True)
-            ours = name.startswith("localizability_")
-            if kind in kinds and kind not in reported and enabled is not False and not ours:
+        costmap_parameters = parameters.of(costmap)
+        for name in (name for key in ("filters", "plugins") for name in _listed(costmap_parameters.get(key))):
+            kind = str(costmap_parameters.get(f"{name}.plugin")).replace("/", "::").rpartition("::")[2]
+            enabled = costmap_parameters.get(f"{name}.enabled", True)
+            is_locplan_filter = name.startswith("localizability_")
+            if kind in kinds and kind not in reported and enabled is not False and not is_locplan_filter:
                 reported.add(kind)
                 what = f"{name} {kinds[kind]} that `plan` and `check` do not know"
                 if kind == "KeepoutFilter":
@@ -187,7 +187,7 @@ def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
 
 
 def _listed(value: Any) -> list[str]:
-    return [each for each in value if isinstance(each, str)] if isinstance(value, list) else []
+    return [text for text in value if isinstance(text, str)] if isinstance(value, list) else []
 
 
 DEFAULT_PLANNER = "GridBased"
@@ -253,8 +253,8 @@ def planner_in_use(parameters: Nav2Parameters, named: str | None = None) -> str 
     if named is not None and named not in names:
         known = f"its planners are {', '.join(names)}" if names else "they list no planner"
         raise ConfigError(f"Nav2's parameters have no planner {shown(named)}; {known}")
-    usual = DEFAULT_PLANNER if DEFAULT_PLANNER in names else next(iter(names), None)
-    return usual if named is None else named
+    default_name = DEFAULT_PLANNER if DEFAULT_PLANNER in names else next(iter(names), None)
+    return default_name if named is None else named
 
 
 def describe_drive(drive: Kinematics) -> str:
@@ -295,18 +295,18 @@ def _kind(own: dict[str, Any], planner: str) -> str:
 
 
 def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
-    own = parameters.of(PLANNER_SERVER)
-    kind = _kind(own, planner)
+    server_parameters = parameters.of(PLANNER_SERVER)
+    kind = _kind(server_parameters, planner)
     if kind in ("SmacPlannerHybrid", "SmacPlanner"):  # the latter up to foxy
-        model = own.get(f"{planner}.motion_model_for_search", "DUBIN")
+        model = server_parameters.get(f"{planner}.motion_model_for_search", "DUBIN")
         if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
-            radius = own.get(f"{planner}.minimum_turning_radius", 0.4)
+            radius = server_parameters.get(f"{planner}.minimum_turning_radius", 0.4)
             reverse = model == "REEDS_SHEPP"
             return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
     if kind == "SmacPlannerLattice" and (lattice := _lattice(parameters, planner)):
         model, radius = lattice
         if model == "ackermann":
-            reverse = own.get(f"{planner}.allow_reverse_expansion") is True
+            reverse = server_parameters.get(f"{planner}.allow_reverse_expansion") is True
             return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
         return Kinematics(drive="omnidirectional" if model == "omni" else "differential")
     return None
@@ -330,8 +330,8 @@ def _lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | No
                 return str(model), number("turning_radius", radius, 0.0)
         except (LocplanError, OSError, ValueError, KeyError, TypeError, RecursionError):
             continue
-    named = re.search(r"(\d+(?:\.\d+)?)m_turning_radius/(ackermann|diff|omni)\b", text)
-    return (named[2], float(named[1])) if named else None
+    name_match = re.search(r"(\d+(?:\.\d+)?)m_turning_radius/(ackermann|diff|omni)\b", text)
+    return (name_match[2], float(name_match[1])) if name_match else None
 
 
 class ParameterWarning(UserWarning):
@@ -425,10 +425,10 @@ def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] |
     LocplanError
         If a value is out of its range.
     """
-    found = _inflation(parameters)
-    if found is None:
+    inflation = _inflation(parameters)
+    if inflation is None:
         return None
-    layer, settings = found
+    layer, settings = inflation
     parts = {"footprint": 0.1, "margin": 0.01} | _outline(parameters)  # as Nav2 has them
     outline, padding = parts["footprint"], parts["margin"]
     if not isinstance(outline, Footprint):
@@ -440,25 +440,25 @@ def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] |
 
 def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     """Settings of AMCL, or None without any."""
-    given = parameters.of(AMCL)
-    taken = {name: value for name, value in given.items() if name in SIMULATED}
-    if not taken and all(each.is_shared for _, each in parameters.entries(AMCL)):
+    amcl_parameters = parameters.of(AMCL)
+    settings = {name: value for name, value in amcl_parameters.items() if name in SIMULATED}
+    if not settings and all(section.is_shared for _, section in parameters.entries(AMCL)):
         return None
-    model = _motion_model(str(taken.pop("robot_model_type", DIFFERENTIAL)))
+    model = _motion_model(str(settings.pop("robot_model_type", DIFFERENTIAL)))
     if model in (DIFFERENTIAL, OMNIDIRECTIONAL):
-        taken["robot_model_type"] = model
-    laser = taken.get("laser_model_type")
+        settings["robot_model_type"] = model
+    laser = settings.get("laser_model_type")
     if isinstance(laser, str) and laser not in MODELS:  # as amcl_node.cpp has it, except "beam"
-        taken["laser_model_type"] = MODELS[0]
+        settings["laser_model_type"] = MODELS[0]
     with errors_in(parameters, AMCL):
-        Amcl(**taken)
-    return taken
+        Amcl(**settings)
+    return settings
 
 
 def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """A note on AMCL's parameters that are not simulated."""
-    given, own = parameters.of(AMCL), parameters.of(AMCL, shared=False)
-    laser = given.get("laser_model_type")
+    amcl_parameters, unshared_parameters = parameters.of(AMCL), parameters.of(AMCL, shared=False)
+    laser = amcl_parameters.get("laser_model_type")
     if isinstance(laser, str) and laser not in MODELS:
         file = parameters.files[parameters.values(AMCL)["laser_model_type"].file].path
         yield (
@@ -466,12 +466,12 @@ def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
             if laser == "beam"
             else f"{file}: AMCL has no laser_model_type {shown(laser)}; Nav2 takes {MODELS[0]}"
         )
-    model = _motion_model(str(given.get("robot_model_type", DIFFERENTIAL)))
+    model = _motion_model(str(amcl_parameters.get("robot_model_type", DIFFERENTIAL)))
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
-    unknown = sorted({name.partition(".")[0] for name in own} - SIMULATED - NOT_SIMULATED.keys())
-    if left_out := (*_not_simulated(given), *["robot_model_type"] * foreign, *unknown):
+    unknown = sorted({name.partition(".")[0] for name in unshared_parameters} - SIMULATED - NOT_SIMULATED.keys())
+    if left_out := (*_not_simulated(amcl_parameters), *["robot_model_type"] * foreign, *unknown):
         values = parameters.values(AMCL)
-        files = {each.file for name, each in values.items() if name.partition(".")[0] in left_out}
+        files = {parameter.file for name, parameter in values.items() if name.partition(".")[0] in left_out}
         where = ", ".join(str(parameters.files[at].path) for at in sorted(files))
         yield one_line(f"{where}: not simulated: {', '.join(left_out)}")
 
@@ -490,8 +490,8 @@ def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
     As in Nav2, `footprint` counts where it is not "[]", and else `robot_radius`.
     """
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        own = parameters.of(costmap)
-        footprint, radius = str(own.get("footprint") or "[]"), own.get("robot_radius")
+        costmap_parameters = parameters.of(costmap)
+        footprint, radius = str(costmap_parameters.get("footprint") or "[]"), costmap_parameters.get("robot_radius")
         if footprint == "[]" and radius is None:
             continue
         with errors_in(parameters, costmap):
@@ -500,7 +500,7 @@ def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
                 if footprint == "[]"
                 else Footprint.from_text(footprint)
             )
-            padding = own.get("footprint_padding", 0.01)  # as Nav2 has it
+            padding = costmap_parameters.get("footprint_padding", 0.01)  # as Nav2 has it
             return {"footprint": outline, "margin": number("footprint_padding", padding, 0.0)}
     return {}
 
@@ -510,12 +510,12 @@ def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
     layer = inflating_layer(parameters)
     if layer is None:
         return None
-    own = parameters.of(GLOBAL_COSTMAP)
-    names = [each.name for each in dataclasses.fields(Inflation)]
-    given = {name: own[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in own}
+    costmap_parameters = parameters.of(GLOBAL_COSTMAP)
+    names = [setting.name for setting in dataclasses.fields(Inflation)]
+    settings = {name: costmap_parameters[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in costmap_parameters}
     with errors_in(parameters, GLOBAL_COSTMAP, layer):
-        Inflation(**given)
-    return layer, given
+        Inflation(**settings)
+    return layer, settings
 
 
 def _kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
@@ -542,7 +542,7 @@ def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[st
     if used is None:
         return
     drives = planner_drives(parameters)
-    texts = {name: describe_drive(each or _amcl_drive(parameters)) for name, each in drives.items()}
+    texts = {name: describe_drive(drive or _amcl_drive(parameters)) for name, drive in drives.items()}
     if file := unread_lattice(parameters, used):
         yield (
             f"the motion model of {used} is in {shown(file)}, which cannot be read; locplan takes"

@@ -82,11 +82,11 @@ def _edited(before: ParameterFile, after: ParameterFile) -> bytes:
     edits = []
     missing: dict[tuple[str, ...], Any] = {}
     for keys, value in _changes(before.content, after.content):
-        found = _found(root, keys)
-        if found is None:
+        node_pair = _found(root, keys)
+        if node_pair is None:
             missing.setdefault(keys[:-1], {})[keys[-1]] = value
         else:
-            edits.append(_replacement(text, *found, value))
+            edits.append(_replacement(text, *node_pair, value))
     for keys, new in missing.items():
         edits.append(_insertion(text, root, keys, new))
     for start, end, new_text in sorted(edits, reverse=True):
@@ -106,10 +106,10 @@ def _changes(
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Keys and value of what is another, or new, in a mapping of mappings."""
     for key, value in after.items():
-        own, keys = before.get(key), (*above, key)
-        if isinstance(own, dict) and isinstance(value, dict):
-            yield from _changes(own, value, keys)
-        elif key not in before or own != value:
+        old_value, keys = before.get(key), (*above, key)
+        if isinstance(old_value, dict) and isinstance(value, dict):
+            yield from _changes(old_value, value, keys)
+        elif key not in before or old_value != value:
             yield keys, value
 
 
@@ -120,9 +120,9 @@ def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
     first, *inner = keys
     for key, value in reversed(mapping.value):
         if key.value == first:
-            found = _found(value, inner) if inner else (key, value)
-            if found is not None:
-                return found
+            node_pair = _found(value, inner) if inner else (key, value)
+            if node_pair is not None:
+                return node_pair
     return None
 
 
@@ -150,13 +150,13 @@ def _insertion(
     text: str, root: Any, keys: Sequence[str], values: Mapping[str, Any]
 ) -> tuple[int, int, str]:
     """Where missing parameters are inserted, twice, and their text."""
-    entries = [f"{name}: {flow_text(value)}" for name, value in values.items()]
-    found = _found(root, keys)
-    mapping: Any = found[1] if found else root
+    lines = [f"{name}: {flow_text(value)}" for name, value in values.items()]
+    node_pair = _found(root, keys)
+    mapping: Any = node_pair[1] if node_pair else root
     if mapping.flow_style:
         at = text.index("{", mapping.start_mark.index) + 1
-        return at, at, ", ".join(entries) + (", " if mapping.value else "")
+        return at, at, ", ".join(lines) + (", " if mapping.value else "")
     first = mapping.value[0][0].start_mark
     indent = text[first.index - first.column : first.index]
     newline = "\r\n" if "\r\n" in text else "\n"
-    return first.index, first.index, "".join(f"{entry}{newline}{indent}" for entry in entries)
+    return first.index, first.index, "".join(f"{entry}{newline}{indent}" for entry in lines)

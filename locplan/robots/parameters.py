@@ -110,7 +110,7 @@ class Value(NamedTuple):
 def walked_entries(content: Parameters, keys: tuple[str, ...]) -> Iterator[Entry]:
     for key, value in content.items():
         if key == PARAMETERS and keys:
-            yield Entry(keys, "/".join(each.removesuffix("/") for each in keys), value)
+            yield Entry(keys, "/".join(key_part.removesuffix("/") for key_part in keys), value)
         elif isinstance(value, dict):
             yield from walked_entries(value, (*keys, key))
 
@@ -129,14 +129,14 @@ def merged_values(entries: Sequence[tuple[int, Entry]]) -> list[Value]:
     """
     values: list[Value] = []
     first: dict[str, int] = {}
-    for at, entry in entries:
-        for each in values_in_entry(at, entry):
-            name = ".".join(each.path)
-            if len(each.path) == 1 and name in first:
-                values[first[name]] = each
+    for at, section in entries:
+        for parameter in values_in_entry(at, section):
+            name = ".".join(parameter.path)
+            if len(parameter.path) == 1 and name in first:
+                values[first[name]] = parameter
             else:
                 first.setdefault(name, len(values))
-                values.append(each)
+                values.append(parameter)
     return values
 
 
@@ -145,15 +145,15 @@ def component_values(at: int, file: ParameterFile, node: str) -> dict[str, Value
 
     Those of its name replace whole parts of those of "/**", such as all settings of a plugin.
     """
-    entries = {"/".join(key.lstrip("/") for key in each.keys): each for each in file.entries}
+    sections = {"/".join(key.lstrip("/") for key in parameter.keys): parameter for parameter in file.entries}
     parts: dict[str, list[Value]] = {}
     for name in ("**", f"{file.namespace}/{node}".strip("/")):
-        if name in entries:
-            own: dict[str, list[Value]] = {}
-            for each in values_in_entry(at, entries[name]):
-                own.setdefault(each.path[0], []).append(each)
-            parts |= own
-    return {".".join(each.path): each for values in parts.values() for each in values}
+        if name in sections:
+            section_values: dict[str, list[Value]] = {}
+            for parameter in values_in_entry(at, sections[name]):
+                section_values.setdefault(parameter.path[0], []).append(parameter)
+            parts |= section_values
+    return {".".join(parameter.path): parameter for values in parts.values() for parameter in values}
 
 
 def leaves(
@@ -213,10 +213,10 @@ class Nav2Parameters:
             Name of the node, such as amcl or global_costmap/global_costmap.
         """
         fits = [
-            [(at, each) for at, each in entries if each.is_for(f"{self._space(at)}/{node}")]
-            for entries in self._by_name()
+            [(at, section) for at, section in sections if section.is_for(f"{self._space(at)}/{node}")]
+            for sections in self._by_name()
         ]
-        return [each for entries in fits for each in entries]
+        return [section for sections in fits for section in sections]
 
     def values(
         self, node: str, *, shared: bool = True, component: bool = False
@@ -234,8 +234,8 @@ class Nav2Parameters:
             are merged in the same way in either case.
         """
         values: dict[str, Value] = {}
-        for entries in self._by_name():
-            for each in merged_values(entries):
+        for sections in self._by_name():
+            for each in merged_values(sections):
                 fits = each.entry.is_for(f"{self._space(each.file)}/{node}")
                 if fits and (shared or not each.entry.is_shared):
                     values[".".join(each.path)] = each
@@ -253,7 +253,7 @@ class Nav2Parameters:
             Those of `values`.
         """
         values = self.values(node, shared=shared, component=component)
-        return {name: each.value for name, each in values.items()}
+        return {name: parameter.value for name, parameter in values.items()}
 
     def conflicts(self, node: str) -> list[Conflict]:
         """Parameters of a node of which a wildcard and a name have different values.
@@ -266,12 +266,12 @@ class Nav2Parameters:
         node : str
             Name of the node.
         """
-        alone, loaded = self.values(node), self.values(node, component=True)
+        standalone, loaded = self.values(node), self.values(node, component=True)
         conflicts = []
-        for name, winner in alone.items():
-            rivals = [each for each in self._stands(node, name) if each.value != winner.value]
-            named = [each for each in rivals if not each.entry.is_shared]
-            hidden = winner.entry.is_shared and any(each.file < winner.file for each in named)
+        for name, winner in standalone.items():
+            rivals = [rival for rival in self._stands(node, name) if rival.value != winner.value]
+            specific_rivals = [rival for rival in rivals if not rival.entry.is_shared]
+            hidden = winner.entry.is_shared and any(rival.file < winner.file for rival in specific_rivals)
             if loaded[name].value != winner.value or hidden:
                 conflicts.append(Conflict(name, self._conflict_text(node, name, loaded[name])))
         return conflicts
@@ -287,11 +287,11 @@ class Nav2Parameters:
         if value := self.values(node).get(name):
             return value.file, value.keys
         at = self.file_of(node) or 0
-        entries = [each for index, each in self.entries(node) if index == at]
-        own = [each.keys for each in entries if not each.is_shared]
-        alone = [each.keys for each in entries if "*" not in each.name]
+        sections = [section for index, section in self.entries(node) if index == at]
+        unshared_keys = [section.keys for section in sections if not section.is_shared]
+        exact_keys = [section.keys for section in sections if "*" not in section.name]
         new = tuple(filter(None, f"{self._space(at)}/{node}".split("/")))
-        return at, (*(alone or own or [new])[-1], PARAMETERS, *name.split("."))
+        return at, (*(exact_keys or unshared_keys or [new])[-1], PARAMETERS, *name.split("."))
 
     def file_of(self, node: str) -> int | None:
         """Index of the file that has most parameters of a node, or None if no file names the node.
@@ -302,9 +302,9 @@ class Nav2Parameters:
             Name of the node.
         """
         counts: Counter[int] = Counter()
-        for at, entry in self.entries(node):
-            if not entry.is_shared:
-                counts[at] += 1 + sum(1 for _ in leaves(entry.parameters))
+        for at, section in self.entries(node):
+            if not section.is_shared:
+                counts[at] += 1 + sum(1 for _ in leaves(section.parameters))
         return max(sorted(counts), key=lambda at: counts[at]) if counts else None
 
     def names(self, node: str, name: str, default: Sequence[str] = ()) -> list[str]:
@@ -323,7 +323,7 @@ class Nav2Parameters:
             If the parameter is no list of names.
         """
         listed = self.of(node).get(name) or list(default)
-        if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
+        if not isinstance(listed, list) or not all(isinstance(text, str) for text in listed):
             raise LocplanError(f"{name} must be a list of names, not {shown(listed)}")
         return list(listed)
 
@@ -339,7 +339,7 @@ class Nav2Parameters:
         """
         if not self.files:
             return Nav2Parameters((ParameterFile(),)).changed(node, values)
-        files = [replace(each, content=copy.deepcopy(each.content)) for each in self.files]
+        files = [replace(file, content=copy.deepcopy(file.content)) for file in self.files]
         for name, value in values.items():
             at, (*path, last) = self.place(node, name)
             inner = files[at].content
@@ -358,14 +358,14 @@ class Nav2Parameters:
 
     def _merged_content(self) -> Parameters:
         content: Parameters = {}
-        for entries in self._by_name():
-            keys = entries[0][1].keys
-            for each in {".".join(value.path): value for value in merged_values(entries)}.values():
-                path: tuple[str, ...] = (*keys, PARAMETERS, *each.path)
+        for sections in self._by_name():
+            keys = sections[0][1].keys
+            for parameter in {".".join(value.path): value for value in merged_values(sections)}.values():
+                path: tuple[str, ...] = (*keys, PARAMETERS, *parameter.path)
                 inner = content
                 for key in path[:-1]:
                     inner = inner.setdefault(key, {})
-                inner[path[-1]] = copy.deepcopy(each.value)
+                inner[path[-1]] = copy.deepcopy(parameter.value)
         return content
 
     def _space(self, at: int) -> str:
@@ -376,19 +376,19 @@ class Nav2Parameters:
 
         A name counts where it first stands in any file, as in rcl_yaml_param_parser.
         """
-        entries: dict[str, list[tuple[int, Entry]]] = {}
+        groups: dict[str, list[tuple[int, Entry]]] = {}
         for at, file in enumerate(self.files):
-            for entry in filter(file.is_for_robot, file.entries):
-                entries.setdefault(file.relative_name(entry), []).append((at, entry))
-        return list(entries.values())
+            for section in filter(file.is_for_robot, file.entries):
+                groups.setdefault(file.relative_name(section), []).append((at, section))
+        return list(groups.values())
 
     def _stands(self, node: str, name: str) -> list[Value]:
         """All values of a node's parameter that stand in the files."""
         return [
-            each
-            for at, entry in self.entries(node)
-            for each in values_in_entry(at, entry)
-            if ".".join(each.path) == name
+            parameter
+            for at, section in self.entries(node)
+            for parameter in values_in_entry(at, section)
+            if ".".join(parameter.path) == name
         ]
 
     def _conflict_text(self, node: str, name: str, loaded: Value) -> str:
@@ -482,9 +482,9 @@ def parameters_of(
                     f"{file.path}: {shown(entry.name)} holds no {PARAMETERS}; {REMEDY}"
                 )
     spaces = _namespaces(files, robots)
-    named = (replace(file, namespace=space) for file, space in zip(files, spaces, strict=True))
-    parameters = Nav2Parameters(tuple(named))
-    first = files[0].path if len(files) == 1 else ", ".join(str(each.path) for each in files)
+    robot_files = (replace(file, namespace=space) for file, space in zip(files, spaces, strict=True))
+    parameters = Nav2Parameters(tuple(robot_files))
+    first = files[0].path if len(files) == 1 else ", ".join(str(parameter_file.path) for parameter_file in files)
     if not any(parameters.entries(node) for node in NODES):
         where = f" in {parameters.namespace}" if parameters.namespace else ""
         raise LocplanError(
@@ -534,25 +534,25 @@ def _bare_node(file: ParameterFile) -> str | None:
 
 def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) -> list[str]:
     """Namespace of the robot in each file: the one that is named, or the only one."""
-    known = [_robots_in(file) for file in files]
-    asked = [None if robot is None else f"/{robot.strip('/')}".rstrip("/") for robot in robots]
-    told = {each for each in asked if each is not None}
-    told = told or {each[0] for each in known if len(each) == 1}
+    robots_in_files = [_robots_in(file) for file in files]
+    requested = [None if robot is None else f"/{robot.strip('/')}".rstrip("/") for robot in robots]
+    accepted = {namespace for namespace in requested if namespace is not None}
+    accepted = accepted or {namespace[0] for namespace in robots_in_files if len(namespace) == 1}
     spaces: list[str | None] = []
-    for file, robot, names in zip(files, asked, known, strict=True):
-        fits = [each for each in names if each in told]
+    for file, robot, names in zip(files, requested, robots_in_files, strict=True):
+        fits = [namespace for namespace in names if namespace in accepted]
         if robot is None and len(names) > 1 and len(fits) != 1:
-            listed = ", ".join(shown(each or "/") for each in names[:5])
+            listed = ", ".join(shown(namespace or "/") for namespace in names[:5])
             raise LocplanError(
                 f"{file.path}: has several robots, {listed}; name one, as FILE:NAMESPACE"
             )
         if robot is not None and names and robot not in names:
-            listed = ", ".join(shown(each or "/") for each in names[:5])
+            listed = ", ".join(shown(namespace or "/") for namespace in names[:5])
             raise LocplanError(f"{file.path}: has no robot {shown(robot or '/')}; it has {listed}")
-        found = fits[0] if len(names) > 1 else names[0] if names else None
-        spaces.append(found if robot is None else robot)
-    different = {each for each in spaces if each is not None}
-    if len(different) > 1 and None in asked:
+        detected_space = fits[0] if len(names) > 1 else names[0] if names else None
+        spaces.append(detected_space if robot is None else robot)
+    different = {namespace for namespace in spaces if namespace is not None}
+    if len(different) > 1 and None in requested:
         texts = (
             f"{file.path} has {shown(space or '/')}"
             for file, space in zip(files, spaces, strict=True)
@@ -562,16 +562,16 @@ def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) ->
             f"the files are of different robots: {', '.join(texts)}; name the robot of every file,"
             " as FILE:NAMESPACE"
         )
-    usual = next(iter(different)) if len(different) == 1 else ""
-    return [usual if space is None else space for space in spaces]
+    common_space = next(iter(different)) if len(different) == 1 else ""
+    return [common_space if space is None else space for space in spaces]
 
 
 def _robots_in(file: ParameterFile) -> list[str]:
     """Namespaces of the robots that a file names."""
-    names = {each.name for each in file.entries}
+    names = {robot.name for robot in file.entries}
     nodes = {(f"/{name.strip('/')}", f"/{node}") for name in names for node in NODES}
     robots = sorted({name.removesuffix(node) for name, node in nodes if name.endswith(node)})
-    return [each for each in robots if "*" not in each]
+    return [robot for robot in robots if "*" not in robot]
 
 
 def values_in(file: Path, content: bytes, remedy: str) -> Parameters:
@@ -597,7 +597,7 @@ class _PlainValues:
         if self.count > MAX_VALUES:
             raise OverflowError
         if node.id == "sequence":
-            return [self.of(item) for item in node.value]
+            return [self.of(child) for child in node.value]
         if node.id == "mapping":
             return self._mapping(node)
         if node.tag == "tag:yaml.org,2002:null":
@@ -611,7 +611,7 @@ class _PlainValues:
         return str(node.value) if too_long else value
 
     def _mapping(self, node: Any) -> Parameters:
-        own: Parameters = {}
+        direct_values: Parameters = {}
         merged: Parameters = {}
         for key, value in node.value:
             if key.tag == "tag:yaml.org,2002:merge":
@@ -620,8 +620,8 @@ class _PlainValues:
                     merged |= content if isinstance(content, dict) else {}
             else:
                 name = str(key.value) if key.id == "scalar" else "?"
-                own[name] = _joined(own.get(name), self.of(value))
-        return merged | own
+                direct_values[name] = _joined(direct_values.get(name), self.of(value))
+        return merged | direct_values
 
 
 def _joined(first: Any, then: Any) -> Any:

@@ -104,8 +104,8 @@ def filter_settings(amcl: Amcl) -> Filter:
     from locplan._support.kernels.particles import Filter
 
     names = [name for name in Filter._fields if name != "omnidirectional"]
-    own = {name: getattr(amcl, name) for name in names}
-    return Filter(**own, omnidirectional=amcl.is_omnidirectional)
+    parameters = {name: getattr(amcl, name) for name in names}
+    return Filter(**parameters, omnidirectional=amcl.is_omnidirectional)
 
 
 def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
@@ -126,10 +126,10 @@ def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
         Ends ahead and to the left of the robot; NaN without a return.
     """
     beams = slice(None, None, amcl.beam_step(lidar.beams))
-    least, most = max(lidar.min_range, amcl.laser_min_range), amcl.laser_max_range
-    some = ranges[:, beams]
-    used = (some >= least) & (some < (most if most > 0 else math.inf))
-    return lidar.ends_on_robot(np.where(used, some, np.nan), beams)
+    min_range, max_range = max(lidar.min_range, amcl.laser_min_range), amcl.laser_max_range
+    compared_ranges = ranges[:, beams]
+    used = (compared_ranges >= min_range) & (compared_ranges < (max_range if max_range > 0 else math.inf))
+    return lidar.ends_on_robot(np.where(used, compared_ranges, np.nan), beams)
 
 
 def beam_scores(
@@ -185,8 +185,8 @@ def score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArray[np.fl
 
     occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
     furthest, reach = amcl.laser_likelihood_max_dist, amcl.reach(lidar)
-    beyond = _score(np.float64(furthest), amcl, reach)
-    scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), beyond, np.float32)
+    far_score = _score(np.float64(furthest), amcl, reach)
+    scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), far_score, np.float32)
     if occupied.any():
         cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         for top in range(0, len(cells), 256):  # in parts, which saves memory on a large map

@@ -192,13 +192,13 @@ class Robot(Settings):
 
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
-        own = not isinstance(self.filter, Amcl)  # a filter of one's own, which may hold anything
-        about = asdict(replace(self, filter=Amcl()) if own else self)
-        if own:
-            about["filter"] = {"title": self.filter.title, "settings": repr(self.filter)}
+        is_custom_filter = not isinstance(self.filter, Amcl)  # a filter of one's own, which may hold anything
+        settings = asdict(replace(self, filter=Amcl()) if is_custom_filter else self)
+        if is_custom_filter:
+            settings["filter"] = {"title": self.filter.title, "settings": repr(self.filter)}
         if self.outline:
-            about["footprint"] = self.outline.vertices.tolist()
-        return about
+            settings["footprint"] = self.outline.vertices.tolist()
+        return settings
 
     @classmethod
     def from_summary(cls, about: Mapping[str, Any]) -> Robot:
@@ -276,20 +276,20 @@ class Robot(Settings):
         """
         of_part = {name: part for part, kind in PARTS.items() for name in names_of(kind)}
         parts: dict[str, dict[str, Any]] = {}
-        own: dict[str, Any] = {}
+        robot_settings: dict[str, Any] = {}
         for name, value in changes.items():
             if name in of_part:
                 parts.setdefault(of_part[name], {})[name] = value
             elif name in OWN:
-                own[name] = outline_of(value) if name == "footprint" else value
+                robot_settings[name] = outline_of(value) if name == "footprint" else value
             else:
                 known = (*OWN, *of_part)
                 names = f"{', '.join(known)}{suggestion(name, known)}"
                 raise ConfigError(f"a robot has no setting {shown(name)}; it has {names}")
-        for part, given in parts.items():
+        for part, part_changes in parts.items():
             before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
-            own[part] = replace(before, **given)
-        return replace(self, **own)
+            robot_settings[part] = replace(before, **part_changes)
+        return replace(self, **robot_settings)
 
 
 def radius_of(robot: Robot | float) -> float:

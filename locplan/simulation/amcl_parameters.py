@@ -62,10 +62,10 @@ class BeamsLeft:
         grid, arguments = simulator.grid, simulator.arguments
         cells = np.argwhere(grid.free & (grid.clearance >= simulator.robot.radius))
         cells = cells if len(cells) else np.argwhere(grid.free)
-        some = cells[random.integers(0, len(cells), 200)] if len(cells) else cells
+        sampled_cells = cells[random.integers(0, len(cells), 200)] if len(cells) else cells
         ends = np.empty((arguments.lidar.angles.size, 2))
         returned = 0
-        for n, cell in enumerate(some):
+        for n, cell in enumerate(sampled_cells):
             world = simulator.worlds[n % len(simulator.worlds)]
             pose = np.array([*(cell + 0.5), random.uniform(-np.pi, np.pi)])
             sensed = arguments.lidar, arguments.disturbances
@@ -145,11 +145,11 @@ def warn_of_settings(
     others : mapping, optional
         Further parameters in the robot's file, such as `do_beamskip`.
     """
-    own, warnings = robot.amcl, []
-    if settings.multiplies and not own.multiplies and (others or {}).get("do_beamskip"):
+    user_amcl, warnings = robot.amcl, []
+    if settings.multiplies and not user_amcl.multiplies and (others or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         warnings.append(f"{skips}, and it was not simulated")
-    warnings += filter_warnings(own, robot.known_lidar, others)
+    warnings += filter_warnings(user_amcl, robot.known_lidar, others)
     return (*warnings, *beams_left.warnings())
 
 
@@ -202,16 +202,16 @@ def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
 
 def differing_names(one: Amcl, other: Amcl) -> list[str]:
     """The parameters in Nav2's files of which two settings have different values."""
-    names = [each.name for each in dataclasses.fields(Amcl) if each.name in SIMULATED]
+    names = [setting_field.name for setting_field in dataclasses.fields(Amcl) if setting_field.name in SIMULATED]
     return [name for name in names if getattr(one, name) != getattr(other, name)]
 
 
 def _edited(params: Path, values: Mapping[str, float | str]) -> bytes:
     """A file with these values, and beams not skipped where they are from now on."""
-    given = read_parameters(params).of("amcl")
-    if given.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
+    parameters = read_parameters(params).of("amcl")
+    if parameters.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
         values = {"laser_model_type": MODELS[0], **values}
-    skips = given.get("do_beamskip")
+    skips = parameters.get("do_beamskip")
     if skips and values.get("laser_model_type") == "likelihood_field_prob":
         # It had no effect with the other laser model, and was not simulated with this one.
         values = {**values, "do_beamskip": False}

@@ -116,7 +116,7 @@ class Arrival(Valued):
         stands = (truth[wait:] == truth[:-wait]).all(axis=1)
         stops: list[Floats] = []
         for pose in truth[np.flatnonzero(stands)]:
-            if all(np.hypot(*(pose - each)[:2]) > APART for each in stops):
+            if all(np.hypot(*(pose - stop)[:2]) > APART for stop in stops):
                 stops.append(pose)
         begins = np.flatnonzero(off & ~np.append(False, off[:-1]))
         end, believed_end = _placed((truth[-1], believed[-1]))
@@ -148,7 +148,7 @@ class Arrivals(Valued):
     @property
     def reached(self) -> Bools:
         """True for each drive that reaches the goal, (drives,)."""
-        return np.array([each.outcome == ARRIVED for each in self.drives], bool)
+        return np.array([drive.outcome == ARRIVED for drive in self.drives], bool)
 
     @property
     def count(self) -> int:
@@ -158,8 +158,8 @@ class Arrivals(Valued):
     @property
     def failed(self) -> Counter[str]:
         """Number of the drives that do not arrive, by how they end in words."""
-        whats = (each.fault or each.outcome for each in self.drives)
-        return Counter(ENDINGS[what][1] for what in whats if what != ARRIVED)
+        endings = (drive.fault or drive.outcome for drive in self.drives)
+        return Counter(ENDINGS[ending][1] for ending in endings if ending != ARRIVED)
 
     @property
     def words(self) -> str:
@@ -191,14 +191,14 @@ class Arrivals(Valued):
             "elsewhere" (the robot believes to be at the goal, and is not), "aborted", "timed out";
             or "follower" (it fails with perfect localization, too), "world" (no way to the goal).
         """
-        found = sum(what in (each.outcome, each.fault) for each in self.drives)
-        return wilson(found / len(self.drives), len(self.drives))
+        n_matching = sum(what in (drive.outcome, drive.fault) for drive in self.drives)
+        return wilson(n_matching / len(self.drives), len(self.drives))
 
     def places(self) -> Table:
         """Where robots stop, end without having arrived, and leave the path."""
-        every = [(n, *place) for n, each in enumerate(self.drives) for place in each.places]
+        drive_places = [(n, *place) for n, drive in enumerate(self.drives) for place in drive.places]
         columns = Column("drive"), Column("what"), *POSE
-        return Table(columns, tuple((n, what, *pose) for n, what, poses in every for pose in poses))
+        return Table(columns, tuple((n, place_kind, *pose) for n, place_kind, poses in drive_places for pose in poses))
 
 
 ENDINGS = {
@@ -238,8 +238,8 @@ def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
     )
     rows = (
         (name, n, *_ending(each), *each.end, *each.believed_end)
-        for name, found in arrivals.items()
-        for n, each in enumerate(found.drives)
+        for name, path_arrivals in arrivals.items()
+        for n, each in enumerate(path_arrivals.drives)
     )
     return Table(columns, tuple(rows))
 
@@ -256,7 +256,7 @@ def faults_of(*arrivals: Arrivals) -> str:
     *arrivals : Arrivals
         Closed-loop drives along some paths.
     """
-    faults = [each.fault for some in arrivals for each in some.drives]
+    faults = [each.fault for path_arrivals in arrivals for each in path_arrivals.drives]
     words = {FOLLOWER: "fail with perfect localization, too", WORLD: "have no way"}
     said = [f"{faults.count(each)} {text}" for each, text in words.items() if each in faults]
     return f" ({', '.join(said)})" if said else ""

@@ -76,12 +76,12 @@ class Ground:
     def _distance_to(self, *paths: Path) -> NDArray[np.float64]:
         import cv2
 
-        away = np.ones(self.grid.shape, np.uint8)
+        off_path = np.ones(self.grid.shape, np.uint8)
         for path in paths:
             fine = path.resampled(self.grid.resolution / 2) if path.length else path
             cells = np.floor(self.grid.world_to_grid(*fine.xy.T)).astype(np.int64)
-            away[tuple(np.clip(cells, 0, np.array(away.shape)[:, None] - 1))] = 0
-        cells = cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            off_path[tuple(np.clip(cells, 0, np.array(off_path.shape)[:, None] - 1))] = 0
+        cells = cv2.distanceTransform(off_path, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         return np.asarray(cells * self.grid.resolution, np.float64)
 
 
@@ -97,10 +97,10 @@ def costs_again(about: Mapping[str, Any], field: CovarianceField) -> Costmap:
     if field.grid.digest != about["map"]["digest"]:
         raise ConfigError(f"the choice is of another map, {about['map']['name'] or 'unnamed'}")
     names = "weight", "law", "criterion", "headings"
-    own = {name: about[name] for name in names if about.get(name) is not None}
+    cost_options = {name: about[name] for name in names if about.get(name) is not None}
     if "zones" in about:
-        own["zones"] = Zones.from_json(about["zones"])
-    return Costmap.from_field(field.grid, field, robot=about["robot_radius"], **own)
+        cost_options["zones"] = Zones.from_json(about["zones"])
+    return Costmap.from_field(field.grid, field, robot=about["robot_radius"], **cost_options)
 
 
 def costmap_of(
@@ -111,11 +111,11 @@ def costmap_of(
     Its u is the excess over 1, to scale, and its weight the greatest one.
     """
     density, blocked = density_of(costs, candidates, name, robot), blocked_of(costs, max_e)
-    most = float(density[~blocked].max(initial=1.0)) - 1
-    u = np.where(costs.grid.free, np.clip((density - 1) / (most or 1.0), 0.0, 1.0), np.nan)
-    values = np.where(blocked, np.inf, 1 + most * u + costs.zones.charge(costs.grid))
+    max_excess = float(density[~blocked].max(initial=1.0)) - 1
+    u = np.where(costs.grid.free, np.clip((density - 1) / (max_excess or 1.0), 0.0, 1.0), np.nan)
+    values = np.where(blocked, np.inf, 1 + max_excess * u + costs.zones.charge(costs.grid))
     return dataclasses.replace(
-        costs, density=values, weight=most, u=u, of_heading=None, settings=None
+        costs, density=values, weight=max_excess, u=u, of_heading=None, settings=None
     )
 
 
@@ -180,15 +180,15 @@ def density_of(
         The robot.
     """
     before = dict(itertools.takewhile(lambda each: each[0] != name, candidates.items()))
-    ground = Ground(costs.grid, costs.u, robot, before)
+    area = Ground(costs.grid, costs.u, robot, before)
     if name == SHORTEST:
         return np.ones(costs.grid.shape)
     if density := {**INFLATED, **DENSITIES, **AWARE}.get(name):
-        return density(ground)
+        return density(area)
     if name.startswith(AWARE_NAME):
         return 1 + float(name.removeprefix(AWARE_NAME)) * costs.u
-    alone = dataclasses.replace(ground, accepted={name: candidates[name]})
-    return 1 + 8 * (1 - alone.beside)
+    single_area = dataclasses.replace(area, accepted={name: candidates[name]})
+    return 1 + 8 * (1 - single_area.beside)
 
 
 def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
@@ -265,8 +265,8 @@ class Part(Ground):
 
     def plan_aware(self, weight: float) -> Path | str:
         """Return the aware path of a weight, or why it is no candidate."""
-        ground = self.whole_map if weight in self.requested_weights else self
-        return ground.plan_on(1 + weight * ground.u)
+        area = self.whole_map if weight in self.requested_weights else self
+        return area.plan_on(1 + weight * area.u)
 
     def aware_paths(self, weights: Iterable[float]) -> list[Path]:
         """The shortest path, and the aware paths of some weights and of the requested ones."""
@@ -276,7 +276,7 @@ class Part(Ground):
 
 def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]]:
     """All candidates by name, the shortest first, and why others are none."""
-    found, left_out = part.accepted, dict[str, str]()
+    accepted, left_out = part.accepted, dict[str, str]()
     user_paths = {
         name: path
         for name, path in own.items()
@@ -289,22 +289,22 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
             requested |= aware(weight)
         densities |= AWARE | requested
     for name, density in densities.items():
-        ground = part.whole_map if name in requested else part
-        path = ground.plan_on(density(ground))
+        area = part.whole_map if name in requested else part
+        path = area.plan_on(density(area))
         # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m away from all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
         limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
         if isinstance(path, str):
             left_out[name] = path
-        elif twin := twin_of(path, {**found, **user_paths}, 0.1, 0.0):
+        elif twin := twin_of(path, {**accepted, **user_paths}, 0.1, 0.0):
             left_out[name] = f"the same path as {shown(twin)}"
-        elif twin := twin_of(path, _without(found, INFLATED), *limits):
+        elif twin := twin_of(path, _without(accepted, INFLATED), *limits):
             left_out[name] = f"nearly the same path as {shown(twin)}"
         else:
-            found[name] = path
+            accepted[name] = path
     reserved = {*INFLATED, *DENSITIES, *AWARE, *densities}
-    add_own(own, found, left_out, part.costs, part.ask, reserved=reserved)
-    return found, left_out
+    add_own(own, accepted, left_out, part.costs, part.ask, reserved=reserved)
+    return accepted, left_out
 
 
 def _without(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, Path]:
@@ -337,23 +337,23 @@ def own_of(candidates: Candidates) -> Own:
     """
     if isinstance(candidates, (str, Planner, Path, Plan, ParetoFront)):
         candidates = [candidates]
-    named: Iterable[tuple[str, AnyCandidate]]
+    candidates_by_name: Iterable[tuple[str, AnyCandidate]]
     if isinstance(candidates, Mapping):
-        named = candidates.items()
+        candidates_by_name = candidates.items()
     elif isinstance(candidates, Iterable):
-        named = [(_name_of(each, n), each) for n, each in enumerate(candidates, 1)]
+        candidates_by_name = [(_name_of(candidate, n), candidate) for n, candidate in enumerate(candidates, 1)]
     else:
         raise ConfigError(
             "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
             f" not {shown(candidates)}"
         )
-    own: Own = {}
-    for name, given in named:
-        for label, each in _paths_of(name, given):
-            if label in own:
+    user_candidates: Own = {}
+    for name, candidate_like in candidates_by_name:
+        for label, candidate in _paths_of(name, candidate_like):
+            if label in user_candidates:
                 raise ConfigError(f"two candidates are called {shown(label)}; name them")
-            own[label] = each
-    return own
+            user_candidates[label] = candidate
+    return user_candidates
 
 
 def _name_of(candidate: AnyCandidate, number: int) -> str:
@@ -377,8 +377,8 @@ def _paths_of(name: str, given: AnyCandidate) -> Iterator[tuple[str, Path | Plan
     elif len(given):  # five, from its shortest to its longest
         indices = np.unique(np.linspace(0, len(given) - 1, 5).round()).astype(int).tolist()
         for n, index in enumerate(indices, 1):
-            made = given.plan(index)
-            yield f"{name} {n}", made.path or made.status
+            front_plan = given.plan(index)
+            yield f"{name} {n}", front_plan.path or front_plan.status
     else:
         yield name, "has no path"
 
@@ -417,15 +417,15 @@ def add_own(
 
     Reserved names belong to others. The path of one planner may be there already, `but`.
     """
-    asked, given = ask.settings, dict(own)
-    if asked.front:
-        given.update(_paths_of("front", pareto_front(costs, ask.start[:2], ask.goal[:2])))
-    for name, path in given.items():
+    settings, new_candidates = ask.settings, dict(own)
+    if settings.front:
+        new_candidates.update(_paths_of("front", pareto_front(costs, ask.start[:2], ask.goal[:2])))
+    for name, path in new_candidates.items():
         if path is but:
             continue
         if isinstance(path, Planner):
-            made = ask.planned(costs, path, limited=asked.budget is None)
-            path = made.path or why_without(made)
+            candidate_plan = ask.planned(costs, path, limited=settings.budget is None)
+            path = candidate_plan.path or why_without(candidate_plan)
         fault = path if isinstance(path, str) else ask.fault_of(path, costs)
         while name in (*found, *left_out, *reserved):
             name = f"own {name}"

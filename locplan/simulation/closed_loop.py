@@ -76,28 +76,28 @@ class Replanner:
         low, density, walls, window = scene
         cells = self.grid.cells[window].copy()
         cells[tuple(walls.T)] = OCCUPIED
-        seen, shift = OccupancyGrid(cells, self.grid.resolution), low[::-1] * self.grid.resolution
-        within = _within(np.floor((way[:, 1::-1] - shift[::-1]) / seen.resolution), cells.shape)
+        local_map, shift = OccupancyGrid(cells, self.grid.resolution), low[::-1] * self.grid.resolution
+        within = _within(np.floor((way[:, 1::-1] - shift[::-1]) / local_map.resolution), cells.shape)
         near = way[: len(way) if within.all() else int(np.argmin(within))]
         if len(near) < 2:
             return way
         ahead = Path(near[:, :2] - shift, near[:, 3])
-        faults = path_faults(seen, ahead, self.robot)
-        ends = [each.along + each.length for each in faults if each.kind == "collision"]
+        faults = path_faults(local_map, ahead, self.robot)
+        ends = [fault.along + fault.length for fault in faults if fault.kind == "collision"]
         if not ends:
             return way
         join = min(int(np.searchsorted(ahead.distance, ends[0] + JOIN[0])), len(near) - 1)
         robot = replace(self.robot, margin=0.0, goal_tolerance=0.0)
-        costs = Costmap.from_density(seen, density, robot=robot)
+        costs = Costmap.from_density(local_map, density, robot=robot)
         first = (*(believed[:2] - shift).tolist(), float(believed[2]))
         last = (*ahead.xy[join].tolist(), float(near[join, 3]))
-        cells_of_ends = (seen.cell(each[:2]) for each in (first, last))
+        cells_of_ends = (local_map.cell(fault[:2]) for fault in (first, last))
         if not all(np.isfinite(costs.density[cell]) for cell in cells_of_ends):
             return way
-        found = Lattice().solve(costs, first, last).path
-        if found is None:
+        detour = Lattice().solve(costs, first, last).path
+        if detour is None:
             return way
-        even = found.resampled(POINTS, even=True)
+        even = detour.resampled(POINTS, even=True)
         new = geared(np.column_stack([even.xy + shift, even.facing]))
         return np.concatenate([new, way[join + 1 :]])
 
@@ -143,24 +143,24 @@ class Replanner:
         """The first cell of the part around the believed pose, its density, the cells of walls that
         are seen in it, and its slices of the map; None off the map."""
         resolution = self.grid.resolution
-        here, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
-        low = np.maximum(here - math.ceil(reach), 0)
+        robot_cell, reach = np.floor(believed[1::-1] / resolution).astype(int), AROUND / resolution
+        low = np.maximum(robot_cell - math.ceil(reach), 0)
         window = tuple(
-            slice(a, max(b, 0)) for a, b in zip(low, here + math.ceil(reach), strict=True)
+            slice(a, max(b, 0)) for a, b in zip(low, robot_cell + math.ceil(reach), strict=True)
         )
         density = self.density[window].copy()
-        if not _within((here - low)[None], density.shape).all():
+        if not _within((robot_cell - low)[None], density.shape).all():
             return None
         # Walls are seen from the true pose, and put where the believed one has them.
-        seen = after_way(believed, way_between(truth, self._seen(truth, world)))
-        walls = np.floor(seen[:, 1::-1] / resolution).astype(int) - low
+        wall_poses = after_way(believed, way_between(truth, self._seen(truth, world)))
+        walls = np.floor(wall_poses[:, 1::-1] / resolution).astype(int) - low
         walls = walls[_within(walls, density.shape)]
         self._add(walls, density)
         # A robot that stands too near to a wall may leave, at a price.
         leave = int(LEAVE / resolution)
-        about = tuple(slice(max(0, each - leave), each + leave + 1) for each in here - low)
-        density[about] = np.minimum(density[about], LEAVING)
-        if not self.closed[tuple(here)]:  # a robot that is lost may have to leave a zone
+        leave_window = tuple(slice(max(0, coordinate - leave), coordinate + leave + 1) for coordinate in robot_cell - low)
+        density[leave_window] = np.minimum(density[leave_window], LEAVING)
+        if not self.closed[tuple(robot_cell)]:  # a robot that is lost may have to leave a zone
             density[self.closed[window]] = np.inf
         return low, density, walls, window
 
@@ -175,8 +175,8 @@ class Replanner:
         window = tuple(slice(a, b + margin) for a, b in zip(low, walls.max(axis=0), strict=True))
         cells = np.full(density[window].shape, FREE)
         cells[tuple((walls - low).T)] = OCCUPIED
-        more = self._inflated(OccupancyGrid(cells, self.grid.resolution).clearance)
-        density[window] = np.maximum(density[window], more)
+        wall_density = self._inflated(OccupancyGrid(cells, self.grid.resolution).clearance)
+        density[window] = np.maximum(density[window], wall_density)
 
     def _inflated(self, clearance: Floats) -> Floats:
         """Density at a clearance, which is infinite where the robot does not fit."""
@@ -289,15 +289,15 @@ class ClosedLoop:
 
     def drive(self, name: str, world: Any, route: int, number: int) -> Arrival:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
-        found = self._driven(name, world, (route, number), perfect=self.perfect)
-        if found.outcome == ARRIVED:
-            return found
-        control = found
+        arrival = self._driven(name, world, (route, number), perfect=self.perfect)
+        if arrival.outcome == ARRIVED:
+            return arrival
+        control = arrival
         if not self.perfect:
             control = self._driven(name, world, (route, number), perfect=True)
         if control.outcome == ARRIVED:
-            return found
-        return replace(found, fault=FOLLOWER if self._has_way(name, world) else WORLD)
+            return arrival
+        return replace(arrival, fault=FOLLOWER if self._has_way(name, world) else WORLD)
 
     def _has_way(self, name: str, world: Any) -> bool:
         """Whether a disc within the outline fits through a world from the start to the goal; for a
@@ -324,8 +324,8 @@ class ClosedLoop:
         ends = own_axes(self.grid, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
         reach = self.body.tolerance
         low, high = (
-            np.maximum(np.ceil((ends + each) / resolution), 0).astype(int)
-            for each in (-reach, reach)
+            np.maximum(np.ceil((ends + offset) / resolution), 0).astype(int)
+            for offset in (-reach, reach)
         )
         near = [rooms[a:b, c:d] for (a, c), (b, d) in zip(low, high, strict=True)]
         return bool(np.intersect1d(*near).any())
@@ -351,11 +351,11 @@ class ClosedLoop:
         while (decision := follow(way)) == follower.PLAN:
             n, at = trace.counts[pursuit.TICKS], trace.counts[pursuit.AT]
             way = way[at:]
-            where = trace.truth[n], trace.believed[n], world
+            drive_state = trace.truth[n], trace.believed[n], world
             if self._is_car:
-                way = self.planner.driven(way, *where)
+                way = self.planner.driven(way, *drive_state)
             else:
-                new = self.planner.way(way[:, :2], *where)
+                new = self.planner.way(way[:, :2], *drive_state)
                 way = np.insert(new, 2, 1.0, axis=1)
             trace.counts[pursuit.AT] = 0
         n = int(trace.counts[pursuit.TICKS]) + 1
@@ -364,7 +364,7 @@ class ClosedLoop:
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)
-        truth, believed = (after_way(origin, each[:n]) for each in (trace.truth, trace.believed))
+        truth, believed = (after_way(origin, track[:n]) for track in (trace.truth, trace.believed))
         standstills = int(trace.counts[pursuit.STANDSTILLS])
         return Arrival.of(outcome, truth, believed, self.paths[name], standstills)
 
@@ -400,20 +400,20 @@ class ClosedLoop:
         first = way_between(self.frame, trace.truth[0])
         # Without one the period is longer than any drive.
         period = max(1, round(self.replan / TICK)) if self.replan else len(trace.truth)
-        driven = world, self.body, period
+        drive_inputs = world, self.body, period
         if arguments.scores is None:
-            own = OwnLoop(arguments, self.frame, (random, sensing), first, trace)
-            return lambda way: own.follow(way, *driven, perfect)
+            custom_loop = OwnLoop(arguments, self.frame, (random, sensing), first, trace)
+            return lambda way: custom_loop.follow(way, *drive_inputs, perfect)
         tracker = begin(sensing, first, arguments.start, arguments.filter)
-        known = (arguments.scores, arguments.lidar, arguments.disturbances, arguments.odometry)
+        sensor_arguments = (arguments.scores, arguments.lidar, arguments.disturbances, arguments.odometry)
         return lambda way: follow(
             random,
             sensing,
             way,
-            *driven,
+            *drive_inputs,
             self.frame,
             tracker,
-            *known,
+            *sensor_arguments,
             arguments.filter,
             perfect,
             trace,

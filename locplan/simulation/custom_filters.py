@@ -40,13 +40,13 @@ def track(
 
 def started(random: np.random.Generator, own: OwnFilter, first: Any, start: Any) -> Tracker:
     """A filter started about a pose (3,) in its map's own axes, with random numbers of its own."""
-    own_random = random.spawn(1)[0]
+    filter_random = random.spawn(1)[0]
     deviation = np.array([start.position, start.position, start.heading])
     x, y, heading = first + deviation * random.standard_normal(3)
     at = own.grid.grid_to_world(y / own.grid.resolution, x / own.grid.resolution)
     pose = np.array([*at, heading + own.grid.origin[2]])
     deviations = start.position, start.heading
-    return own.settings.start(own.grid, own.lidar, pose, deviations, own_random)
+    return own.settings.start(own.grid, own.lidar, pose, deviations, filter_random)
 
 
 def ranges_at(

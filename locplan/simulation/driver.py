@@ -103,9 +103,9 @@ def drive_open(
     }
     paths = select_paths(level, paths, simulator.grid)
     poses = {name: add_way_back(poses[name]) if level.leads_back else poses[name] for name in paths}
-    size = len(numbers) * sum(each.size for each in poses.values()) * ARRAYS * 8
+    size = len(numbers) * sum(path_poses.size for path_poses in poses.values()) * ARRAYS * 8
     check_memory(f"{len(numbers)} drives of {len(paths)} paths", size, "drive fewer")
-    errors = {name: np.empty((len(numbers), *each.shape)) for name, each in poses.items()}
+    errors = {name: np.empty((len(numbers), *path_poses.shape)) for name, path_poses in poses.items()}
     setups = {name: simulator.line_setups(path, poses[name], level) for name, path in paths.items()}
     routes = _group_by_route(paths, route)
     stages = {
@@ -185,7 +185,7 @@ def drive_closed(
 
     _ = loop.planner.density, loop.body  # made once, not by every thread
     simulator.in_threads(run, len(tasks), progress, len(numbers) * len(paths))
-    return {name: Arrivals(tuple(each)) for name, each in arrivals.items()}
+    return {name: Arrivals(tuple(path_arrivals)) for name, path_arrivals in arrivals.items()}
 
 
 def _group_by_route(paths: Mapping[str, Path], route: int | None) -> dict[int, list[str]]:

@@ -192,9 +192,9 @@ class Drives(Rated):
     @property
     def first_loss(self) -> float:
         """Median distance [m] until the robot is lost; infinite if half never were."""
-        away = self.position_error > LOST
-        at = self.distance[away.argmax(axis=1)]
-        return float(np.median(np.where(away.any(axis=1), at, np.inf)))
+        is_lost = self.position_error > LOST
+        at = self.distance[is_lost.argmax(axis=1)]
+        return float(np.median(np.where(is_lost.any(axis=1), at, np.inf)))
 
     @property
     def final_rmse(self) -> Interval:
@@ -229,7 +229,7 @@ def profiles(drives: Mapping[str, Drives]) -> Table:
     drives : mapping of str to Drives
         Drives by the names of the paths.
     """
-    rows = ((name, *row) for name, each in drives.items() for row in each.profile().tolist())
+    rows = ((name, *row) for name, path_drives in drives.items() for row in path_drives.profile().tolist())
     return Table((Column("path"), *PROFILE), tuple(rows))
 
 
@@ -319,10 +319,10 @@ def drive_arguments(
 
     lidar, odometry, disturbances = robot.known_lidar, robot.odometry, robot.disturbances
     start = Start(disturbances.start_sigma, math.radians(disturbances.start_sigma_deg))
-    known: Any = None
+    filter_scores: Any = None
     settings: Any
     if isinstance(amcl := robot.filter, Amcl):
-        known = beam_scores(grid, amcl, lidar, scores)
+        filter_scores = beam_scores(grid, amcl, lidar, scores)
         angles, settings = (
             lidar.angles[:: amcl.beam_step(lidar.beams)],
             filter_settings(amcl),
@@ -332,7 +332,7 @@ def drive_arguments(
         angles, nearest, farthest = lidar.angles, lidar.min_range, lidar.range
         settings = OwnFilter(robot.filter, grid, lidar)
     return DriveArguments(
-        known,
+        filter_scores,
         lidar.for_kernels()._replace(
             angles=np.ascontiguousarray(angles), min_range=nearest, max_range=farthest
         ),

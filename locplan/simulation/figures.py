@@ -61,16 +61,16 @@ def simulation_figure(simulation: Simulation) -> Figure:
         Drives along at most four paths; with more, colours repeat.
     """
     grid = simulation.grid
-    shown = list(simulation.paths.values())
-    part = zoomed_to(grid, shown)
+    paths = list(simulation.paths.values())
+    part = zoomed_to(grid, paths)
     width, height = map_size(part)
     figure = Picture(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
-    draw_inset(upper, grid, part, shown)
-    profiles = {name: each.profile() for name, each in simulation.drives.items()}
-    every = np.concatenate([profile[:, 4] for profile in profiles.values()])
-    norm = along_norm(every, of_errors=True)
+    draw_inset(upper, grid, part, paths)
+    profiles = {name: path_drives.profile() for name, path_drives in simulation.drives.items()}
+    mean_errors = np.concatenate([profile[:, 4] for profile in profiles.values()])
+    norm = along_norm(mean_errors, of_errors=True)
     ratios, handles = contrasts(simulation.drives), []
     for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
@@ -131,11 +131,11 @@ def draw_places(axes: Axes, arrivals: Arrivals | None, colour: Any) -> None:
         The path's colour.
     """
     rows = arrivals.places().rows if arrivals else ()
-    for what, mark in MARKS.items():
-        if xy := [row[2:4] for row in rows if row[1] == what]:
+    for place_kind, mark in MARKS.items():
+        if xy := [row[2:4] for row in rows if row[1] == place_kind]:
             # Below start and goal, which stay to be seen.
             style: dict[str, Any] = {"markersize": 6, "markeredgewidth": 1.5, "zorder": 3.5}
-            style |= {"mfc": "none", **(FAINT if what == LEAVES else {})}
+            style |= {"mfc": "none", **(FAINT if place_kind == LEAVES else {})}
             axes.plot(*np.array(xy).T, mark, color=colour, **style)
 
 
@@ -147,9 +147,9 @@ def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
     arrivals : iterable of Arrivals, or of None
         Closed-loop drives along some paths.
     """
-    shown = {row[1] for each in arrivals if each for row in each.places().rows}
+    present_kinds = {row[1] for path_arrivals in arrivals if path_arrivals for row in path_arrivals.places().rows}
     style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
-    kinds = [(what, mark) for what, mark in MARKS.items() if what in shown]
+    kinds = [(what, mark) for what, mark in MARKS.items() if what in present_kinds]
     return [Line2D([], [], marker=mark, label=f"a robot {what}", **style) for what, mark in kinds]
 
 
@@ -163,12 +163,12 @@ def queries_figure(routes: Routes) -> Figure:
     """
     rmse, lost = routes.pairs("rmse"), routes.pairs("lost")
     figure = Picture(figsize=(8.5 if lost.any() else 6.6, 4.9), layout="constrained")
-    left, *others = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
+    left, *right_axes = figure.subplots(1, 2 if lost.any() else 1, squeeze=False)[0]
     ends = _equal_ends(left, rmse)
     left.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
     left.plot(*rmse.T, "o", color=BLUE, alpha=0.7)
     left.set(xlabel="RMSE along the shortest path [m]", ylabel="RMSE along the aware path [m]")
-    for right in others:
+    for right in right_axes:
         right.plot((0, 1), (0, 1), color="0.6", linewidth=0.8, zorder=0)
         right.plot(*lost.T, "o", color=BLUE, alpha=0.7)
         right.set(
@@ -206,14 +206,14 @@ def _beside(points: Floats) -> list[tuple[float, float]]:
     sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
     extent = float(np.ptp(points, axis=0).max()) or 1.0
     size = extent / 200.0  # the points of a panel take nearly as many typographic points
-    taken, chosen = points, []
+    obstacles, offsets = points, []
     for n, point in enumerate(points):
-        others = np.delete(taken, n, axis=0)[:, None]
-        apart = np.hypot(*(point + sides * size - others).transpose(2, 0, 1))
-        best = int(apart.min(axis=0, initial=np.inf).argmax())
-        taken = np.vstack([taken, point + sides[best] * size])
-        chosen.append((float(sides[best, 0]), float(sides[best, 1])))
-    return chosen
+        other_points = np.delete(obstacles, n, axis=0)[:, None]
+        distances = np.hypot(*(point + sides * size - other_points).transpose(2, 0, 1))
+        best = int(distances.min(axis=0, initial=np.inf).argmax())
+        obstacles = np.vstack([obstacles, point + sides[best] * size])
+        offsets.append((float(sides[best, 0]), float(sides[best, 1])))
+    return offsets
 
 
 def _formatted(interval: Interval) -> str:
@@ -239,7 +239,7 @@ def choice_figure(choice: Choice) -> Figure:
         The choice; without a path only its ends are shown.
     """
     ends = Path(np.array([choice.start[:2], choice.goal[:2]]))
-    paths = [*(each.path for each in choice.candidates), ends]
+    paths = [*(candidate.path for candidate in choice.candidates), ends]
     width, height, part = WIDTH, 4.0, None
     if choice.costs is not None:
         part = map_around(choice.costs.grid, [*paths, *_marked(choice)])
@@ -261,14 +261,14 @@ def choice_figure(choice: Choice) -> Figure:
     else:
         upper.set_aspect("equal")
     # The recommended path is drawn last.
-    for each in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
-        rank = _rank(choice, each)
-        draw_places(upper, each.arrivals, LINE_COLOURS[rank])
-        draw_path(upper, each.path, color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank])
+    for candidate in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
+        rank = _rank(choice, candidate)
+        draw_places(upper, candidate.arrivals, LINE_COLOURS[rank])
+        draw_path(upper, candidate.path, color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank])
     draw_ends(upper, choice.start, choice.goal)
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
-    marks = place_handles(each.arrivals for each in choice.candidates)
+    marks = place_handles(candidate.arrivals for candidate in choice.candidates)
     figure.key([*_handles(choice), *marks, *end_handles(), *zones], ncols=3)
     name = choice.map["name"] or "map"
     figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.driven)
@@ -277,8 +277,8 @@ def choice_figure(choice: Choice) -> Figure:
 
 def _marked(choice: Choice) -> list[Path]:
     """The places that are marked, as one path, if there are any."""
-    every = [each.arrivals.places().rows for each in choice.candidates if each.arrivals]
-    places = [row[2:4] for rows in every for row in rows]
+    place_rows = [candidate.arrivals.places().rows for candidate in choice.candidates if candidate.arrivals]
+    places = [row[2:4] for rows in place_rows for row in rows]
     return [Path(np.array(places))] if places else []
 
 
@@ -288,9 +288,9 @@ def _rank(choice: Choice, each: Candidate) -> int:
 
 
 def _handles(choice: Choice) -> list[Line2D]:
-    shown = dict.fromkeys(each for each in (choice.chosen, choice.shortest) if each is not None)
+    highlighted = dict.fromkeys(each for each in (choice.chosen, choice.shortest) if each is not None)
     handles = []
-    for each in shown:
+    for each in highlighted:
         rank = _rank(choice, each)
         name = f"{each.name} path" if each is choice.shortest else each.name
         recommended = "recommended" if choice.judgement else "untested"
@@ -319,11 +319,11 @@ def _figures(each: Candidate) -> str:
 
 def _draw_errors(axes: Axes, choice: Choice) -> None:
     """Draw the median error along the shortest and the recommended path, and the middle 80 %."""
-    for each in dict.fromkeys((choice.shortest, choice.chosen)):
-        if each is None or each.driven is None:
+    for candidate in dict.fromkeys((choice.shortest, choice.chosen)):
+        if candidate is None or candidate.driven is None:
             continue
-        distance, median, low, high = each.driven.profile.T
-        rank = _rank(choice, each)
+        distance, median, low, high = candidate.driven.profile.T
+        rank = _rank(choice, candidate)
         colour = LINE_COLOURS[rank]
         axes.fill_between(distance, low, high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(distance, median, color=colour, linewidth=0.8 * LINE_WIDTHS[rank])
@@ -340,8 +340,8 @@ def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
     """The degeneracy along each path of which it is known."""
     costs: Any = choice.costs
     paths = [
-        (each.path, {"color": LINE_COLOURS[_rank(choice, each)]})
-        for each in (choice.candidates if costs else ())
-        if np.isfinite(each.metrics.integrated_u)
+        (candidate.path, {"color": LINE_COLOURS[_rank(choice, candidate)]})
+        for candidate in (choice.candidates if costs else ())
+        if np.isfinite(candidate.metrics.integrated_u)
     ]
     draw_u_along(axes, costs, paths)

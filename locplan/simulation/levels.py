@@ -92,19 +92,19 @@ class Kink:
         angle : float
             Angle of the kink [rad].
         """
-        known = np.argwhere(grid.cells != UNKNOWN)
-        xy = np.column_stack(grid.grid_to_world(*(known + 0.5).T))
+        mapped_cells = np.argwhere(grid.cells != UNKNOWN)
+        xy = np.column_stack(grid.grid_to_world(*(mapped_cells + 0.5).T))
         behind = self.is_behind(xy)
-        turned = grid.world_to_grid(*self.turn(xy[behind], angle).T)
-        kept = (known[~behind].T + 0.5).reshape(2, -1)
-        ends = [np.concatenate(both) for both in zip(turned, kept, strict=True)]
+        rotated_cells = grid.world_to_grid(*self.turn(xy[behind], angle).T)
+        still_cells = (mapped_cells[~behind].T + 0.5).reshape(2, -1)
+        ends = [np.concatenate(axis_cells) for axis_cells in zip(rotated_cells, still_cells, strict=True)]
         # One more cell on all sides, for cells that the turn cuts.
         first = [math.floor(at.min()) - 1 for at in ends]
         shape = [math.floor(at.max()) + 2 - low for at, low in zip(ends, first, strict=True)]
         rows, cols = (at.ravel() + 0.5 for at in np.indices(shape))
         at_x, at_y = grid.grid_to_world(rows + first[0], cols + first[1])
-        here = np.column_stack([at_x, at_y])
-        before, after = here, self.turn(here, -angle)
+        positions = np.column_stack([at_x, at_y])
+        before, after = positions, self.turn(positions, -angle)
         near = np.where(self.is_behind(before), UNKNOWN, _values_at(grid, before))
         far = np.where(self.is_behind(after), _values_at(grid, after), UNKNOWN)
         is_free = (near == FREE) | (far == FREE)
@@ -162,8 +162,8 @@ def _measure_cut(kink: Kink, grid: OccupancyGrid) -> tuple[float, float]:
     """Return the width of the free space about a place, and the free length of the whole cut."""
     half = math.ceil(math.hypot(*grid.shape))
     steps = grid.resolution * np.arange(-half, half + 1)
-    aside = -math.sin(kink.direction), math.cos(kink.direction)
-    free = _values_at(grid, np.array([kink.x, kink.y]) + steps[:, None] * aside) == FREE
+    normal = -math.sin(kink.direction), math.cos(kink.direction)
+    free = _values_at(grid, np.array([kink.x, kink.y]) + steps[:, None] * normal) == FREE
     sides = free[half:], free[half::-1]
     width = sum(len(side) if side.all() else int(side.argmin()) for side in sides)
     return width * grid.resolution, float(free.sum()) * grid.resolution
@@ -391,7 +391,7 @@ def levels_for(
     >>> [level.name for level in levels_for([straight], grid)]
     ['usual', 'slip', 'standstill', 'turns', 'kinked map']
     """
-    return tuple(level for level in levels if any(level.can_affect(each, grid) for each in paths))
+    return tuple(level for level in levels if any(level.can_affect(path, grid) for path in paths))
 
 
 def _moves_back(poses: Poses) -> Bools:

@@ -121,8 +121,8 @@ class ChoiceSettings(Settings):
         ratios : sequence of float
             Length of each candidate, in lengths of the shortest path.
         """
-        beyond = np.log(np.maximum(np.array(ratios) / self.longest, 1.0))
-        return self.price * (np.log(ratios) - beyond) + max(self.price, 1.0) * beyond
+        log_excess = np.log(np.maximum(np.array(ratios) / self.longest, 1.0))
+        return self.price * (np.log(ratios) - log_excess) + max(self.price, 1.0) * log_excess
 
     def __post_init__(self) -> None:
         keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))
@@ -153,7 +153,7 @@ class ChoiceSettings(Settings):
         ConfigError
             If there is no such setting, or one is out of its range.
         """
-        known = [each.name for each in dataclasses.fields(cls)]
+        known = [setting_field.name for setting_field in dataclasses.fields(cls)]
         for name in settings:
             if name not in known:
                 raise ConfigError(
@@ -243,7 +243,7 @@ class Ask:
         costs = dataclasses.replace(costs, robot=self.robot)
         if planner is not None and planner.space != "R2":
             return self, costs, planner
-        places = [each[:2] for each in (self.start, *self.settings.via, self.goal)]
+        places = [place[:2] for place in (self.start, *self.settings.via, self.goal)]
         return self._between(places), costs, planner
 
     def _between(self, places: Sequence[Position]) -> Ask:
@@ -261,14 +261,14 @@ class Ask:
             If the robot cannot stand there, or the limits do not go together or with the costmap.
         """
         places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
-        ask = self._between(places)
-        planner_for(None, **ask._limits(limited=True))
+        problem = self._between(places)
+        planner_for(None, **problem._limits(limited=True))
         if self.given is not None and self.settings.is_limited and math.isnan(self.given.weight):
             raise ConfigError(
                 "a costmap without a field has no e or u to limit; give one of a field, or leave"
                 " out max_e and budget"
             )
-        return ask
+        return problem
 
     def costs(
         self, paths_on: Callable[[Costmap], Iterable[Path]]
@@ -278,7 +278,7 @@ class Ask:
             return self.given, None
 
         settings, radius = self.settings, self.robot.radius
-        own: dict[str, Any] = {
+        cost_options: dict[str, Any] = {
             "weight": settings.weight,
             "criterion": settings.criterion,
             "robot": radius,
@@ -286,7 +286,7 @@ class Ask:
         }
 
         def costs_of(field: CovarianceField) -> Costmap:
-            return Costmap.from_field(self.grid, field, **own)
+            return Costmap.from_field(self.grid, field, **cost_options)
 
         if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
             field = self.compute(self.grid)
@@ -303,8 +303,8 @@ class Ask:
     ) -> Plan:
         """The plan of least cost over the waypoints, for the outline; without limits of e or u
         unless it is to be limited."""
-        own, costs, planner = self._planners(costs, planner)
-        return plan(costs, own.start, own.goal, planner=planner, **own._limits(limited))
+        problem, costs, planner = self._planners(costs, planner)
+        return plan(costs, problem.start, problem.goal, planner=planner, **problem._limits(limited))
 
     def shortest(self, costs: Costmap) -> Path | None:
         """The shortest path without limits, as others that are shown beside an aware one."""
@@ -317,16 +317,16 @@ class Ask:
     ) -> dict[str, Plan]:
         """The aware plan, within all limits if it is to be limited, and the shortest one."""
         planner = planner if self.settings.budget is None else None
-        own, costs, planner = self._planners(costs, planner)
-        limits = own._limits(limited)
-        return plan_beside_shortest(costs, own.start, own.goal, planner=planner, **limits)
+        problem, costs, planner = self._planners(costs, planner)
+        limits = problem._limits(limited)
+        return plan_beside_shortest(costs, problem.start, problem.goal, planner=planner, **limits)
 
     def _limits(self, limited: bool) -> dict[str, Any]:
-        asked = self.settings
+        settings = self.settings
         # With a budget the robot counts as the circle within its outline.
-        outline = self.robot.outline if asked.budget is None else None
-        every: dict[str, Any] = {"via": asked.via, "footprint": outline}
-        return every | ({"max_e": asked.max_e, "budget": asked.budget} if limited else {})
+        outline = self.robot.outline if settings.budget is None else None
+        limits: dict[str, Any] = {"via": settings.via, "footprint": outline}
+        return limits | ({"max_e": settings.max_e, "budget": settings.budget} if limited else {})
 
     def fault_of(self, path: Path, costs: Costmap) -> str:
         """Which limit a path does not keep; empty if it keeps all."""

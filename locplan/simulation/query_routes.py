@@ -161,15 +161,15 @@ class Routes(Pictured):
         name : str
             Name of the value in `Route`.
         """
-        return np.array([getattr(each, name) for each in self.routes])
+        return np.array([getattr(route, name) for route in self.routes])
 
     def _means(self, name: str) -> tuple[float, float]:
         """Geometric means over the queries of which both values are known; NaN without one."""
         pairs = self.pairs(name)
-        known = pairs[~np.isnan(pairs).any(axis=1)]
-        if not len(known):
+        finite_pairs = pairs[~np.isnan(pairs).any(axis=1)]
+        if not len(finite_pairs):
             return math.nan, math.nan
-        return _pair_of(np.exp(np.log(known).mean(axis=0)))
+        return _pair_of(np.exp(np.log(finite_pairs).mean(axis=0)))
 
     def table(self) -> Table:
         """A row per query: both ends, and the errors along both paths."""
@@ -206,7 +206,7 @@ class RoutesOnMaps(Result):
 
     def table(self) -> Table:
         """A row per query of each map."""
-        rows = ((each.grid.name, *row) for each in self.maps for row in each.table().rows)
+        rows = ((map_routes.grid.name, *row) for map_routes in self.maps for row in map_routes.table().rows)
         return Table((Column("map"), *COLUMNS), tuple(rows))
 
     @staticmethod
@@ -259,8 +259,8 @@ def routes_report(every: RoutesOnMaps) -> str:
     """Table of both paths of many queries, one row per map."""
     rows = []
     for routes in every:
-        median, kept, rmse = (
-            [plain(each, digits_of(each)) for each in pair]
+        median, tracked_texts, rmse = (
+            [plain(error, digits_of(error)) for error in pair]
             for pair in (routes.median, routes.kept_rmse, routes.rmse)
         )
         rows.append(
@@ -270,7 +270,7 @@ def routes_report(every: RoutesOnMaps) -> str:
                 " -> ".join(median),
                 "{:.0%} -> {:.0%}".format(*routes.lost),
                 "{:.0%} -> {:.0%}".format(*routes.off_at_end),
-                " -> ".join(kept),
+                " -> ".join(tracked_texts),
                 rmse[0],
                 short(routes.rmse_ratio),
                 routes.verdict,
@@ -336,27 +336,27 @@ def simulate_queries(
     simulator = Simulator(
         costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads, zones=costs.zones
     )
-    found = {}
+    paths_by_query = {}
     for query in queries:
         plans = plan_beside_shortest(costs, query.start, query.goal)
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
         if len(paths) == 2:
-            found[query] = paths
-    if not found:
+            paths_by_query[query] = paths
+    if not paths_by_query:
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
-    callbacks = parts(progress, [2 * drives] * len(found))
+    callbacks = parts(progress, [2 * drives] * len(paths_by_query))
     routes = [
         _route(query, drive_open(simulator, paths, range(drives), progress=part))
-        for (query, paths), part in zip(found.items(), callbacks, strict=True)
+        for (query, paths), part in zip(paths_by_query.items(), callbacks, strict=True)
     ]
-    about = {
+    description = {
         **about_costs(costs),
         "drives": drives,
         "seed": seed,
         "robot": simulator.robot.summary(),
         **about_filter(filter_map),
     }
-    return Routes(costs.grid, routes, about)
+    return Routes(costs.grid, routes, description)
 
 
 def _pair_of(both: Floats) -> tuple[float, float]:
@@ -367,9 +367,9 @@ def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
     shortest, aware = drives[SHORTEST], drives[AWARE]
     ratio = rmse_ratio(aware, shortest)
     names = "median_error", "lost_rate", "off_at_end_rate", "kept_rmse", "rmse"
-    median, lost, off, kept, rmse = (
+    median, lost, off, tracked_errors, rmse = (
         (getattr(shortest, name).value, getattr(aware, name).value) for name in names
     )
     lengths = shortest.length, aware.length
-    about = {"paths": {name: values_of(DRIVEN, each) for name, each in drives.items()}}
-    return Route(query, lengths, median, lost, off, kept, rmse, {**about, "rmse_ratio": [*ratio]})
+    path_summaries = {"paths": {name: values_of(DRIVEN, path_drives) for name, path_drives in drives.items()}}
+    return Route(query, lengths, median, lost, off, tracked_errors, rmse, {**path_summaries, "rmse_ratio": [*ratio]})

@@ -147,9 +147,9 @@ def judged(
     """
     finalists, lost = race(drive, handicaps, price_of_loss)
     if not finalists:
-        nothing, shown = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
-        drive([0], shown)  # the race's drives are not those that other commands report
-        return Judgement(0, UNDECIDED, nothing, shown)
+        no_ratio, reported_numbers = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
+        drive([0], reported_numbers)  # the race's drives are not those that other commands report
+        return Judgement(0, UNDECIDED, no_ratio, reported_numbers)
     return confirmed(drive, finalists, lost, drives, handicaps, enough)
 
 
@@ -162,16 +162,16 @@ def race(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[in
     def in_the_race(paths: list[int], done: Scores) -> list[int]:
         return [paths[n] for n in _not_surely_worse(scored(paths, done))]
 
-    few, all_of_them = ROUNDS
-    every = [*range(len(handicaps))]
-    numbers = range(CHOOSING, CHOOSING + all_of_them)
-    done = drive(every, numbers[:few])
-    kept = sorted({0, *in_the_race(every, done)[:KEPT]})
-    done = done.of(kept).joined(drive(kept, numbers[few:]))
-    lost = np.zeros(len(every), np.int64)
-    lost[kept] = done.lost.sum(axis=1)
-    scores = dict(zip(kept, scored(kept, done).mean(axis=1), strict=True))
-    leading = [path for path in in_the_race(kept, done) if scores[path] <= scores[0] + LEAD]
+    n_first, n_all = ROUNDS
+    all_paths = [*range(len(handicaps))]
+    numbers = range(CHOOSING, CHOOSING + n_all)
+    raced_scores = drive(all_paths, numbers[:n_first])
+    remaining = sorted({0, *in_the_race(all_paths, raced_scores)[:KEPT]})
+    raced_scores = raced_scores.of(remaining).joined(drive(remaining, numbers[n_first:]))
+    lost = np.zeros(len(all_paths), np.int64)
+    lost[remaining] = raced_scores.lost.sum(axis=1)
+    scores = dict(zip(remaining, scored(remaining, raced_scores).mean(axis=1), strict=True))
+    leading = [path for path in in_the_race(remaining, raced_scores) if scores[path] <= scores[0] + LEAD]
     return leading[:FINALISTS], lost
 
 
@@ -179,11 +179,11 @@ def _not_surely_worse(scores: Floats) -> list[int]:
     """Rows of the scores of paths that may be as good as the leader, the best first."""
     from scipy.special import stdtrit
 
-    usual, weight = 0.35, 4  # four drives alone would estimate the deviation too badly
+    prior_std, weight = 0.35, 4  # four drives alone would estimate the deviation too badly
     behind = scores - scores[np.argmin(scores.mean(axis=1))]
     count = scores.shape[1]
     freedom = weight + count - 1
-    squares = weight * usual**2 + (count - 1) * behind.var(axis=1, ddof=1)
+    squares = weight * prior_std**2 + (count - 1) * behind.var(axis=1, ddof=1)
     close = behind.mean(axis=1) <= stdtrit(freedom, 1 - UNSURE) * np.sqrt(squares / freedom / count)
     return [int(n) for n in np.argsort(scores.mean(axis=1), kind="stable") if close[n]]
 
@@ -197,42 +197,42 @@ def confirmed(
     enough: Callable[[], bool] | None = None,
 ) -> Judgement:
     """Drive the finalists and the shortest afresh, until a difference is known or none is."""
-    paths, count, done = [0, *finalists], 0, None
+    paths, count, drive_scores = [0, *finalists], 0, None
     looks = plan_looks(drives)
     while True:
         before, count = count, looks.pop(0)
         new = drive(paths, range(before, count))
-        done = new if done is None else done.joined(new)
-        apart = done.log_error[1:] - done.log_error[0]
+        drive_scores = new if drive_scores is None else drive_scores.joined(new)
+        log_ratios = drive_scores.log_error[1:] - drive_scores.log_error[0]
         # Choosing the best of several promises too much, not too little: they share the level.
-        shown = look(
-            apart,
-            done.lost[0],
-            done.lost[1:],
+        interim = look(
+            log_ratios,
+            drive_scores.lost[0],
+            drive_scores.lost[1:],
             looks_left=len(looks),
             n_alternatives=len(finalists),
         )
-        all_lost = lost[paths] + done.lost.sum(axis=1)
+        all_lost = lost[paths] + drive_scores.lost.sum(axis=1)
         losing = all_lost[1:] > all_lost[0]
-        safe = ~losing & (shown.mean <= WORTHWHILE)
-        clear = safe & shown.is_better
-        leads = next(some for some in (clear, safe, shown.mean < math.inf) if some.any())
+        safe = ~losing & (interim.mean <= WORTHWHILE)
+        clear = safe & interim.is_better
+        leads = next(group for group in (clear, safe, interim.mean < math.inf) if group.any())
         # The price of length decides between finalists as in the race, and not on the verdict.
-        scores = shown.mean + handicaps[paths[1:]]
+        scores = interim.mean + handicaps[paths[1:]]
         best = int(np.argmin(np.where(leads, scores, math.inf)))
-        is_futile = (shown.low > WORTHWHILE).all()
+        is_futile = (interim.low > WORTHWHILE).all()
         if clear.any() or is_futile or not looks or (enough and enough()):
-            ratio = Interval(*(math.exp(end[best]) for end in shown[:3]))
-            word, more_lost = shown.words[best], bool(losing[best])
-            return Judgement(paths[best + 1], word, ratio, range(count), more_lost)
+            ratio = Interval(*(math.exp(end[best]) for end in interim[:3]))
+            word, loses_more = interim.words[best], bool(losing[best])
+            return Judgement(paths[best + 1], word, ratio, range(count), loses_more)
         # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
         # costs no error, since none of them can be recommended any more.
-        _, worse, _ = student_interval(apart - apart[best], BEHIND)
-        _, poor, _ = student_interval(apart, BEHIND)
-        going = np.append(True, ~((worse > 0) | (poor > WORTHWHILE)))
+        _, behind_low, _ = student_interval(log_ratios - log_ratios[best], BEHIND)
+        _, ratio_low, _ = student_interval(log_ratios, BEHIND)
+        going = np.append(True, ~((behind_low > 0) | (ratio_low > WORTHWHILE)))
         going[best + 1] = True
         rows = np.flatnonzero(going).tolist()
-        paths, done = [paths[row] for row in rows], done.of(rows)
+        paths, drive_scores = [paths[row] for row in rows], drive_scores.of(rows)
 
 
 def log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: float) -> Floats:
@@ -445,8 +445,8 @@ class Driver:
         self._worst = math.pi
         if settings.minimise != "heading":
             self._worst = worst_error(simulator.grid.shape, simulator.grid.resolution)
-        kept = min(len(paths), KEPT + 1)
-        self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * kept
+        n_kept = min(len(paths), KEPT + 1)
+        self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * n_kept
         self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
         self._closed = range(settings.closed_drives)
         self._total += 2 * len(self._closed)
@@ -469,21 +469,21 @@ class Driver:
         numbers = numbers[: sum(number in self._errors[path] for number in numbers)]
         ratio = NOTHING
         if path:
-            apart = self._log_errors(path, numbers) - self._log_errors(0, numbers)
-            ratio = found.ratio if leads else of_geometric_mean(np.exp(apart))
+            log_ratios = self._log_errors(path, numbers) - self._log_errors(0, numbers)
+            ratio = found.ratio if leads else of_geometric_mean(np.exp(log_ratios))
         errors = self._log_errors(path, numbers)
         return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
 
     def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
         """Closed-loop drives of the path to take and of the shortest, which may be one."""
         leader = found.leader if found.takes(self._settings.bold) else 0
-        both = [*dict.fromkeys((0, leader))]
-        named = dict(self._paths[path] for path in both)
-        made = drive_closed(
-            self._simulator, named, self._closed, route=self._route, progress=self._step
+        path_numbers = [*dict.fromkeys((0, leader))]
+        paths_by_name = dict(self._paths[path] for path in path_numbers)
+        arrivals_by_name = drive_closed(
+            self._simulator, paths_by_name, self._closed, route=self._route, progress=self._step
         )
-        self._done += len(both) * len(self._closed)
-        return dict(zip(both, made.values(), strict=True))
+        self._done += len(path_numbers) * len(self._closed)
+        return dict(zip(path_numbers, arrivals_by_name.values(), strict=True))
 
     def rival(self, found: Judgement) -> Driven | None:
         """Drives of the shortest path with the rival's filter, beside those that are shown."""
@@ -491,10 +491,10 @@ class Driver:
         if rival is None:
             return None
         numbers = found.drives[:RIVAL_DRIVES]
-        one = self._simulator
-        robot = dataclasses.replace(one.robot, filter=rival)
-        same: Any = {"filter_map": one.filter_map, "seed": one.seed, "threads": one.threads}
-        simulator = Simulator(one.grid, robot, **same)
+        base = self._simulator
+        robot = dataclasses.replace(base.robot, filter=rival)
+        same: Any = {"filter_map": base.filter_map, "seed": base.seed, "threads": base.threads}
+        simulator = Simulator(base.grid, robot, **same)
         (drives,) = self._drive(simulator, [0], numbers)
         errors = self._scored(drives)
         ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
@@ -503,10 +503,10 @@ class Driver:
         return Driven.of(drives, numbers, errors, ratio)
 
     def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Drives]:
-        named = dict(self._paths[path] for path in paths)
-        made = drive_open(simulator, named, numbers, route=self._route, progress=self._step)
+        paths_by_name = dict(self._paths[path] for path in paths)
+        drives_by_name = drive_open(simulator, paths_by_name, numbers, route=self._route, progress=self._step)
         self._done += len(paths) * len(numbers)
-        return [*made.values()]
+        return [*drives_by_name.values()]
 
     def _step(self, done: int, _: int) -> None:
         if self._progress:

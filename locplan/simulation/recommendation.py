@@ -173,7 +173,7 @@ def format_answer(decision: Decision) -> str:
     shortest, leader = decision.shortest, decision.leader
     if shortest is None or leader is None:
         return NO_PATH[decision.status].format(note=decision.note or "the planner gives no reason")
-    judgement, chosen = decision.judgement, decision.chosen
+    judgement, recommended = decision.judgement, decision.chosen
     values = {
         "name": leader.name,
         "kind": _kind(leader, shortest),
@@ -184,7 +184,7 @@ def format_answer(decision: Decision) -> str:
         "shortest_u": shortest.metrics.integrated_u,
     }
     if judgement is None:
-        template = UNTESTED_SHORTEST if chosen is shortest else UNTESTED
+        template = UNTESTED_SHORTEST if recommended is shortest else UNTESTED
         return template.format(**values)
     values["n"] = len(judgement.drives)
     values["change"] = format_change(judgement.ratio, decision.settings.minimise)
@@ -258,13 +258,13 @@ def format_change(ratio: Interval, minimise: str) -> str:
 
 def format_share(share: Interval) -> str:
     """Return a share with its interval, such as 97 % [96, 99]."""
-    value, low, high = (100 * each for each in share)
+    value, low, high = (100 * bound for bound in share)
     return f"{value:.0f} %" if math.isnan(low) else f"{value:.0f} % [{low:z.0f}, {high:z.0f}]"
 
 
 def format_reached(decision: Decision) -> str:
     """Return how many robots reach the goal in closed-loop drives; empty if none was driven."""
-    arrivals = {each.name: each.arrivals for each in decision.candidates if each.arrivals}
+    arrivals = {candidate.name: candidate.arrivals for candidate in decision.candidates if candidate.arrivals}
     reached = arrivals.pop(decision.chosen.name if decision.chosen else "", None)
     if reached is None:
         return ""
@@ -282,18 +282,18 @@ def list_advice(decision: Decision) -> list[str]:
 
 
 def _advice(decision: Decision) -> Iterator[str]:
-    chosen, shortest = decision.chosen, decision.shortest
-    if not (chosen and shortest and chosen.driven and shortest.driven):
+    recommended, shortest = decision.chosen, decision.shortest
+    if not (recommended and shortest and recommended.driven and shortest.driven):
         return
     yield format_tune_first(decision)
-    if chosen.driven.lost_rate.value >= MOSTLY_LOST and not format_tune_first(decision):
+    if recommended.driven.lost_rate.value >= MOSTLY_LOST and not format_tune_first(decision):
         yield STILL_LOST
         yield format_tuning_fails(decision)
-    gain = shortest.driven.error.value - chosen.driven.error.value
+    gain = shortest.driven.error.value - recommended.driven.error.value
     if decision.best and decision.settings.minimise == "rmse" and gain < SLIGHT:
         yield "" if shortest.driven.lost.any() else LITTLE
     faults = [
-        one.fault for each in decision.candidates if each.arrivals for one in each.arrivals.drives
+        drive.fault for candidate in decision.candidates if candidate.arrivals for drive in candidate.arrivals.drives
     ]
     for fault, template in FAULTS.items():
         yield template.format(count=faults.count(fault)) if fault in faults else ""
@@ -315,10 +315,10 @@ def format_tune_first(decision: Decision) -> str:
 
 def format_tuning_fails(decision: Decision) -> str:
     """Return why tuning the filter does not help either; empty if that is not known."""
-    tuned, shortest = decision.rival, decision.shortest
-    if tuned is None or shortest is None or tuned.lost_rate.value < MOSTLY_LOST:
+    rival, shortest = decision.rival, decision.shortest
+    if rival is None or shortest is None or rival.lost_rate.value < MOSTLY_LOST:
         return ""
-    values = {"lost": int(tuned.lost.sum()), "n": len(tuned.lost)}
+    values = {"lost": int(rival.lost.sum()), "n": len(rival.lost)}
     share = 100 * shortest.metrics.degenerate_share
     blind = BLIND.format(share=share) if share >= 100 * MOSTLY_LOST else ""
     return (
@@ -332,22 +332,22 @@ def compare_tuning(decision: Decision) -> Verdict | None:
     Tuned settings must be better than the robot's own there, and on the recommended path. They are
     compared in the drives that all have in common: same worlds, same random numbers.
     """
-    chosen, shortest, tuned = decision.chosen, decision.shortest, decision.rival
-    if not (tuned and chosen and shortest and chosen.driven and shortest.driven):
+    recommended, shortest, rival = decision.chosen, decision.shortest, decision.rival
+    if not (rival and recommended and shortest and recommended.driven and shortest.driven):
         return None
-    if tuned.lost_rate.value >= MOSTLY_LOST:
+    if rival.lost_rate.value >= MOSTLY_LOST:
         return None
-    alternative = DriveSet(tuned.log_error, tuned.lost)
+    alternative = DriveSet(rival.log_error, rival.lost)
     verdicts = []
-    for driven in (shortest.driven, chosen.driven):
-        if driven.numbers[: len(tuned.numbers)] != tuned.numbers:  # of an older file
+    for statistics in (shortest.driven, recommended.driven):
+        if statistics.numbers[: len(rival.numbers)] != rival.numbers:  # of an older file
             return None
-        count = len(tuned.lost)
+        count = len(rival.lost)
         verdicts.append(
-            compare(DriveSet(driven.log_error[:count], driven.lost[:count]), alternative)
+            compare(DriveSet(statistics.log_error[:count], statistics.lost[:count]), alternative)
         )
-    is_worthwhile = all(each.ratio.value <= math.exp(WORTHWHILE) for each in verdicts)
-    is_better = all(each.word == BETTER for each in verdicts)
+    is_worthwhile = all(verdict.ratio.value <= math.exp(WORTHWHILE) for verdict in verdicts)
+    is_better = all(verdict.word == BETTER for verdict in verdicts)
     return verdicts[0] if is_better and is_worthwhile else None
 
 
@@ -382,37 +382,37 @@ RACE_NOTE = (
 
 def evidence_table(decision: Decision) -> str:
     """Return the drives of each candidate as a table, the recommended path first; empty without."""
-    shortest, chosen = decision.shortest, decision.chosen
-    if shortest is None or chosen is None or shortest.driven is None:
+    shortest, recommended = decision.shortest, decision.chosen
+    if shortest is None or recommended is None or shortest.driven is None:
         return ""
-    ordered = [chosen, *(each for each in decision.candidates if each is not chosen)]
-    rows = [(each.name, each, each.driven) for each in ordered]
+    ordered = [recommended, *(candidate for candidate in decision.candidates if candidate is not recommended)]
+    rows = [(candidate.name, candidate, candidate.driven) for candidate in ordered]
     if decision.rival is not None:
         at = 1 + ordered.index(shortest)
         rows.insert(at, (f"{shortest.name}, tuned", shortest, decision.rival))
     has_off = any(driven is not None and driven.off_at_end.any() for _, _, driven in rows)
     is_angle = decision.settings.minimise == "heading"
-    what = {"heading": "heading error [deg]", "goal-error": "error at the goal [m]"}
-    heads = ["  path", "length", what.get(decision.settings.minimise, "error [m]"), "lost"]
+    error_titles = {"heading": "heading error [deg]", "goal-error": "error at the goal [m]"}
+    heads = ["  path", "length", error_titles.get(decision.settings.minimise, "error [m]"), "lost"]
     heads += [*(["off at the end"] if has_off else []), "drives"]
     texts = []
-    for name, each, driven in rows:
+    for name, candidate, driven in rows:
         if driven is None:
             continue
         is_shared = driven.numbers.start == shortest.driven.numbers.start
         error = _format_error(driven.error, is_angle)
         if not is_shared:
             error = f"~{_format_error(_scaled_error(driven, shortest.driven), is_angle)}"
-        mark = ">" if each is chosen and driven is not decision.rival else " "
+        mark = ">" if candidate is recommended and driven is not decision.rival else " "
         off = [f"{driven.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
-        cells = [f"{mark} {name}", format_length(each), error]
+        cells = [f"{mark} {name}", format_length(candidate), error]
         texts.append((*cells, format_share(driven.lost_rate), *off, str(len(driven.numbers))))
     return align(heads, texts)
 
 
 def list_notes(decision: Decision) -> list[str]:
     """Return what the table's marks mean."""
-    starts = {each.driven.numbers.start for each in decision.candidates if each.driven}
+    starts = {candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven}
     notes = [RACE_NOTE] if len(starts) > 1 else []
     if decision.rival is not None:
         notes.append(f"tuned: {name_tuned_settings(decision)}")
@@ -493,8 +493,8 @@ class Choice(Result, Stored):
     @property
     def map(self) -> Mapping[str, str]:
         """Name and digest of the map."""
-        found: Mapping[str, str] = self.about["map"]
-        return found
+        map_summary: Mapping[str, str] = self.about["map"]
+        return map_summary
 
     @property
     def verdict(self) -> str:
@@ -512,7 +512,7 @@ class Choice(Result, Stored):
     @property
     def _arrivals(self) -> list[Arrivals]:
         """Closed-loop drives of the shortest path, and of another one that drives speak for."""
-        return [each.arrivals for each in self.candidates if each.arrivals is not None]
+        return [candidate.arrivals for candidate in self.candidates if candidate.arrivals is not None]
 
     @property
     def _fails_more(self) -> bool:
@@ -628,25 +628,25 @@ class Choice(Result, Stored):
         ConfigError
             If there is no path, or the choice was loaded; `with_field` gives it a costmap.
         """
-        chosen, costs = self.chosen, self.costs
-        if chosen is None:
+        recommended, costs = self.chosen, self.costs
+        if recommended is None:
             raise ConfigError(f"the choice has no path: {self.sentence}")
         if costs is None:
             raise ConfigError("a choice that was loaded has no costmap; give it with_field(field)")
-        if chosen.planner and chosen is not self.shortest:
+        if recommended.planner and recommended is not self.shortest:
             return costs
-        paths = {each.name: each.path for each in self.candidates}
-        return costmap_of(costs, paths, chosen.name, self.robot, self.settings.max_e)
+        paths = {candidate.name: candidate.path for candidate in self.candidates}
+        return costmap_of(costs, paths, recommended.name, self.robot, self.settings.max_e)
 
     def table(self) -> Table:
         """The candidates, a row each; of driven ones, the first column marks the one to take."""
         columns = DRIVEN if self.judgement else PLANNED
         if self.settings.minimise == "heading":
             columns = tuple(
-                dataclasses.replace(each, unit="rad", people="deg", digits=1)
-                if each.name == "error"
-                else each
-                for each in columns
+                dataclasses.replace(column, unit="rad", people="deg", digits=1)
+                if column.name == "error"
+                else column
+                for column in columns
             )
         marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
         return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
@@ -690,12 +690,12 @@ class Choice(Result, Stored):
             for at in each.driven.profile.tolist()
         )
         write_rows(folder / "errors.csv", columns, rows)
-        searched = [each for each in self.candidates if len(each.history) > 1]
-        if searched:
+        sampled_candidates = [each for each in self.candidates if len(each.history) > 1]
+        if sampled_candidates:
             from locplan._support.drawing import save_figure
             from locplan.planning.figures import history_figure
 
-            plans = {each.name: self._plan(each) for each in searched}
+            plans = {each.name: self._plan(each) for each in sampled_candidates}
             save_figure(history_figure(plans), folder / "history.png")
 
     def _plan(self, each: Candidate) -> Plan:

@@ -72,8 +72,8 @@ class MapChoice:
         )
 
     def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
-        both = self.choice.shortest, self.choice.chosen
-        first, second = (math.nan if each is None else value(each) for each in both)
+        candidates = self.choice.shortest, self.choice.chosen
+        first, second = (math.nan if candidate is None else value(candidate) for candidate in candidates)
         return first, second
 
 
@@ -119,12 +119,12 @@ class Choices:
     @property
     def solved(self) -> tuple[MapChoice, ...]:
         """Choices for the queries that have a path."""
-        return tuple(each for each in self.choices if each.choice.candidates)
+        return tuple(map_choice for map_choice in self.choices if map_choice.choice.candidates)
 
     @property
     def left(self) -> int:
         """Number of queries for which another path than the shortest is recommended."""
-        return sum(each.choice.best > 0 for each in self.solved)
+        return sum(map_choice.choice.best > 0 for map_choice in self.solved)
 
     @property
     def error_ratio(self) -> Interval:
@@ -147,9 +147,9 @@ class Choices:
         return self._means("off_at_end")
 
     def _means(self, name: str) -> tuple[float, float]:
-        both = np.array([getattr(each, name) for each in self.solved] or [(math.nan, math.nan)])
-        shortest, chosen = both.mean(axis=0).tolist()
-        return shortest, chosen
+        value_pairs = np.array([getattr(map_choice, name) for map_choice in self.solved] or [(math.nan, math.nan)])
+        shortest, recommended = value_pairs.mean(axis=0).tolist()
+        return shortest, recommended
 
     def table(self) -> Table:
         """A row per query: both ends, and the figures of the shortest and of the chosen path."""
@@ -163,13 +163,13 @@ class Choices:
             Column("chosen", value=lambda each: each.choice.taken),
             *_pair("length", "lengths", "m"),
             *_pair("error", "errors"),
-            *(each for name in ("lost", "off_at_end") for each in _pair(name, name)),
+            *(map_choice for name in ("lost", "off_at_end") for map_choice in _pair(name, name)),
         )
         return Table.of(columns, self.choices)
 
     def report(self) -> str:
         """Text of what the choices bring, one row per map and one of all maps."""
-        names = dict.fromkeys(each.map for each in self)
+        names = dict.fromkeys(map_choice.map for map_choice in self)
         groups = {name: Choices(tuple(e for e in self if e.map == name)) for name in names}
         if len(groups) > 1:
             groups["all maps"] = self
@@ -182,8 +182,8 @@ class Choices:
         )
         rows = []
         for name, group in groups.items():
-            both = group.lost, group.off_at_end
-            rates = ("{:.0%} -> {:.0%}".format(*each) if group.solved else "-" for each in both)
+            rate_pairs = group.lost, group.off_at_end
+            rates = ("{:.0%} -> {:.0%}".format(*map_choice) if group.solved else "-" for map_choice in rate_pairs)
             solved, shares = f"{len(group.solved)} of {len(group)}", "\n".join(rates)
             ratios = group.length_ratio.value, group.error_ratio
             rows.append((name, solved, group.left, *ratios, shares))
@@ -238,8 +238,8 @@ def read_choices(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
     LocplanError
         If a folder has no choice, a choice cannot be read, or two folders have the same name.
     """
-    found: dict[str, Choice] = {}
-    for path in (file_path("a folder of a choice", each) for each in paths):
+    choices: dict[str, Choice] = {}
+    for path in (file_path("a folder of a choice", path_like) for path_like in paths):
         folders = [path.parent if path.is_file() else path]
         if path.is_dir() and not (path / CHOICE).exists():
             folders = sorted(file.parent for file in path.glob(f"*/{CHOICE}"))
@@ -247,10 +247,10 @@ def read_choices(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
             raise LocplanError(f"{path}: has no choice; name a folder that plan or save wrote")
         for folder in folders:
             name = folder.resolve().name
-            if name in found:
+            if name in choices:
                 raise LocplanError(f"two folders of choices are called {name}; rename one")
-            found[name] = Choice.load(path if path.is_file() else folder)
-    return found
+            choices[name] = Choice.load(path if path.is_file() else folder)
+    return choices
 
 
 CHOICE = f"{Choice.kind}{Choice.suffix}"
@@ -340,22 +340,22 @@ def choose_many(
     ['undecided', 'undecided']
     """
     check_threads(threads)
-    named = named_maps(maps)
-    check_of_one_map(ChoiceSettings.of(settings).filter_map, named)
+    maps_by_name = named_maps(maps)
+    check_of_one_map(ChoiceSettings.of(settings).filter_map, maps_by_name)
     check_random(queries if is_whole(queries) else 1, query_seed, min_distance)
     whole("seed", seed, 0)
-    asked: dict[str, Any] = {**settings, "robot": robot}
+    task_settings: dict[str, Any] = {**settings, "robot": robot}
     cases: list[_Case] = []
-    for name, given in named.items():
-        if isinstance(given, Costmap):
-            costs = given
+    for name, map_or_costmap in maps_by_name.items():
+        if isinstance(map_or_costmap, Costmap):
+            costs = map_or_costmap
         else:
-            field = load_or_compute(given, Fused(equipped(robot).known_lidar), threads=threads)
-            costs = Costmap.from_field(given, field, robot=(robot or Robot()).radius)
+            field = load_or_compute(map_or_costmap, Fused(equipped(robot).known_lidar), threads=threads)
+            costs = Costmap.from_field(map_or_costmap, field, robot=(robot or Robot()).radius)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {shown(name)}")
-        wanted = queries[name] if isinstance(queries, Mapping) else queries
-        for query in queries_of(costs, wanted, min_distance, query_seed):
+        map_queries = queries[name] if isinstance(queries, Mapping) else queries
+        for query in queries_of(costs, map_queries, min_distance, query_seed):
             with _where(name, query):
                 begin, end = check_ends(costs, query.start[:2], query.goal[:2])
                 if begin == end:
@@ -364,11 +364,11 @@ def choose_many(
     if not cases:
         raise ConfigError("there is no query; give at least one")
     choices = []
-    here = (chosen(__version__, case, {**asked, "threads": threads}) for case in cases)
-    made = here if executor is None else _at(executor, cases, asked)
+    local_choices = (chosen(__version__, case, {**task_settings, "threads": threads}) for case in cases)
+    choice_iterator = local_choices if executor is None else _at(executor, cases, task_settings)
     for case in cases:
         with _where(case.map, case.query):
-            choice = dataclasses.replace(next(made), costs=case.costs)
+            choice = dataclasses.replace(next(choice_iterator), costs=case.costs)
         choices.append(MapChoice(case.map, case.query, choice))
         if progress:
             progress(len(choices), len(cases))
@@ -404,8 +404,8 @@ def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
         )
     costs, ends = case.costs, (case.query.start[:2], case.query.goal[:2])
     robot = equipped(asked["robot"], costs.settings.config if costs.settings else None)
-    about = {"threads": 1, **asked, "robot": robot, "seed": case.seed, "costs": costs}
-    return dataclasses.replace(choose(costs.grid, *ends, **about), costs=None)
+    options = {"threads": 1, **asked, "robot": robot, "seed": case.seed, "costs": costs}
+    return dataclasses.replace(choose(costs.grid, *ends, **options), costs=None)
 
 
 @contextmanager

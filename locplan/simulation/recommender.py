@@ -136,83 +136,83 @@ def choose(
     'better'
     """
     check_grid(grid)
-    asked = ChoiceSettings.of(settings)
-    robot, given, config = _robot_and_field(grid, robot, costs)
+    choice_settings = ChoiceSettings.of(settings)
+    robot, user_costmap, config = _robot_and_field(grid, robot, costs)
     zones = check_zones(zones)
-    if given is not None:
+    if user_costmap is not None:
         if zones:
             raise ConfigError("the costmap has its own zones; leave zones out")
-        zones = given.zones
-    if asked.criterion is not None:
-        check_criterion(asked.criterion, config)
+        zones = user_costmap.zones
+    if choice_settings.criterion is not None:
+        check_criterion(choice_settings.criterion, config)
 
     def computed(
         grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
     ) -> CovarianceField:
         return load_or_compute(grid, config, points=points, threads=threads)
 
-    own = own_of(candidates)
-    planners = [each for each in own.values() if isinstance(each, Planner)]
-    ask = Ask(grid, start, goal, asked, robot, given, config, compute or computed, zones)
-    usual = LATTICE if ask.by_lattice else "R2"
-    space = next((each.space for each in planners if each.space != "R2"), usual)
-    ask = ask.checked(space)
-    check_own(own, ask)
-    check_filter_map(asked.filter_map, grid)
+    user_candidates = own_of(candidates)
+    planners = [planner for planner in user_candidates.values() if isinstance(planner, Planner)]
+    problem = Ask(grid, start, goal, choice_settings, robot, user_costmap, config, compute or computed, zones)
+    default_space = LATTICE if problem.by_lattice else "R2"
+    space = next((planner.space for planner in planners if planner.space != "R2"), default_space)
+    problem = problem.checked(space)
+    check_own(user_candidates, problem)
+    check_filter_map(choice_settings.filter_map, grid)
     whole("seed", seed, 0)
     check_threads(threads)
-    shortest = ask.planned(ask.blank, limited=False)
+    shortest = problem.planned(problem.blank, limited=False)
     if shortest.path is None:
-        return _made(ask, seed, shortest, given)
-    if why_not := _why_not(ask, space):
-        return _planned_only(ask, own, shortest, seed, why_not)
-    if ask.start == ask.goal and not asked.via:
+        return _made(problem, seed, shortest, user_costmap)
+    if reason := _why_not(problem, space):
+        return _planned_only(problem, user_candidates, shortest, seed, reason)
+    if problem.start == problem.goal and not choice_settings.via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
     simulator = Simulator(
-        grid, robot, filter_map=asked.filter_map, seed=seed, threads=threads, zones=zones
+        grid, robot, filter_map=choice_settings.filter_map, seed=seed, threads=threads, zones=zones
     )
-    return _driven(ask, own, shortest.path, simulator, progress)
+    return _driven(problem, user_candidates, shortest.path, simulator, progress)
 
 
 def _driven(
     ask: Ask, own: Own, first: Path, simulator: Simulator, progress: ProgressCallback | None
 ) -> Choice:
     """The choice among candidates that are driven."""
-    asked = ask.settings
+    settings = ask.settings
     costs, _ = ask.costs(lambda costs: Part.about(costs, first, ask).aware_paths(WEIGHTS))
     shortest = ask.shortest(costs) or first
-    if asked.is_limited:
+    if settings.is_limited:
         within = ask.planned(costs.for_shortest)
         if within.path is None:
             return _made(ask, simulator.seed, within, costs)
         shortest = within.path
-    part = Part.about(costs, shortest, ask)
-    paths, left_out = candidates_of(part, own)
-    if asked.is_limited:  # planners find short paths, not always the shortest, within limits
+    region = Part.about(costs, shortest, ask)
+    paths, left_out = candidates_of(region, own)
+    if settings.is_limited:  # planners find short paths, not always the shortest, within limits
         name = min(paths, key=lambda each: paths[each].length)
         if name != SHORTEST:
             left_out[name] = f"races as {SHORTEST!r}: no path within the limits is shorter"
             left_out[f"planned {SHORTEST}"] = f"{name!r} keeps the limits and is shorter"
             paths[SHORTEST] = paths.pop(name)
-    driver = Driver(simulator, paths, asked, progress)
-    until = math.inf if asked.time_limit is None else time.monotonic() + asked.time_limit
-    found = judged(
-        driver,
-        asked.length_handicaps([path.length / paths[SHORTEST].length for path in paths.values()]),
-        100.0 if asked.minimise == "lost" else 1.0,
-        asked.drives,
+    runner = Driver(simulator, paths, settings, progress)
+    until = math.inf if settings.time_limit is None else time.monotonic() + settings.time_limit
+    race_result = judged(
+        runner,
+        settings.length_handicaps([path.length / paths[SHORTEST].length for path in paths.values()]),
+        100.0 if settings.minimise == "lost" else 1.0,
+        settings.drives,
         lambda: time.monotonic() > until,
     )
-    arrivals = driver.arrivals(found)
-    made = tuple(
+    arrivals = runner.arrivals(race_result)
+    candidates = tuple(
         Candidate(
-            *(name, path, path_metrics(costs, path), driver.shown(n, found)),
+            *(name, path, path_metrics(costs, path), runner.shown(n, race_result)),
             arrivals=arrivals.get(n),
         )
         for n, (name, path) in enumerate(paths.items())
     )
-    parts = {"candidates": made, "left_out": left_out, "judgement": found}
-    return _made(ask, simulator.seed, None, costs, rival=driver.rival(found), **parts)
+    parts = {"candidates": candidates, "left_out": left_out, "judgement": race_result}
+    return _made(ask, simulator.seed, None, costs, rival=runner.rival(race_result), **parts)
 
 
 def _robot_and_field(
@@ -221,17 +221,17 @@ def _robot_and_field(
     """The robot, with the lidar of the field if it names none, the costmap, and the field."""
     robot = Robot() if robot is None else robot
     instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
-    given, config = None, costs
+    user_costmap, config = None, costs
     if costs is not None and not isinstance(costs, FieldConfig):
         check_costs(costs)
         if costs.grid.digest != grid.digest:
             raise ConfigError("the costmap is that of another map")
-        given, config = costs, costs.settings.config if costs.settings else None
+        user_costmap, config = costs, costs.settings.config if costs.settings else None
     if robot.lidar is None and isinstance(config, FieldConfig):
         robot = dataclasses.replace(robot, lidar=getattr(config.estimator, "lidar", None))
     if not isinstance(config, FieldConfig):
         config = config_of({}, robot.lidar)
-    return robot, given, config
+    return robot, user_costmap, config
 
 
 def _why_not(ask: Ask, space: str) -> str:
@@ -271,7 +271,7 @@ def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -
         return [plan.path for plan in plans.values() if plan.path is not None]
 
     costs, field = ask.costs(drafted)
-    planner = next((each for each in own.values() if isinstance(each, Planner)), None)
+    planner = next((candidate for candidate in own.values() if isinstance(candidate, Planner)), None)
     plans = {SHORTEST: shortest.measured_on(costs)}
     if not math.isnan(costs.weight):
         plans = ask.beside_shortest(costs, planner)
@@ -281,27 +281,27 @@ def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -
     last = plans[next(reversed(plans))]
     if last.path is None:
         return _made(ask, seed, last, costs, left_out=left_out)
-    made = []
+    candidates = []
     for name, path in paths.items():
-        more: dict[str, Any] = {}
+        details: dict[str, Any] = {}
         if field is not None:
-            more["deviation"] = deviation_along(path, field)
-        if planned := plans.get(name):
-            more |= {"planner": planned.planner, "history": planned.history}
-            more["note"] = _note_on(planned)
-        made.append(Candidate(name, path, path_metrics(costs, path), **more))
-    return _made(ask, seed, None, costs, note=why_not, candidates=tuple(made), left_out=left_out)
+            details["deviation"] = deviation_along(path, field)
+        if candidate_plan := plans.get(name):
+            details |= {"planner": candidate_plan.planner, "history": candidate_plan.history}
+            details["note"] = _note_on(candidate_plan)
+        candidates.append(Candidate(name, path, path_metrics(costs, path), **details))
+    return _made(ask, seed, None, costs, note=why_not, candidates=tuple(candidates), left_out=left_out)
 
 
 def _note_on(made: Plan) -> str:
     """What a plan says of its path beside its metrics, and beside the note of its costmap."""
     note = made.note.removesuffix(made.costs.note).rstrip("; ") if made.costs else made.note
-    said = [note] if note else []
+    sentences = [note] if note else []
     if not made.minimises:
-        said.append("any path, since its planner minimises nothing")
+        sentences.append("any path, since its planner minimises nothing")
     if made.bound is not None:
-        said.append(f"no path within the budget is shorter than {made.bound:.2f} m")
-    return "; ".join(said)
+        sentences.append(f"no path within the budget is shorter than {made.bound:.2f} m")
+    return "; ".join(sentences)
 
 
 @dataclass(frozen=True)
@@ -363,6 +363,6 @@ class SimulatedChoice:
             return AnyAngle().solve(costs, start, goal)
         config = costs.settings.config if costs.settings else None
         robot = equipped(None if isinstance(self.robot, str) else self.robot, config)
-        own = {**self._settings, "seed": 1 if self.seed is None else self.seed, "threads": 1}
-        choice = choose(costs.grid, start[:2], goal[:2], robot, costs=costs, **own)
+        options = {**self._settings, "seed": 1 if self.seed is None else self.seed, "threads": 1}
+        choice = choose(costs.grid, start[:2], goal[:2], robot, costs=costs, **options)
         return Found(choice.path, choice.status)

@@ -76,16 +76,16 @@ class Simulation(Result):
     def summary(self) -> dict[str, object]:
         """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
         map_of = {"name": self.grid.name, "digest": self.grid.digest}
-        about: dict[str, object] = {
+        record: dict[str, object] = {
             **(about_costs(self.costs) if self.costs else {"map": map_of}),
-            "paths": {name: values_of(DRIVEN, each) for name, each in self.drives.items()},
+            "paths": {name: values_of(DRIVEN, path_drives) for name, path_drives in self.drives.items()},
             "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
             "seed": self.seed,
             "robot": self.robot.summary(),
             **about_filter(self.filter_map),
         }
         if self.arrivals:
-            about["arrivals"] = {
+            record["arrivals"] = {
                 name: {
                     "drives": len(arrivals.drives),
                     "standstills": arrivals.standstills,
@@ -93,18 +93,18 @@ class Simulation(Result):
                 }
                 for name, arrivals in self.arrivals.items()
             }
-        return finite(about)
+        return finite(record)
 
     def table(self) -> Table:
         """Length and errors of each path, and the ratio of its RMSE to the first's."""
-        ratios, alone = contrasts(self.drives), Interval(1.0, math.nan, math.nan)
+        ratios, unit_ratio = contrasts(self.drives), Interval(1.0, math.nan, math.nan)
         ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
         rows = {
-            name: [name, *(column.of(each) for column in DRIVEN), ratios.get(name, alone)]
-            for name, each in self.drives.items()
+            name: [name, *(column.of(path_drives) for column in DRIVEN), ratios.get(name, unit_ratio)]
+            for name, path_drives in self.drives.items()
         }
-        for name, each in (self.arrivals or {}).items():
-            rows[name] += [column.of(each) for column in ARRIVING]
+        for name, path_drives in (self.arrivals or {}).items():
+            rows[name] += [column.of(path_drives) for column in ARRIVING]
         columns = (Column("path", title=""), *DRIVEN, ratio, *(ARRIVING if self.arrivals else ()))
         return Table(columns, tuple(map(tuple, rows.values())))
 
@@ -136,12 +136,12 @@ def simulation_report(simulation: Simulation) -> str:
     if arrivals := simulation.arrivals:
         about += f", and the ends of {len(next(iter(arrivals.values())).drives)} more"
         # Ends that no drive has are not worth a line.
-        none = [
+        empty_rows = [
             share.heading
             for share in SHARES[1:]
-            if not any(share.of(each).value for each in arrivals.values())
+            if not any(share.of(path_arrivals).value for path_arrivals in arrivals.values())
         ]
-        rows = [row for row in rows if row[0] not in none]
+        rows = [row for row in rows if row[0] not in empty_rows]
     return f"{table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
 
 
@@ -223,11 +223,11 @@ def simulate(
         for name, path in paths.items()
     }
     steered = closed.drives if closed else 0
-    opened, rest = parts(progress, [drives * len(routes), steered * len(routes)])
-    driven = drive_open(simulator, routes, range(drives), progress=opened)
+    open_progress, closed_progress = parts(progress, [drives * len(routes), steered * len(routes)])
+    open_drives = drive_open(simulator, routes, range(drives), progress=open_progress)
     arrivals = None
     if closed:
         arrivals = drive_closed(
-            simulator, routes, range(steered), replan=closed.replan, progress=rest
+            simulator, routes, range(steered), replan=closed.replan, progress=closed_progress
         )
-    return Simulation(grid, routes, driven, simulator.robot, seed, costs, filter_map, arrivals)
+    return Simulation(grid, routes, open_drives, simulator.robot, seed, costs, filter_map, arrivals)

@@ -203,9 +203,9 @@ class Simulator:
         pool = ThreadPoolExecutor(self.threads)
         try:
             tasks = [pool.submit(run, n) for n in range(count)]
-            for done, task in enumerate(tasks):
+            for n_done, task in enumerate(tasks):
                 task.result()
-                for step in range(done * steps // count, (done + 1) * steps // count):
+                for step in range(n_done * steps // count, (n_done + 1) * steps // count):
                     if progress:
                         progress(step + 1, steps)
         finally:

@@ -134,8 +134,8 @@ class DriveSet:
         """
 
         def concatenate_known(parts: Sequence[Bools | None]) -> Bools | None:
-            known = [part for part in parts if part is not None]
-            return np.concatenate(known) if len(known) == len(parts) else None
+            arrays = [part for part in parts if part is not None]
+            return np.concatenate(arrays) if len(arrays) == len(parts) else None
 
         return cls(
             np.concatenate([drives.log_error for drives in sets]),
@@ -244,8 +244,8 @@ def look(
     saved = (baseline_lost & ~alternative_lost).sum(axis=1)
     harmed = (alternative_lost & ~baseline_lost).sum(axis=1)
     # P(at most so few of the pairs in which one drive is lost), if both lose drives as often
-    fewer_lost, more_lost = (bdtr(n, saved + harmed, 0.5) <= level for n in (harmed, saved))
-    return Look(mean, low, high, fewer_lost, more_lost)
+    has_fewer_lost, has_more_lost = (bdtr(n, saved + harmed, 0.5) <= level for n in (harmed, saved))
+    return Look(mean, low, high, has_fewer_lost, has_more_lost)
 
 
 def student_interval(values: Floats, level: float) -> tuple[Floats, Floats, Floats]:

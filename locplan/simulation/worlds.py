@@ -71,17 +71,17 @@ def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
 
 def _facing_ahead(path: Path, at: Floats) -> Poses:
     """Poses at distances along a path, each facing the point `AHEAD` of it."""
-    here, ahead = (
-        np.column_stack([np.interp(where, path.distance, v) for v in path.xy.T])
-        for where in (at, np.minimum(at + AHEAD, path.length))
+    positions, ahead = (
+        np.column_stack([np.interp(distances, path.distance, v) for v in path.xy.T])
+        for distances in (at, np.minimum(at + AHEAD, path.length))
     )
-    dx, dy = (ahead - here).T
+    dx, dy = (ahead - positions).T
     heading = np.arctan2(dy, dx)
     moving = np.flatnonzero(np.hypot(dx, dy) > AHEAD / 10)
     if moving.size:  # at the end nothing lies ahead: keep the last heading
         last = np.searchsorted(moving, np.arange(len(at)), side="right") - 1
         heading = heading[moving[np.maximum(last, 0)]]
-    return np.column_stack([here, np.unwrap(heading)])
+    return np.column_stack([positions, np.unwrap(heading)])
 
 
 def _turning(poses: Poses) -> Poses:
@@ -289,7 +289,7 @@ def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> O
     check_grid(filter_map)
     rows, cols = np.nonzero(grid.free)
     at = filter_map.world_to_grid(*grid.grid_to_world(rows + 0.5, cols + 0.5))
-    on_both = [(each >= 0) & (each < size) for each, size in zip(at, filter_map.shape, strict=True)]
+    on_both = [(coordinates >= 0) & (coordinates < size) for coordinates, size in zip(at, filter_map.shape, strict=True)]
     if not np.logical_and(*on_both).any():
         raise ConfigError(
             f"the filter's map ({filter_map.name or 'filter_map'}) and {grid.name or 'the map'} do"

@@ -43,20 +43,20 @@ class Tracker(NamedTuple):
 @njit(nogil=True, cache=True)
 def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Tracker:
     """Draw a filter's particles about a pose that is off from `first` (3,) by as much."""
-    most = settings.max_particles
-    clouds, weights = np.empty((2, 3, most)), np.full(most, 1 / most)
+    max_particles = settings.max_particles
+    clouds, weights = np.empty((2, 3, max_particles)), np.full(max_particles, 1 / max_particles)
     poses = clouds[0]
     sigma = np.array([start.position, start.position, start.heading])
     for axis in range(3):
         poses[axis] = first[axis] + sigma[axis] * random.standard_normal()
-    histogram = particles.make_histogram(most)
+    histogram = particles.make_histogram(max_particles)
     bins = np.int64(0)  # the constant 0 has a type of its own
-    for n in range(most):
+    for n in range(max_particles):
         for axis in range(3):
             poses[axis, n] += sigma[axis] * random.standard_normal()
         bins = particles.insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
-    pose = np.array(particles.heaviest_cluster_mean(histogram, bins, poses, most))
-    averages, state = np.zeros(2), np.array([0, most, bins, 0, 0, 0])
+    pose = np.array(particles.heaviest_cluster_mean(histogram, bins, poses, max_particles))
+    averages, state = np.zeros(2), np.array([0, max_particles, bins, 0, 0, 0])
     return Tracker(clouds, weights, histogram, averages, pose, state)
 
 
@@ -102,7 +102,7 @@ def correct(
     It returns whether they were resampled, from which the filter's pose follows anew.
     """
     state, weights = tracker.state, tracker.weights
-    poses, drawn = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
+    poses, new_poses = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
     weight = particles.weigh(scores, ends, poses, state[COUNT], weights)
     lost = lost_share(tracker.averages, weight, settings)
     state[UPDATED] = n
@@ -117,7 +117,7 @@ def correct(
         settings,
         tracker.histogram,
         state[BINS],
-        drawn,
+        new_poses,
         scores,
         lost,
     )
@@ -125,7 +125,7 @@ def correct(
         tracker.averages[0] = tracker.averages[1] = 0.0
     state[NOW], state[COUNT], state[BINS], state[AT] = 1 - state[NOW], count, bins, n
     weights[:count] = 1 / count
-    x, y, heading = particles.heaviest_cluster_mean(tracker.histogram, bins, drawn, count)
+    x, y, heading = particles.heaviest_cluster_mean(tracker.histogram, bins, new_poses, count)
     tracker.pose[0], tracker.pose[1], tracker.pose[2] = x, y, heading
     return True
 
@@ -153,10 +153,10 @@ def covariance_of(tracker: Tracker, covariance: Floats) -> None:
     x, y = poses[0, :count].mean(), poses[1, :count].mean()
     xx = xy = yy = cos = sin = 0.0
     for n in range(count):
-        aside, up = poses[0, n] - x, poses[1, n] - y
-        xx += aside * aside
-        xy += aside * up
-        yy += up * up
+        dx, dy = poses[0, n] - x, poses[1, n] - y
+        xx += dx * dx
+        xy += dx * dy
+        yy += dy * dy
         cos += np.cos(poses[2, n])
         sin += np.sin(poses[2, n])
     covariance[:] = 0.0
@@ -196,15 +196,15 @@ def odometry_along(random: Random, truth: Floats, odometry: Odometry) -> Floats:
     for n in range(1, len(truth)):
         dx, dy = truth[n, 0] - truth[n - 1, 0], truth[n, 1] - truth[n - 1, 1]
         way, turn = np.hypot(dx, dy), wrapped(truth[n, 2] - truth[n - 1, 2])
-        aside = np.arctan2(dy, dx) - truth[n - 1, 2] if way > 0 else 0.0
+        bearing = np.arctan2(dy, dx) - truth[n - 1, 2] if way > 0 else 0.0
         reported = scale * way + odometry.distance_drift * np.sqrt(way) * random.standard_normal()
         reported_turn = turn_scale * turn + bend * way
         reported_turn += random.standard_normal() * np.sqrt(
             odometry.heading_drift**2 * way + odometry.turn_drift**2 * abs(turn)
         )
         heading = poses[n - 1, 2]
-        poses[n, 0] = poses[n - 1, 0] + reported * np.cos(heading + aside)
-        poses[n, 1] = poses[n - 1, 1] + reported * np.sin(heading + aside)
+        poses[n, 0] = poses[n - 1, 0] + reported * np.cos(heading + bearing)
+        poses[n, 1] = poses[n - 1, 1] + reported * np.sin(heading + bearing)
         poses[n, 2] = heading + reported_turn
     return poses
 

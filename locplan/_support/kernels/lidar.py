@@ -79,12 +79,12 @@ def scan_ends(
     """
     lever_x, lever_y = lever(lidar, heading, resolution)
     from_row, from_col = row + lever_y, col + lever_x
-    least, most = lidar.min_range / resolution, lidar.max_range / resolution
+    min_range, max_range = lidar.min_range / resolution, lidar.max_range / resolution
     for b in range(lidar.angles.size):
         bearing = heading + lidar.yaw + lidar.angles[b]
         dx, dy = np.cos(bearing), np.sin(bearing)
-        at, hit_row, hit_col = cast(squares, from_row, from_col, dy, dx, most)
-        if not 0 < at < np.inf or at < least:  # at 0 the lidar itself is within a wall
+        at, hit_row, hit_col = cast(squares, from_row, from_col, dy, dx, max_range)
+        if not 0 < at < np.inf or at < min_range:  # at 0 the lidar itself is within a wall
             ends[b] = np.nan
             continue
         leave_row = (hit_row + (dy >= 0) - from_row) / dy
@@ -153,7 +153,7 @@ def measured_ends(
     )
     scan_ends(squares, resolution, row, col, heading, near, ends)
     lever_x, lever_y = lever(lidar, heading, resolution)
-    least, reach = lidar.min_range / resolution, lidar.max_range / resolution
+    min_range, reach = lidar.min_range / resolution, lidar.max_range / resolution
     occluded = random.random() < disturbances.occlusion
     middle = lidar.angles[0] + random.random() * (lidar.angles[-1] - lidar.angles[0])
     between = disturbances.farthest - disturbances.nearest
@@ -166,10 +166,10 @@ def measured_ends(
         at += noise * lidar.sigma / resolution
         if chance < disturbances.outliers:
             at = chance / disturbances.outliers * reach
-        aside = abs((lidar.angles[b] - middle + np.pi) % (2 * np.pi) - np.pi)
-        if occluded and aside <= disturbances.width / 2 and not before > at:
+        angle_offset = abs((lidar.angles[b] - middle + np.pi) % (2 * np.pi) - np.pi)
+        if occluded and angle_offset <= disturbances.width / 2 and not before > at:
             at = before
-        if not 0 < at < reach or at < least:
+        if not 0 < at < reach or at < min_range:
             ends[b] = np.nan
             continue
         # Start at the lidar's position on the robot, and go along the beam.
@@ -222,7 +222,7 @@ def information(
     result = np.full((rows.size, headings.size, 3, 3), np.nan)
     bearings = headings.reshape(-1, 1) + lidar.yaw + lidar.angles
     beam_x, beam_y = np.cos(bearings), np.sin(bearings)
-    least, most = lidar.min_range / resolution, lidar.max_range / resolution
+    min_range, max_range = lidar.min_range / resolution, lidar.max_range / resolution
     for n in range(rows.size):
         if control[STOP]:
             break
@@ -232,8 +232,8 @@ def information(
             xx = xy = yy = xt = yt = tt = 0.0
             for b in range(lidar.angles.size):
                 dx, dy = beam_x[k, b], beam_y[k, b]
-                at, hit_row, hit_col = cast(squares, row, col, dy, dx, most)
-                if not 0 < at < np.inf or at < least:  # at 0 the lidar itself is within a wall
+                at, hit_row, hit_col = cast(squares, row, col, dy, dx, max_range)
+                if not 0 < at < np.inf or at < min_range:  # at 0 the lidar itself is within a wall
                     continue
                 ny, nx = normals[hit_row, hit_col, 0], normals[hit_row, hit_col, 1]
                 hx, hy = (ahead_x + at * dx) * resolution, (ahead_y + at * dy) * resolution

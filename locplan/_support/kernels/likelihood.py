@@ -77,13 +77,13 @@ def distances_along_columns(walls: Octets, reach: int) -> Array:
         for j in range(cols):
             if walls[i, j]:
                 distance[reach + i, j] = 0
-    one = np.uint16(1)
+    row_step = np.uint16(1)
     for i in range(1, len(distance)):
         for j in range(cols):
-            distance[i, j] = min(distance[i, j], np.uint16(distance[i - 1, j] + one))
+            distance[i, j] = min(distance[i, j], np.uint16(distance[i - 1, j] + row_step))
     for i in range(len(distance) - 2, -1, -1):
         for j in range(cols):
-            distance[i, j] = min(distance[i, j], np.uint16(distance[i + 1, j] + one))
+            distance[i, j] = min(distance[i, j], np.uint16(distance[i + 1, j] + row_step))
     return distance
 
 
@@ -103,9 +103,9 @@ def lay_out(walls: Octets, costs: Shorts, reach: int, margin: int, planes: Short
             squared[j] = np.int32(along_columns[i, j]) ** 2
         nearest[:] = furthest
         for shift in range(-reach, reach + 1):
-            around, aside = nearest[reach + shift : reach + shift + cols], np.int32(shift * shift)
+            around, column_square = nearest[reach + shift : reach + shift + cols], np.int32(shift * shift)
             for j in range(cols):
-                around[j] = min(around[j], np.int32(squared[j] + aside))
+                around[j] = min(around[j], np.int32(squared[j] + column_square))
         for remainder in range(step):
             for j in range((remainder - margin + reach) % step, nearest.size, step):
                 col = (margin - reach + j) // step

@@ -229,15 +229,15 @@ def move(
         bearing = np.arctan2(dy, dx) - heading  # from the robot's heading
         way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * turn**2)
         turn_sd = np.sqrt(settings.alpha1 * turn**2 + settings.alpha2 * way**2)
-        aside_sd = np.sqrt(settings.alpha4 * turn**2 + settings.alpha5 * way**2)
+        lateral_sd = np.sqrt(settings.alpha4 * turn**2 + settings.alpha5 * way**2)
         for n in range(count):
-            own_way = way + way_sd * random.standard_normal()
-            own_turn = turn + turn_sd * random.standard_normal()
-            aside = aside_sd * random.standard_normal()
+            noisy_way = way + way_sd * random.standard_normal()
+            noisy_turn = turn + turn_sd * random.standard_normal()
+            lateral = lateral_sd * random.standard_normal()
             cos, sin = np.cos(poses[2, n] + bearing), np.sin(poses[2, n] + bearing)
-            poses[0, n] += own_way * cos + aside * sin
-            poses[1, n] += own_way * sin - aside * cos
-            poses[2, n] += own_turn
+            poses[0, n] += noisy_way * cos + lateral * sin
+            poses[1, n] += noisy_way * sin - lateral * cos
+            poses[2, n] += noisy_turn
         return
     first = wrapped(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
     second = wrapped(turn - first)
@@ -248,12 +248,12 @@ def move(
     second_sd = np.sqrt(settings.alpha1 * second_size**2 + settings.alpha2 * way**2)
     way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * (first_size**2 + second_size**2))
     for n in range(count):
-        own_first = first - first_sd * random.standard_normal()
-        own_way = way - way_sd * random.standard_normal()
-        own_second = second - second_sd * random.standard_normal()
-        poses[0, n] += own_way * np.cos(poses[2, n] + own_first)
-        poses[1, n] += own_way * np.sin(poses[2, n] + own_first)
-        poses[2, n] += own_first + own_second
+        noisy_first = first - first_sd * random.standard_normal()
+        noisy_way = way - way_sd * random.standard_normal()
+        noisy_second = second - second_sd * random.standard_normal()
+        poses[0, n] += noisy_way * np.cos(poses[2, n] + noisy_first)
+        poses[1, n] += noisy_way * np.sin(poses[2, n] + noisy_first)
+        poses[2, n] += noisy_first + noisy_second
 
 
 @njit(nogil=True, cache=True)
@@ -328,8 +328,8 @@ def resample(
     clear(histogram, bins)
     shares = np.cumsum(weights[:count])
     guide = guide_of(shares)
-    bins = taken = size = 0
-    while taken < settings.max_particles:
+    bins = n_drawn = size = 0
+    while n_drawn < settings.max_particles:
         # Without recovery no number is drawn for it.
         if lost > 0 and len(scores.free) and random.random() < lost:
             cell = scores.free[int(random.random() * len(scores.free))]
@@ -340,11 +340,11 @@ def resample(
             share = random.random()
             at = first_above(share * shares[-1], shares, guide[int(share * count)])
             x, y, heading = poses[0, at], poses[1, at], poses[2, at]
-        drawn[0, taken], drawn[1, taken], drawn[2, taken] = x, y, heading
-        before, bins = bins, insert(histogram, bins, taken, x, y, heading)
-        taken += 1
+        drawn[0, n_drawn], drawn[1, n_drawn], drawn[2, n_drawn] = x, y, heading
+        before, bins = bins, insert(histogram, bins, n_drawn, x, y, heading)
+        n_drawn += 1
         if bins > before:
             size = kld_sample_size(bins, settings)
-        if taken > size:
+        if n_drawn > size:
             break
-    return taken, bins
+    return n_drawn, bins

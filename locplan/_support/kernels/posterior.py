@@ -65,7 +65,7 @@ def score(
     """
     for k in range(costs.size):
         costs[k] = lattice.empty[k]
-    together = 65535 // TOP  # beams whose summed costs fit into sixteen bits
+    batch_size = 65535 // TOP  # beams whose summed costs fit into sixteen bits
     returned = ~np.isnan(ends[:, 0])
     xs, ys = ends[returned, 0], ends[returned, 1]
     starts = np.empty(xs.size, np.int64)
@@ -90,9 +90,9 @@ def score(
             for col_at in range(0, lattice.width, SHORTS):
                 base = row_at * stride + col_at
                 to = k * lattice.plane + row_at * lattice.width + col_at
-                for batch in range(0, starts.size, together):
+                for batch in range(0, starts.size, batch_size):
                     a = b = c = zero_shorts()
-                    for n in range(batch, min(batch + together, starts.size)):
+                    for n in range(batch, min(batch + batch_size, starts.size)):
                         at = base + starts[n]
                         a = add_shorts(a, planes, at)
                         b = add_shorts(b, planes, at + stride)
@@ -108,11 +108,11 @@ def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
 
     The `guard` words at either end are left out.
     """
-    one, left = np.uint64(1), np.uint64(distance % WORD)
+    unit, left = np.uint64(1), np.uint64(distance % WORD)
     right, words = np.uint64(WORD - 1) - left, np.uint64(distance // WORD)
     for n in range(np.uint64(guard), np.uint64(bits.size - guard)):
-        up = bits[n - words] << left | bits[n - words - one] >> one >> right
-        down = bits[n + words] >> left | bits[n + words + one] << one << right
+        up = bits[n - words] << left | bits[n - words - unit] >> unit >> right
+        down = bits[n + words] >> left | bits[n + words + unit] << unit << right
         to[n] = bits[n] | up | down
 
 
@@ -161,18 +161,18 @@ def moments(
     nothing cancels where all others vanish.
     """
     rows, half_headings = lattice.plane // lattice.width, (lattice.cos.size - 1) // 2
-    least = costs.min()
+    min_cost = costs.min()
     total = total_loss = total_outside = 0.0
     first, second = np.zeros(3), np.zeros((3, 3))
     coarse, fine, limit = weights.coarse, weights.fine, np.uint64(weights.limit)
     for at in range(0, costs.size, SHORTS):
-        if not lanes_at_most(costs, at, least + weights.limit):
+        if not lanes_at_most(costs, at, min_cost + weights.limit):
             continue
         row, left = at // lattice.width, at % lattice.width
-        others = ~mode[at // WORD] >> np.uint64(at % WORD)
+        outside_bits = ~mode[at // WORD] >> np.uint64(at % WORD)
         w = wx = wxx = loss = outside = 0.0
         for i in range(np.uint64(min(SHORTS, lattice.offsets - left))):
-            cost = np.uint64(costs[np.uint64(at) + i] - least)
+            cost = np.uint64(costs[np.uint64(at) + i] - min_cost)
             if cost <= limit:
                 weight = coarse[cost // np.uint64(FINE)] * fine[cost % np.uint64(FINE)]
                 x = np.float64(np.int64(i) + left - lattice.half_steps)
@@ -180,7 +180,7 @@ def moments(
                 wx += weight * x
                 wxx += weight * x * x
                 loss += weight * np.float64(np.int64(cost))
-                if others >> i & np.uint64(1):
+                if outside_bits >> i & np.uint64(1):
                     outside += weight
         y, t = float(row % rows - lattice.half_steps), float(row // rows - half_headings)
         total += w

@@ -173,12 +173,12 @@ def empty_squares(stops: Bools) -> Octets:
             for j in range(cols):
                 col = cols - j if col_step > 0 else 1 + j
                 if not stops[row - 1, col - 1]:
-                    least = min(
+                    smallest_square = min(
                         squares[quadrant, row + row_step, col],
                         squares[quadrant, row, col + col_step],
                         squares[quadrant, row + row_step, col + col_step],
                     )
-                    squares[quadrant, row, col] = min(least + 1, 255)  # the longest leap, in a byte
+                    squares[quadrant, row, col] = min(smallest_square + 1, 255)  # the longest leap, in a byte
     return squares
 
 

@@ -61,8 +61,8 @@ class Scale(NamedTuple):
     @property
     def width(self) -> float:
         """The width of a bucket [density x cells]."""
-        least = max(WIDTH_TO_MEAN * self.mean, WIDTH_TO_MAX * self.costliest)
-        return max(self.cheapest, least) or 1.0
+        min_width = max(WIDTH_TO_MEAN * self.mean, WIDTH_TO_MAX * self.costliest)
+        return max(self.cheapest, min_width) or 1.0
 
 
 def scale_of(half: Floats) -> Scale:
@@ -74,13 +74,13 @@ def scale_of(half: Floats) -> Scale:
 @njit(nogil=True, cache=True)
 def range_of(half: Floats) -> tuple[float, float, float, int]:
     """Least, greatest and sum of the values of free cells, and the number of free cells."""
-    least, greatest, total, free = np.inf, 0.0, 0.0, 0
+    smallest, greatest, total, free = np.inf, 0.0, 0.0, 0
     for value in half:
         if value < np.inf:
-            least, greatest = min(least, value), max(greatest, value)
+            smallest, greatest = min(smallest, value), max(greatest, value)
             total += value
             free += 1
-    return least, greatest, total, free
+    return smallest, greatest, total, free
 
 
 class Queue(NamedTuple):
@@ -215,32 +215,32 @@ def expand(queue: Queue, half: Floats, cost: Floats, terms: Terms, expansions: i
     """
     state, heads, batch = queue.state, queue.heads, queue.batch
     cells, following = queue.cells, queue.following
-    mask, enough = heads.size - 1, np.inf
+    mask, cost_limit = heads.size - 1, np.inf
     pausing = state[_EXPANDED] + expansions
     if terms.goal >= 0:
-        enough = abs(cost[terms.goal]) * (1 + TIE)
+        cost_limit = abs(cost[terms.goal]) * (1 + TIE)
     while True:
         if state[_LEFT] == 0:
             lowest = state[_LOWEST]
-            if state[_WAITING] == 0 or lowest > enough * terms.per_cost:
+            if state[_WAITING] == 0 or lowest > cost_limit * terms.per_cost:
                 return _FINISHED
-            entry, left = heads[lowest & mask], 0
-            if entry < 0:
+            node, left = heads[lowest & mask], 0
+            if node < 0:
                 state[_LOWEST] += 1
                 continue
             if state[_EXPANDED] >= pausing:
                 return _PAUSED
             # A bucket's newest cell is its first, and will be the last of the batch: cells leave
             # in the order in which they came, so that few are expanded anew.
-            while entry >= 0 and left < batch.size:
-                batch[left] = cells[entry]
+            while node >= 0 and left < batch.size:
+                batch[left] = cells[node]
                 left += 1
-                after = following[entry]
-                following[entry], state[_UNUSED] = state[_UNUSED], entry
-                entry = after
-            heads[lowest & mask], state[_LEFT] = entry, left
+                after = following[node]
+                following[node], state[_UNUSED] = state[_UNUSED], node
+                node = after
+            heads[lowest & mask], state[_LEFT] = node, left
             state[_WAITING] -= left
-        enough = expand_batch(queue, half, cost, terms, enough)
+        cost_limit = expand_batch(queue, half, cost, terms, cost_limit)
         if state[_LEFT]:
             return _OUT_OF_ROOM
 
@@ -258,20 +258,20 @@ def expand_batch(queue: Queue, half: Floats, cost: Floats, terms: Terms, enough:
     unused, used, waiting = state[_UNUSED], state[_USED], state[_WAITING]
     lowest, expanded, left = state[_LOWEST], state[_EXPANDED], state[_LEFT]
     # Unsigned, which numba need not check for counting from the end.
-    one, width, end, mask = np.uint64(1), np.uint64(columns), np.uint64(goal), heads.size - 1
+    unit, width, end, mask = np.uint64(1), np.uint64(columns), np.uint64(goal), heads.size - 1
     goal_row, goal_col = goal // columns, goal % columns
     corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
     while left and used + 8 <= cells.size:
         left -= 1
         # Memory is fetched two cells ahead; from 1 to 8 the times are alike.
         cell, coming = np.uint64(batch[left]), np.int64(batch[max(left - 2, 0)])
-        for aside in (-columns, 0, columns):
-            prefetch(cost, coming + aside)
-            prefetch(half, coming + aside)
-        here = cost[cell]
-        if here < 0:  # it was expanded since it was put into this bucket
+        for row_shift in (-columns, 0, columns):
+            prefetch(cost, coming + row_shift)
+            prefetch(half, coming + row_shift)
+        cell_cost = cost[cell]
+        if cell_cost < 0:  # it was expanded since it was put into this bucket
             continue
-        row, col, total = 0, 0, here
+        row, col, total = 0, 0, cell_cost
         if rate > 0:
             row, col = int(cell // width) - goal_row, int(cell % width) - goal_col
             total += octile(row, col, rate)
@@ -283,28 +283,28 @@ def expand_batch(queue: Queue, half: Floats, cost: Floats, terms: Terms, enough:
             unused, used = put(cell, slot, heads, cells, following, unused, used)
             waiting += 1
             continue
-        cost[cell], own = -here, half[cell]
+        cost[cell], cell_half = -cell_cost, half[cell]
         expanded += 1
-        south, north, west, east = cell - width, cell + width, cell - one, cell + one
-        others = south, north, west, east, south - one, south + one, north - one, north + one
+        south, north, west, east = cell - width, cell + width, cell - unit, cell + unit
+        neighbours = south, north, west, east, south - unit, south + unit, north - unit, north + unit
         # The two cells beside a diagonal step, whose corner it may cut.
-        besides = cell, cell, cell, cell, south, south, north, north
-        asides = cell, cell, cell, cell, west, east, west, east
+        first_flanks = cell, cell, cell, cell, south, south, north, north
+        second_flanks = cell, cell, cell, cell, west, east, west, east
         for n in range(8):
-            other = others[n]
-            reached = here + _LENGTHS[n] * (own + half[other])
-            if not reached < abs(cost[other]) or half[besides[n]] + half[asides[n]] == corner:
+            neighbour = neighbours[n]
+            reached = cell_cost + _LENGTHS[n] * (cell_half + half[neighbour])
+            if not reached < abs(cost[neighbour]) or half[first_flanks[n]] + half[second_flanks[n]] == corner:
                 continue
             total = reached
             if rate > 0:
                 total += octile(row + MOVES[n][0], col + MOVES[n][1], rate)
             if total >= enough:
                 continue
-            if other == end:
+            if neighbour == end:
                 enough = reached * (1 + TIE)
-            cost[other] = reached
+            cost[neighbour] = reached
             bucket = min(max(np.int64(total * per_cost), lowest), lowest + mask)
-            unused, used = put(other, bucket & mask, heads, cells, following, unused, used)
+            unused, used = put(neighbour, bucket & mask, heads, cells, following, unused, used)
             waiting += 1
     state[_UNUSED], state[_USED], state[_WAITING] = unused, used, waiting
     state[_EXPANDED], state[_LEFT] = expanded, left
@@ -323,11 +323,11 @@ def put(
     cell: int, slot: int, heads: Array, cells: Array, following: Array, unused: int, used: int
 ) -> tuple[int, int]:
     """Put a cell into a bucket, and return the first free entry and the number ever used."""
-    entry = unused
-    if entry >= 0:
-        unused = following[entry]
+    node = unused
+    if node >= 0:
+        unused = following[node]
     else:
-        entry = used
+        node = used
         used += 1
-    cells[entry], following[entry], heads[slot] = cell, heads[slot], entry
+    cells[node], following[node], heads[slot] = cell, heads[slot], node
     return unused, used

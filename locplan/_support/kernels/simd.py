@@ -64,8 +64,8 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
                 built = body(builder, *values)
                 return context.get_dummy_value() if built is None else built
 
-            own = [kind or each for kind, each in zip(kinds, given, strict=True)]
-            return result(*own), codegen
+            resolved_types = [kind or argument_type for kind, argument_type in zip(kinds, given, strict=True)]
+            return result(*resolved_types), codegen
 
         return intrinsic(typed)
 
@@ -107,8 +107,8 @@ def _call(builder: Any, name: str, *values: Any) -> Any:
 
 def _lanes(builder: Any, predicate: str, values: Any, limits: Any) -> Any:
     """A word with a bit for each lane of `values` that is so to `limits`."""
-    chosen = builder.icmp_unsigned(predicate, values, limits)
-    return builder.zext(builder.bitcast(chosen, ir.IntType(values.type.count)), ir.IntType(64))
+    lane_flags = builder.icmp_unsigned(predicate, values, limits)
+    return builder.zext(builder.bitcast(lane_flags, ir.IntType(values.type.count)), ir.IntType(64))
 
 
 def _min(builder: Any, a: Any, b: Any) -> Any:
@@ -130,10 +130,10 @@ zeros, zero_shorts, zero_octets = _zeros(_WORDS), _zeros(_SHORTS), _zeros(_OCTET
 @operation(_WORDS, _WORDS, _WORD, ARRAY, _INDEX)
 def add_matches(builder: Any, counts: Any, word: Any, words: Any, index: Any) -> Any:
     """``counts + popcount(word & words[index : index + 8])``, lane by lane."""
-    both = builder.and_(
+    common_bits = builder.and_(
         _splat(builder, word, _WORDS.llvm), _load(builder, words, index, _WORDS.llvm)
     )
-    return builder.add(counts, _call(builder, "ctpop", both))
+    return builder.add(counts, _call(builder, "ctpop", common_bits))
 
 
 @operation(_WORDS, _WORDS, ARRAY, _INDEX, _INDEX)
@@ -216,9 +216,9 @@ def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any,
     A sum that reaches `MAX_SHORT` stays there, so that "more than a limit" is right however much
     is added.
     """
-    there = _load(builder, counts, index, _SHORTS.llvm)
-    here = _splat(builder, value, _SHORTS.llvm)
-    above, below = _call(builder, "usub.sat", there, here), _call(builder, "usub.sat", here, there)
+    array_values = _load(builder, counts, index, _SHORTS.llvm)
+    reference = _splat(builder, value, _SHORTS.llvm)
+    above, below = _call(builder, "usub.sat", array_values, reference), _call(builder, "usub.sat", reference, array_values)
     distances = builder.lshr(builder.or_(above, below), _splat(builder, shift, _SHORTS.llvm))
     return _call(builder, "uadd.sat", total, distances)
 
@@ -236,9 +236,9 @@ def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, most: 
     Codes are counted modulo 256, so that a gap is the shorter way round. The caller sees to it
     that no sum passes `MAX_OCTET`.
     """
-    there = _load(builder, codes, index, _OCTETS.llvm)
-    here = _splat(builder, code, _OCTETS.llvm)
-    gap = _min(builder, builder.sub(there, here), builder.sub(here, there))
+    array_codes = _load(builder, codes, index, _OCTETS.llvm)
+    reference = _splat(builder, code, _OCTETS.llvm)
+    gap = _min(builder, builder.sub(array_codes, reference), builder.sub(reference, array_codes))
     return builder.add(total, _min(builder, gap, _splat(builder, most, _OCTETS.llvm)))
 
 

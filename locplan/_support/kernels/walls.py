@@ -22,10 +22,10 @@ def passed_cells(origin: Floats, end: Floats, margin: float) -> tuple[Array, Arr
     """
     way = np.empty((2, 2))
     length = np.hypot(end[0] - origin[0], end[1] - origin[1])
-    kept = max(0.0, 1.0 - margin / length) if length > 0 else 0.0
+    passed_share = max(0.0, 1.0 - margin / length) if length > 0 else 0.0
     for axis in range(2):
         way[0, axis] = origin[axis]
-        way[1, axis] = origin[axis] + kept * (end[axis] - origin[axis])
+        way[1, axis] = origin[axis] + passed_share * (end[axis] - origin[axis])
     rows, cols, _ = cells_along(way)
     return rows, cols
 
@@ -53,9 +53,9 @@ def count_scans(stops: Bools, origins: Floats, ends: Floats, margin: float) -> t
         for b in range(ends.shape[1]):
             if np.isnan(ends[n, b, 0]):
                 continue
-            on_way, beside = passed_cells(origins[n], ends[n, b], margin)
-            for k in range(len(on_way)):
-                row, col = on_way[k], beside[k]
+            beam_rows, beam_cols = passed_cells(origins[n], ends[n, b], margin)
+            for k in range(len(beam_rows)):
+                row, col = beam_rows[k], beam_cols[k]
                 if not (0 <= row < rows and 0 <= col < cols):
                     continue
                 if stops[row, col]:

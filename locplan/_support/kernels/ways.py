@@ -40,11 +40,11 @@ def tolerance_of(cost: Floats, cheapest: float) -> float:
 @njit(nogil=True, cache=True)
 def greatest_cost(cost: Floats) -> float:
     """Greatest finite cost of a search, whose costs may be negative."""
-    bits, none = cost.view(np.int64), np.int64(0x7FF0000000000000)  # that of infinity
+    bits, infinity_bits = cost.view(np.int64), np.int64(0x7FF0000000000000)  # that of infinity
     greatest = np.zeros(1, np.int64)
     for k in range(bits.size):  # whole numbers are compared in vectors; they sort as the costs do
         value = bits[k] & np.int64(0x7FFFFFFFFFFFFFFF)
-        greatest[0] = max(greatest[0], value if value < none else 0)
+        greatest[0] = max(greatest[0], value if value < infinity_bits else 0)
     return float(greatest.view(np.float64)[0])
 
 
@@ -58,23 +58,23 @@ def steps_back(half: Floats, columns: int, cost: Floats, tolerance: float) -> Ar
     steps = np.zeros(half.size, np.uint8)
     count = columns - 2
     for first in range(columns + 1, half.size - columns, columns):
-        here, own = cost[first : first + count], half[first : first + count]
-        found = steps[first : first + count]
+        cell_costs, cell_halves = cost[first : first + count], half[first : first + count]
+        cell_steps = steps[first : first + count]
         for n in range(8):  # one plain loop over a row for each step: it runs in vectors
-            beside, aside = first + ROWS[n] * columns, first + COLUMNS[n]
-            at, bit = beside + COLUMNS[n], np.uint8(1 << n)
-            there, theirs = cost[at : at + count], half[at : at + count]
+            vertical, horizontal = first + ROWS[n] * columns, first + COLUMNS[n]
+            at, bit = vertical + COLUMNS[n], np.uint8(1 << n)
+            neighbour_costs, neighbour_halves = cost[at : at + count], half[at : at + count]
             if ROWS[n] == 0 or COLUMNS[n] == 0:
                 for k in range(count):
-                    through = abs(there[k]) + (own[k] + theirs[k])
-                    most = abs(here[k]) + tolerance
-                    found[k] |= bit * np.uint8((through <= most) & (through < np.inf))
+                    through = abs(neighbour_costs[k]) + (cell_halves[k] + neighbour_halves[k])
+                    max_cost = abs(cell_costs[k]) + tolerance
+                    cell_steps[k] |= bit * np.uint8((through <= max_cost) & (through < np.inf))
                 continue
-            one, other = half[beside : beside + count], half[aside : aside + count]
+            vertical_halves, horizontal_halves = half[vertical : vertical + count], half[horizontal : horizontal + count]
             for k in range(count):
-                through = abs(there[k]) + SQRT2 * (own[k] + theirs[k])
-                most, free = abs(here[k]) + tolerance, one[k] + other[k] < np.inf
-                found[k] |= bit * np.uint8((through <= most) & (through < np.inf) & free)
+                through = abs(neighbour_costs[k]) + SQRT2 * (cell_halves[k] + neighbour_halves[k])
+                max_cost, free = abs(cell_costs[k]) + tolerance, vertical_halves[k] + horizontal_halves[k] < np.inf
+                cell_steps[k] |= bit * np.uint8((through <= max_cost) & (through < np.inf) & free)
     return steps
 
 
@@ -87,14 +87,14 @@ def trace(half: Floats, columns: int, cost: Floats, goal: int, corner_cutting: b
     corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
     cells = [goal]
     while abs(cost[cells[-1]]) > 0:
-        cell, least, before = cells[-1], np.inf, -1
+        cell, min_cost, before = cells[-1], np.inf, -1
         for n in range(8):
-            other = cell + ROWS[n] * columns + COLUMNS[n]
+            neighbour = cell + ROWS[n] * columns + COLUMNS[n]
             if half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] == corner:
                 continue
-            through = abs(cost[other]) + LENGTHS[n] * (half[cell] + half[other])
-            if through < least:
-                least, before = through, other
+            through = abs(cost[neighbour]) + LENGTHS[n] * (half[cell] + half[neighbour])
+            if through < min_cost:
+                min_cost, before = through, neighbour
         cells.append(before)
     return np.array(cells[::-1])
 
@@ -120,21 +120,21 @@ def cheapest_cells(
     takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`. `steps` are
     those of `steps_back`, and lead from `tip` to `root`.
     """
-    found, order = _find(half.size, columns, steps, tip)
+    path_cells, order = _find(half.size, columns, steps, tip)
     start, goal = (root, tip) if from_root else (tip, root)
-    cost = _summed(half, columns, steps, found, order, start, from_root)
+    cost = _summed(half, columns, steps, path_cells, order, start, from_root)
     # As `trace`, but costs are known of few cells.
     path = [goal]
     while path[-1] != start and len(path) < cost.size:
-        cell, least, before = path[-1], np.inf, -1
+        cell, min_cost, before = path[-1], np.inf, -1
         for n in range(8):
-            other = cell + ROWS[n] * columns + COLUMNS[n]
-            place = place_of(found, other)
+            neighbour = cell + ROWS[n] * columns + COLUMNS[n]
+            place = place_of(path_cells, neighbour)
             free = half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] < np.inf
             if place >= 0 and free:
-                through = cost[place] + LENGTHS[n] * (half[cell] + half[other])
-                if through < least:
-                    least, before = through, other
+                through = cost[place] + LENGTHS[n] * (half[cell] + half[neighbour])
+                if through < min_cost:
+                    min_cost, before = through, neighbour
         path.append(before)
     return np.array(path[::-1])
 
@@ -148,42 +148,42 @@ def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints
     table, pages = np.zeros((size >> PAGE) + 1, np.int32), np.zeros(ROOM << PAGE, np.int32)
     # Number of steps to each cell that are not in the order yet.
     cells, waits = np.empty(ROOM, np.int64), np.zeros(ROOM, np.int8)
-    table[tip >> PAGE], opened = 1, 2
+    table[tip >> PAGE], n_pages = 1, 2
     pages[(1 << PAGE) + (tip & IN_PAGE)] = 1
     cells[0], used, at = tip, 1, 0
     while at < used:
         if used + 8 > cells.size:
             cells = np.concatenate((cells, np.empty_like(cells)))
             waits = np.concatenate((waits, np.zeros_like(waits)))
-        if (opened + 8) << PAGE > pages.size:
+        if (n_pages + 8) << PAGE > pages.size:
             pages = np.concatenate((pages, np.zeros_like(pages)))
         cell = cells[at]
         for n in range(8):
             if steps[cell] >> n & 1:
-                other = cell + ROWS[n] * columns + COLUMNS[n]
-                if table[other >> PAGE] == 0:
-                    table[other >> PAGE] = opened
-                    opened += 1
-                at_page = (table[other >> PAGE] << PAGE) + (other & IN_PAGE)
+                neighbour = cell + ROWS[n] * columns + COLUMNS[n]
+                if table[neighbour >> PAGE] == 0:
+                    table[neighbour >> PAGE] = n_pages
+                    n_pages += 1
+                at_page = (table[neighbour >> PAGE] << PAGE) + (neighbour & IN_PAGE)
                 if pages[at_page] == 0:
-                    cells[used] = other
+                    cells[used] = neighbour
                     used += 1
                     pages[at_page] = used
                 waits[pages[at_page] - 1] += 1
         at += 1
-    found, order = Found(cells[:used], table, pages), np.zeros(used, np.int64)
-    done, at = 1, 0
-    while at < done:
+    path_cells, order = Found(cells[:used], table, pages), np.zeros(used, np.int64)
+    n_ordered, at = 1, 0
+    while at < n_ordered:
         cell = cells[order[at]]
         for n in range(8):
             if steps[cell] >> n & 1:
-                place = place_of(found, cell + ROWS[n] * columns + COLUMNS[n])
+                place = place_of(path_cells, cell + ROWS[n] * columns + COLUMNS[n])
                 waits[place] -= 1
                 if waits[place] == 0:
-                    order[done] = place
-                    done += 1
+                    order[n_ordered] = place
+                    n_ordered += 1
         at += 1
-    return found, order
+    return path_cells, order
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -209,8 +209,8 @@ def _summed(
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
-                other = cell + ROWS[n] * columns + COLUMNS[n]
-                step, m = LENGTHS[n] * (half[cell] + half[other]), place_of(found, other)
+                neighbour = cell + ROWS[n] * columns + COLUMNS[n]
+                step, m = LENGTHS[n] * (half[cell] + half[neighbour]), place_of(found, neighbour)
                 if from_root:
                     cost[k] = min(cost[k], cost[m] + step)
                 else:

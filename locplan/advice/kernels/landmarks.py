@@ -104,8 +104,8 @@ def entry(
     """
     if outline.is_round:
         along = -(x * dx + y * dy)
-        aside = x * dy - y * dx
-        inside = outline.half_length**2 - aside * aside
+        lateral = x * dy - y * dx
+        inside = outline.half_length**2 - lateral * lateral
         if inside < 0:
             return np.inf, 0.0, 0.0
         at = along - np.sqrt(inside)
@@ -138,15 +138,15 @@ def meeting(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[i
     reach = outline.half_length
     if not outline.is_round:
         reach = np.hypot(outline.half_length, outline.half_width)
-    away_x = x - rays.poses[n, 0] - rays.levers[n, 0]
-    away_y = y - rays.poses[n, 1] - rays.levers[n, 1]
-    away = np.hypot(away_x, away_y)
-    if away - reach > rays.most:
+    offset_x = x - rays.poses[n, 0] - rays.levers[n, 0]
+    offset_y = y - rays.poses[n, 1] - rays.levers[n, 1]
+    distance = np.hypot(offset_x, offset_y)
+    if distance - reach > rays.most:
         return 0, 0
-    if away <= reach:
+    if distance <= reach:
         return 0, rays.beams
-    half = np.arcsin(reach / away) / rays.step
-    middle = (np.arctan2(away_y, away_x) - rays.first[n]) / rays.step
+    half = np.arcsin(reach / distance) / rays.step
+    middle = (np.arctan2(offset_y, offset_x) - rays.first[n]) / rays.step
     turn = 2 * np.pi / rays.step
     middle -= turn * np.floor((middle - half) / turn)
     begin, end = int(np.ceil(middle - half - 1e-6)), int(np.floor(middle + half + 1e-6))
@@ -306,13 +306,13 @@ def with_object(
     new = np.zeros(4, np.float32)
     from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     cos, sin = np.cos(rays.step), np.sin(rays.step)
-    along, aside = np.cos(heading), np.sin(heading)
+    heading_cos, heading_sin = np.cos(heading), np.sin(heading)
     bearing = rays.first[n] + (begin - 1) * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
     for k in range(count):
         b = (begin + k) % rays.beams
         dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
-        at, nx, ny = entry(outline, along, aside, from_x - x, from_y - y, dx, dy)
+        at, nx, ny = entry(outline, heading_cos, heading_sin, from_x - x, from_y - y, dx, dy)
         if at >= hits[n, b, RANGE] or at > rays.most:
             continue
         any_ray = True

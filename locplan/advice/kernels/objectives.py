@@ -62,9 +62,9 @@ def update(p: Floats, sums: Floats, sensing: Sensing) -> None:
 def _invert(m: Floats) -> None:
     """Invert a symmetric matrix (6,) in place."""
     a, b, d, c, e, f = m[XX], m[XY], m[YY], m[XT], m[YT], m[TT]
-    one, two, three = d * f - e * e, c * e - b * f, b * e - c * d
-    factor = 1 / (a * one + b * two + c * three)
-    m[XX], m[XY], m[XT] = one * factor, two * factor, three * factor
+    cofactor_xx, cofactor_xy, cofactor_xt = d * f - e * e, c * e - b * f, b * e - c * d
+    factor = 1 / (a * cofactor_xx + b * cofactor_xy + c * cofactor_xt)
+    m[XX], m[XY], m[XT] = cofactor_xx * factor, cofactor_xy * factor, cofactor_xt * factor
     m[YY], m[YT], m[TT] = (
         (a * f - c * c) * factor,
         (b * c - a * e) * factor,
@@ -118,9 +118,9 @@ def covariances(
 def _alike(p: Floats, other: Floats) -> bool:
     """Whether an object that is out of sight no longer matters."""
     share = 1e-6  # by which a variance may differ from what it was
-    alike = abs(p[XX] - other[XX]) <= share * other[XX]
-    alike &= abs(p[YY] - other[YY]) <= share * other[YY]
-    return alike and abs(p[TT] - other[TT]) <= share * other[TT]
+    is_close = abs(p[XX] - other[XX]) <= share * other[XX]
+    is_close &= abs(p[YY] - other[YY]) <= share * other[YY]
+    return is_close and abs(p[TT] - other[TT]) <= share * other[TT]
 
 
 @njit(inline="always")
@@ -156,8 +156,8 @@ def uncertainties(
     routes, sensing, motion
         See `covariances`.
     """
-    known = covariances(scene.sums, scene.rays.poses, routes, sensing, motion)
-    after, count = known[1], len(scene.sums)
+    base_covariances = covariances(scene.sums, scene.rays.poses, routes, sensing, motion)
+    after, count = base_covariances[1], len(scene.sums)
     total = 0.0
     for n in range(count):
         total += after[n, XX] + after[n, YY]
@@ -167,7 +167,7 @@ def uncertainties(
         stretch = sightings.starts[at], sightings.starts[at + 1]
         place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
         models = sensing, motion
-        value = _sum_with(total, place, stretch, sightings, scene, routes, models, known)
+        value = _sum_with(total, place, stretch, sightings, scene, routes, models, base_covariances)
         result[m] = value / count
     return result
 
@@ -202,8 +202,8 @@ def _sum_with(
                 r += 1
         meets = k < stop and sightings.poses[k] == n
         if meets:
-            begin, many = sightings.rays[k, 0], sightings.rays[k, 1]
-            meets = with_object(scene, n, place, begin, many, changed)
+            begin, n_rays = sightings.rays[k, 0], sightings.rays[k, 1]
+            meets = with_object(scene, n, place, begin, n_rays, changed)
             k += 1
         if not differs and not meets:
             continue

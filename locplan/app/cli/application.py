@@ -188,19 +188,19 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
 
 def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Let folders of results have what was typed for each option, but those for the output."""
-    typed = {each.names[0]: each for each in arguments}
-    if "--output" not in typed:
+    arguments_by_name = {argument.names[0]: argument for argument in arguments}
+    if "--output" not in arguments_by_name:
         return  # it writes no results, or those of a page
     run.command = commands[0]
-    given = {name: each for name, each in typed.items() if each.tokens}
+    entered = {name: argument for name, argument in arguments_by_name.items() if argument.tokens}
     settings = {
-        name.removeprefix("--").replace("-", "_").lower(): each
-        for name, each in given.items()
-        if OUTPUT not in (each.parameter.group or ())  # type: ignore[operator]
+        name.removeprefix("--").replace("-", "_").lower(): argument
+        for name, argument in entered.items()
+        if OUTPUT not in (argument.parameter.group or ())  # type: ignore[operator]
     }
-    run.settings = {name: _typed(each) for name, each in settings.items()}
+    run.settings = {name: _typed(argument) for name, argument in settings.items()}
     run.files = frozenset(
-        name for name, each in settings.items() if _names_a_file(each.field_info.annotation)
+        name for name, argument in settings.items() if _names_a_file(argument.field_info.annotation)
     )
 
 
@@ -242,8 +242,8 @@ class Filling(DefaultFormatter):
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
         """Write a group of options or commands."""
-        for entry in panel.entries:
-            _fill(entry.description)
+        for panel_entry in panel.entries:
+            _fill(panel_entry.description)
         super().__call__(console, options, panel)
 
     def render_description(self, console: Console, options: ConsoleOptions, text: Any) -> None:
@@ -258,6 +258,6 @@ def _fill(description: Any) -> None:
     if text is not None:
         paragraphs = text.plain.split("\n\n")
         text.plain = "\n\n".join(
-            each if each.startswith(("Examples\n", "Words\n")) else " ".join(each.split())
-            for each in paragraphs
+            paragraph if paragraph.startswith(("Examples\n", "Words\n")) else " ".join(paragraph.split())
+            for paragraph in paragraphs
         )

@@ -34,9 +34,9 @@ def list_entries(*, json: Switch = False) -> None:
     from locplan.field.cache import cache_entries, cache_folder, cache_table
 
     folder = cache_folder(None)
-    entries = cache_entries(folder)
-    table = cache_table(entries, folder)
-    Output(json=json).show([entry.to_json() for entry in entries], table)
+    cached_results = cache_entries(folder)
+    table = cache_table(cached_results, folder)
+    Output(json=json).show([cached_result.to_json() for cached_result in cached_results], table)
 
 
 @cache.command

@@ -87,12 +87,12 @@ def explore(
     refuse("by explore", json=output.json)
     check_installed()
     report = _read_report(check, map_file, robot)
-    shown_map = report.map_file if report else map_file
-    assert shown_map is not None
+    page_map = report.map_file if report else map_file
+    assert page_map is not None
     on_map, config = field.choose(report.robot if report else robot.load())
     if report and field.stride is None:
         config = dataclasses.replace(config, stride=COARSE_STRIDE)
-    grid = locplan.load_map(shown_map)
+    grid = locplan.load_map(page_map)
     ends = report.ends if report else {}
     opening = Opening(
         config,

@@ -163,8 +163,8 @@ class RobotOptions:
         from locplan.robots.parameters import read_parameters
         from locplan.simulation.amcl_parameters import filter_warnings
 
-        others = read_parameters(*self.nav2_files()).of("amcl")
-        for fault in filter_warnings(robot.amcl, robot.known_lidar, others):
+        further_parameters = read_parameters(*self.nav2_files()).of("amcl")
+        for fault in filter_warnings(robot.amcl, robot.known_lidar, further_parameters):
             warnings.warn(ParameterWarning(fault), stacklevel=2)
 
     def nav2_file(self, node: str) -> Path | None:
@@ -257,7 +257,7 @@ def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | 
         for fault in of_mask(grid, source) if source else ():
             warning = MapWarning(one_line(f"{map_file}: {fault.sentence}"))
             warnings.warn(warning, stacklevel=2)
-    grids = [locplan.load_map(each) for each in map_files]
+    grids = [locplan.load_map(map_file) for map_file in map_files]
     filter_maps = [locplan.load_map(file)] if file else grids
     for grid in filter_maps:
         if offer := repair.offer(grid):

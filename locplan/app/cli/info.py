@@ -58,8 +58,8 @@ def info(
     from locplan.robots.robot import list_settings
 
     if settings:
-        listed = list_settings(robot.load())
-        return output.show(listed.records(), _format_settings(listed))
+        settings_table = list_settings(robot.load())
+        return output.show(settings_table.records(), _format_settings(settings_table))
     if map_file is None:
         if output.output or lidars:
             raise ConfigError("name a map, such as locplan info two_corridors")

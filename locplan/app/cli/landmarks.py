@@ -86,10 +86,10 @@ def landmarks(
     check_ends(start, goal)
     if bool(path) + (places is not None) + (start is not None) != 1:
         raise ConfigError("give one of --path, --start with --goal, and --places")
-    named_places = {"start": start, "goal": goal} if start and goal else None
+    places_by_name = {"start": start, "goal": goal} if start and goal else None
     if places:
         stations = read_stations(places)
-        named_places = {station.name: (station.x, station.y) for station in stations}
+        places_by_name = {station.name: (station.x, station.y) for station in stations}
     kind = parsed_object(object)
     drives = DRIVES if drives is None else drives
     check_drives(drives, or_none=True)
@@ -101,7 +101,7 @@ def landmarks(
             kind,
             count,
             paths=read_paths(path) if path else None,
-            places=named_places,
+            places=places_by_name,
             robot=simulated,
             zones=load_zones(zones, grid),
             threads=threads,

@@ -228,8 +228,8 @@ def _next_step(choice: locplan.Choice, map_file: str, output: Output) -> tuple[s
     words, map_word, recommended = typed_words(), as_argument(map_file), choice.chosen
     robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
     if recommended is None:
-        info = shlex.join(["locplan", "info", map_word])
-        return "see the rooms of the map, and what misleads in it:", info
+        info_command = shlex.join(["locplan", "info", map_word])
+        return "see the rooms of the map, and what misleads in it:", info_command
     if choice.judgement is None:
         simulate = shlex.join([*words, "--lidar=turtlebot4"])
         has_lidar = choice.robot.lidar is not None
@@ -238,15 +238,15 @@ def _next_step(choice: locplan.Choice, map_file: str, output: Output) -> tuple[s
         tune = shlex.join(["locplan", "tune", map_word, *robot_words, "-o", "tuned"])
         plan_again = shlex.join([*words, "--robot=tuned/nav2_params.yaml"])
         return "tune the filter, then plan with its settings:", tune, plan_again
-    driven, arrivals = recommended.driven, recommended.arrivals
-    is_lost = driven is not None and driven.lost_rate.value >= HALF
+    statistics, arrivals = recommended.driven, recommended.arrivals
+    is_lost = statistics is not None and statistics.lost_rate.value >= HALF
     if is_lost or (arrivals is not None and arrivals.arrived.value <= HALF):
         check = shlex.join(["locplan", "check", map_word, *robot_words])
         return "find why the robot fails, and what helps most:", check
     if choice.is_undecided:
-        others = [word for word in words if word.partition("=")[0] != "--drives"]
+        other_words = [word for word in words if word.partition("=")[0] != "--drives"]
         drives = min(2 * choice.settings.drives, MAX_DRIVES)
-        return "simulate more drives:", shlex.join([*others, f"--drives={drives}"])
+        return "simulate more drives:", shlex.join([*other_words, f"--drives={drives}"])
     if output.output is None:
         save = shlex.join([*words, "-o", "planned"])
         return "save the path, its picture and all candidates:", save

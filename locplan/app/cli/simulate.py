@@ -180,8 +180,8 @@ def simulate(
             raise ConfigError("start and goal are one place; a drive needs a way between two")
         plans.check_ends(locplan.Costmap.blank(grid, robot=simulated), start, goal)
         path_costs = costmap(grid)
-        both_plans = plan_beside_shortest(path_costs, start, goal)
-        paths = {name: plan.path for name, plan in both_plans.items() if plan.path is not None}
+        aware_and_shortest = plan_beside_shortest(path_costs, start, goal)
+        paths = {name: plan.path for name, plan in aware_and_shortest.items() if plan.path is not None}
     if not paths:
         return output.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
     with progress_bar("simulating", "drives") as progress:

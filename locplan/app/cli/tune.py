@@ -89,7 +89,7 @@ def tune(
     params = robot.nav2_file("amcl")
     if output.output:
         check_tunable(params)
-    others = read_parameters(params).of("amcl")
+    further_parameters = read_parameters(params).of("amcl")
     if not recording:
         grids = [locplan.load_map(file) for file in find_maps(*maps)]
         names = ", ".join(grid.name for grid in grids)
@@ -100,7 +100,7 @@ def tune(
                 paths=paths or tuning.PATHS,
                 drives=drives or tuning.DRIVES,
                 filter_map=load_filter_map(filter_map, maps),
-                others=others,
+                others=further_parameters,
                 seed=seed,
                 threads=threads,
                 progress=progress,
@@ -127,7 +127,7 @@ def tune(
                 robot.load_recorded(recordings[0]),
                 drives=drives or RUNS,
                 filter_map=load_filter_map(filter_map, maps),
-                others=others,
+                others=further_parameters,
                 seed=seed,
                 threads=threads,
                 progress=progress,

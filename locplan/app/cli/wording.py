@@ -51,8 +51,8 @@ def _options(command: str) -> dict[str, str]:
     if not command:
         return {}
     arguments = application(command)[command].assemble_argument_collection()
-    flags = {name: each for each in arguments for name in each.names if name.startswith("--")}
+    flags = {name: argument for argument in arguments for name in argument.names if name.startswith("--")}
     return {
-        name.removeprefix("--").replace("-", "_"): str(each.parameter.metavar or "")
-        for name, each in flags.items()
+        name.removeprefix("--").replace("-", "_"): str(argument.parameter.metavar or "")
+        for name, argument in flags.items()
     }

@@ -67,10 +67,10 @@ def cut_strips(
                 free[j] = level == 254
                 occupied[j] = level == 0
             if i + 1 < cols:
-                more_free, more_occupied = octets[k, 0, i + 1], octets[k, 1, i + 1]
+                next_free, next_occupied = octets[k, 0, i + 1], octets[k, 1, i + 1]
                 for j in range(rows):
-                    free[j] |= more_free[j] << 1
-                    occupied[j] |= more_occupied[j] << 1
+                    free[j] |= next_free[j] << 1
+                    occupied[j] |= next_occupied[j] << 1
 
 
 @njit(nogil=True, cache=True)
@@ -231,17 +231,17 @@ def keep_lines(
     control : (2,) array of int64
         Nothing more is done once ``control[STOP]`` is set.
     """
-    most = blocks.corners.size
-    read = Read(np.empty(most, np.uint16), np.empty(most, np.uint16), np.empty(most, np.int64))
+    n_blocks = blocks.corners.size
+    read = Read(np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.int64))
     for n in range(len(kept)):
         if control[STOP]:
             return
         for i in range(kept.shape[1]):
             kept[n, i] = True
-        asked, size = True, 0
-        while asked and size < blocks.edges.size:
+        has_lines, size = True, 0
+        while has_lines and size < blocks.edges.size:
             read_template(blocks, size, blocks.rests[n], table, corners[n], read)
-            asked = reject_lines(blocks, size, blocks.places[n], limit, shift, read, kept[n])
+            has_lines = reject_lines(blocks, size, blocks.places[n], limit, shift, read, kept[n])
             size += 1
 
 
@@ -259,16 +259,16 @@ def read_template(
     front, back = blocks.starts[size], blocks.starts[size + 1]
     for b in range(blocks.starts[size], blocks.starts[size + 1]):
         at = corner + corners[b]
-        some = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
+        n_free = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
         at += plane_size
-        more = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
-        if np.uint16(some | more) != 0:
+        n_occupied = sums[at + across + up] - sums[at + across] - sums[at + up] + sums[at]
+        if np.uint16(n_free | n_occupied) != 0:
             to = front
             front += 1
         else:
             back -= 1
             to = back
-        free[to], occupied[to], places[to] = some, more, addresses[rest, b]
+        free[to], occupied[to], places[to] = n_free, n_occupied, addresses[rest, b]
 
 
 @njit(inline="always")
@@ -279,7 +279,7 @@ def reject_lines(
     free, occupied, places = read
     counts, line_stride, plane_stride = blocks.counts, blocks.line_stride, blocks.plane_stride
     first, last, offsets = blocks.starts[size], blocks.starts[size + 1], kept.size
-    asked = False
+    has_lines = False
     for i in range(offsets):
         if not kept[i]:
             continue
@@ -295,12 +295,12 @@ def reject_lines(
                 # The limit is looked at once for so many blocks: each look waits for the sums.
                 stop = min(start + 16, last)
                 for b in range(start, stop):
-                    here = line + group + places[b]
-                    total = add_distances(total, counts, here, free[b], shift)
-                    total = add_distances(total, counts, here + plane_stride, occupied[b], shift)
+                    block_place = line + group + places[b]
+                    total = add_distances(total, counts, block_place, free[b], shift)
+                    total = add_distances(total, counts, block_place + plane_stride, occupied[b], shift)
                 start = stop
                 within &= lanes_within(total, limit)
             if within != 0:
-                kept[i] = asked = True
+                kept[i] = has_lines = True
                 break
-    return asked
+    return has_lines

@@ -65,11 +65,11 @@ def write_covariance(
     line_size = counts.size // (offsets * headings)
     low = np.empty(poses, np.int64)
     part = np.empty(poses)
-    whole = True
+    has_whole_places = True
     for v in range(poses):
         low[v] = int(places[v])
         part[v] = places[v] - low[v]
-        whole = whole and part[v] == 0.0
+        has_whole_places = has_whole_places and part[v] == 0.0
     total = sum_x = sum_y = sum_t = 0.0
     sum_xx = sum_xy = sum_xt = sum_yy = sum_yt = sum_tt = 0.0
     for i in range(poses):
@@ -79,17 +79,17 @@ def write_covariance(
             if not (kept[k, first] and kept[k, second]):
                 continue
             t = float(k - half_angles)
-            line, beside = (first * headings + k) * line_size, (second * headings + k) * line_size
+            line, next_line = (first * headings + k) * line_size, (second * headings + k) * line_size
             weight = weight_y = weight_yy = 0.0
             for v in range(poses):
-                here = line + low[v]
-                count = counts[here]
-                if not whole:
-                    there = beside + low[v]
+                address = line + low[v]
+                count = counts[address]
+                if not has_whole_places:
+                    next_address = next_line + low[v]
                     along = part[v]
-                    more = 1 if along > 0.0 else 0
-                    near = count + along * (counts[here + more] - count)
-                    far = counts[there] + along * (counts[there + more] - counts[there])
+                    step = 1 if along > 0.0 else 0
+                    near = count + along * (counts[address + step] - count)
+                    far = counts[next_address] + along * (counts[next_address + step] - counts[next_address])
                     count = int(near + across * (far - near) + 0.5)
                 w = weight_of_count[count]
                 y = float(v - half_steps)
@@ -184,15 +184,15 @@ def count_lines(
                     # Three vectors at once: the loads of one wait while the others are counted.
                     a = b = c = zeros()
                     for n in range(bounds[k, side, 0], bounds[k, side, 1]):
-                        word, here = squares[n], at + addresses[n]
-                        a = add_matches(a, word, words, here)
-                        b = add_matches(b, word, words, here + 8)
-                        c = add_matches(c, word, words, here + 16)
+                        word, address = squares[n], at + addresses[n]
+                        a = add_matches(a, word, words, address)
+                        b = add_matches(b, word, words, address + 8)
+                        c = add_matches(c, word, words, address + 16)
                     for n in range(bounds[k, side, 2], bounds[k, side, 3]):
-                        here, there = at + run_starts[n], at + run_ends[n]
-                        a = add_difference(a, below, there, here)
-                        b = add_difference(b, below, there + 8, here + 8)
-                        c = add_difference(c, below, there + 16, here + 16)
+                        address, end_address = at + run_starts[n], at + run_ends[n]
+                        a = add_difference(a, below, end_address, address)
+                        b = add_difference(b, below, end_address + 8, address + 8)
+                        c = add_difference(c, below, end_address + 16, address + 16)
                     to = line + group
                     if side == 0:
                         store_negative(a, counts, to)
@@ -237,6 +237,6 @@ def see(sight: Sight, n: int, disc: Disc, masks: Words) -> None:
             word = np.uint64(0)
             if disc.words[n] != 0:
                 for bit in range(SQUARE * SQUARE):
-                    seen = sight.distance[n, bit] <= reach[sight.beam[k, n, bit]]
-                    word |= np.uint64(seen) << np.uint64(bit)
+                    is_visible = sight.distance[n, bit] <= reach[sight.beam[k, n, bit]]
+                    word |= np.uint64(is_visible) << np.uint64(bit)
             masks[k, n] = word & disc.words[n]

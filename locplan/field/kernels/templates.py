@@ -185,16 +185,16 @@ def sort_squares(
     for chunk in range(tile.disc.cols * chunks):
         j, first = chunk // chunks, chunk % chunks * WORD
         at = corner + SQUARE * (j * tile.strip_rows + first)
-        some, whole = np.uint64(0), np.uint64(0)
+        touched_bits, full_bits = np.uint64(0), np.uint64(0)
         for i in range(0, min(WORD, rows - first), LANES):
-            here, place = at + SQUARE * i, j * rows + first + i
+            address, place = at + SQUARE * i, j * rows + first + i
             shift = np.uint64(i)
-            some |= set_lanes(octets, here, flip, mask, place) << shift
-            whole |= full_lanes(octets, here, flip, mask, place) << shift
-        partly[plane, side, chunk], full[plane, side, chunk] = some & ~whole, whole
-        work += popcount(some & ~whole)
+            touched_bits |= set_lanes(octets, address, flip, mask, place) << shift
+            full_bits |= full_lanes(octets, address, flip, mask, place) << shift
+        partly[plane, side, chunk], full[plane, side, chunk] = touched_bits & ~full_bits, full_bits
+        work += popcount(touched_bits & ~full_bits)
         # A run takes about as long to compare as two squares.
-        work += 2 * popcount(whole & ~(whole << np.uint64(1)))
+        work += 2 * popcount(full_bits & ~(full_bits << np.uint64(1)))
     return work
 
 
@@ -223,24 +223,24 @@ def list_squares(
         j, first = chunk // chunks, chunk % chunks * WORD
         at = corner + SQUARE * (j * tile.strip_rows + first)
         column = plane * tile.plane + j * tile.square_col
-        some = partly[plane, side, chunk]
-        while some:
-            i = lowest_bit(some)
+        partial_bits = partly[plane, side, chunk]
+        while partial_bits:
+            i = lowest_bit(partial_bits)
             word = (load_word(octets, at + SQUARE * i) ^ flip) & mask[j * rows + first + i]
             squares[square] = word
             addresses[square] = column + row_places[first + i]
             ones += popcount(word)
             square += 1
-            some &= some - np.uint64(1)
-        whole = full[plane, side, chunk]
-        while whole:  # a run ends below the first square that is not full
-            start = lowest_bit(whole)
-            above = ~(whole >> np.uint64(start))
+            partial_bits &= partial_bits - np.uint64(1)
+        full_bits = full[plane, side, chunk]
+        while full_bits:  # a run ends below the first square that is not full
+            start = lowest_bit(full_bits)
+            above = ~(full_bits >> np.uint64(start))
             length = lowest_bit(above) if above else WORD - start
             run_starts[run] = column + row_places[first + start]
             run_ends[run] = column + row_places[first + start + length]
             ones += SQUARE * SQUARE * length
             run += 1
             # The sum carries over the run into the bit above it, which was 0 before.
-            whole &= whole + (np.uint64(1) << np.uint64(start))
+            full_bits &= full_bits + (np.uint64(1) << np.uint64(start))
     return square, run, ones

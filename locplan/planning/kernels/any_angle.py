@@ -43,25 +43,25 @@ def shortcut(
         row, col = positions[j, 0], positions[j, 1]
         for i in range(j - 1, max(-1, j - 1 - lookahead), -1):
             from_row, from_col = positions[i, 0], positions[i, 1]
-            apart = np.hypot(row - from_row, col - from_col)
-            enough = best[j] * (1 + 1e-13)  # costs that rounding sets apart count as equal
-            if best[i] + cheapest * apart > enough:
+            distance = np.hypot(row - from_row, col - from_col)
+            limit = best[j] * (1 + 1e-13)  # costs that rounding sets apart count as equal
+            if best[i] + cheapest * distance > limit:
                 continue
             step = 0.0
-            if apart > 0:
+            if distance > 0:
                 # The path itself is taken as it is, also where it cuts a corner.
                 allowed = corner_cutting or i == j - 1
                 step = segment_cost(half, columns, from_row, from_col, row, col, allowed)
-            if best[i] + step <= enough:
+            if best[i] + step <= limit:
                 best[j], before[j] = best[i] + step, i
-    kept = np.empty(count, np.int64)
+    indices = np.empty(count, np.int64)
     first, j = count - 1, count - 1
-    kept[first] = j
+    indices[first] = j
     while j > 0:
         j = before[j]
         first -= 1
-        kept[first] = j
-    return kept[first:]
+        indices[first] = j
+    return indices[first:]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -85,16 +85,16 @@ def shift(
             along = np.hypot(row1 - row0, col1 - col0)
             if along == 0:
                 continue
-            aside_row, aside_col = step * (col0 - col1) / along, step * (row1 - row0) / along
-            least = segment_cost(half, columns, row0, col0, row, col, corner_cutting)
-            least += segment_cost(half, columns, row, col, row1, col1, corner_cutting)
+            normal_row, normal_col = step * (col0 - col1) / along, step * (row1 - row0) / along
+            lowest_cost = segment_cost(half, columns, row0, col0, row, col, corner_cutting)
+            lowest_cost += segment_cost(half, columns, row, col, row1, col1, corner_cutting)
             for side in (-1.0, 1.0):
-                to_row, to_col = row + side * aside_row, col + side * aside_col
+                to_row, to_col = row + side * normal_row, col + side * normal_col
                 cost = segment_cost(half, columns, row0, col0, to_row, to_col, corner_cutting)
-                if cost < least:
+                if cost < lowest_cost:
                     cost += segment_cost(half, columns, to_row, to_col, row1, col1, corner_cutting)
-                if cost < least:
-                    least, still, stirred[k] = cost, False, True
+                if cost < lowest_cost:
+                    lowest_cost, still, stirred[k] = cost, False, True
                     shifted[k, 0], shifted[k, 1] = to_row, to_col
         if still:
             break
@@ -122,7 +122,7 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
         return nothing
     cost = np.full(half.size, np.inf)
     move_to = np.full(half.size, -1, np.int8)
-    done = np.zeros(half.size, np.uint8)
+    is_settled = np.zeros(half.size, np.uint8)
     cost[start] = 0.0
     per_cost, buckets = bucket_scale(half, lengths)
     if not buckets:
@@ -136,22 +136,22 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
     while waiting and lowest <= cost[goal] * per_cost:
         slot = np.uint64(lowest) & mask
         while heads[slot] >= 0:
-            entry = heads[slot]
-            heads[slot], following[entry], unused = following[entry], unused, entry
+            node = heads[slot]
+            heads[slot], following[node], unused = following[node], unused, node
             waiting -= 1
-            cell = np.int64(cells[entry])
-            if done[cell]:
+            cell = np.int64(cells[node])
+            if is_settled[cell]:
                 continue
-            done[cell] = 1
+            is_settled[cell] = 1
             if used + len(offsets) > cells.size:
                 cells = np.concatenate((cells, np.empty_like(cells)))
                 following = np.concatenate((following, np.empty_like(following)))
-            here = cost[cell]
+            cell_cost = cost[cell]
             for move in range(len(offsets)):
                 other = cell + offsets[move]
-                reached = _reached(half, cell, here, crossed[move], lengths[move])
+                reached = _reached(half, cell, cell_cost, crossed[move], lengths[move])
                 if reached < cost[other] and not _touches(half, cell, touched[move]):
-                    cost[other], done[other], move_to[other] = reached, 0, move
+                    cost[other], is_settled[other], move_to[other] = reached, 0, move
                     bucket = np.uint64(reached * per_cost) & mask
                     unused, used = put(other, bucket, heads, cells, following, unused, used)
                     waiting += 1

@@ -24,8 +24,8 @@ def widened(bits: Words) -> Array:
             over = np.uint64(WORD) - step
             for word in range(words):
                 after = result[level - 1, row, word + 1] if word + 1 < words else np.uint64(0)
-                here = result[level - 1, row, word]
-                result[level, row, word] = here | (here >> step) | (after << over)
+                current = result[level - 1, row, word]
+                result[level, row, word] = current | (current >> step) | (after << over)
     return result
 
 
@@ -50,13 +50,13 @@ def add_runs(masks: Words, wide: Words, runs: Ints, place: Ints, margin: int) ->
         for word in range(words):
             gathered[word] = 0
         for n in range(len(runs)):
-            away, begin, left = runs[n, 0] + row + margin, runs[n, 1] + margin, runs[n, 2]
+            source_row, begin, left = runs[n, 0] + row + margin, runs[n, 1] + margin, runs[n, 2]
             while left > 0:
                 level = 0
                 while level < 6 and 2 << level <= left:
                     level += 1
                 size = 1 << level
-                line = wide[level, away]
+                line = wide[level, source_row]
                 for at in (begin, begin + min(size, left - size)):
                     first, shift = at // WORD, np.uint64(at % WORD)
                     if shift == 0:

@@ -31,34 +31,34 @@ def dubins(
 ) -> tuple[Array, Array]:
     """The shortest curve forward from one pose to another: turns (5,), lengths (5,)."""
     turns, lengths = np.zeros(PIECES, np.int8), np.zeros(PIECES)
-    least = np.inf
+    shortest = np.inf
     for side in (1, -1):
         for side1 in (1, -1):
             # From the centre of the first circle to that of the last.
             across = x1 - side1 * math.sin(heading1) - x + side * math.sin(heading)
             along = y1 + side1 * math.cos(heading1) - y - side * math.cos(heading)
-            apart, bearing = math.hypot(across, along), math.atan2(along, across)
-            straight = apart if side == side1 else math.sqrt(max(0.0, apart**2 - 4))
-            if side == side1 or apart >= 2:
+            distance, bearing = math.hypot(across, along), math.atan2(along, across)
+            straight = distance if side == side1 else math.sqrt(max(0.0, distance**2 - 4))
+            if side == side1 or distance >= 2:
                 tilt = 0.0 if side == side1 else side * math.atan2(2.0, straight)
                 first = _circle(side * (bearing + tilt - heading))
                 last = _circle(side1 * (heading1 - bearing - tilt))
-                if first + straight + last < least:
-                    least = first + straight + last
+                if first + straight + last < shortest:
+                    shortest = first + straight + last
                     turns[:3] = side, 0, side1
                     lengths[:3] = first, straight, last
-            if side != side1 or apart > 4:
+            if side != side1 or distance > 4:
                 continue
             for opening in (1, -1):
                 # The middle circle touches both; its centre is aside of the line between them.
-                aside = bearing + opening * math.acos(apart / 4)
-                to_last = math.atan2(along - 2 * math.sin(aside), across - 2 * math.cos(aside))
-                leave, enter = aside + side * QUARTER, to_last - side * QUARTER
+                middle_bearing = bearing + opening * math.acos(distance / 4)
+                to_last = math.atan2(along - 2 * math.sin(middle_bearing), across - 2 * math.cos(middle_bearing))
+                leave, enter = middle_bearing + side * QUARTER, to_last - side * QUARTER
                 first = _circle(side * (leave - heading))
                 middle = _circle(side * (leave - enter))
                 last = _circle(side * (heading1 - enter))
-                if first + middle + last < least:
-                    least = first + middle + last
+                if first + middle + last < shortest:
+                    shortest = first + middle + last
                     turns[:3] = side, -side, side
                     lengths[:3] = first, middle, last
     return turns, lengths
@@ -76,25 +76,25 @@ def reeds_shepp(
     cos, sin = math.cos(heading), math.sin(heading)
     ahead = (x1 - x) * cos + (y1 - y) * sin
     left = (y1 - y) * cos - (x1 - x) * sin
-    turned = heading1 - heading
+    turn_angle = heading1 - heading
     turns, lengths = np.zeros(PIECES, np.int8), np.zeros(PIECES)
     sides, parts = np.zeros(PIECES, np.int8), np.zeros(PIECES)
-    least = np.inf
+    shortest = np.inf
     for number in range(_BASE_WORDS):
         for backward in range(2 if number in _ALSO_REVERSED else 1):
             for gear in (1, -1):
                 for mirror in (1, -1):
                     to_x, to_y = ahead, left
                     if backward:
-                        to_x = ahead * math.cos(turned) + left * math.sin(turned)
-                        to_y = ahead * math.sin(turned) - left * math.cos(turned)
+                        to_x = ahead * math.cos(turn_angle) + left * math.sin(turn_angle)
+                        to_y = ahead * math.sin(turn_angle) - left * math.cos(turn_angle)
                     sides[:], parts[:] = 0, 0.0
-                    to_x, to_y, to_heading = gear * to_x, mirror * to_y, gear * mirror * turned
+                    to_x, to_y, to_heading = gear * to_x, mirror * to_y, gear * mirror * turn_angle
                     if not _word(number, to_x, to_y, to_heading, sides, parts):
                         continue
                     length = np.abs(parts).sum()
-                    if length < least:
-                        least = length
+                    if length < shortest:
+                        shortest = length
                         for n in range(PIECES):
                             of = n
                             if backward:
@@ -145,10 +145,10 @@ def _turning_word(
 ) -> bool:
     """Fill in a word of turns alone: number 2, 3 or 4."""
     if number == 2:  # 8.3, 8.4: left, right in reverse, left
-        apart, bearing = math.hypot(*same), math.atan2(same[1], same[0])
-        if apart > 4:
+        distance, bearing = math.hypot(*same), math.atan2(same[1], same[0])
+        if distance > 4:
             return False
-        middle = -2 * math.asin(apart / 4)
+        middle = -2 * math.asin(distance / 4)
         first = _half(bearing + middle / 2 + math.pi)
         sides[:3] = 1, -1, 1
         parts[:3] = first, middle, _half(heading - first + middle)
@@ -177,12 +177,12 @@ def _quarter_word(
     number: int, same: Numbers, opposite: Numbers, heading: float, sides: Array, parts: Array
 ) -> bool:
     """Fill in a word with quarters of a circle: number 5, 6 or 7."""
-    apart, bearing = math.hypot(*same), math.atan2(same[1], same[0])
+    distance, bearing = math.hypot(*same), math.atan2(same[1], same[0])
     across = math.hypot(*opposite)
-    if (apart if number == 5 else across) < 2:
+    if (distance if number == 5 else across) < 2:
         return False
     if number == 5:  # 8.9: left, a quarter right in reverse, straight, left
-        over = math.sqrt(apart**2 - 4)
+        over = math.sqrt(distance**2 - 4)
         first = _half(bearing + math.atan2(over, -2.0))
         last = _half(heading - QUARTER - first)
         sides[:4] = 1, -1, 0, 1

@@ -110,18 +110,18 @@ def put(queue: Queue, state: int, bucket: int) -> None:
     """Put a state into a bucket; those too far away wait in the last one."""
     numbers, heads, tails, states, following = queue
     slot = min(bucket, numbers[LOWEST] + heads.size - 1) & (heads.size - 1)
-    entry = numbers[UNUSED]
-    if entry >= 0:
-        numbers[UNUSED] = following[entry]
+    node = numbers[UNUSED]
+    if node >= 0:
+        numbers[UNUSED] = following[node]
     else:
-        entry = numbers[USED]
+        node = numbers[USED]
         numbers[USED] += 1
-    states[entry], following[entry] = state, -1
+    states[node], following[node] = state, -1
     if heads[slot] < 0:
-        heads[slot] = entry
+        heads[slot] = node
     else:
-        following[tails[slot]] = entry
-    tails[slot] = entry
+        following[tails[slot]] = node
+    tails[slot] = node
     numbers[WAITING] += 1
 
 
@@ -129,10 +129,10 @@ def put(queue: Queue, state: int, bucket: int) -> None:
 def take(queue: Queue, slot: int) -> int:
     """Take the first state out of a bucket that is not empty."""
     numbers, heads, _, states, following = queue
-    entry = heads[slot]
-    heads[slot], following[entry], numbers[UNUSED] = following[entry], numbers[UNUSED], entry
+    node = heads[slot]
+    heads[slot], following[node], numbers[UNUSED] = following[node], numbers[UNUSED], node
     numbers[WAITING] -= 1
-    return int(states[entry])
+    return int(states[node])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -189,8 +189,8 @@ def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) ->
             return status
         lowest = numbers[LOWEST]
         to = take(queue, lowest & mask)
-        here = np.float64(bound[to])
-        bucket = np.int64(here * per_cost)
+        target_cost = np.float64(bound[to])
+        bucket = np.int64(target_cost * per_cost)
         if bucket != lowest:
             if bucket > lowest:
                 put(queue, to, bucket)
@@ -203,15 +203,15 @@ def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) ->
             if not (0 <= row < rows and 0 <= col < columns):
                 continue
             source = row * columns + col
-            known = np.float64(bound[source])
-            if here + moves.least[move] * nearby + moves.extra[move] >= known:
+            old_bound = np.float64(bound[source])
+            if target_cost + moves.least[move] * nearby + moves.extra[move] >= old_bound:
                 continue
             if not is_free(ground, moves, move, row, col):
                 continue
-            reached = np.float32(here + cost_of(ground, moves, move, source))
-            if reached < known:
+            reached = np.float32(target_cost + cost_of(ground, moves, move, source))
+            if reached < old_bound:
                 bound[source], later = reached, np.int64(reached * per_cost)
-                if known == np.inf or np.int64(known * per_cost) != later:  # else it waits there
+                if old_bound == np.inf or np.int64(old_bound * per_cost) != later:  # else it waits there
                     put(queue, source, later)
 
 
@@ -228,10 +228,10 @@ def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int
     pausing, room = numbers[EXPANDED] + most, 2 * len(moves.row)
     layers, per_cost = (len(moves.begin) - 1) * terms.gears, terms.per_cost
     while True:
-        enough = np.inf
+        cost_limit = np.inf
         if numbers[BEST] >= 0:
-            enough = abs(np.float64(cost[numbers[BEST]])) - 1.0
-        status = settled(queue, enough * per_cost, room, pausing)
+            cost_limit = abs(np.float64(cost[numbers[BEST]])) - 1.0
+        status = settled(queue, cost_limit * per_cost, room, pausing)
         if status != READY:
             return status
         state = take(queue, numbers[LOWEST] & mask)
@@ -241,8 +241,8 @@ def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int
         bucket = np.int64(total * per_cost)
         if bucket > numbers[LOWEST]:
             put(queue, state, bucket)
-        elif total < enough:
-            expand(queue, graph, bound, cost, state, enough)
+        elif total < cost_limit:
+            expand(queue, graph, bound, cost, state, cost_limit)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -254,7 +254,7 @@ def expand(
     numbers, rows, columns = queue.state, ground.rows, ground.columns
     headings = len(moves.begin) - 1
     layers = headings * terms.gears
-    here, cell, layer = np.float64(cost[state]) - 1.0, state // layers, state % layers
+    state_cost, cell, layer = np.float64(cost[state]) - 1.0, state // layers, state % layers
     cost[state] = -cost[state]
     numbers[EXPANDED] += 1
     row, col = cell // columns, cell % columns
@@ -269,12 +269,12 @@ def expand(
         to_gear, change = shifted(moves.gear[move], gear, terms)
         to_cell = to_row * columns + to_col
         other = to_cell * layers + to_gear * headings + moves.target[move]
-        known = abs(np.float64(cost[other]))
-        lowest = here + change + moves.extra[move] + moves.least[move] * nearby + 1.0
-        if known != 0.0 and lowest >= known:  # the exact cost takes longest
+        old_cost = abs(np.float64(cost[other]))
+        lowest = state_cost + change + moves.extra[move] + moves.least[move] * nearby + 1.0
+        if old_cost != 0.0 and lowest >= old_cost:  # the exact cost takes longest
             continue
-        reached = here + change + cost_of(ground, moves, move, cell) + 1.0
-        if known != 0.0 and reached >= known * (1 - 1e-7):
+        reached = state_cost + change + cost_of(ground, moves, move, cell) + 1.0
+        if old_cost != 0.0 and reached >= old_cost * (1 - 1e-7):
             continue
         total = reached - 1.0 + bound_of(bound, terms, to_cell)
         if not total < enough:
@@ -292,8 +292,8 @@ def is_surpassed(cost: Singles, terms: Terms, state: int, layers: int) -> bool:
         return False
     half = layers // 2
     other = state + half if state % layers < half else state - half
-    known = abs(cost[other])
-    return known != 0 and known + terms.gear_change <= cost[state]
+    other_cost = abs(cost[other])
+    return other_cost != 0 and other_cost + terms.gear_change <= cost[state]
 
 
 @njit(inline="always")
@@ -319,7 +319,7 @@ def traced(graph: Graph, cost: Singles, state: int) -> Array:
     while abs(cost[state]) > 1.0:
         cell, layer = state // layers, state % layers
         heading, gear = layer % headings, layer // headings
-        least, before, by = np.inf, -1, -1
+        lowest_cost, before, by = np.inf, -1, -1
         for move in range(len(moves.row)):
             if moves.target[move] != heading:
                 continue
@@ -334,15 +334,15 @@ def traced(graph: Graph, cost: Singles, state: int) -> Array:
             for from_gear in range(terms.gears):
                 to_gear, change = shifted(moves.gear[move], from_gear, terms)
                 other = source * layers + from_gear * headings + moves.source[move]
-                known = abs(np.float64(cost[other]))
-                if to_gear != gear or known == 0.0 or known >= abs(cost[state]):
+                source_cost = abs(np.float64(cost[other]))
+                if to_gear != gear or source_cost == 0.0 or source_cost >= abs(cost[state]):
                     continue
-                if known + change + step < least:
-                    least, before, by = known + change + step, other, move
+                if source_cost + change + step < lowest_cost:
+                    lowest_cost, before, by = source_cost + change + step, other, move
         path.append(by)
         state = before
-    found = np.empty(len(path), np.int64)
-    found[0] = state
+    motions = np.empty(len(path), np.int64)
+    motions[0] = state
     for n in range(1, len(path)):
-        found[n] = path[len(path) - n]
-    return found
+        motions[n] = path[len(path) - n]
+    return motions

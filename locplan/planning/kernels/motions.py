@@ -162,8 +162,8 @@ def arc_cost(ground: Ground, piece: Numbers, radius: float) -> float:
         col = math.floor(center_x + radius * math.cos(middle))
         layer = half[_layer(middle + towards, layers)]
         at_corner = before_row >= 0 and row != before_row and col != before_col
-        beside = before_row * columns + col, row * columns + before_col
-        if at_corner and not corner_cutting and layer[beside[0]] + layer[beside[1]] == np.inf:
+        flanks = before_row * columns + col, row * columns + before_col
+        if at_corner and not corner_cutting and layer[flanks[0]] + layer[flanks[1]] == np.inf:
             return np.inf
         total += 2 * layer[row * columns + col] * inside
         if total == np.inf:

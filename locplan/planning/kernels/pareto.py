@@ -84,7 +84,7 @@ def search(labels: Labels, terms: Terms, expansions: int, solutions: NDArray[np.
     solutions : (m,) array of int32
         Receives the labels that reached the goal; the search pauses when it is full.
     """
-    state, begun = labels.state, 0
+    state, n_expanded = labels.state, 0
     state[STATUS] = FINISHED
     while True:
         if state[IN_HEAP] == 0:
@@ -92,7 +92,7 @@ def search(labels: Labels, terms: Terms, expansions: int, solutions: NDArray[np.
                 return np.inf
             _open_bucket(labels, terms)
             continue
-        begun = _expand_heap(labels, terms, begun, expansions, solutions)
+        n_expanded = _expand_heap(labels, terms, n_expanded, expansions, solutions)
         if state[STATUS] != FINISHED:
             return labels.heap_first[0]
 
@@ -131,9 +131,9 @@ def _expand_heap(
     # All arrays have local names: numba counts references to those that are passed on.
     state, cells, first, second = labels.state, labels.cell, labels.first, labels.second
     parents, following, heads = labels.parent, labels.following, labels.heads
-    heap, least = (labels.heap, labels.heap_first, labels.heap_second), labels.least
-    half, columns, goal, corner_cutting, first_to_go, second_to_go, both_to_go, _, _ = terms
-    multiplier, most = terms.multiplier, terms.most
+    heap, lowest_second = (labels.heap, labels.heap_first, labels.heap_second), labels.least
+    half, columns, goal, corner_cutting, first_to_go, second_to_go, joint_to_go, _, _ = terms
+    multiplier, max_joint = terms.multiplier, terms.most
     corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
     while state[IN_HEAP]:
         if begun == expansions or state[SOLUTIONS] == solutions.size:
@@ -145,27 +145,27 @@ def _expand_heap(
         label, bound = heap[0][0], heap[2][0]
         _pop(state, heap)
         cell = cells[label]
-        if not _is_open(second[label], bound, least[cell], least[goal]):
+        if not _is_open(second[label], bound, lowest_second[cell], lowest_second[goal]):
             following[label], state[UNUSED] = state[UNUSED], label
             continue
         # First costs only grow from here on: no later label is better in both than this one.
-        least[cell] = second[label]
+        lowest_second[cell] = second[label]
         if cell == goal:
             solutions[state[SOLUTIONS]] = label
             state[SOLUTIONS] += 1
             continue
         begun += 1
         for n in range(8):
-            beside, aside = cell + ROWS[n] * columns, cell + COLUMNS[n]
-            other, length = beside + COLUMNS[n], LENGTHS[n]
+            row_neighbour, col_neighbour = cell + ROWS[n] * columns, cell + COLUMNS[n]
+            other, length = row_neighbour + COLUMNS[n], LENGTHS[n]
             new_first = first[label] + np.ceil(length * SCALE)
             new_second = second[label] + np.ceil(length * (half[cell] + half[other]))
             # A blocked cell's least second cost is infinite, as that of its step.
-            if new_second >= least[other] or half[beside] + half[aside] == corner:
+            if new_second >= lowest_second[other] or half[row_neighbour] + half[col_neighbour] == corner:
                 continue
             bound = new_second + second_to_go[other]
-            both = new_first + multiplier * new_second + both_to_go[other]
-            if bound >= least[goal] or both > most:
+            joint_cost = new_first + multiplier * new_second + joint_to_go[other]
+            if bound >= lowest_second[goal] or joint_cost > max_joint:
                 continue
             new = state[UNUSED]
             if new >= 0:

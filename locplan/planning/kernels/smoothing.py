@@ -70,8 +70,8 @@ def own_costs(ground: Ground, drive: Drive, poses: Floats) -> Array:
 def _layer_at(ground: Ground, heading: float) -> Array:
     """Half the density for a heading."""
     layers = len(ground.half)
-    turned = (heading - ground.first) / curves.TURN * layers
-    return ground.half[math.floor(turned + 0.5) % layers]
+    layer_position = (heading - ground.first) / curves.TURN * layers
+    return ground.half[math.floor(layer_position + 0.5) % layers]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -133,8 +133,8 @@ def straightest(
         end = knots[j, 0], knots[j, 1], knots[j, 2]
         for i in range(max(0, j - lookahead), j):
             start = knots[i, 0], knots[i, 1], knots[i, 2]
-            apart = math.hypot(end[0] - start[0], end[1] - start[1])
-            if best[i] + cheapest * apart >= best[j]:
+            distance = math.hypot(end[0] - start[0], end[1] - start[1])
+            if best[i] + cheapest * distance >= best[j]:
                 continue
             total = best[i] + curve_cost(ground, drive, start, end)
             if total < best[j] * (1 - 1e-9) and is_clear(drive, body, start, end):
@@ -171,17 +171,17 @@ def shift_knots(
             after = knots[k + 1, 0], knots[k + 1, 1], knots[k + 1, 2]
             x, y, heading = knots[k, 0], knots[k, 1], knots[k, 2]
             for choice in range(9):
-                aside, turn = (choice // 3 - 1) * steps[0], (choice % 3 - 1) * steps[1]
-                here = x - aside * math.sin(heading), y + aside * math.cos(heading), heading + turn
-                first = curve_cost(ground, drive, before, here)
+                shift, turn = (choice // 3 - 1) * steps[0], (choice % 3 - 1) * steps[1]
+                candidate = x - shift * math.sin(heading), y + shift * math.cos(heading), heading + turn
+                first = curve_cost(ground, drive, before, candidate)
                 if not first < own[k - 1] + own[k]:
                     continue
-                last = curve_cost(ground, drive, here, after)
+                last = curve_cost(ground, drive, candidate, after)
                 if not first + last < (own[k - 1] + own[k]) * (1 - 1e-7):
                     continue
-                if is_clear(drive, body, before, here) and is_clear(drive, body, here, after):
+                if is_clear(drive, body, before, candidate) and is_clear(drive, body, candidate, after):
                     own[k - 1], own[k], still = first, last, False
                     curved[k - 1] = curved[k] = True
-                    knots[k, 0], knots[k, 1], knots[k, 2] = here
+                    knots[k, 0], knots[k, 1], knots[k, 2] = candidate
         if still:
             break

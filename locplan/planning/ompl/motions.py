@@ -155,8 +155,8 @@ class Motions:
             return Path(poses[:, :2])
         if self.space in CURVED:
             pieces = [
-                world_poses(*self.arguments[2:], _pose(one), _pose(other))
-                for one, other in itertools.pairwise(poses)
+                world_poses(*self.arguments[2:], _pose(start), _pose(end))
+                for start, end in itertools.pairwise(poses)
             ]
             poses = np.vstack([poses[:1], *(piece[1:] for piece in pieces)])
         return Path(poses[:, :2], poses[:, 2])

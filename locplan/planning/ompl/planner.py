@@ -151,8 +151,8 @@ class Ompl:
 
         motions = Motions(costs, self.space, self.turning_radius)
         _, part = connected_parts(costs)
-        one, other = (part[costs.grid.cell(pose[:2])] for pose in (start, goal))
-        if one != other:
+        path_candidate, other = (part[costs.grid.cell(pose[:2])] for pose in (start, goal))
+        if path_candidate != other:
             return Found(status="unreachable")  # what no path over the grid joins, no motion does
         for name, pose in (("start", start), ("goal", goal)):
             if motions.meets_wall(pose):
@@ -161,8 +161,8 @@ class Ompl:
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
             return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
-        known = self._known(costs, start, goal) if self.from_grid else []
-        limits, ahead = self.limits, known[0].xy if known and self.space == "R2" else None
+        seed_paths = self._known(costs, start, goal) if self.from_grid else []
+        limits, ahead = self.limits, seed_paths[0].xy if seed_paths and self.space == "R2" else None
         began = time.perf_counter()
         if KINDS[self.name].roadmap:
             seed = self.seed or 1
@@ -172,12 +172,12 @@ class Ompl:
             poses = roadmap.poses_between(start, goal)
         else:
             poses = _by_tree(self, motions, start, goal, limits, ahead)
-        found = known if poses is None else [motions.path(poses), *known]
-        if not found:
+        paths = seed_paths if poses is None else [motions.path(poses), *seed_paths]
+        if not paths:
             tried = limits.description()
             note = f"no path found within {tried}; more of it or another seed may find one"
             return Found(status="not found" if limits.time_limit is None else "timeout", note=note)
-        path = min(found, key=lambda one: path_metrics(costs, one).cost)
+        path = min(paths, key=lambda one: path_metrics(costs, one).cost)
         history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
         return Found(straightened(costs, path) if self.improve else path, history=history)
 
@@ -194,13 +194,13 @@ class Ompl:
         )
         robot = costs.robot or Robot()
         robot = dataclasses.replace(robot, kinematics=kinematics, goal_tolerance=0.0)
-        own = dataclasses.replace(costs, robot=robot)
-        path = Lattice(time_limit=self.seconds).solve(own, start, goal).path
+        lattice_costs = dataclasses.replace(costs, robot=robot)
+        path = Lattice(time_limit=self.seconds).solve(lattice_costs, start, goal).path
         if path is None:
             return []
-        apart = path.driven[[0, -1]] - [start, goal]
-        apart[:, 2] = np.sin(apart[:, 2] / 2)
-        return [path] if np.allclose(apart, 0.0) else []  # the lattice's ends may be off a little
+        pose_errors = path.driven[[0, -1]] - [start, goal]
+        pose_errors[:, 2] = np.sin(pose_errors[:, 2] / 2)
+        return [path] if np.allclose(pose_errors, 0.0) else []  # the lattice's ends may be off a little
 
 
 def _by_tree(

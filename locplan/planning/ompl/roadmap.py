@@ -60,10 +60,10 @@ class Roadmap:
         start, goal = self.motions.checked(start, "start"), self.motions.checked(goal, "goal")
         began = time.perf_counter()
         poses = self.poses_between(start, goal)
-        found = Found(note="the roadmap does not join start and goal; a larger one may")
+        planner_result = Found(note="the roadmap does not join start and goal; a larger one may")
         if poses is not None:
-            found = Found(self.motions.path(poses))
-        return finished("roadmap", costs, start, goal, found, time.perf_counter() - began)
+            planner_result = Found(self.motions.path(poses))
+        return finished("roadmap", costs, start, goal, planner_result, time.perf_counter() - began)
 
     def poses_between(self, start: Sequence[float], goal: Sequence[float]) -> Floats | None:
         """The poses of the cheapest path from start to goal.
@@ -85,22 +85,22 @@ class Roadmap:
         leaving, entering = (self._near(end) for end in ends)
         # The last way home leads straight from the start.
         entering = np.append(entering, count)
-        away, home = (
+        start_costs, goal_costs = (
             self.motions.costs_between(poses, np.column_stack(np.broadcast_arrays(*pair)))
             for pair in ((count, leaving), (entering, count + 1))
         )
         # The start as one more row; the goal is reached from the poses around it.
-        free = np.isfinite(away)
+        free = np.isfinite(start_costs)
         graph = csr_array(
             (
-                np.concatenate([self.graph.data, away[free]]),
+                np.concatenate([self.graph.data, start_costs[free]]),
                 np.concatenate([self.graph.indices, leaving[free]]),
                 np.append(self.graph.indptr, self.graph.nnz + free.sum()),
             ),
             shape=(count + 1, count + 1),
         )
         cost, before = dijkstra(graph, indices=count, return_predecessors=True)
-        total = cost[entering] + home
+        total = cost[entering] + goal_costs
         if not np.isfinite(total).any():
             return None
         visited = [count + 1, int(entering[np.argmin(total)])]
@@ -111,9 +111,9 @@ class Roadmap:
     def _near(self, pose: Floats) -> Ints:
         """The poses around one, as many as PRM* joins, or more where headings differ."""
         curved = self.motions.space in CURVED
-        most = math.ceil((12 if curved else 1.5) * math.e * math.log(len(self.poses) + 1))
-        apart = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
-        return np.argsort(apart, kind="stable")[:most]
+        n_neighbours = math.ceil((12 if curved else 1.5) * math.e * math.log(len(self.poses) + 1))
+        distances = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
+        return np.argsort(distances, kind="stable")[:n_neighbours]
 
 
 def grow_roadmap(
@@ -188,7 +188,7 @@ def _vertices_and_edges(
     pose = pose_reader(space)
     count = data.numVertices()
     poses = np.array([pose(data.getVertex(n).getState()) for n in range(count)]).reshape(count, 3)
-    others = [data.getEdges(n) for n in range(count)]
-    ends = np.repeat(np.arange(count), [len(other) for other in others])
-    pairs = np.column_stack([ends, np.concatenate([*others, []]).astype(np.int64)])
+    neighbours = [data.getEdges(n) for n in range(count)]
+    ends = np.repeat(np.arange(count), [len(other) for other in neighbours])
+    pairs = np.column_stack([ends, np.concatenate([*neighbours, []]).astype(np.int64)])
     return poses, pairs

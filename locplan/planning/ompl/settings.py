@@ -108,13 +108,13 @@ def logged() -> Iterator[None]:
         handler = util.OutputHandlerFile(str(file))
         level = util.getLogLevel()
         util.useOutputHandler(handler)
-        util.setLogLevel(next(ours for most, ours in _LEVELS if LOG.getEffectiveLevel() <= most))
+        util.setLogLevel(next(ompl_level for max_level, ompl_level in _LEVELS if LOG.getEffectiveLevel() <= max_level))
         try:
             yield
         finally:
             util.setLogLevel(level)
             util.restorePreviousOutputHandler()
             for line in file.read_text(errors="replace").splitlines():
-                found = _LINE.match(line)
-                if found and not found[2].startswith(_HARMLESS):
-                    LOG.log(logging.getLevelName(found[1].upper()), found[2])
+                line_match = _LINE.match(line)
+                if line_match and not line_match[2].startswith(_HARMLESS):
+                    LOG.log(logging.getLevelName(line_match[1].upper()), line_match[2])

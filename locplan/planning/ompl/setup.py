@@ -230,14 +230,14 @@ class LeadingGoal(base.GoalSampleableRegion):
     ) -> Callable[[], bool]:
         """Let a tree that is set up first grow along a path (n, 2) [m]; return its new `ends`."""
         self._positions = list(map(tuple, subdivided(path, 0.1 * tree.getRange())[1:].tolist()))
-        usual = tree.getGoalBias()
+        goal_bias = tree.getGoalBias()
         tree.setGoalBias(1.0)
 
         def ends_after_leading() -> bool:
             if not self._leads:
                 self._leads = True
             elif not self._positions:
-                tree.setGoalBias(usual)
+                tree.setGoalBias(goal_bias)
             return ends()
 
         return ends_after_leading

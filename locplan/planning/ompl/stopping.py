@@ -85,7 +85,7 @@ class Limits:
             Function without arguments that returns True if the search is to end.
         """
         time_limit = math.inf if self.time_limit is None else share * self.time_limit
-        most = math.inf if self.iterations is None else self.iterations
+        max_iterations = math.inf if self.iterations is None else self.iterations
         began, iteration = time.perf_counter(), 0
         best: list[tuple[int, float]] = [(0, math.inf)]
 
@@ -107,8 +107,8 @@ class Limits:
                     return True
                 if self.progress and iteration % TELL_EVERY == 0:
                     in_ms = 1000 * elapsed, 1000 * time_limit
-                    done, total = (iteration, most) if math.isinf(time_limit) else in_ms
-                    self.progress(int(min(done, total)), int(total))
-            return elapsed >= time_limit or iteration > most
+                    n_done, total = (iteration, max_iterations) if math.isinf(time_limit) else in_ms
+                    self.progress(int(min(n_done, total)), int(total))
+            return elapsed >= time_limit or iteration > max_iterations
 
         return ends

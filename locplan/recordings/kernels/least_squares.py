@@ -74,8 +74,8 @@ def fit_of(
         low, low_next = field.values[at], field.values[at + 1]
         high, high_next = field.values[at + field.cols], field.values[at + field.cols + 1]
         near, far = low + a * (low_next - low), high + a * (high_next - high)
-        away = (near + c * (far - near)) / beams.sigma
-        hit = (1 - beams.anywhere) * np.exp(-0.5 * away**2)
+        deviation = (near + c * (far - near)) / beams.sigma
+        hit = (1 - beams.anywhere) * np.exp(-0.5 * deviation**2)
         # One logarithm serves many beams.
         product *= hit + beams.anywhere
         if product < 1e-200:
@@ -84,11 +84,11 @@ def fit_of(
         slope[0] = ((1 - c) * (low_next - low) + c * (high_next - high)) / scale
         slope[1] = (far - near) / scale
         slope[2] = slope[1] * dx - slope[0] * dy
-        sure = hit / (hit + beams.anywhere)
+        wall_share = hit / (hit + beams.anywhere)
         for p in range(3):
-            vector[p] += sure * slope[p] * away
+            vector[p] += wall_share * slope[p] * deviation
             for q in range(3):
-                matrix[p, q] += sure * slope[p] * slope[q]
+                matrix[p, q] += wall_share * slope[p] * slope[q]
     if count == 0:
         return np.nan
     for p in range(3):
@@ -110,13 +110,13 @@ def fits_along(field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fit
 @njit(nogil=True, cache=True)
 def _inverse(matrix: Floats) -> Array:
     """Inverse of a symmetric positive matrix (3, 3), by cofactors."""
-    found = np.empty((3, 3))
+    cofactors = np.empty((3, 3))
     for p in range(3):
         for q in range(3):
             a, b, c, d = (p + 1) % 3, (p + 2) % 3, (q + 1) % 3, (q + 2) % 3
-            found[q, p] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
-    size = matrix[0, 0] * found[0, 0] + matrix[0, 1] * found[1, 0] + matrix[0, 2] * found[2, 0]
-    return found / size
+            cofactors[q, p] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
+    size = matrix[0, 0] * cofactors[0, 0] + matrix[0, 1] * cofactors[1, 0] + matrix[0, 2] * cofactors[2, 0]
+    return cofactors / size
 
 
 @njit(nogil=True, cache=True)
@@ -154,9 +154,9 @@ def normal_equations(
     field: BeamScores, beams: Beams, drive: Drive, poses: Floats, equations: Equations
 ) -> float:
     """Loss of a trajectory (n, 3); its normal equations are written into `equations`."""
-    diagonal, beside, vector = equations
+    diagonal, off_diagonal, vector = equations
     matrix, before, after, sides = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    diagonal[:], beside[:], vector[:] = 0.0, 0.0, 0.0
+    diagonal[:], off_diagonal[:], vector[:] = 0.0, 0.0, 0.0
     loss = 0.0
     for n in range(len(poses)):
         fit = fit_of(field, beams, drive.ends[n], poses[n], matrix, sides)
@@ -164,8 +164,8 @@ def normal_equations(
             # A scan that the map does not explain counts less: a mixture by scan.
             explained, not_so = np.exp(BY_SCAN * fit), np.exp(BY_SCAN * beams.floor)
             share = drive.shares[n] * explained / (explained + not_so)
-            together = np.log(explained + not_so) / BY_SCAN
-            loss -= drive.shares[n] * beams.effective * together
+            mixture = np.log(explained + not_so) / BY_SCAN
+            loss -= drive.shares[n] * beams.effective * mixture
             for p in range(3):
                 vector[n, p] += share * sides[p]
                 for q in range(3):
@@ -176,7 +176,7 @@ def normal_equations(
         loss += _odometry_terms(poses[n - 1], poses[n], move, deviation, before, after, sides)
         diagonal[n - 1] += before.T @ before
         diagonal[n] += after.T @ after
-        beside[n] += after.T @ before
+        off_diagonal[n] += after.T @ before
         vector[n - 1] += before.T @ sides
         vector[n] += after.T @ sides
     return loss
@@ -185,7 +185,7 @@ def normal_equations(
 @njit(nogil=True, cache=True)
 def solve_blocks(equations: Equations, damping: float, step: Floats) -> None:
     """Solve the equations, damped, for the step (n, 3) that lowers the loss."""
-    diagonal, beside, vector = equations
+    diagonal, off_diagonal, vector = equations
     count = len(diagonal)
     inverses, sides = np.empty((count, 3, 3)), np.empty((count, 3))
     for n in range(count):
@@ -193,14 +193,14 @@ def solve_blocks(equations: Equations, damping: float, step: Floats) -> None:
         for p in range(3):
             block[p, p] += damping * (block[p, p] + 1.0)
         if n:
-            led = beside[n] @ inverses[n - 1]
-            block -= led @ beside[n].T
+            led = off_diagonal[n] @ inverses[n - 1]
+            block -= led @ off_diagonal[n].T
             side -= led @ sides[n - 1]
         inverses[n], sides[n] = _inverse(block), side
     for n in range(count - 1, -1, -1):
         side = sides[n]
         if n < count - 1:
-            side = side - beside[n + 1].T @ step[n + 1]
+            side = side - off_diagonal[n + 1].T @ step[n + 1]
         step[n] = inverses[n] @ side
 
 
@@ -212,17 +212,17 @@ def refine_poses(
     count = len(poses)
     blocks = np.empty((2, count, 3, 3))
     equations, damping = Equations(blocks[0], blocks[1], np.empty((count, 3))), 1e-3
-    tried, step = poses.copy(), np.empty((count, 3))
+    trial_poses, step = poses.copy(), np.empty((count, 3))
     loss = normal_equations(field, beams, drive, poses, equations)
     for _ in range(rounds):
         solve_blocks(equations, damping, step)
         for n in range(count):
             for axis in range(3):
-                tried[n, axis] = poses[n, axis] + min(max(step[n, axis], -0.5), 0.5)
-        after = normal_equations(field, beams, drive, tried, equations)
+                trial_poses[n, axis] = poses[n, axis] + min(max(step[n, axis], -0.5), 0.5)
+        after = normal_equations(field, beams, drive, trial_poses, equations)
         if after <= loss:
             gain, loss, damping = loss - after, after, max(damping / 10, 1e-9)
-            poses[:] = tried
+            poses[:] = trial_poses
             if gain < 1e-3:
                 break
         else:
@@ -234,17 +234,17 @@ def refine_poses(
 @njit(nogil=True, cache=True)
 def covariances_of(equations: Equations, own: Floats, across: Floats) -> None:
     """Write the covariances of poses, (n, 3, 3), and those with the pose before, from equations."""
-    diagonal, beside, _ = equations
+    diagonal, off_diagonal, _ = equations
     count = len(diagonal)
     inverses = np.empty((count, 3, 3))
     for n in range(count):
         block = diagonal[n] + 1e-9 * np.eye(3)
         if n:
-            block -= beside[n] @ inverses[n - 1] @ beside[n].T
+            block -= off_diagonal[n] @ inverses[n - 1] @ off_diagonal[n].T
         inverses[n] = _inverse(block)
     for n in range(count - 1, -1, -1):
         own[n], across[n] = inverses[n], 0.0
         if n < count - 1:
-            led = inverses[n] @ beside[n + 1].T
+            led = inverses[n] @ off_diagonal[n + 1].T
             across[n + 1] = -own[n + 1] @ led.T
             own[n] += led @ own[n + 1] @ led.T

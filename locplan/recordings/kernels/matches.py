@@ -89,9 +89,9 @@ def sift_down(scores: Shorts, where: Ints, at: int) -> None:
         child = 2 * at + 1
         if child >= scores.size:
             return
-        other = child + 1
-        if other < scores.size and (scores[other], where[other]) > (scores[child], where[child]):
-            child = other
+        sibling = child + 1
+        if sibling < scores.size and (scores[sibling], where[sibling]) > (scores[child], where[child]):
+            child = sibling
         if (scores[child], where[child]) <= (scores[at], where[at]):
             return
         scores[child], scores[at] = scores[at], scores[child]
@@ -116,17 +116,17 @@ def score_block(
         row = turn * OCTETS
         while begin < beams.size:
             end = min(begin + stretch, beams.size)
-            one = two = three = four = zero_octets()
+            first_sums = second_sums = third_sums = fourth_sums = zero_octets()
             for n in range(begin, end):
                 at = first + (beams[n] + turn) * OCTETS
-                one = add_gaps(one, codes, at, scan[n], cap)
-                two = add_gaps(two, codes, at + OCTETS, scan[n], cap)
-                three = add_gaps(three, codes, at + 2 * OCTETS, scan[n], cap)
-                four = add_gaps(four, codes, at + 3 * OCTETS, scan[n], cap)
-            add_octets_to(scores, row, one)
-            add_octets_to(scores, row + OCTETS, two)
-            add_octets_to(scores, row + 2 * OCTETS, three)
-            add_octets_to(scores, row + 3 * OCTETS, four)
+                first_sums = add_gaps(first_sums, codes, at, scan[n], cap)
+                second_sums = add_gaps(second_sums, codes, at + OCTETS, scan[n], cap)
+                third_sums = add_gaps(third_sums, codes, at + 2 * OCTETS, scan[n], cap)
+                fourth_sums = add_gaps(fourth_sums, codes, at + 3 * OCTETS, scan[n], cap)
+            add_octets_to(scores, row, first_sums)
+            add_octets_to(scores, row + OCTETS, second_sums)
+            add_octets_to(scores, row + 2 * OCTETS, third_sums)
+            add_octets_to(scores, row + 3 * OCTETS, fourth_sums)
             begin = end
             low = np.uint64(0)
             for k in range(4):
@@ -165,7 +165,7 @@ def shortlist(
         Index of the place times `TURNS`, plus the turn.
     """
     best = np.full(keep, MAX_SHORT, np.uint16)  # of a place in the list that is not filled yet
-    where = np.full(keep, places * TURNS, np.int64)
+    pairs = np.full(keep, places * TURNS, np.int64)
     scores = np.empty(TURNS * OCTETS, np.uint16)
     for block in range(-(-places // OCTETS)):
         first = block * 2 * TURNS * OCTETS
@@ -181,11 +181,11 @@ def shortlist(
                 if place >= places or score >= best[0]:
                     continue
                 if score < scores[before + lane] and score <= scores[after + lane]:
-                    best[0], where[0] = score, place * TURNS + turn
-                    sift_down(best, where, 0)
-    order = np.argsort(best.astype(np.int64) * (places * TURNS + 1) + where)
+                    best[0], pairs[0] = score, place * TURNS + turn
+                    sift_down(best, pairs, 0)
+    order = np.argsort(best.astype(np.int64) * (places * TURNS + 1) + pairs)
     count = int((best != MAX_SHORT).sum())
-    return best[order[:count]], where[order[:count]]
+    return best[order[:count]], pairs[order[:count]]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -203,5 +203,5 @@ def ranges_from(
         scan_ends(squares, resolution, row, col, heading, lidar, ends)
         lever_x, lever_y = lever(lidar, heading, resolution)
         for b in range(lidar.angles.size):
-            away = np.hypot(ends[b, 0] - lever_x, ends[b, 1] - lever_y)
-            ranges[n, b] = np.inf if np.isnan(away) else away * resolution
+            distance = np.hypot(ends[b, 0] - lever_x, ends[b, 1] - lever_y)
+            ranges[n, b] = np.inf if np.isnan(distance) else distance * resolution

@@ -77,22 +77,22 @@ def refine(tables: LossTables, level: int, ends: Singles, lever: float, pose: Fl
     with each of the level's steps. The robot fits at all positions but perhaps the first.
     """
     best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
-    tried = np.empty(3)
+    trial = np.empty(3)
     for step in tables.steps[level]:
         for _ in range(ROUNDS if step > 0 else 0):
-            moved = False
+            is_moved = False
             for axis in range(3):
                 for sign in (1.0, -1.0):
-                    tried[:] = pose
-                    tried[axis] += sign * (step if axis < 2 else step / lever)
-                    if axis < 2 and not fits(tables, tried[0], tried[1]):
+                    trial[:] = pose
+                    trial[axis] += sign * (step if axis < 2 else step / lever)
+                    if axis < 2 and not fits(tables, trial[0], trial[1]):
                         continue
-                    loss = loss_at(tables, level, ends, tried[0], tried[1], tried[2])
+                    loss = loss_at(tables, level, ends, trial[0], trial[1], trial[2])
                     if loss < best:
-                        best, moved = loss, True
-                        pose[axis] = tried[axis]
+                        best, is_moved = loss, True
+                        pose[axis] = trial[axis]
                         break
-            if not moved:
+            if not is_moved:
                 break
     return best
 
@@ -106,21 +106,21 @@ def polish(tables: LossTables, ends: Singles, lever: float, pose: Floats) -> flo
     """
     level = len(tables.corners) - 1
     best = loss_at(tables, level, ends, pose[0], pose[1], pose[2])
-    tried = np.empty(3)
+    trial = np.empty(3)
     for step in tables.steps[level]:
         for _ in range(ROUNDS if step > 0 else 0):
-            moved = False
+            is_moved = False
             for n in range(27):
-                tried[0] = pose[0] + (n % 3 - 1) * step
-                tried[1] = pose[1] + (n // 3 % 3 - 1) * step
-                tried[2] = pose[2] + (n // 9 - 1) * step / lever
-                if n == 13 or not fits(tables, tried[0], tried[1]):
+                trial[0] = pose[0] + (n % 3 - 1) * step
+                trial[1] = pose[1] + (n // 3 % 3 - 1) * step
+                trial[2] = pose[2] + (n // 9 - 1) * step / lever
+                if n == 13 or not fits(tables, trial[0], trial[1]):
                     continue
-                loss = loss_at(tables, level, ends, tried[0], tried[1], tried[2])
+                loss = loss_at(tables, level, ends, trial[0], trial[1], trial[2])
                 if loss < best:
-                    best, moved = loss, True
-                    pose[:] = tried
-            if not moved:
+                    best, is_moved = loss, True
+                    pose[:] = trial
+            if not is_moved:
                 break
     return best
 
@@ -137,16 +137,16 @@ def are_alike(a: Floats, b: Floats, apart: float, turned: float) -> bool:
 @njit(nogil=True, cache=True)
 def unlike(poses: Floats, order: Ints, apart: float, turned: float) -> Array:
     """Indices, in order, of the poses that are like none of those before that are kept."""
-    kept = np.empty(order.size, np.int64)
+    distinct = np.empty(order.size, np.int64)
     count = 0
     for n in order:
         for k in range(count):
-            if are_alike(poses[n], poses[kept[k]], apart, turned):
+            if are_alike(poses[n], poses[distinct[k]], apart, turned):
                 break
         else:
-            kept[count] = n
+            distinct[count] = n
             count += 1
-    return kept[:count]
+    return distinct[:count]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -187,20 +187,20 @@ def modes(
     """
     count, last = len(starts), len(tables.corners) - 1
     poses, losses = starts.copy(), np.full(count, np.inf)
-    few = np.ascontiguousarray(ends[:, ::2])
-    factor = ends.shape[1] / few.shape[1]
+    sparse_ends = np.ascontiguousarray(ends[:, ::2])
+    factor = ends.shape[1] / sparse_ends.shape[1]
     for n in range(count):
         if fits(tables, poses[n, 0], poses[n, 1]):
-            losses[n] = factor * loss_at(tables, 0, few, poses[n, 0], poses[n, 1], poses[n, 2])
-    place, found, order = (home[0], home[1], away), (poses, losses), _ascending(losses)
-    _refine_all(tables, 0, (few, factor), lever, order, enough, slack, place, found)
+            losses[n] = factor * loss_at(tables, 0, sparse_ends, poses[n, 0], poses[n, 1], poses[n, 2])
+    place, candidates, order = (home[0], home[1], away), (poses, losses), _ascending(losses)
+    _refine_all(tables, 0, (sparse_ends, factor), lever, order, enough, slack, place, candidates)
     for level in range(1, last + 1):
         order = unlike(poses, _ascending(losses), apart / 2, turned / 2)
-        scaled = (few, factor) if level < last else (ends, 1.0)
-        _refine_all(tables, level, scaled, lever, order, enough, 0.0, place, found)
-    kept = unlike(poses, _ascending(losses), apart, turned)
-    poses, losses = poses[kept], losses[kept]
-    for n in range(len(kept)):
+        scaled = (sparse_ends, factor) if level < last else (ends, 1.0)
+        _refine_all(tables, level, scaled, lever, order, enough, 0.0, place, candidates)
+    distinct = unlike(poses, _ascending(losses), apart, turned)
+    poses, losses = poses[distinct], losses[distinct]
+    for n in range(len(distinct)):
         if losses[n] <= losses[0] + enough:
             losses[n] = polish(tables, ends, lever, poses[n])
     order = np.argsort(losses, kind="mergesort")
@@ -229,16 +229,16 @@ def _refine_all(
     (ends, factor), (poses, losses) = scaled, found
     before = losses.copy()
     losses[:] = np.inf
-    x, y, away = home
-    least, least_away = np.inf, 0.0 if np.isnan(x) else np.inf
+    x, y, far_distance = home
+    min_loss, min_far_loss = np.inf, 0.0 if np.isnan(x) else np.inf
     for n in order:
         # The rest of the order is worse: refined, too, it would neither be the best nor near it.
-        if before[n] > least + enough + slack and before[n] > least_away + slack:
+        if before[n] > min_loss + enough + slack and before[n] > min_far_loss + slack:
             break
         losses[n] = factor * refine(tables, level, ends, lever, poses[n])
-        least = min(least, losses[n])
-        if np.hypot(poses[n, 0] - x, poses[n, 1] - y) > away:
-            least_away = min(least_away, losses[n])
+        min_loss = min(min_loss, losses[n])
+        if np.hypot(poses[n, 0] - x, poses[n, 1] - y) > far_distance:
+            min_far_loss = min(min_far_loss, losses[n])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -261,9 +261,9 @@ def settle(
     """
     last = len(tables.corners) - 1
     best = refine(tables, last, ends, lever, pose)
-    found = np.empty(3)
+    best_pose = np.empty(3)
     for _ in range(6):  # so often at most the pose moves to a better one of the lattice around it
-        least = best
+        min_loss = best
         for k in range(-half_turns, half_turns + 1):
             heading = pose[2] + k * turn
             for j in range(-half_steps, half_steps + 1):
@@ -272,11 +272,11 @@ def settle(
                     x = pose[0] + i * step
                     if fits(tables, x, y):
                         loss = loss_at(tables, last, ends, x, y, heading)
-                        if loss < least:
-                            least = loss
-                            found[0], found[1], found[2] = x, y, heading
-        if least >= best:
+                        if loss < min_loss:
+                            min_loss = loss
+                            best_pose[0], best_pose[1], best_pose[2] = x, y, heading
+        if min_loss >= best:
             break
-        pose[:] = found
+        pose[:] = best_pose
         best = refine(tables, last, ends, lever, pose)
     return best

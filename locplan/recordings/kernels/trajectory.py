@@ -99,9 +99,9 @@ def error_of(first: Array, second: Array, move: Floats, error: Floats) -> None:
 @njit(nogil=True, cache=True)
 def spread(random: Random, cloud: Singles, move: Floats, deviation: Floats, poses: Floats) -> None:
     """Fill `poses` (3, m) with moved particles of a cloud (3, n), each taken equally often."""
-    count, most = cloud.shape[1], poses.shape[1]
-    for n in range(most):
-        at = n * count // most if most >= count else n
+    count, n_poses = cloud.shape[1], poses.shape[1]
+    for n in range(n_poses):
+        at = n * count // n_poses if n_poses >= count else n
         kind = random.random()
         wide = WIDER if kind < SKIRT else 1.0
         ahead = move[0] + wide * deviation[0] * random.standard_normal()
@@ -123,11 +123,11 @@ def draw_evenly(random: Random, poses: Floats, weights: Floats, cloud: Singles) 
     """Fill a cloud (3, n) with particles drawn systematically by their weights."""
     total, count = weights.sum(), cloud.shape[1]
     step = total / count
-    mark, at, so_far = random.random() * step, 0, weights[0]
+    mark, at, weight_sum = random.random() * step, 0, weights[0]
     for n in range(count):
-        while so_far < mark and at < len(weights) - 1:
+        while weight_sum < mark and at < len(weights) - 1:
             at += 1
-            so_far += weights[at]
+            weight_sum += weights[at]
         for axis in range(3):
             cloud[axis, n] = poses[axis, at]
         mark += step
@@ -149,9 +149,9 @@ def sample_backwards(
     last, count = len(clouds) - 1, clouds.shape[2]
     marks = np.empty((last, len(trajectories)))
     for s in range(len(trajectories)):
-        chosen = int(random.integers(0, count))
+        particle = int(random.integers(0, count))
         for axis in range(3):
-            trajectories[s, last, axis] = clouds[last, axis, chosen]
+            trajectories[s, last, axis] = clouds[last, axis, particle]
         for k in range(last - 1, -1, -1):
             marks[k, s] = random.random()
     cos, sin, shares = np.empty(count), np.empty(count), np.empty(count)
@@ -176,9 +176,9 @@ def sample_backwards(
                 square += (turn / deviation[2]) ** 2
                 total += _density(square, dx * dx + dy * dy, turn, size, kidnapped)
                 shares[n] = total
-            chosen = min(int(np.searchsorted(shares, marks[k, s] * total)), count - 1)
+            particle = min(int(np.searchsorted(shares, marks[k, s] * total)), count - 1)
             for axis in range(3):
-                trajectories[s, k, axis] = clouds[k, axis, chosen]
+                trajectories[s, k, axis] = clouds[k, axis, particle]
 
 
 @njit(nogil=True, cache=True)
@@ -189,18 +189,18 @@ def best_way(
 
     `candidates` (c, k, 3) have log-likelihoods `gains` (c, k).
     """
-    many, count = gains.shape
-    came = np.empty((count, many), np.int64)
-    best, after, error = gains[:, 0].copy(), np.empty(many), np.empty(3)
+    n_candidates, count = gains.shape
+    came = np.empty((count, n_candidates), np.int64)
+    best, after, error = gains[:, 0].copy(), np.empty(n_candidates), np.empty(3)
     for k in range(1, count):
-        for c in range(many):
+        for c in range(n_candidates):
             after[c], came[k, c] = -np.inf, 0
-            for b in range(many):
+            for b in range(n_candidates):
                 error_of(candidates[b, k - 1], candidates[c, k], moves[k], error)
                 total = best[b] + np.log(density_of(error, deviations[k], kidnapped))
                 if total > after[c]:
                     after[c], came[k, c] = total, b
-        for c in range(many):
+        for c in range(n_candidates):
             best[c] = after[c] + gains[c, k]
     way = np.empty(count, np.int64)
     way[count - 1] = np.argmax(best)

@@ -40,14 +40,14 @@ def gap_at(squares: Octets, row: float, col: float, reach: float) -> float:
         return -np.inf
     if int(squares[:, i + 1, j + 1].min()) - 1 >= reach:
         return reach
-    least = reach * reach
+    min_square = reach * reach
     for r in range(max(0, int(row - reach)), min(rows, int(row + reach) + 1)):
         up = max(r - row, row - r - 1, 0.0)
         for c in range(max(0, int(col - reach)), min(cols, int(col + reach) + 1)):
             if squares[0, r + 1, c + 1] == 0:
                 across = max(c - col, col - c - 1, 0.0)
-                least = min(least, up * up + across * across)
-    return np.sqrt(least)
+                min_square = min(min_square, up * up + across * across)
+    return np.sqrt(min_square)
 
 
 @njit(nogil=True, cache=True)

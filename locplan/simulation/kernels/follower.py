@@ -94,8 +94,8 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
     command[:] = 0.0
     if counts[RECOVERY]:
         return recover(path, surroundings, body, trace)
-    away = nearest_on(path, x, y, counts)
-    if away > HALF_COSTMAP:
+    path_distance = nearest_on(path, x, y, counts)
+    if path_distance > HALF_COSTMAP:
         return ABORTED
     before = trace.believed[max(n - STALL, 0)]
     if n - STALL >= counts[SINCE] and np.hypot(x - before[0], y - before[1]) < STALLED:
@@ -109,7 +109,7 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
         # Nav2 plans once a second. Without need the planner would find the same path again.
         due = n - counts[PLANNED] >= period
         if not due and n % REPLAN == 0:
-            due = not clear or away > ASTRAY or not is_way_free(path, surroundings, body, trace)
+            due = not clear or path_distance > ASTRAY or not is_way_free(path, surroundings, body, trace)
         if due:
             counts[PLANNED] = n
             return PLAN
@@ -166,20 +166,20 @@ def act(
     """Drive for a tick: odometry reports the command, and its errors are in the true motion."""
     n, command = trace.counts[TICKS], trace.command
     way = np.hypot(command[0], command[1]) * TICK
-    aside, turn = np.arctan2(command[1], command[0]), command[2] * TICK
+    bearing, turn = np.arctan2(command[1], command[0]), command[2] * TICK
     scale, bend, turn_scale = trace.biases
     drift = odometry.distance_drift * np.sqrt(way) * random.standard_normal()
     true_way = max(0.0, (way - drift) / scale)
     deviation = odometry.heading_drift**2 * way + odometry.turn_drift**2 * abs(turn)
     noise = np.sqrt(deviation) * random.standard_normal()
     true_turn = (turn - bend * way - noise) / turn_scale
-    moved(trace.reported, n, way, aside, turn)
-    moved(trace.truth, n, true_way, aside, true_turn)
+    moved(trace.reported, n, way, bearing, turn)
+    moved(trace.truth, n, true_way, bearing, true_turn)
     trace.counts[TICKS] = n + 1
     x, y, heading = trace.truth[n]
-    enough = margin_at(surroundings, body, x, y, heading, 0.0)
+    margin = margin_at(surroundings, body, x, y, heading, 0.0)
     x, y, heading = trace.truth[n + 1]
-    if margin_at(surroundings, body, x, y, heading, enough) < enough:  # a wall is in the way
+    if margin_at(surroundings, body, x, y, heading, margin) < margin:  # a wall is in the way
         for axis in range(3):
             trace.truth[n + 1, axis] = trace.truth[n, axis]
 

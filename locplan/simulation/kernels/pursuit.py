@@ -60,7 +60,7 @@ def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: Trace)
     """
     ahead, left, turn = trace.command
     x, y, heading = first = trace.truth[trace.counts[TICKS]]
-    enough = margin_at(surroundings, body, x, y, heading, MARGIN)
+    margin = margin_at(surroundings, body, x, y, heading, MARGIN)
     for _ in range(LOOK):
         middle = heading + turn * TICK / 2
         cos, sin = np.cos(middle) * TICK, np.sin(middle) * TICK
@@ -68,7 +68,7 @@ def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: Trace)
         heading += turn * TICK
         if np.hypot(x - first[0], y - first[1]) > reach:
             return True
-        if margin_at(surroundings, body, x, y, heading, enough) < enough - 1e-9:
+        if margin_at(surroundings, body, x, y, heading, margin) < margin - 1e-9:
             return False
     return True
 
@@ -80,9 +80,9 @@ def nearest_on(path: Floats, x: float, y: float, counts: Ints) -> float:
     for k in range(first, min(first + REACH, len(path))):
         if path[k, 2] != path[first, 2]:
             break
-        away = np.hypot(path[k, 0] - x, path[k, 1] - y)
-        if away < distance:
-            nearest, distance = k, away
+        point_distance = np.hypot(path[k, 0] - x, path[k, 1] - y)
+        if point_distance < distance:
+            nearest, distance = k, point_distance
     if nearest + 1 < len(path) and path[nearest + 1, 2] != path[nearest, 2]:
         nearest += 1
     counts[AT] = nearest
@@ -120,9 +120,9 @@ def pursue(path: Floats, body: Body, room: float, trace: Trace) -> float:
     gear = path[carrot, 2]
     heading += np.pi * (gear < 0)
     dx, dy = path[carrot, 0] - x, path[carrot, 1] - y
-    away = np.hypot(dx, dy)
-    aside = wrapped(np.arctan2(dy, dx) - heading)
-    curvature = 2 * np.sin(min(max(aside, -np.pi / 2), np.pi / 2)) / max(away, 0.1)
+    carrot_distance = np.hypot(dx, dy)
+    bearing = wrapped(np.arctan2(dy, dx) - heading)
+    curvature = 2 * np.sin(min(max(bearing, -np.pi / 2), np.pi / 2)) / max(carrot_distance, 0.1)
     if body.omnidirectional:
         curvature = 0.0
     if body.radius > 0:
@@ -130,14 +130,14 @@ def pursue(path: Floats, body: Body, room: float, trace: Trace) -> float:
     left = np.hypot(path[last, 0] - x, path[last, 1] - y) if carrot == last else np.inf
     speed, command = regulated(body.speed, curvature, room, left), trace.command
     if body.omnidirectional:
-        command[0], command[1] = speed * np.cos(aside), speed * np.sin(aside)
-        command[2] = min(max(aside, -MAX_TURN), MAX_TURN)
-    elif body.radius == 0 and abs(aside) > SPOT:
-        command[2] = np.sign(aside) * min(MAX_TURN, 2 * abs(aside))
+        command[0], command[1] = speed * np.cos(bearing), speed * np.sin(bearing)
+        command[2] = min(max(bearing, -MAX_TURN), MAX_TURN)
+    elif body.radius == 0 and abs(bearing) > SPOT:
+        command[2] = np.sign(bearing) * min(MAX_TURN, 2 * abs(bearing))
     else:
         command[0] = gear * speed
         command[2] = min(max(speed * curvature, -MAX_TURN), MAX_TURN)
-    return float(away)
+    return float(carrot_distance)
 
 
 @njit(nogil=True, cache=True)
