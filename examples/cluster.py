@@ -22,7 +22,7 @@ def main(folder: str = "cluster") -> None:
     # On machines of your own: Client("tcp://HOST:8786"), with locplan installed on the workers.
     with LocalCluster(n_workers=2, dashboard_address=":0") as cluster, Client(cluster) as client:
         field = locplan.load_or_compute(grid, executor=client.get_executor())
-    print(f"{field.evaluated.sum():,} cells, {field.saturated_share:.0%} of them saturated")
+    print(f"{field.is_evaluated.sum():,} cells, {field.saturated_share:.0%} of them saturated")
     Path(folder).mkdir(parents=True, exist_ok=True)
     field.save(Path(folder) / "places.npz")
     field.figure().savefig(Path(folder) / "places.png")

@@ -39,7 +39,7 @@ from scipy.stats import spearmanr
 import locplan
 from locplan._support import drawing as style
 from locplan._support.drawing import Picture, save_figure
-from locplan._support.intervals import Interval, of_mean, wilson
+from locplan._support.intervals import Interval, estimate_mean, compute_wilson_interval
 from locplan.field.config import SHORT_LIDAR
 from locplan.planning import describe_map, random_queries
 from locplan.recordings import Recording, read_recording, replay
@@ -150,9 +150,9 @@ class Judged:
         for what in dict.fromkeys((SHORTEST, self.path_of(LEADER))):
             shown = next(each for each in self.choice.candidates if each.name == what).driven
             log_error, lost = self.log_error[what], self.lost[what]
-            again = of_mean(log_error)
+            again = estimate_mean(log_error)
             yield within(Interval(*np.log(shown.error)), again)
-            yield within(shown.lost_rate, wilson(float(lost.mean()), len(lost)))
+            yield within(shown.lost_rate, compute_wilson_interval(float(lost.mean()), len(lost)))
         if self.choice.judgement.leader:
             yield within(Interval(*np.log(self.choice.judgement.ratio)), self.ratio(LEADER))
 
@@ -472,7 +472,7 @@ def find_routes(grid: locplan.OccupancyGrid, count: int = 2) -> dict[str, locpla
 
 def back_up(path: locplan.Path) -> locplan.Path:
     """Return a path that leads back over `REVERSE` after a third, and on again."""
-    fine = path.resampled(0.05, even=True)
+    fine = path.resample(0.05, even=True)
     end, begin = np.searchsorted(fine.distance, [path.length / 3, path.length / 3 - REVERSE])
     order = [*range(end), *range(end, begin, -1), *range(begin, len(fine.xy))]
     return locplan.Path(fine.xy[order], np.unwrap(fine.facing)[order])
@@ -502,7 +502,7 @@ class LevelResult:
 
 def summarize(cases: Sequence[Case]) -> LevelResult:
     """Return the means over places, with 95 % intervals over the drives of all places."""
-    errors = [of_mean(np.array(case.log_error)) for case in cases]
+    errors = [estimate_mean(np.array(case.log_error)) for case in cases]
     middle = float(np.mean([each.value for each in errors]))
     half = float(np.sqrt(sum((each.high - each.value) ** 2 for each in errors))) / len(cases)
     count = sum(len(case.lost) for case in cases)
@@ -510,8 +510,8 @@ def summarize(cases: Sequence[Case]) -> LevelResult:
     return LevelResult(
         exp(Interval(middle, middle - half, middle + half)),
         np.exp([each.value for each in errors]).tolist(),
-        wilson(float(np.mean([np.mean(case.lost) for case in cases])), count),
-        wilson(float(np.mean(off_rates)), count),
+        compute_wilson_interval(float(np.mean([np.mean(case.lost) for case in cases])), count),
+        compute_wilson_interval(float(np.mean(off_rates)), count),
         off_rates,
     )
 

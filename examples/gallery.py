@@ -269,7 +269,7 @@ def _places(map_file: str) -> dict[str, str]:
         pair = describe_map(map_file).pairs[0]
         start, goal = (pair.start.x, pair.start.y), (pair.goal.x, pair.goal.y)
     path = locplan.plan(locplan.Costmap.blank(locplan.load_map(map_file)), start, goal).path
-    middle = path.resampled(path.length / 2, even=True).xy[1]
+    middle = path.resample(path.length / 2, even=True).xy[1]
     named = {"start": start, "goal": goal, "middle": middle}
     return {name: f"{x:.2f},{y:.2f}" for name, (x, y) in named.items()}
 

@@ -18,7 +18,7 @@ from locplan.planning import ompl
 def main(folder: str = "ompl_program") -> None:
     util.setLogLevel(util.LogLevel.LOG_WARN)
     grid = environments.make("two_corridors", resolution=0.1)
-    ends = environments.landmarks("two_corridors")
+    ends = environments.place_positions("two_corridors")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
     costs = locplan.Costmap.from_field(grid, field)
     motions = ompl.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car
@@ -37,7 +37,7 @@ def main(folder: str = "ompl_program") -> None:
     # Or everything in OMPL's own set-up, here to compare planners with its Benchmark. (That keeps
     # its set-up to the end of the program, where nanobind complains of a leak: a flaw of OMPL.)
     setup = geometric.SimpleSetup(information)
-    start, goal = (ompl.state_of(information, motions, ends[name]) for name in ("start", "goal"))
+    start, goal = (ompl.state_from_pose(information, motions, ends[name]) for name in ("start", "goal"))
     setup.setStartAndGoalStates(start, goal)
     setup.setOptimizationObjective(ompl.CostObjective(information, motions))
     benchmark = tools.Benchmark(setup, "two_corridors")

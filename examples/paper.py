@@ -28,7 +28,7 @@ from locplan import CovarianceField
 from locplan._support.drawing import BLUE, ERROR_COLOURS, MAP_COLOURS, Picture, save_figure
 from locplan.field import OffsetLattice, Sad, position_axes, sampled_covariances, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
-from locplan.maps.figures import draw_cells, draw_map, map_size, shrunk
+from locplan.maps.figures import draw_cells, draw_map, map_size, downsample
 from locplan.paper import template_matching
 from locplan.paper.claims import (
     PLACES,
@@ -37,7 +37,7 @@ from locplan.paper.claims import (
     mismatch_at,
     one_dimensional,
     share_smaller_with_range,
-    shares_of_claims,
+    compute_claim_shares,
 )
 
 Floats = np.ndarray
@@ -150,7 +150,7 @@ def figures(
 
 
 def title_of(place: str) -> str:
-    x, y = locplan.maps.environments.landmarks(PLACES[place])[place]
+    x, y = locplan.maps.environments.place_positions(PLACES[place])[place]
     return f"{place}, at {x:g}, {y:g} m of {PLACES[place]}, range 6 m"
 
 
@@ -161,7 +161,7 @@ def labelled(figure: Figure, name: str) -> Figure:
             if where == name and axes.get_xlabel() == "x [m]":
                 axes.annotate(
                     place,
-                    locplan.maps.environments.landmarks(name)[place],
+                    locplan.maps.environments.place_positions(name)[place],
                     (0, 9),
                     textcoords="offset points",
                     ha="center",
@@ -204,7 +204,7 @@ def claims(
     shares = []
     for preset, reach, noise in columns:
         found = [
-            shares_of_claims(
+            compute_claim_shares(
                 maps_of_places(resolution=resolution, boundary_noise=noise, seed=seed),
                 PRESETS[preset](range=reach),
             )
@@ -316,9 +316,9 @@ def e_figure(fields: Mapping[str, CovarianceField]) -> Figure:
     figure, grid_of_axes = _side_by_side(fields)
     for axes, (title, field), e in zip(grid_of_axes, fields.items(), maps, strict=True):
         draw_map(axes, field.grid)  # sets the axes; the values cover the map
-        shown = shrunk(np.nan_to_num(e), maximum=True)
+        shown = downsample(np.nan_to_num(e), maximum=True)
         image = draw_cells(axes, field.grid, shown, cmap=ERROR_COLOURS, norm=norm)
-        cells = shrunk(field.grid.cells)  # half white over e = 0 shows walls
+        cells = downsample(field.grid.cells)  # half white over e = 0 shows walls
         walls = np.where(cells == OCCUPIED, 150, 0).astype(np.uint8)
         white = np.full((*walls.shape, 3), 255, np.uint8)
         draw_cells(axes, field.grid, np.dstack([white, walls]))

@@ -23,18 +23,18 @@ from scipy.spatial import cKDTree
 
 import locplan
 from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Sad, Scan
-from locplan._support.intervals import Interval, Rank, Resamples, random_of, rank
+from locplan._support.intervals import Interval, Rank, Resamples, make_generator, rank
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
-from locplan._support.kernels.lidar import BeamDisturbances, Lidar as KernelLidar, measured_ends
-from locplan._support.kernels.likelihood import NOWHERE, Lattice, LikelihoodField, make_lattice
-from locplan._support.kernels.posterior import score
-from locplan._support.poses import window_around
-from locplan.field import equipped, scalar
+from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams as KernelLidar, measure_ends
+from locplan._support.kernels.likelihood import NOWHERE, ScanLattice, LikelihoodField, make_lattice
+from locplan._support.kernels.posterior import score_scan
+from locplan._support.poses import find_window
+from locplan.field import equip_robot, scalar
 from locplan.field.scan import likelihood_field
-from locplan.field.summary import well_spaced
+from locplan.field.summary import select_spaced_positions
 from locplan.maps import OCCUPIED
 from locplan.planning import Costmap, plan_field
-from locplan.robots import Amcl, Robot, radius_of
+from locplan.robots import Amcl, Robot, planning_radius
 from locplan.simulation import USUAL, Simulator
 from locplan.simulation.worlds import POSE_SPACING, _facing_ahead as facing_ahead, turned
 
@@ -61,7 +61,7 @@ def main(
     target.mkdir(parents=True, exist_ok=True)
     grids = [locplan.load_map(file) for file in maps or sorted(OWN.glob("*.yaml"))]
     evaluations = {
-        name: evaluate(grids, equipped(Robot(filter=amcl)), places, drives)
+        name: evaluate(grids, equip_robot(Robot(filter=amcl)), places, drives)
         for name, amcl in FILTERS.items()
     }
     text = "\n\n".join([predictors(evaluations), errors(evaluations)])
@@ -92,14 +92,14 @@ class Places:
 
 def choose_points(grid: OccupancyGrid, count: int, *, robot: Robot, seed: int) -> Ints:
     """Random lattice points where a robot can stand, at least 1 m apart, (n, 2)."""
-    wide = grid.free & (grid.clearance >= radius_of(robot))
+    wide = grid.free & (grid.clearance >= planning_radius(robot))
     _, labels, about, _ = cv2.connectedComponentsWithStats(wide.astype(np.uint8), connectivity=4)
     largest = 1 + int(np.argmax(about[1:, cv2.CC_STAT_AREA]))
     stride = FieldConfig().stride_cells(grid.resolution)
     points = np.argwhere(labels[::stride, ::stride] == largest).reshape(-1, 2)
-    priority = random_of(seed, POINTS).random(len(points))
+    priority = make_generator(seed, POINTS).random(len(points))
     spacing = 1.0 / (stride * grid.resolution)
-    chosen = well_spaced(points.astype(float), priority, spacing)[:count]
+    chosen = select_spaced_positions(points.astype(float), priority, spacing)[:count]
     return points[chosen]
 
 
@@ -108,7 +108,7 @@ def measure(grid: OccupancyGrid, robot: Robot, count: int, drives: int, seed: in
     simulator = Simulator(grid, robot, seed=seed)
     points = choose_points(grid, count, robot=robot, seed=seed)
     cells = points * FieldConfig().stride_cells(grid.resolution)
-    costs, random = Costmap.blank(grid, robot=robot), random_of(seed, APPROACH)
+    costs, random = Costmap.blank(grid, robot=robot), make_generator(seed, APPROACH)
     lines = [
         line
         for row, col in cells
@@ -159,7 +159,7 @@ def approaches(
 def cut_out(costs: Costmap, cell: tuple[int, int], reach: float) -> tuple[Costmap, tuple[int, int]]:
     """Part of a costmap within `reach` [m] of a cell, and the cell's row and column in it."""
     cells = int(np.ceil(reach / costs.grid.resolution)) + 1
-    rows, cols = part = window_around(*cell, cells, costs.grid.shape)
+    rows, cols = part = find_window(*cell, cells, costs.grid.shape)
     near = Costmap.from_density(costs.grid.part(*part), costs.density[part])
     return near, (cell[0] - rows.start, cell[1] - cols.start)
 
@@ -181,7 +181,7 @@ def matched(simulator: Simulator, cells: Ints, scans: int) -> Floats:
     worlds, errors = simulator.worlds, np.empty((len(cells), scans, 3))
 
     def run(n: int) -> None:
-        random, cell = random_of(simulator.seed, MATCH, n), cells[n].tolist()
+        random, cell = make_generator(simulator.seed, MATCH, n), cells[n].tolist()
         for scan in range(scans):
             world = worlds[scan % len(worlds)]
             match_scans(
@@ -213,7 +213,7 @@ def one_of_least(random: Random, costs: np.ndarray) -> int:
 def match_scans(
     random: Random,
     field: LikelihoodField,
-    lattice: Lattice,
+    lattice: ScanLattice,
     angles: Floats,
     squares: Octets,
     resolution: float,
@@ -235,12 +235,12 @@ def match_scans(
         pose[0], pose[1] = row + random.random(), col + random.random()
         pose[2] = (2 * random.random() - 1) * np.pi
         aside = (random.random() - 0.5) * turn_step  # offset of the window's heading
-        measured_ends(random, squares, resolution, pose, lidar, disturbances, measured)
+        measure_ends(random, squares, resolution, pose, lidar, disturbances, measured)
         cos, sin = np.cos(pose[2] + aside), np.sin(pose[2] + aside)
         for b in range(len(ends)):
             ends[b, 0] = cos * measured[b, 0] - sin * measured[b, 1]
             ends[b, 1] = sin * measured[b, 0] + cos * measured[b, 1]
-        score(field, lattice, row, col, ends, costs)
+        score_scan(field, lattice, row, col, ends, costs)
         for k in range(costs.size):
             if lattice.empty[k] == NOWHERE:
                 costs[k] = NOWHERE
@@ -340,7 +340,7 @@ class Evaluation:
         Deviations of the heading are compared with the heading's error, all others with the
         position's.
         """
-        drawn = Resamples.of([len(places.points) for places in self.places])
+        drawn = Resamples.from_counts([len(places.points) for places in self.places])
         return {
             (predictor, kind): rank(
                 [found[predictor] for found in self.predictions],

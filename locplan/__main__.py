@@ -11,9 +11,9 @@ def main() -> None:
     """Run the command line; where there is fork, in a process that Ctrl-C ends within a second."""
     _open_closed_streams()
     try:
-        from locplan._support.supervision import supervised
+        from locplan._support.supervision import run_supervised
 
-        code = supervised(work, clear)
+        code = run_supervised(work, clear)
     except KeyboardInterrupt:  # before there was a second process
         print("locplan: interrupted", file=sys.stderr)
         code = 130
@@ -37,7 +37,7 @@ def clear(folder: str) -> None:
     from locplan._support import output
 
     with suppress(Exception):  # the next process that writes there tries again
-        output.clear(Path(folder))
+        output.finish_moves(Path(folder))
 
 
 def work() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.reading import opened
+from locplan._support.reading import open_file
 
 
 def read_arrays(
@@ -38,22 +38,22 @@ def read_arrays(
     """
     import zipfile
 
-    with opened(file) as content:
+    with open_file(file) as content:
         try:
             with zipfile.ZipFile(content) as archive:
                 members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
                 selected_names = [name for name in members if names is None or name in names]
                 if (total := sum(members[name].file_size for name in selected_names)) > limit:
-                    most = f"of at most {limit / 1e6:.0f} MB"
-                    raise OSError(f"its arrays take {total / 1e6:.0f} MB, {most}")
-                return {name: _array_of(archive.read(members[name])) for name in selected_names}
+                    size_limit = f"of at most {limit / 1e6:.0f} MB"
+                    raise OSError(f"its arrays take {total / 1e6:.0f} MB, {size_limit}")
+                return {name: _read_array(archive.read(members[name])) for name in selected_names}
         except OSError:
             raise
         except Exception as error:  # a damaged archive fails in as many ways as it has parts
             raise ValueError(str(error)[:200] or type(error).__name__) from None
 
 
-def _array_of(data: bytes) -> NDArray[Any]:
+def _read_array(data: bytes) -> NDArray[Any]:
     """The array of a .npy file, without a copy of its values."""
     from io import BytesIO
 

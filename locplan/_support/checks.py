@@ -29,47 +29,47 @@ FARTHEST = 1e8
 """Maximum coordinate of a position [m], beyond all those of maps; a float resolves 15 nm there."""
 
 
-def number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
+def check_number(name: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
     """Return a finite number within limits, and up to `MAX_AMOUNT`, as a float."""
     if is_number(value) and low <= float(value) <= high and abs(value) <= MAX_AMOUNT:
         return float(value)
     limits = "a number"
     if math.isfinite(low):
         limits = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-    raise ConfigError(f"{name} must be {limits}{_most(value)}, not {shown(value)}")
+    raise ConfigError(f"{name} must be {limits}{_maximum_text(value)}, not {short_repr(value)}")
 
 
-def positive(name: str, value: object, unit: str = "") -> float:
+def check_positive(name: str, value: object, unit: str = "") -> float:
     """Return a number above 0, and up to `MAX_AMOUNT`, as a float.
 
     `unit` is its unit in the error message. Nearly 0, whose reciprocal is too great, is refused.
     """
     if is_number(value) and 1 / MAX_AMOUNT <= value <= MAX_AMOUNT:
         return float(value)
-    what = f"a positive number of {unit}" if unit else "positive"
-    least = f" of at least {1 / MAX_AMOUNT:g}" if is_number(value) and 0 < value < 1 else ""
-    raise ConfigError(f"{name} must be {what}{least}{_most(value)}, not {shown(value)}")
+    requirement = f"a positive number of {unit}" if unit else "positive"
+    minimum_text = f" of at least {1 / MAX_AMOUNT:g}" if is_number(value) and 0 < value < 1 else ""
+    raise ConfigError(f"{name} must be {requirement}{minimum_text}{_maximum_text(value)}, not {short_repr(value)}")
 
 
-def reach(name: str, value: object) -> float:
+def check_range(name: str, value: object) -> float:
     """Return the range of a lidar or a template as a float [m]."""
-    return number(name, positive(name, value, "m"), 0.0, MAX_RANGE)
+    return check_number(name, check_positive(name, value, "m"), 0.0, MAX_RANGE)
 
 
-def whole(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
+def check_integer(name: str, value: object, low: int = 1, high: float = math.inf) -> int:
     """Return a whole number within limits, and up to what 64 bits hold, as an int."""
-    if not is_whole(value) or not low <= value <= min(high, 2**63 - 1):
+    if not is_integer(value) or not low <= value <= min(high, 2**63 - 1):
         limits = f"of at least {low}" if high == math.inf else f"in {low}..{high}"
-        limits += " and below 2^63" if is_whole(value) and value >= 2**63 else ""
-        raise ConfigError(f"{name} must be a whole number {limits}, not {shown(value)}")
+        limits += " and below 2^63" if is_integer(value) and value >= 2**63 else ""
+        raise ConfigError(f"{name} must be a whole number {limits}, not {short_repr(value)}")
     return int(value)
 
 
-def one_of(name: str, value: object, choices: Collection[str]) -> object:
+def check_choice(name: str, value: object, choices: Collection[str]) -> object:
     """Return the value, which must be one of some words."""
     if not (isinstance(value, str) and value in choices):
-        known, guess = ", ".join(choices), suggestion(value, choices)
-        raise ConfigError(f"{name} must be one of {known}, not {shown(value)}{guess}")
+        choice_list, guess = ", ".join(choices), suggestion(value, choices)
+        raise ConfigError(f"{name} must be one of {choice_list}, not {short_repr(value)}{guess}")
     return value
 
 
@@ -85,22 +85,22 @@ def suggestion(value: object, choices: Iterable[str]) -> str:
     return f"; did you mean {names[similar[0]]!r}?" if similar else ""
 
 
-def instance(name: str, value: object, kind: type, remedy: str = "") -> object:
+def check_instance(name: str, value: object, kind: type, remedy: str = "") -> object:
     """Return the value, which must be of a class; `remedy` says how to get one."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        how = f"; {remedy}" if remedy else ""
-        raise ConfigError(f"{name} must be {article} {kind.__name__}, not {shown(value)}{how}")
+        remedy_text = f"; {remedy}" if remedy else ""
+        raise ConfigError(f"{name} must be {article} {kind.__name__}, not {short_repr(value)}{remedy_text}")
     return value
 
 
-def position(x: object, y: object = None, name: str = "a position") -> tuple[float, float]:
+def check_position(x: object, y: object = None, name: str = "a position") -> tuple[float, float]:
     """Return a position in the world, given as x and y or as (x, y), as two floats [m]."""
-    given = x if y is None else (x, y)
+    coordinates = x if y is None else (x, y)
     try:
-        first, second = (float(value) for value in given)  # type: ignore[attr-defined]
+        first, second = (float(value) for value in coordinates)  # type: ignore[attr-defined]
     except (TypeError, ValueError, OverflowError):
-        raise PoseError(f"{name} must be two numbers x, y in metres, not {shown(given)}") from None
+        raise PoseError(f"{name} must be two numbers x, y in metres, not {short_repr(coordinates)}") from None
     if not (math.isfinite(first) and math.isfinite(second)):
         raise PoseError(f"{name} must be finite metres, not {first:g},{second:g}")
     if max(abs(first), abs(second)) > FARTHEST:
@@ -108,12 +108,12 @@ def position(x: object, y: object = None, name: str = "a position") -> tuple[flo
     return first, second
 
 
-def poses_from(given: ArrayLike) -> tuple[Floats, bool]:
+def parse_poses(raw_poses: ArrayLike) -> tuple[Floats, bool]:
     """Return positions or poses as an array, (n, 2) or (n, 3), and whether they are a single one.
 
     Parameters
     ----------
-    given : (n, 2) or (n, 3) array, (x, y) or (x, y, heading)
+    raw_poses : (n, 2) or (n, 3) array, (x, y) or (x, y, heading)
         The poses [m, m, rad].
 
     Raises
@@ -125,9 +125,9 @@ def poses_from(given: ArrayLike) -> tuple[Floats, bool]:
 
     fault = "poses must be an (n, 2) or (n, 3) array, or one x, y or x, y, heading [m, m, rad]"
     try:
-        poses = np.asarray(given, dtype=np.float64)
+        poses = np.asarray(raw_poses, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise PoseError(f"{fault}, not {shown(given)}") from None
+        raise PoseError(f"{fault}, not {short_repr(raw_poses)}") from None
     if poses.ndim not in (1, 2) or poses.shape[-1] not in (2, 3):
         raise PoseError(f"{fault}, not an array of shape {poses.shape}")
     is_single = poses.ndim == 1
@@ -136,17 +136,17 @@ def poses_from(given: ArrayLike) -> tuple[Floats, bool]:
     if not is_usable.all():
         number = int(np.argmin(is_usable))
         text = ",".join(f"{value:g}" for value in poses[number])
-        which = "a pose" if is_single else f"pose {number} of the array"
-        raise PoseError(f"{which} must be finite numbers within ±{FARTHEST:g} m, not {text}")
+        subject = "a pose" if is_single else f"pose {number} of the array"
+        raise PoseError(f"{subject} must be finite numbers within ±{FARTHEST:g} m, not {text}")
     return poses, is_single
 
 
-def file_path(name: str, value: object) -> Path:
+def check_file_path(name: str, value: object) -> Path:
     """The name of a file or a folder as a Path; what can be none is a LocplanError."""
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
     if not isinstance(value, str) or not is_file_name(value):
-        raise LocplanError(f"{name} must be a path, not {shown(value)}")
+        raise LocplanError(f"{name} must be a path, not {short_repr(value)}")
     return Path(value)
 
 
@@ -158,12 +158,12 @@ def is_file_name(text: str) -> bool:
         return False
 
 
-def printable(name: str) -> str:
+def make_printable(name: str) -> str:
     """A name with U+FFFD for what cannot be printed, such as the bytes of one that is no UTF-8."""
     return "".join(c if c.isprintable() else "\ufffd" for c in name)
 
 
-def shown(value: object) -> str:
+def short_repr(value: object) -> str:
     """Short text of a value for an error message; only the class of arrays and other objects.
 
     It takes no longer for a list of lists of lists, whose repr could fill the memory.
@@ -187,7 +187,7 @@ class _Short(reprlib.Repr):
 _SHORT = _Short()
 
 
-def _most(value: object) -> str:
+def _maximum_text(value: object) -> str:
     """The words for a number that is too great."""
     return f" and at most {MAX_AMOUNT:g}" if is_number(value) and abs(value) > MAX_AMOUNT else ""
 
@@ -201,15 +201,15 @@ def setting(default: object, *limits: Any) -> Any:
     check: tuple[Any, ...] = limits
     if not (limits and callable(limits[0])):
         check = {
-            bool: (instance, bool, "give true or false"),
-            str: (one_of, limits),
-            int: (whole, *limits),
-            float: (number, *limits),
+            bool: (check_instance, bool, "give true or false"),
+            str: (check_choice, limits),
+            int: (check_integer, *limits),
+            float: (check_number, *limits),
         }[type(default)]
     return dataclasses.field(default=default, metadata={"check": check})
 
 
-def default_of(make: Callable[[Any], object]) -> Any:
+def derived_setting(make: Callable[[Any], object]) -> Any:
     """A field of `Settings` whose default follows from the other settings, by a function of them.
 
     It is None until `__post_init__` sets it.
@@ -222,28 +222,28 @@ class Settings:
 
     def __post_init__(self: Any) -> None:
         for setting_field in dataclasses.fields(self):
-            if check_spec := _check_of(type(self), setting_field.name):
+            if check_spec := _find_check(type(self), setting_field.name):
                 check, *limits = check_spec
-                keep(self, **{setting_field.name: check(setting_field.name, getattr(self, setting_field.name), *limits)})
+                set_frozen_fields(self, **{setting_field.name: check(setting_field.name, getattr(self, setting_field.name), *limits)})
 
     def __repr__(self) -> str:
-        changed = ", ".join(f"{name}={value!r}" for name, value in _changed(self))
+        changed = ", ".join(f"{name}={value!r}" for name, value in _find_changed_settings(self))
         return f"{type(self).__name__}({changed})"
 
 
-def _check_of(owner: type, name: str) -> tuple[Any, ...]:
+def _find_check(owner: type, name: str) -> tuple[Any, ...]:
     """The check of a setting, which a class that gives it another default has from its base."""
     declared = (vars(base).get("__dataclass_fields__", {}).get(name) for base in owner.__mro__)
     checks = (setting_field.metadata.get("check", ()) for setting_field in declared if setting_field)
     return next(filter(None, checks), ())
 
 
-def differing(settings: Settings) -> list[str]:
+def describe_changed_settings(settings: Settings) -> list[str]:
     """Name and value of each setting that has not its default."""
-    return [f"{name} {_plain(value)}" for name, value in _changed(settings)]
+    return [f"{name} {_plain(value)}" for name, value in _find_changed_settings(settings)]
 
 
-def _changed(settings: Any) -> Iterator[tuple[str, Any]]:
+def _find_changed_settings(settings: Any) -> Iterator[tuple[str, Any]]:
     for setting_field in dataclasses.fields(settings):
         value, default_factory = getattr(settings, setting_field.name), setting_field.default_factory
         default = setting_field.default if default_factory is dataclasses.MISSING else default_factory()
@@ -268,7 +268,7 @@ def is_number(value: object) -> TypeGuard[float]:
         return False
 
 
-def finite_numbers(values: Any) -> tuple[float, ...]:
+def parse_finite_numbers(values: Any) -> tuple[float, ...]:
     """Finite numbers as floats, or an empty tuple if any value is something else."""
     import numpy as np
 
@@ -279,12 +279,12 @@ def finite_numbers(values: Any) -> tuple[float, ...]:
     return numbers if all(map(math.isfinite, numbers)) else ()
 
 
-def is_whole(value: object) -> TypeGuard[int]:
+def is_integer(value: object) -> TypeGuard[int]:
     """Return whether a value is a whole number, and no bool."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
-def keep(owner: object, **values: object) -> None:
+def set_frozen_fields(owner: object, **values: object) -> None:
     """Set fields of a frozen dataclass while it is being made."""
     for name, value in values.items():
         object.__setattr__(owner, name, value)
@@ -309,37 +309,37 @@ def usable_memory() -> int:
 
 def check_threads(threads: int | None) -> int:
     """Return a number of threads, that of the cores for None, within what the cores bear."""
-    return _borne("threads", threads, 32, 0)
+    return _check_resource_limit("threads", threads, 32, 0)
 
 
 def check_workers(workers: int | None) -> int:
     """Return a number of worker processes, that of the cores for None, within what there is."""
     # Memory that a worker takes at least, with its libraries [bytes].
-    return _borne("workers", workers, 4, 300_000_000)
+    return _check_resource_limit("workers", workers, 4, 300_000_000)
 
 
-def _borne(name: str, value: int | None, a_core: int, size: int) -> int:
+def _check_resource_limit(name: str, value: int | None, per_core: int, size: int) -> int:
     """A number of things, so many for each core at most, and each of a size [bytes]."""
     cores = usable_cores()
     if value is None:
         return cores
-    most, why = a_core * cores, f"{a_core} for each of this machine's {cores} cores"
-    if size * most > usable_memory():
-        most = max(1, usable_memory() // size)
-        why = f"{_gb(usable_memory())} of this machine's memory, {_gb(size)} each"
-    if whole(name, value) > most:
-        raise ConfigError(f"{name} must be at most {most} ({why}), not {value}")
+    maximum, reason = per_core * cores, f"{per_core} for each of this machine's {cores} cores"
+    if size * maximum > usable_memory():
+        maximum = max(1, usable_memory() // size)
+        reason = f"{_format_gigabytes(usable_memory())} of this machine's memory, {_format_gigabytes(size)} each"
+    if check_integer(name, value) > maximum:
+        raise ConfigError(f"{name} must be at most {maximum} ({reason}), not {value}")
     return int(value)
 
 
-def check_memory(what: str, size: float, remedy: str) -> None:
+def check_memory(data_name: str, size: float, remedy: str) -> None:
     """Raise a ConfigError if something takes more memory [bytes] than the machine has."""
     if size > usable_memory():
         raise ConfigError(
-            f"{what} take {_gb(size)} of memory, and this machine has {_gb(usable_memory())} for"
+            f"{data_name} take {_format_gigabytes(size)} of memory, and this machine has {_format_gigabytes(usable_memory())} for"
             f" them; {remedy}"
         )
 
 
-def _gb(size: float) -> str:
+def _format_gigabytes(size: float) -> str:
     return f"{size / 1e9:.3g} GB"

@@ -27,11 +27,11 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, Locator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Affine2D, Bbox, IdentityTransform
 
-from locplan._support.checks import printable
+from locplan._support.checks import make_printable
 from locplan._support.files import PICTURES, check_target
 from locplan._support.kernels.arrays import Floats, Octets
 from locplan._support.output import replacing
-from locplan._support.public import png_of
+from locplan._support.public import render_png
 from locplan._support.records import FILE_DPI
 
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
@@ -172,21 +172,21 @@ class Picture(Figure):
         *lines : str
             Its lines.
         """
-        filled = (part for title_line in lines for part in lines_within(title_line, self.get_figwidth()))
+        filled = (part for title_line in lines for part in break_title(title_line, self.get_figwidth()))
         self.suptitle("\n".join(filled), fontsize="medium")
 
     def _show_texts_as_they_are(self) -> None:
-        numbers = {id(text) for axis in self.findobj(Axis) for text in _numbers_of(axis)}
+        numbers = {id(text) for axis in self.findobj(Axis) for text in _find_tick_texts(axis)}
         for text in self.findobj(Text):
             if id(text) not in numbers:
                 text.set_parse_math(False)
-                text.set_text("\n".join(map(printable, text.get_text().split("\n"))))
+                text.set_text("\n".join(map(make_printable, text.get_text().split("\n"))))
 
     def _repr_png_(self) -> bytes:
-        return png_of(self)
+        return render_png(self)
 
 
-def lines_within(text: str, width: float) -> list[str]:
+def break_title(text: str, width: float) -> list[str]:
     """The lines of a text in a figure, about as long as each other: none has a word left over.
 
     Parameters
@@ -214,7 +214,7 @@ def _any_glyphs() -> Iterator[None]:
         yield
 
 
-def _numbers_of(axis: Any) -> list[Text]:
+def _find_tick_texts(axis: Any) -> list[Text]:
     """The texts of an axis that matplotlib makes."""
     ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
     labels = [label for tick in ticks for label in (tick.label1, tick.label2)]
@@ -224,8 +224,8 @@ def _numbers_of(axis: Any) -> list[Text]:
 class RoundNumbers(Locator):
     """Ticks of a logarithmic axis at 1, 2, 5, 10 and so on, or evenly where it is short."""
 
-    def __init__(self, most: int = MAX_TICKS) -> None:
-        self.most = most
+    def __init__(self, max_ticks: int = MAX_TICKS) -> None:
+        self.max_ticks = max_ticks
 
     def __call__(self) -> Any:
         """Find the ticks of the axis; matplotlib calls it."""
@@ -234,11 +234,11 @@ class RoundNumbers(Locator):
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Find the ticks between two values."""
-        return round_numbers(min(vmin, vmax), max(vmin, vmax), self.most)
+        return round_numbers(min(vmin, vmax), max(vmin, vmax), self.max_ticks)
 
 
-def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> Floats:
-    """Round numbers from `low` to `high` for a logarithmic scale, at most `most` of them."""
+def round_numbers(low: float, high: float, max_ticks: int = MAX_TICKS) -> Floats:
+    """Round numbers from `low` to `high` for a logarithmic scale, at most `max_ticks` of them."""
     if not (0 < low < high and math.isfinite(high)):
         return np.array([low])
     powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
@@ -248,13 +248,13 @@ def round_numbers(low: float, high: float, most: int = MAX_TICKS) -> Floats:
     for digits in ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
         round_values = np.sort(np.outer(powers, digits).ravel())
         round_values = round_values[(within[0] <= round_values) & (round_values <= within[1])]
-        if len(round_values) > most:
+        if len(round_values) > max_ticks:
             # Decades are left out where even they are too many.
-            return ticks if len(ticks) >= MIN_TICKS else round_values[:: -(-len(round_values) // most)]
+            return ticks if len(ticks) >= MIN_TICKS else round_values[:: -(-len(round_values) // max_ticks)]
         ticks = round_values
         if len(ticks) >= MIN_TICKS + 1:
             return ticks
-    for count in range(MIN_TICKS + 1, most + 1):
+    for count in range(MIN_TICKS + 1, max_ticks + 1):
         if len(ticks) >= MIN_TICKS:
             break
         ticks = np.asarray(MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high))
@@ -309,15 +309,15 @@ def field_bar(figure: Figure, image: AxesImage, axes: Any, label: str, **options
 
 def _power_of_ten(value: float, _: object) -> str:
     """10 to a power in plain characters; matplotlib's own formulas take 0.3 s to begin with."""
-    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    return f"10{str(round(math.log10(value))).translate(raised)}"
+    superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"10{str(round(math.log10(value))).translate(superscripts)}"
 
 
 def draw_number(
     axes: Axes,
     number: int,
     at: tuple[float, float],
-    aside: tuple[float, float],
+    offset: tuple[float, float],
     color: str,
     **style: Any,
 ) -> None:
@@ -331,7 +331,7 @@ def draw_number(
         The number.
     at : (x, y)
         World position of the place [m].
-    aside : (x, y)
+    offset : (x, y)
         How far the number stands from it [points].
     color : str
         Colour of the circle and the line.
@@ -342,7 +342,7 @@ def draw_number(
     axes.annotate(
         str(number),
         at,
-        aside,
+        offset,
         textcoords="offset points",
         bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": color},
         arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.8, "shrinkA": 0},

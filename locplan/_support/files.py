@@ -18,7 +18,7 @@ _INPUTS: ContextVar[set[Path] | None] = ContextVar("_INPUTS", default=None)
 
 
 @contextmanager
-def inputs_are_kept() -> Iterator[None]:
+def protect_inputs() -> Iterator[None]:
     """Refuse in this block to write over the files that `keep_input` names in it."""
     before = _INPUTS.set(set())
     try:
@@ -27,7 +27,7 @@ def inputs_are_kept() -> Iterator[None]:
         _INPUTS.reset(before)
 
 
-def keep_input(path: Path) -> None:
+def protect_input(path: Path) -> None:
     """Tell that a file is an input; outside of `inputs_are_kept` that has no effect."""
     inputs = _INPUTS.get()
     if inputs is not None:
@@ -50,14 +50,14 @@ def check_folder(folder: Path) -> None:
     It is called before long work; the folder is made when there is something to write.
     """
     with errors_in_one_line(folder):
-        there = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))
-        if not there.is_dir():
-            what = "a file, not a folder" if there.exists() else "a link to nothing"
-            raise LocplanError(f"{there}: is {what}; name another folder")
+        existing_parent = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))
+        if not existing_parent.is_dir():
+            obstacle = "a file, not a folder" if existing_parent.exists() else "a link to nothing"
+            raise LocplanError(f"{existing_parent}: is {obstacle}; name another folder")
         try:  # root may, by its rights, also where no file system takes a folder
-            os.rmdir(tempfile.mkdtemp(dir=there))
+            os.rmdir(tempfile.mkdtemp(dir=existing_parent))
         except OSError:
-            raise LocplanError(f"{there}: cannot be written; choose another folder") from None
+            raise LocplanError(f"{existing_parent}: cannot be written; choose another folder") from None
 
 
 def make_folder(folder: Path) -> None:
@@ -70,10 +70,10 @@ def make_folder(folder: Path) -> None:
 def check_no_input(path: Path) -> None:
     """Raise a LocplanError if writing there replaces an input, or a folder with one in it."""
     target = _real(path)
-    for each in _INPUTS.get() or ():
-        if target in (each, *each.parents):
+    for input_file in _INPUTS.get() or ():
+        if target in (input_file, *input_file.parents):
             raise LocplanError(
-                f"{path}: replaces {each.name}, a map or another input; choose another name"
+                f"{path}: replaces {input_file.name}, a map or another input; choose another name"
             )
 
 

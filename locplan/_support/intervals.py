@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.poses import way_along
+from locplan._support.poses import compute_travel_distances
 
 MIN_SAMPLES = 5
 """Minimum number of values that have an interval; fewer values have only a mean."""
@@ -28,11 +28,11 @@ class Interval(NamedTuple):
     """Upper end of the interval, in that unit."""
 
 
-def _alone(value: float) -> Interval:
+def _make_point_estimate(value: float) -> Interval:
     return Interval(value, np.nan, np.nan)
 
 
-def wilson(share: float, trials: int) -> Interval:
+def compute_wilson_interval(share: float, trials: int) -> Interval:
     """Wilson's 95 % interval of a share."""
     z = 1.959964
     middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
@@ -41,105 +41,105 @@ def wilson(share: float, trials: int) -> Interval:
     return Interval(share, max(0.0, float(middle - half)), min(1.0, float(middle + half)))
 
 
-def of_mean(values: Floats) -> Interval:
+def estimate_mean(values: Floats) -> Interval:
     """Student's 95 % interval of the mean of independent values; NaN if they are too few."""
     from scipy.special import stdtrit
 
     values = np.asarray(values, float)
     if values.size < MIN_SAMPLES:
-        return _alone(float(values.mean()) if values.size else np.nan)
+        return _make_point_estimate(float(values.mean()) if values.size else np.nan)
     half = stdtrit(values.size - 1, 0.975) * values.std(ddof=1) / np.sqrt(values.size)
     middle = float(values.mean())
     return Interval(middle, middle - float(half), middle + float(half))
 
 
-def of_geometric_mean(values: Floats) -> Interval:
+def estimate_geometric_mean(values: Floats) -> Interval:
     """Student's 95 % interval of the geometric mean of positive values, from their logarithms."""
-    return Interval(*np.exp(of_mean(np.log(values))).tolist())
+    return Interval(*np.exp(estimate_mean(np.log(values))).tolist())
 
 
-def of_median(values: Floats) -> Interval:
+def estimate_median(values: Floats) -> Interval:
     """95 % interval of the median of all values (trials, k), whose rows are independent trials.
 
     It is Woodruff's: Student's interval of the share of values that are at most the median, read
     back through the quantiles of the values.
     """
     if not values.size:
-        return _alone(np.nan)
+        return _make_point_estimate(np.nan)
     middle = float(np.median(values))
-    share = of_mean((values <= middle).mean(axis=1))
+    share = estimate_mean((values <= middle).mean(axis=1))
     if np.isnan(share.low):
-        return _alone(middle)
+        return _make_point_estimate(middle)
     half = (share.high - share.low) / 2
     low, high = np.quantile(values, (max(0.0, 0.5 - half), min(1.0, 0.5 + half))).tolist()
     return Interval(middle, low, high)
 
 
-def of_rms(squares: Floats) -> Interval:
+def estimate_rms(squares: Floats) -> Interval:
     """95 % interval of a root mean square, of the mean squares of the trials.
 
     It is Student's interval of the jackknife's pseudo-values of the logarithm.
     """
     total, count = squares.sum(), squares.size
     if count < MIN_SAMPLES or not total > 0:
-        return _alone(float(np.sqrt(total / count)) if count else np.nan)
+        return _make_point_estimate(float(np.sqrt(total / count)) if count else np.nan)
     log_mean_square = np.log(total / count)
     with np.errstate(divide="ignore"):
         log_leave_one_out = np.log((total - squares) / (count - 1))
-    pseudo = of_mean(count * log_mean_square - (count - 1) * log_leave_one_out)
+    pseudo = estimate_mean(count * log_mean_square - (count - 1) * log_leave_one_out)
     half = (pseudo.high - pseudo.low) / 2
     low, high = np.exp((log_mean_square - half) / 2), np.exp((log_mean_square + half) / 2)
     return Interval(float(np.exp(log_mean_square / 2)), float(low), float(high))
 
 
-def of_resamples(value: float, samples: Floats) -> Interval:
+def interval_from_resamples(value: float, samples: Floats) -> Interval:
     """A value with the 2.5 and 97.5 % quantiles of its resamples; NaN where none is finite."""
     finite_samples = samples[np.isfinite(samples)]
     if not len(finite_samples):
-        return _alone(value)
+        return _make_point_estimate(value)
     low, high = np.quantile(finite_samples, (0.025, 0.975)).tolist()
     return Interval(value, low, high)
 
 
-def in_percent(interval: Interval) -> str:
+def format_percent(interval: Interval) -> str:
     """Text of a share, such as 25% [12%, 40%]."""
-    return _with_ends(interval, "{:.0%}".format)
+    return _format_interval(interval, "{:.0%}".format)
 
 
-def share(rate: Interval) -> str:
+def format_rate(rate: Interval) -> str:
     """Text of a share of drives, such as 34 % [25, 44]; a dash if it is not known."""
     if math.isnan(rate.value):
         return "-"
-    value, low, high = (f"{100 * each:.0f}" for each in rate)
+    value, low, high = (f"{100 * bound:.0f}" for bound in rate)
     return f"{value} % [{low}, {high}]"
 
 
-def plain(value: float, digits: int = 2) -> str:
+def format_decimal(value: float, digits: int = 2) -> str:
     """Text of a number such as a correlation: .25, -.25 or 1.25; a dash if it is not known."""
     return "-" if np.isnan(value) else re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
 
 
-def digits_of(length: float) -> int:
+def choose_digits(length: float) -> int:
     """Digits behind the point of an error [m]: millimetres below 0.1 m, or else centimetres."""
     return 3 if length < 0.0995 else 2
 
 
-def in_metres(length: float) -> str:
+def format_metres(length: float) -> str:
     """Text of an error, such as 0.25 m or 0.025 m."""
-    return f"{length:.{digits_of(length)}f} m"
+    return f"{length:.{choose_digits(length)}f} m"
 
 
-def short(interval: Interval) -> str:
+def format_ratio(interval: Interval) -> str:
     """Text of a correlation or a ratio, such as .25 [.12, .40]."""
-    return _with_ends(interval, plain)
+    return _format_interval(interval, format_decimal)
 
 
-def two_digits(interval: Interval) -> str:
+def format_two_digits(interval: Interval) -> str:
     """Text of a ratio, such as 0.25 [0.12, 0.40]."""
-    return _with_ends(interval, "{:.2f}".format)
+    return _format_interval(interval, "{:.2f}".format)
 
 
-def _with_ends(interval: Interval, text: Callable[[float], str]) -> str:
+def _format_interval(interval: Interval, text: Callable[[float], str]) -> str:
     value, low, high = map(text, interval)
     return value if np.isnan(interval.low) else f"{value} [{low}, {high}]"
 
@@ -147,12 +147,12 @@ def _with_ends(interval: Interval, text: Callable[[float], str]) -> str:
 RESAMPLES = 1000
 
 
-def blocks_along(poses: Floats, length: float = 10.0) -> Ints:
+def assign_blocks(poses: Floats, length: float = 10.0) -> Ints:
     """The block of the way, of some length [m], that each of n poses belongs to, (n,)."""
-    return np.asarray((way_along(poses) / length).astype(np.int64))
+    return np.asarray((compute_travel_distances(poses) / length).astype(np.int64))
 
 
-def draws_of(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
+def draw_blocks(blocks: Ints, resamples: int = RESAMPLES) -> Floats:
     """Number of times that the block of each of n values is drawn, (resamples, n).
 
     There are no resamples of fewer than five blocks.
@@ -170,14 +170,14 @@ def mean_interval(values: Floats, blocks: Ints, counted: Floats | None = None) -
     """
     counted = np.ones(len(values)) if counted is None else counted
     if not counted.any():
-        return _alone(np.nan)
-    weights = draws_of(blocks) * counted
+        return _make_point_estimate(np.nan)
+    weights = draw_blocks(blocks) * counted
     with np.errstate(invalid="ignore"):  # none that counts may be drawn
         means = (weights @ values) / weights.sum(axis=1)
-    return of_resamples(float(np.average(values, weights=counted)), means)
+    return interval_from_resamples(float(np.average(values, weights=counted)), means)
 
 
-def intervals(
+def bootstrap_statistics(
     statistic: Callable[[Floats], Floats], blocks: Ints, resamples: int
 ) -> list[Interval]:
     """Some statistics (k,) of weighted values, with 95 % intervals over the values' blocks.
@@ -185,9 +185,9 @@ def intervals(
     `statistic` is called with weights (n,): 1 for all, and then how often each is drawn.
     """
     estimates = statistic(np.ones(len(blocks)))
-    resampled_statistics = np.array([statistic(statistic_samples) for statistic_samples in draws_of(blocks, resamples)])
+    resampled_statistics = np.array([statistic(statistic_samples) for statistic_samples in draw_blocks(blocks, resamples)])
     samples = resampled_statistics.reshape(-1, len(estimates)).T
-    return [of_resamples(float(value), statistic_samples) for value, statistic_samples in zip(estimates, samples, strict=True)]
+    return [interval_from_resamples(float(value), statistic_samples) for value, statistic_samples in zip(estimates, samples, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class Resamples:
     """Draws of the maps, (RESAMPLES, maps)."""
 
     @classmethod
-    def of(cls, counts: Sequence[int], seed: int = 0) -> Resamples:
+    def from_counts(cls, counts: Sequence[int], seed: int = 0) -> Resamples:
         """Resamples of maps with these numbers of places."""
         random = np.random.default_rng(seed)
         places = [_draws(random, count) for count in counts]
@@ -225,7 +225,7 @@ class Resamples:
         return cls(places, maps)
 
 
-def rank(values: Sequence[Floats], errors: Sequence[Floats], drawn: Resamples) -> Rank:
+def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: Resamples) -> Rank:
     """Statistics of how well values rank errors.
 
     Parameters
@@ -233,22 +233,22 @@ def rank(values: Sequence[Floats], errors: Sequence[Floats], drawn: Resamples) -
     values, errors : sequence of (n,) arrays
         Values and errors of each map; greater values should mean greater errors. Constant values
         have the coefficient 0.
-    drawn : Resamples
+    resamples : Resamples
         Resamples of the same numbers of maps and places.
     """
     all_values, all_errors = np.concatenate(values), np.concatenate(errors)
     weights = np.concatenate(
-        [place_draws * drawn.maps[:, m, None] for m, place_draws in enumerate(drawn.places)], axis=1
+        [place_draws * resamples.maps[:, m, None] for m, place_draws in enumerate(resamples.places)], axis=1
     )
     within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
     within_drawn = np.stack(
-        [_spearmans(v, e, w) for v, e, w in zip(values, errors, drawn.places, strict=True)], axis=1
+        [_spearmans(v, e, w) for v, e, w in zip(values, errors, resamples.places, strict=True)], axis=1
     )
-    means = (within_drawn * drawn.maps).sum(axis=1) / drawn.maps.sum(axis=1)
+    means = (within_drawn * resamples.maps).sum(axis=1) / resamples.maps.sum(axis=1)
     return Rank(
-        of_resamples(spearman(all_values, all_errors), _spearmans(all_values, all_errors, weights)),
-        of_resamples(float(within.mean()), means),
-        of_resamples(auc(all_values, all_errors), _aucs(all_values, all_errors, weights)),
+        interval_from_resamples(spearman(all_values, all_errors), _spearmans(all_values, all_errors, weights)),
+        interval_from_resamples(float(within.mean()), means),
+        interval_from_resamples(auc(all_values, all_errors), _aucs(all_values, all_errors, weights)),
     )
 
 
@@ -303,6 +303,6 @@ def _draws(random: np.random.Generator, count: int, resamples: int = RESAMPLES) 
     return random.multinomial(count, np.full(count, 1 / count), resamples).astype(float)
 
 
-def random_of(seed: int, *stream: int) -> np.random.Generator:
+def make_generator(seed: int, *stream: int) -> np.random.Generator:
     """Random numbers that are independent of those of any other stream."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream))

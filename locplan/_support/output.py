@@ -21,9 +21,9 @@ from tempfile import gettempdir, mkdtemp
 from typing import Any
 
 from locplan._support import runs
-from locplan._support.checks import file_path
+from locplan._support.checks import check_file_path
 from locplan._support.files import check_folder, check_no_input, check_target, errors_in_one_line
-from locplan._support.reading import opened, parsed_json, read_text
+from locplan._support.reading import open_file, parse_json, read_text
 from locplan._support.supervision import announce
 from locplan.errors import LocplanError
 
@@ -68,7 +68,7 @@ class Output:
 
     @property
     def _run_name(self) -> str:
-        return self.target.name + runs.BESIDE if self.is_file else runs.RUN_FILE
+        return self.target.name + runs.FILE_RUN_SUFFIX if self.is_file else runs.RUN_FILE
 
     def check(self, *names: str) -> None:
         """Raise a LocplanError unless files of these names can be written; before long work."""
@@ -88,7 +88,7 @@ class Output:
             raise LocplanError(f"{self.target}: {fault}; {self._remedy}")
         expected_names = {*self.unfinished, self._run_name if kind else ""}
         for name in self._present():
-            if name not in expected_names and recorded_digests.get(name, "") != digest_of(self._home / name):
+            if name not in expected_names and recorded_digests.get(name, "") != compute_file_digest(self._home / name):
                 fault = "was changed after locplan wrote it"
                 if name not in recorded_digests:
                     fault = "is no earlier result of this command"
@@ -110,25 +110,25 @@ class Output:
             try:
                 yield new / self.target.name if self.is_file else new
             except LocplanError as error:
-                text = destination(str(error)).replace(str(self._home), str(self._folder))
+                text = strip_staging_folder(str(error)).replace(str(self._home), str(self._folder))
                 raise type(error)(text) from None
             self.check(*(written := _digests(new)))
             if not written:
                 return
             kind, recorded_digests = runs.read_outputs(self._home / self._run_name)
-            present = {name: digest_of(self._home / name) for name in {**recorded_digests, **written}}
+            present = {name: compute_file_digest(self._home / name) for name in {**recorded_digests, **written}}
             unchanged = {name for name in recorded_digests if present[name] == recorded_digests[name]}
             is_more = adds and kind == self.kind
             stale = set() if is_more else unchanged - written.keys()
             outputs = {name: recorded_digests[name] for name in unchanged - stale} | written
-            text = runs.run_text(Path(destination(self._home)), self.kind, outputs)
+            text = runs.run_text(Path(strip_staging_folder(self._home)), self.kind, outputs)
             (new / self._run_name).write_text(text, encoding="utf-8")
-            present[self._run_name] = digest_of(self._home / self._run_name)
+            present[self._run_name] = compute_file_digest(self._home / self._run_name)
             moves, removals = (
                 {(within / name).as_posix(): present[name] for name in names}
                 for names in ((*written, self._run_name), stale)
             )
-            decide(staging, moves, removals)
+            write_move_journal(staging, moves, removals)
         if not _STAGED.search(str(self._home)):  # results within others are noted with these
             described = describe_files(self.purposes, written)
             files = [(self._folder / name, purpose) for name, purpose in described]
@@ -144,7 +144,7 @@ class Output:
         if self.is_file:
             names = [self.target.name, self._run_name]
             return [name for name in names if os.path.lexists(self._home / name)]
-        return files_in(self._home)
+        return list_files(self._home)
 
     def _check_name(self, name: str) -> None:
         file = self._home / name
@@ -199,7 +199,7 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
 
     It has the target's name, since writers choose the format by its suffix.
     """
-    path = file_path("a file to write", target)
+    path = check_file_path("a file to write", target)
     check_no_input(path)
     with errors_in_one_line(path), temporary_folder(path.parent) as folder:
         new = folder / path.name
@@ -219,9 +219,9 @@ def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
         yield folder
     finally:
         try:
-            clear(folder)
+            finish_moves(folder)
         except KeyboardInterrupt:  # the files move together, or not at all
-            clear(folder)
+            finish_moves(folder)
             raise
         finally:
             announce(str(folder), is_gone=True)
@@ -229,7 +229,7 @@ def temporary_folder(parent: Path | None = None) -> Iterator[Path]:
                 os.close(lock)
 
 
-def decide(
+def write_move_journal(
     staging: Path, moves: Mapping[str, str | None], removals: Mapping[str, str | None] | None = None
 ) -> None:
     """List the moves out of a temporary folder, and the removals, that its end brings.
@@ -245,14 +245,14 @@ def decide(
     os.replace(draft, staging / JOURNAL)
 
 
-def clear(staging: Path) -> None:
+def finish_moves(staging: Path) -> None:
     """Finish the moves of a temporary folder, and remove it."""
     journal, home = staging / JOURNAL, staging.parent
     if journal.exists():
-        moves, removals = parsed_json(read_text(journal))
+        moves, removals = parse_json(read_text(journal))
         for name, before in {**moves, **removals}.items():
             new, target = staging / NEW / name, home / name
-            if digest_of(target) != before or not is_below(target, home):
+            if compute_file_digest(target) != before or not is_below(target, home):
                 continue
             if name in removals:
                 target.unlink(missing_ok=True)
@@ -278,16 +278,16 @@ def clear_abandoned(folder: str | os.PathLike[str]) -> None:
             with suppress(OSError, ValueError, LocplanError):  # held, or damaged
                 is_mine = not hasattr(os, "getuid") or staging.lstat().st_uid == os.getuid()
                 if is_mine and (lock := _lock(staging, wait=False)) is not None:
-                    clear(staging)
+                    finish_moves(staging)
                     os.close(lock)
 
 
-def destination(text: str | os.PathLike[str]) -> str:
+def strip_staging_folder(text: str | os.PathLike[str]) -> str:
     """Return a path, or a text with paths, as it is when the files have moved to their place."""
     return _STAGED.sub("", str(text))
 
 
-def files_in(folder: Path) -> Iterator[str]:
+def list_files(folder: Path) -> Iterator[str]:
     """Names of the files in a folder and in those below, but for hidden ones."""
     for place, folders, files in os.walk(folder):
         links = [folder_name for folder_name in folders if os.path.islink(os.path.join(place, folder_name))]
@@ -297,17 +297,17 @@ def files_in(folder: Path) -> Iterator[str]:
                 yield Path(place, name).relative_to(folder).as_posix()
 
 
-def digest_of(file: Path) -> str | None:
+def compute_file_digest(file: Path) -> str | None:
     """SHA-256 of a file, or None if there is none that can be read."""
     try:
-        with opened(file) as content:
+        with open_file(file) as content:
             return hashlib.file_digest(content, "sha256").hexdigest()
     except (OSError, ValueError):  # the latter for names that no file can have
         return None
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    return {name: digest_of(folder / name) or "" for name in files_in(folder)}
+    return {name: compute_file_digest(folder / name) or "" for name in list_files(folder)}
 
 
 def _new_folder(home: str) -> tuple[Path, int | None]:

@@ -26,7 +26,7 @@ def ends_in_map(ends: Floats, poses: Floats) -> Floats:
     return np.stack([x, y], axis=-1)
 
 
-def moved(poses: Floats, move: tuple[float, float, float]) -> Floats:
+def move_poses(poses: Floats, move: tuple[float, float, float]) -> Floats:
     """Poses (n, 3) after a rigid move: a turn about the origin, then a shift [m, m, rad]."""
     dx, dy, turn = move
     cos, sin = math.cos(turn), math.sin(turn)
@@ -34,28 +34,28 @@ def moved(poses: Floats, move: tuple[float, float, float]) -> Floats:
     return np.column_stack([dx + cos * x - sin * y, dy + sin * x + cos * y, heading + turn])
 
 
-def updates_of(poses: Floats, far: float, turned: float) -> list[int]:
+def find_update_poses(poses: Floats, min_distance: float, min_turn: float) -> list[int]:
     """Indices of the poses (n, 3) at which AMCL updates: the first, and after so much motion.
 
-    That is more than `far` along x or y [m], or more than `turned` [rad], since the one before.
+    That is more than `min_distance` along x or y [m], or more than `min_turn` [rad], since the one before.
     """
     update_indices, (at_x, at_y, at_heading) = [0], poses[0].tolist()
     for n, (x, y, heading) in enumerate(poses.tolist()):
         way = max(abs(x - at_x), abs(y - at_y))
-        if way > far or abs(math.remainder(heading - at_heading, 2 * math.pi)) > turned:
+        if way > min_distance or abs(math.remainder(heading - at_heading, 2 * math.pi)) > min_turn:
             update_indices.append(n)
             at_x, at_y, at_heading = x, y, heading
     return update_indices
 
 
-def way_between(one: Floats, other: Floats) -> Floats:
-    """Poses `other` as they are seen from `one`, (..., 3) [m, m, rad]."""
-    dx, dy, turn = np.moveaxis(other - one, -1, 0)
-    cos, sin = np.cos(one[..., 2]), np.sin(one[..., 2])
+def compute_motions(start_poses: Floats, end_poses: Floats) -> Floats:
+    """Poses `end_poses` as they are seen from `start_poses`, (..., 3) [m, m, rad]."""
+    dx, dy, turn = np.moveaxis(end_poses - start_poses, -1, 0)
+    cos, sin = np.cos(start_poses[..., 2]), np.sin(start_poses[..., 2])
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=-1)
 
 
-def after_way(poses: Floats, ways: Floats) -> Floats:
+def apply_motions(poses: Floats, ways: Floats) -> Floats:
     """The poses to which ways lead from others, (..., 3) [m, m, rad]."""
     ahead, left, turn = np.moveaxis(ways, -1, 0)
     cos, sin = np.cos(poses[..., 2]), np.sin(poses[..., 2])
@@ -64,23 +64,23 @@ def after_way(poses: Floats, ways: Floats) -> Floats:
     return np.stack([x, y, poses[..., 2] + turn], axis=-1)
 
 
-def wrapped(angles: Any) -> Floats:
+def wrap_angles(angles: Any) -> Floats:
     """Angles within -pi to pi [rad]."""
     return np.asarray((np.asarray(angles, np.float64) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def way_length(poses: Floats) -> float:
+def compute_path_length(poses: Floats) -> float:
     """Length of the way over poses (n, 3) [m]."""
     return float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
 
 
-def turning(yaw: float) -> Floats:
+def make_rotation_matrix(yaw: float) -> Floats:
     """The turn of x, y, heading by an angle [rad], (3, 3)."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
-def way_along(poses: Floats) -> Floats:
+def compute_travel_distances(poses: Floats) -> Floats:
     """Length of the way from the first of the poses (n, 2) or (n, 3) to each, (n,) [m]."""
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     return np.concatenate([[0.0], np.cumsum(steps)])
@@ -134,20 +134,20 @@ class Track:
             return np.full((len(self._times), 7), np.nan)
         if self._steady and not self._moves:
             return np.tile(np.array(self._first), (len(self._times), 1))
-        return interpolated(np.asarray(self._times, np.float64), *self.samples())
+        return interpolate_transforms(np.asarray(self._times, np.float64), *self.samples())
 
     def samples(self) -> tuple[Floats, Floats]:
         """The samples before and after each time: its time and transform, (n, 8) each, or NaN."""
-        return _filled(self._before), _filled(self._after[::-1])[::-1].copy()
+        return _fill_gaps(self._before), _fill_gaps(self._after[::-1])[::-1].copy()
 
 
-def _filled(samples: Floats) -> Floats:
+def _fill_gaps(samples: Floats) -> Floats:
     """Samples with those before them where there are none, (n, 8)."""
     sample_rows = np.where(np.isfinite(samples[:, 0]), np.arange(len(samples)), 0)
     return np.asarray(samples[np.maximum.accumulate(sample_rows)])
 
 
-def interpolated(times: Floats, before: Floats, after: Floats) -> Floats:
+def interpolate_transforms(times: Floats, before: Floats, after: Floats) -> Floats:
     """Transforms between samples (n, 8) of time and transform before and after; NaN if too far."""
     exact = before[:, 0] == times
     after = np.where(exact[:, None], before, after)
@@ -156,7 +156,7 @@ def interpolated(times: Floats, before: Floats, after: Floats) -> Floats:
     same = (before[:, 4:] * after[:, 4:]).sum(1)  # a quaternion and its negative turn alike
     after[:, 4:] *= np.where(same < 0, -1.0, 1.0)[:, None]
     transforms = before[:, 1:] + share[:, None] * (after[:, 1:] - before[:, 1:])
-    transforms[:, 3:] = _between(before[:, 4:], after[:, 4:], share)
+    transforms[:, 3:] = _slerp(before[:, 4:], after[:, 4:], share)
     way = np.linalg.norm(after[:, 1:4] - before[:, 1:4], axis=1)
     turn = 2 * np.arccos(np.clip(np.abs(same), 0.0, 1.0))
     # Greatest time between two samples of a moving pose that are interpolated [s].
@@ -165,15 +165,15 @@ def interpolated(times: Floats, before: Floats, after: Floats) -> Floats:
     return transforms
 
 
-def _between(one: Floats, other: Floats, share: Floats) -> Floats:
+def _slerp(start: Floats, end: Floats, share: Floats) -> Floats:
     """Unit quaternions at a share of the turn from one to the other, (n, 4)."""
-    one, other = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True) for quaternions in (one, other))
-    angle = np.arccos(np.clip((one * other).sum(1), -1.0, 1.0))
+    start, end = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True) for quaternions in (start, end))
+    angle = np.arccos(np.clip((start * end).sum(1), -1.0, 1.0))
     plain = angle < 1e-6
     sine = np.where(plain, 1.0, np.sin(angle))
     left = np.where(plain, 1 - share, np.sin((1 - share) * angle) / sine)
     right = np.where(plain, share, np.sin(share * angle) / sine)
-    return np.asarray(left[:, None] * one + right[:, None] * other)
+    return np.asarray(left[:, None] * start + right[:, None] * end)
 
 
 class FrameTree:
@@ -200,7 +200,7 @@ class FrameTree:
         if isinstance(track, Track):
             track.add(time, pose)
 
-    def keep_between(self, target: str, sources: Iterable[str]) -> None:
+    def drop_unrelated_tracks(self, target: str, sources: Iterable[str]) -> None:
         """Leave out what moves on no way from one frame to others, as a robot's wheels do."""
         connecting = {edge for transform in sources for edge, _ in self._chain(target, transform) or ()}
         moving = {edge for edge, transform in self._edges.items() if isinstance(transform, Track)}
@@ -219,18 +219,18 @@ class FrameTree:
         begins, ends = [track.begin for track in tracks], [track.end for track in tracks]
         return min(begins, default=math.inf), max(ends, default=-math.inf)
 
-    def described(self) -> str:
+    def describe_groups(self) -> str:
         """The frames that are connected, each group by itself, for an error message."""
         groups: list[list[str]] = []
         for frame in self.frames:
-            group = next((group_frames for group_frames in groups if self.connected(group_frames[0], frame)), None)
+            group = next((group_frames for group_frames in groups if self.has_chain(group_frames[0], frame)), None)
             if group is None:
                 groups.append([frame])
             else:
                 group.append(frame)
         return "; ".join(" - ".join(group) for group in groups) or "none"
 
-    def connected(self, target: str, source: str) -> bool:
+    def has_chain(self, target: str, source: str) -> bool:
         """Return whether a chain of transforms leads from one frame to the other."""
         return self._chain(target, source) is not None
 
@@ -246,7 +246,7 @@ class FrameTree:
         for edge, backwards in chain:
             step = self._edges[edge]
             pose = step.at_times() if isinstance(step, Track) else np.array([step])
-            source_poses = composed(source_poses, inverse(pose) if backwards else pose)
+            source_poses = compose_transforms(source_poses, invert_transforms(pose) if backwards else pose)
         return source_poses
 
     def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:
@@ -285,19 +285,19 @@ def frame_name(name: object) -> str:
     return str(name).lstrip("/")
 
 
-def composed(one: Floats, other: Floats) -> Floats:
-    """The transform `one` followed by `other`, (n, 7)."""
-    place = one[:, :3] + rotated(one[:, 3:], other[:, :3])
-    return np.concatenate([place, _product(one[:, 3:], other[:, 3:])], axis=1)
+def compose_transforms(first: Floats, second: Floats) -> Floats:
+    """The transform `first` followed by `second`, (n, 7)."""
+    place = first[:, :3] + rotate_vectors(first[:, 3:], second[:, :3])
+    return np.concatenate([place, _multiply_quaternions(first[:, 3:], second[:, 3:])], axis=1)
 
 
-def inverse(pose: Floats) -> Floats:
+def invert_transforms(pose: Floats) -> Floats:
     """The transform the other way, (n, 7)."""
     back = pose[:, 3:] * (-1.0, -1.0, -1.0, 1.0) / (pose[:, 3:] ** 2).sum(1, keepdims=True)
-    return np.concatenate([-rotated(back, pose[:, :3]), back], axis=1)
+    return np.concatenate([-rotate_vectors(back, pose[:, :3]), back], axis=1)
 
 
-def rotated(turn: Floats, vector: Floats) -> Floats:
+def rotate_vectors(turn: Floats, vector: Floats) -> Floats:
     """Vectors (n, 3) turned by quaternions (n, 4), which need not have length 1."""
     turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
     axis, w = turn[:, :3], turn[:, 3:]
@@ -305,9 +305,9 @@ def rotated(turn: Floats, vector: Floats) -> Floats:
     return np.asarray(vector + w * half + np.cross(axis, half))
 
 
-def _product(one: Floats, other: Floats) -> Floats:
-    x, y, z, w = one.T
-    a, b, c, d = other.T
+def _multiply_quaternions(first: Floats, second: Floats) -> Floats:
+    x, y, z, w = first.T
+    a, b, c, d = second.T
     parts: Iterable[Floats] = (
         w * a + x * d + y * c - z * b,
         w * b - x * c + y * d + z * a,
@@ -317,18 +317,18 @@ def _product(one: Floats, other: Floats) -> Floats:
     return np.stack(np.broadcast_arrays(*parts), axis=1)
 
 
-def in_plane(pose: Floats) -> Floats:
+def project_to_plane(pose: Floats) -> Floats:
     """Transforms (n, 7) seen from above: x, y and the direction of the x axis, (n, 3)."""
-    ahead = rotated(pose[:, 3:], np.array([[1.0, 0.0, 0.0]]))
+    ahead = rotate_vectors(pose[:, 3:], np.array([[1.0, 0.0, 0.0]]))
     return np.column_stack([pose[:, :2], np.arctan2(ahead[:, 1], ahead[:, 0])])
 
 
-def upward(pose: Floats) -> Floats:
+def compute_uprightness(pose: Floats) -> Floats:
     """Height of the tip of each transform's z axis: 1 upright, -1 upside down, (n,)."""
-    return rotated(pose[:, 3:], np.array([[0.0, 0.0, 1.0]]))[:, 2]
+    return rotate_vectors(pose[:, 3:], np.array([[0.0, 0.0, 1.0]]))[:, 2]
 
 
-def window_around(
+def find_window(
     row: float, col: float, reach: float, map_shape: tuple[int, int]
 ) -> tuple[slice, slice]:
     """Rows and columns of a map within `reach` of a position [cells]."""

@@ -41,7 +41,7 @@ def progress_bar(label: str, unit: str, *, first: str = "starting") -> Iterator[
     being compiled. There is no bar if standard error is no terminal.
     """
     bar = _Bar(label, unit, first)
-    with _shown_later(bar.show):
+    with _show_after_delay(bar.show):
         yield bar.update
 
 
@@ -51,10 +51,10 @@ def later_progress_bar(label: str, unit: str) -> Iterator[ProgressCallback]:
     with ExitStack() as bar_stack:
         bars: list[ProgressCallback] = []
 
-        def step(done: int, total: int) -> None:
+        def step(n_done: int, total: int) -> None:
             if not bars:
                 bars.append(bar_stack.enter_context(progress_bar(label, unit)))
-            bars[0](done, total)
+            bars[0](n_done, total)
 
         yield step
 
@@ -71,14 +71,14 @@ def working(label: str) -> Iterator[None]:
         from rich.progress import SpinnerColumn, TimeElapsedColumn
 
         columns = SpinnerColumn(), "{task.description}", TimeElapsedColumn()
-        return _started(label, *columns, total=None)
+        return _start_display(label, *columns, total=None)
 
-    with _shown_later(show):
+    with _show_after_delay(show):
         yield
 
 
 @contextmanager
-def _shown_later(show: Callable[[], Progress | None]) -> Iterator[None]:
+def _show_after_delay(show: Callable[[], Progress | None]) -> Iterator[None]:
     """Show a display once the work has taken a second, until it ends."""
     # Asked here, and as rich does: its import takes a quarter of a second.
     if not (sys.stderr.isatty() or os.environ.get("FORCE_COLOR")):
@@ -97,7 +97,7 @@ def _shown_later(show: Callable[[], Progress | None]) -> Iterator[None]:
             display.stop()
 
 
-def _started(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:
+def _start_display(label: str, *columns: ProgressColumn | str, **task: Any) -> Progress | None:
     """A display of rich on standard error, which has begun; None where that is no terminal."""
     from rich.console import Console
     from rich.progress import Progress
@@ -121,8 +121,8 @@ class _Bar:
         self._label, self._unit, self._first = label, unit, first
         self._lock = threading.Lock()
         self._began: tuple[float, int] | None = None  # compilation says nothing about the rate
-        self._done, self._total, self._rate = 0, 0, ""
-        self._seen = 0
+        self._n_done, self._total, self._rate = 0, 0, ""
+        self._n_compiling_looks = 0
         self._bar: Progress | None = None
 
     def show(self) -> Progress | None:
@@ -136,64 +136,64 @@ class _Bar:
         )
         columns = "{task.description}", bar, share, "{task.fields[says]}", left, "left"
         with self._lock:
-            task = {"total": self._total or None, "completed": self._done, "says": self}
-            self._bar = _started(self._label, *columns, **task)
+            task = {"total": self._total or None, "completed": self._n_done, "says": self}
+            self._bar = _start_display(self._label, *columns, **task)
         return self._bar
 
-    def update(self, done: int, total: int) -> None:
+    def update(self, n_done: int, total: int) -> None:
         """Take note of what is done."""
         with self._lock:
-            now, fresh = time.monotonic(), self._began is None and done > 0
-            self._done, self._total = done, total
+            now, fresh = time.monotonic(), self._began is None and n_done > 0
+            self._n_done, self._total = n_done, total
             if fresh:
-                self._began = now, done
+                self._began = now, n_done
             elif self._began and now > self._began[0]:
-                rate = (done - self._began[1]) / (now - self._began[0])
+                rate = (n_done - self._began[1]) / (now - self._began[0])
                 self._rate = f"{rate:,.0f} {self._unit}/s" if self._unit else ""
             if self._bar and self._began:
                 (task,) = self._bar.task_ids
                 act = self._bar.reset if fresh else self._bar.update
-                act(task, total=total, completed=done)
+                act(task, total=total, completed=n_done)
 
     def __str__(self) -> str:
         if self._began:
             return self._rate
         # A kernel that is read from the cache takes less time than there is between two looks.
-        self._seen = self._seen + 1 if self._seen > 1 or is_compiling() else 0
-        return COMPILING if self._seen > 1 else self._first
+        self._n_compiling_looks = self._n_compiling_looks + 1 if self._n_compiling_looks > 1 or is_compiling() else 0
+        return COMPILING if self._n_compiling_looks > 1 else self._first
 
 
-def parts(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:
+def split_progress(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:
     """Callbacks for the parts of one task, which follow each other and have `sizes` steps."""
 
     def part(before: int) -> ProgressCallback:
-        def update(done: int, _: int) -> None:
+        def update(n_done: int, _: int) -> None:
             if progress:
-                progress(before + done, sum(sizes))
+                progress(before + n_done, sum(sizes))
 
         return update
 
     return [part(sum(sizes[:n])) for n in range(len(sizes))]
 
 
-def scaled(progress: ProgressCallback | None, steps: int) -> ProgressCallback:
+def scale_progress(progress: ProgressCallback | None, steps: int) -> ProgressCallback:
     """Callback for a part of some work, whatever it counts, that is reported as so many steps."""
 
-    def update(done: int, total: int) -> None:
+    def update(n_done: int, total: int) -> None:
         if progress:
-            progress(steps * done // max(1, total), steps)
+            progress(steps * n_done // max(1, total), steps)
 
     return update
 
 
-def in_turn(progress: ProgressCallback, runs: int) -> ProgressCallback:
+def chain_progress(progress: ProgressCallback, runs: int) -> ProgressCallback:
     """Callback for several runs, one after the other, that reports them as one."""
     before = last = 0
 
-    def update(done: int, total: int) -> None:
+    def update(n_done: int, total: int) -> None:
         nonlocal before, last
-        before += total if done < last else 0
-        last = done
-        progress(min(before + done, runs * total), runs * total)
+        before += total if n_done < last else 0
+        last = n_done
+        progress(min(before + n_done, runs * total), runs * total)
 
     return update

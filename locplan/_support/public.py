@@ -32,7 +32,7 @@ def field_docs(kind: type) -> dict[str, str]:
 
     A class that was not written in a file has none.
     """
-    docs = dict.fromkeys(_types_of(kind), "")
+    docs = dict.fromkeys(_read_field_types(kind), "")
     for base in reversed(kind.__mro__[:-1]):
         try:
             (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
@@ -49,7 +49,7 @@ def field_docs(kind: type) -> dict[str, str]:
     return docs
 
 
-def _types_of(kind: type) -> dict[str, str]:
+def _read_field_types(kind: type) -> dict[str, str]:
     """The fields that a class is made with, and their types as they are written."""
     if dataclasses.is_dataclass(kind):
         return {dataclass_field.name: str(dataclass_field.type) for dataclass_field in dataclasses.fields(kind) if dataclass_field.init}
@@ -70,10 +70,10 @@ class Pictured:
         return True
 
     def _repr_png_(self) -> bytes | None:
-        return png_of(self.figure()) if self.drawable else None
+        return render_png(self.figure()) if self.drawable else None
 
 
-def png_of(figure: object, dpi: int = 80) -> bytes:
+def render_png(figure: object, dpi: int = 80) -> bytes:
     """PNG image of a figure of matplotlib."""
     written = io.BytesIO()
     save = getattr(figure, "savefig")  # noqa: B009 - matplotlib is not imported for its type
@@ -81,7 +81,7 @@ def png_of(figure: object, dpi: int = 80) -> bytes:
     return written.getvalue()
 
 
-def templates_of(package: str, **style: Any) -> Environment:
+def load_templates(package: str, **style: Any) -> Environment:
     """The Jinja templates in a package's folder `templates`; they refuse names without a value."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -89,10 +89,10 @@ def templates_of(package: str, **style: Any) -> Environment:
     return Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, **style)
 
 
-def needed(library: str, extra: str, what: str) -> None:
-    """Raise a LocplanError if a library of an extra is missing; `what` needs it.
+def require_extra(library: str, extra: str, feature: str) -> None:
+    """Raise a LocplanError if a library of an extra is missing; `feature` needs it.
 
     It is called before the work whose result the library takes.
     """
     if find_spec(library) is None:
-        raise LocplanError(f"{what} needs {library}: pip install 'locplan[{extra}]'")
+        raise LocplanError(f"{feature} needs {library}: pip install 'locplan[{extra}]'")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from locplan import __version__
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan.errors import LocplanError, MapError
 
 MAX_BYTES, MAX_JSON_BYTES, MAX_LOG_BYTES = 2**24, 2**20, 2**32
@@ -29,7 +29,7 @@ NO_FILE = "there is no such file", "check its name and folder"
 """Fault and remedy of a missing file."""
 
 
-def opened(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:
+def open_file(file: str | os.PathLike[str], limit: float = float("inf")) -> BufferedReader:
     """Open a plain file of up to `limit` bytes; an OSError if it is none: a pipe would block."""
 
     def without_waiting(path: str, flags: int) -> int:
@@ -47,24 +47,24 @@ def opened(file: str | os.PathLike[str], limit: float = float("inf")) -> Buffere
 
 def read_bytes(file: str | os.PathLike[str], limit: int) -> bytes:
     """Content of a plain file of up to `limit` bytes; an OSError or a ValueError if it is none."""
-    with opened(file, limit) as content:
+    with open_file(file, limit) as content:
         return content.read(os.fstat(content.fileno()).st_size)  # room is made for all of it
 
 
 @contextmanager
-def _readable(where: str = "") -> Iterator[None]:
-    """Say in one line what fails while a text is read; `where` begins the line."""
+def _translate_errors(prefix: str = "") -> Iterator[None]:
+    """Say in one line what fails while a text is read; `prefix` begins the line."""
     try:
         yield
     except UnicodeDecodeError:
-        raise LocplanError(f"{where}is no text; save it as UTF-8") from None
+        raise LocplanError(f"{prefix}is no text; save it as UTF-8") from None
     except (EOFError, zlib.error, gzip.BadGzipFile):
-        raise LocplanError(f"{where}is cut off or damaged (gzip); copy it again") from None
+        raise LocplanError(f"{prefix}is cut off or damaged (gzip); copy it again") from None
     except FileNotFoundError:
-        raise LocplanError(where + "; ".join(NO_FILE)) from None
+        raise LocplanError(prefix + "; ".join(NO_FILE)) from None
     except (OSError, ValueError) as error:  # the latter for names that no file can have
         reason = getattr(error, "strerror", None) or error
-        raise LocplanError(f"{where}cannot be read ({reason})") from None
+        raise LocplanError(f"{prefix}cannot be read ({reason})") from None
 
 
 def read_text(file: Path, limit: int = MAX_BYTES) -> str:
@@ -75,7 +75,7 @@ def read_text(file: Path, limit: int = MAX_BYTES) -> str:
     LocplanError
         If it cannot be read, or is no text of up to `limit` bytes.
     """
-    with _readable(f"{file}: "):
+    with _translate_errors(f"{file}: "):
         return read_bytes(file, limit).decode("utf-8-sig")
 
 
@@ -89,7 +89,7 @@ def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, st
         too long.
     """
     number = size = 0
-    with _readable(), opened(file, MAX_LOG_BYTES) as content:
+    with _translate_errors(), open_file(file, MAX_LOG_BYTES) as content:
         unpacked = gzip.GzipFile(fileobj=content) if file.suffix == ".gz" else content
         text = TextIOWrapper(unpacked, "utf-8-sig", errors)
         while line := text.readline(MAX_LINE):
@@ -97,18 +97,18 @@ def numbered_lines(file: Path, errors: str = "strict") -> Iterator[tuple[int, st
             if len(line) == MAX_LINE:
                 raise LocplanError(f"line {number} is too long for a log of scans")
             if number > MAX_LINES or size > MAX_LOG_BYTES:
-                most = f"{MAX_LINES:,} lines, or {MAX_LOG_BYTES / 1e6:.0f} MB"
-                raise LocplanError(f"goes on beyond {most}; split it")
+                log_limits = f"{MAX_LINES:,} lines, or {MAX_LOG_BYTES / 1e6:.0f} MB"
+                raise LocplanError(f"goes on beyond {log_limits}; split it")
             yield number, line
 
 
-def parsed_json(text: str, entries: Callable[[dict[str, Any]], Any] | None = None) -> Any:
+def parse_json(text: str, object_hook: Callable[[dict[str, Any]], Any] | None = None) -> Any:
     """Value of a text in JSON; a ValueError if it is none, or too deep or long to be read.
 
-    What `entries` makes of each dictionary stands in its place.
+    What `object_hook` makes of each dictionary stands in its place.
     """
     try:
-        return json.loads(text, object_hook=entries)
+        return json.loads(text, object_hook=object_hook)
     except RecursionError:
         raise ValueError("its brackets are too deep") from None
 
@@ -122,25 +122,25 @@ MAX_DEPTH = 100
 """Maximum depth of brackets; PyYAML's time grows with its square."""
 
 
-def compose(file: Path, content: bytes, remedy: str) -> Any:
+def compose_yaml(file: Path, content: bytes, remedy: str) -> Any:
     """Nodes of a file's YAML or None, of which no tag is obeyed and no alias expanded."""
     import yaml
 
     if _depth(content) > MAX_DEPTH:
-        raise fault_of(file, f"has brackets over {MAX_DEPTH} deep", remedy)
+        raise make_map_error(file, f"has brackets over {MAX_DEPTH} deep", remedy)
     try:
         return yaml.compose(content.decode("utf-8-sig"), Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:
         mark = getattr(error, "problem_mark", None)
         fault = "is not YAML in UTF-8" + (f", see line {mark.line + 1}" if mark else "")
-        raise fault_of(file, fault, remedy) from error
+        raise make_map_error(file, fault, remedy) from error
 
 
-def document(file: Path, content: bytes, remedy: str) -> Any:
+def parse_yaml(file: Path, content: bytes, remedy: str) -> Any:
     """Values of a file's YAML of locplan's own; None if it holds none, or others."""
     import yaml
 
-    node = compose(file, content, remedy)
+    node = compose_yaml(file, content, remedy)
     try:
         # Aliases are not expanded: a node that comes again is one object.
         return yaml.SafeLoader("").construct_document(node) if node else None
@@ -148,7 +148,7 @@ def document(file: Path, content: bytes, remedy: str) -> Any:
         return None
 
 
-def dumped(content: Mapping[str, Any], **style: Any) -> str:
+def dump_yaml(content: Mapping[str, Any], **style: Any) -> str:
     """Text of values in their order, as YAML."""
     import yaml
 
@@ -157,7 +157,7 @@ def dumped(content: Mapping[str, Any], **style: Any) -> str:
     return text
 
 
-def scalar(node: Any) -> Any:
+def parse_scalar(node: Any) -> Any:
     """Value of a scalar among YAML's nodes; its text where the value is none of its tag."""
     import yaml
 
@@ -179,22 +179,22 @@ def read_content(file: Path, limit: int, remedy: str) -> bytes:
     try:
         content = read_bytes(file, limit)
     except FileNotFoundError:
-        raise fault_of(file, *NO_FILE) from None
+        raise make_map_error(file, *NO_FILE) from None
     except (OSError, ValueError) as error:
-        raise fault_of(file, f"cannot be read ({reason_of(error)})", remedy) from error
+        raise make_map_error(file, f"cannot be read ({extract_reason(error)})", remedy) from error
     if not content:
-        raise fault_of(file, "is empty", "copy or export it again")
+        raise make_map_error(file, "is empty", "copy or export it again")
     if content.startswith(b"version https://git-lfs.github.com/spec/"):
-        raise fault_of(file, "is a Git LFS pointer, not the content", "run git lfs pull")
+        raise make_map_error(file, "is a Git LFS pointer, not the content", "run git lfs pull")
     return content
 
 
-def fault_of(file: Path, fault: str, remedy: str) -> MapError:
+def make_map_error(file: Path, fault: str, remedy: str) -> MapError:
     """Make the error of a file: the end of its name, what is wrong, and the remedy."""
     return MapError(f"{str(file)[-200:]}: {fault}; {remedy}")
 
 
-def reason_of(error: Exception) -> str:
+def extract_reason(error: Exception) -> str:
     """Return the short reason in the message of another library's error."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return text.split(" <")[0].split(", could")[0][:80]  # without a stream's repr or Pillow's alarm
@@ -218,7 +218,7 @@ def flow_text(value: Any) -> str:
     if isinstance(value, str) and "::" in value:
         return f'"{value}"'
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{key}: {flow_text(each)}' for key, each in value.items())}}}"
+        return f"{{{', '.join(f'{key}: {flow_text(member)}' for key, member in value.items())}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(flow_text, value))}]"
     return scalar_text(value)
@@ -236,13 +236,13 @@ def stamp(kind: str, version: int) -> dict[str, Any]:
 def check_stamp(file: object, content: object, kind: str, version: int) -> None:
     """Raise a LocplanError unless a file holds this kind of thing, in a version that is known."""
     fields = content if isinstance(content, dict) else {}
-    holds, found = fields.get("kind"), fields.get("version")
-    if not isinstance(holds, str) or not isinstance(found, int) or not 1 <= found < 10**6:
+    file_kind, file_version = fields.get("kind"), fields.get("version")
+    if not isinstance(file_kind, str) or not isinstance(file_version, int) or not 1 <= file_version < 10**6:
         raise LocplanError(f"{file}: is damaged, or no {kind} that locplan has saved; save it anew")
-    if holds != kind:
-        raise LocplanError(f"{file}: holds a {shown(holds)[1:-1]}, not a {kind}; name another file")
-    if found > version:
+    if file_kind != kind:
+        raise LocplanError(f"{file}: holds a {short_repr(file_kind)[1:-1]}, not a {kind}; name another file")
+    if file_version > version:
         raise LocplanError(
-            f"{file}: is of a newer locplan (version {found} of a {kind}, this one reads"
+            f"{file}: is of a newer locplan (version {file_version} of a {kind}, this one reads"
             f" {version}); update locplan"
         )

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from locplan._support import tables
-from locplan._support.checks import file_path
+from locplan._support.checks import check_file_path
 from locplan._support.output import Results
-from locplan._support.public import Pictured, needed
-from locplan._support.saved import Stored, plain
+from locplan._support.public import Pictured, require_extra
+from locplan._support.saved import Stored, to_plain_data
 
 if TYPE_CHECKING:
     import pandas
@@ -60,7 +60,7 @@ class Column:
         unit = self.people or self.unit
         return f"{self.title} [{unit}]" if unit not in ("", "%") else str(self.title)
 
-    def of(self, record: object) -> Any:
+    def extract_value(self, record: object) -> Any:
         """The value of a record."""
         return self.value(record) if self.value else getattr(record, self.name)
 
@@ -77,7 +77,7 @@ class Column:
         form = f"{'+' if self.signed else ''}z.{self.digits + exact}f"
         percent = "%" if self.people == "%" else ""
         scale = {"": 1.0, "cm": 100.0, "deg": math.degrees(1.0), "%": 100.0}[self.people]
-        middle, *ends = (f"{scale * each:{form}}" for each in (middle, *ends))
+        middle, *ends = (f"{scale * number:{form}}" for number in (middle, *ends))
         has_interval = self.interval and math.isfinite(value[1])
         # Without a space in it, an interval is never broken over two rows.
         return f"{middle}{percent} [{','.join(ends)}]" if has_interval else f"{middle}{percent}"
@@ -100,7 +100,7 @@ class Table:
     """A value for each column in each row: numbers in the column's unit, texts, or intervals."""
 
     @classmethod
-    def of(
+    def from_records(
         cls, columns: Iterable[Column], records: Iterable[object], *, number: str | None = None
     ) -> Table:
         """The table of some records.
@@ -115,7 +115,7 @@ class Table:
             Heading of a first column, `number`, that counts the rows from 1; none by default.
         """
         declared = tuple(columns)
-        rows = tuple(tuple(column.of(record) for column in declared) for record in records)
+        rows = tuple(tuple(column.extract_value(record) for column in declared) for record in records)
         if number is None:
             return cls(declared, rows)
         counted = tuple((n, *row) for n, row in enumerate(rows, 1))
@@ -145,16 +145,16 @@ class Table:
         titled_columns = [n for n, column in enumerate(self.columns) if column.title is not None]
         heads = [self.columns[n].heading for n in titled_columns]
         rows = [[self.columns[n].text(row[n]) for n in titled_columns] for row in self.rows[:first]]
-        return tables.table(heads, rows, width=width)
+        return tables.format_table(heads, rows, width=width)
 
-    def turned(self) -> list[list[str]]:
+    def format_transposed(self) -> list[list[str]]:
         """Heading and values of each column for people, a row each: few records side by side."""
         titled_columns = [(n, column) for n, column in enumerate(self.columns) if column.title is not None]
         return [[titled_column.heading, *(titled_column.text(row[n]) for row in self.rows)] for n, titled_column in titled_columns]
 
     def records(self) -> list[dict[str, Any]]:
         """The rows by the names of their columns, fit for JSON; null is what is not known."""
-        return [tables.finite(dict(zip(self.names, row, strict=True))) for row in self._values()]
+        return [tables.nan_to_none(dict(zip(self.names, row, strict=True))) for row in self._values()]
 
     def write_csv(self, file: Path) -> None:
         """Write the rows, as a whole or not at all; what is not known is empty.
@@ -183,13 +183,13 @@ class Table:
         """
         features = []
         for properties, outline in zip(self.records(), outlines, strict=True):
-            corners = tables.closed(*(outline if isinstance(outline, tuple) else [outline]))
-            features.append(tables.feature("Polygon", corners, {**properties, "frame": frame}))
-        tables.write_geojson(file, tables.collection(file.stem, features))
+            corners = tables.close_rings(*(outline if isinstance(outline, tuple) else [outline]))
+            features.append(tables.make_feature("Polygon", corners, {**properties, "frame": frame}))
+        tables.write_geojson(file, tables.make_collection(file.stem, features))
 
     def to_frame(self) -> pandas.DataFrame:
         """A data frame of pandas; a LocplanError if it is not installed."""
-        needed("pandas", "tables", "a data frame")
+        require_extra("pandas", "tables", "a data frame")
         import pandas
 
         return pandas.DataFrame([*self._values()], columns=[*self.names])
@@ -201,7 +201,7 @@ class Table:
             yield [number for c, value in pairs for number in (value if c.interval else (value,))]
 
 
-def values_of(columns: Iterable[Column], record: object) -> dict[str, Any]:
+def extract_values(columns: Iterable[Column], record: object) -> dict[str, Any]:
     """Return the values of a record by the names of columns, fit for JSON; intervals are lists.
 
     Parameters
@@ -211,8 +211,8 @@ def values_of(columns: Iterable[Column], record: object) -> dict[str, Any]:
     record : object
         The record.
     """
-    values = {column.name: column.of(record) for column in columns}
-    return dict(tables.finite(values))
+    values = {column.name: column.extract_value(record) for column in columns}
+    return dict(tables.nan_to_none(values))
 
 
 class Result(Pictured):
@@ -223,7 +223,7 @@ class Result(Pictured):
     if TYPE_CHECKING:
         report: Callable[..., str]
 
-    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+    def summary(self, *related: Any, **details: Any) -> dict[str, object]:
         """Return the result in numbers, fit for JSON: by default all of its fields.
 
         Parameters
@@ -231,13 +231,13 @@ class Result(Pictured):
         *about, **more
             What belongs to it, such as the drives that verify it.
         """
-        return plain(self)
+        return to_plain_data(self)
 
     def table(self) -> Table:
         """What was found, a row each."""
         raise NotImplementedError
 
-    def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
+    def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
         """Write the summary as JSON, the figure, and the tables, whole or not at all.
 
         Parameters
@@ -255,11 +255,11 @@ class Result(Pictured):
             If a file cannot be written, or the folder holds files that are not earlier results of
             this kind.
         """
-        target = self.files.into(file_path("a folder of results", folder), force=force)
+        target = self.files.into(check_file_path("a folder of results", folder), force=force)
         with target.writing() as new:
-            self.write_files(new, *about)
+            self.write_files(new, *related)
 
-    def write_files(self, folder: Path, *about: Any) -> None:
+    def write_files(self, folder: Path, *related: Any) -> None:
         """Write what `save` writes into a folder that is there.
 
         Parameters
@@ -273,12 +273,12 @@ class Result(Pictured):
         if isinstance(self, Stored) and self.suffix == ".json":
             self.write(folder / f"{kind}.json")
         else:
-            tables.write_json(folder / f"{kind}.json", self.summary(*about))
+            tables.write_json(folder / f"{kind}.json", self.summary(*related))
         if self.drawable:
-            self.figure(*about).savefig(folder / f"{kind}.png", **IN_FILES)
-        self._write(folder, *about)
+            self.figure(*related).savefig(folder / f"{kind}.png", **IN_FILES)
+        self._write(folder, *related)
 
-    def _write(self, folder: Path, *about: Any) -> None:
+    def _write(self, folder: Path, *related: Any) -> None:
         """Write what there is beside the summary and the figure: the table, in the one CSV."""
         (name,) = (file_name for file_name in self.files.names if file_name.endswith(".csv"))
         self.table().write_csv(folder / name)

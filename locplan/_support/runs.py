@@ -13,8 +13,8 @@ from typing import Any
 from locplan._support.reading import (
     MAX_JSON_BYTES,
     check_stamp,
-    document,
-    dumped,
+    parse_yaml,
+    dump_yaml,
     read_content,
     stamp,
 )
@@ -22,7 +22,7 @@ from locplan.errors import LocplanError
 
 RUN_FILE = "run.yaml"
 """The file in a folder of results that records the command, its settings and the version."""
-BESIDE = f".{RUN_FILE}"
+FILE_RUN_SUFFIX = f".{RUN_FILE}"
 """Ending of the run beside a file."""
 KIND, VERSION = "run", 1
 REMEDY = "name the run.yaml of a folder of results"
@@ -30,11 +30,11 @@ Setting = str | bool | list[str]
 """What was typed for an option: its text, True for a switch, or texts of a repeated one."""
 POSITIONAL = "map", "file"
 """Names of arguments that are typed without them."""
-_CURRENT: list[Run] = []
+_CURRENT: list[RunRecord] = []
 
 
 @dataclass
-class Run:
+class RunRecord:
     """A command with its settings as they were typed, and what it read."""
 
     command: str
@@ -54,14 +54,14 @@ class Run:
         """Entries of run.yaml, with files as they are named from the folder where it will be."""
         settings = dict(self.settings)
         for name in self.files & settings.keys():
-            settings[name] = _each(settings[name], lambda text: _relative(text, home))
+            settings[name] = _convert_setting(settings[name], lambda text: _make_relative(text, home))
         content: dict[str, Any] = {"command": self.command, "settings": settings}
         content |= {name: digests for name in ("maps", "robot") if (digests := getattr(self, name))}
         content["files"] = sorted(self.files & settings.keys())
         return content
 
     @classmethod
-    def read(cls, path: Path) -> Run:
+    def read(cls, path: Path) -> RunRecord:
         """The run of a file, or of the one in a folder, with files as they are named from here.
 
         Raises
@@ -70,7 +70,7 @@ class Run:
             If it cannot be read, is damaged, or of a newer locplan.
         """
         file = path / RUN_FILE if path.is_dir() else path
-        content = document(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
+        content = parse_yaml(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
         check_stamp(file, content, KIND, VERSION)
         if "command" not in content:
             raise LocplanError(f"{file}: was written in Python, not by a command; {REMEDY}")
@@ -79,9 +79,9 @@ class Run:
             settings = {str(name): value for name, value in content["settings"].items()}
             for name, value in settings.items():
                 if name in files:
-                    settings[name] = _each(value, partial(_from, file.parent))
+                    settings[name] = _convert_setting(value, partial(_resolve_path, file.parent))
                 elif value is not True:
-                    settings[name] = _each(value, str)
+                    settings[name] = _convert_setting(value, str)
             maps, robot = (
                 {str(name): str(digest) for name, digest in content.get(section, {}).items()}
                 for section in ("maps", "robot")
@@ -95,16 +95,16 @@ class Run:
         words = [self.command]
         for name, value in self.settings.items():
             option = f"--{name.replace('_', '-')}"
-            for each in value if isinstance(value, list) else [value]:
+            for argument in value if isinstance(value, list) else [value]:
                 words.append(
-                    as_argument(str(each)) if name in POSITIONAL else option if each is True
-                    else f"{option}={each}"
+                    format_argument(str(argument)) if name in POSITIONAL else option if argument is True
+                    else f"{option}={argument}"
                 )  # fmt: skip
         return words
 
 
 @contextmanager
-def running(run: Run) -> Iterator[Run]:
+def running(run: RunRecord) -> Iterator[RunRecord]:
     """Let folders of results that are written in this block have the run's file."""
     _CURRENT.append(run)
     try:
@@ -113,7 +113,7 @@ def running(run: Run) -> Iterator[Run]:
         _CURRENT.pop()
 
 
-def typed() -> list[str]:
+def get_command_line() -> list[str]:
     """The words of the command that runs, without those for the output; none in Python."""
     return ["locplan", *_CURRENT[-1].words()] if _CURRENT and _CURRENT[-1].command else []
 
@@ -173,7 +173,7 @@ def run_text(home: Path, kind: str, outputs: Mapping[str, str]) -> str:
     content = stamp(KIND, VERSION)
     if _CURRENT and _CURRENT[-1].command:
         content |= _CURRENT[-1].content(home)
-    return dumped({**content, "results": kind, "outputs": dict(sorted(outputs.items()))})
+    return dump_yaml({**content, "results": kind, "outputs": dict(sorted(outputs.items()))})
 
 
 def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
@@ -182,7 +182,7 @@ def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
     The kind is None if there is no such run.
     """
     try:
-        content = document(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
+        content = parse_yaml(file, read_content(file, MAX_JSON_BYTES, REMEDY), REMEDY)
         check_stamp(file, content, KIND, VERSION)
         outputs = {str(name): str(digest) for name, digest in content["outputs"].items()}
         return str(content["results"]), outputs
@@ -190,13 +190,13 @@ def read_outputs(file: Path) -> tuple[str | None, dict[str, str]]:
         return None, {}
 
 
-def _each(value: Any, change: Any) -> Setting:
+def _convert_setting(value: Any, change: Any) -> Setting:
     if isinstance(value, list):
         return [change(str(setting_text)) for setting_text in value]
     return str(change(str(value)))
 
 
-def _relative(text: str, home: Path) -> str:
+def _make_relative(text: str, home: Path) -> str:
     """A file as it is named from a folder; on another drive it stays as it is.
 
     So does the name of a built-in map, which is no file.
@@ -209,12 +209,12 @@ def _relative(text: str, home: Path) -> str:
         return os.path.abspath(text)
 
 
-def _from(home: Path, text: str) -> str:
+def _resolve_path(home: Path, text: str) -> str:
     """A file that is named from a folder, as it is named from here."""
     file = os.path.normpath(home / text)
     return file if os.path.lexists(file) else text
 
 
-def as_argument(text: str) -> str:
+def format_argument(text: str) -> str:
     """A file's name as an argument: one that begins with a dash would be an option."""
     return f"./{text}" if text.startswith("-") else text

@@ -21,40 +21,40 @@ from typing import Any
 
 _listener: tuple[int, int] | None = None
 """Both ends of the pipe that names temporary folders to the process that outlives this one."""
-_there: set[str] = set()
+_temporary_folders: set[str] = set()
 """The temporary folders of this process."""
 
 
 def announce(folder: str, *, is_gone: bool = False) -> None:
     """Tell the process that outlives this one of a temporary folder that it has to clear."""
     if is_gone:
-        _there.discard(folder)
+        _temporary_folders.discard(folder)
         return
-    _there.add(folder)
+    _temporary_folders.add(folder)
     if _listener is not None:
-        _name(*_listener, folder)
+        _announce_folders(*_listener, folder)
 
 
-def _name(heard: int, said: int, *folders: str) -> None:
+def _announce_folders(read_end: int, write_end: int, *folders: str) -> None:
     """Name temporary folders to the process that outlives this one."""
     try:
-        os.write(said, b"".join(os.fsencode(folder) + b"\0" for folder in folders))
+        os.write(write_end, b"".join(os.fsencode(folder) + b"\0" for folder in folders))
     except BlockingIOError:  # names are read at the end: it is full of folders that are long gone
         with suppress(BlockingIOError):
-            os.read(heard, 1 << 20)
-        _name(heard, said, *_there)
+            os.read(read_end, 1 << 20)
+        _announce_folders(read_end, write_end, *_temporary_folders)
 
 
-def existing(said: bytes) -> list[str]:
+def find_existing_folders(packed_names: bytes) -> list[str]:
     """Return those temporary folders, named each with a null behind, that are still there."""
-    return [folder for folder in map(os.fsdecode, said.split(b"\0")[:-1]) if os.path.isdir(folder)]
+    return [folder for folder in map(os.fsdecode, packed_names.split(b"\0")[:-1]) if os.path.isdir(folder)]
 
 
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C."""
 TERMINATED = 128 + signal.SIGTERM
 """Exit code after SIGTERM."""
-PASSED_ON = [
+FORWARDED_SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
 """Signals that the first process passes on to the second."""
@@ -62,7 +62,7 @@ WORDS: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminat
 """What the first process reports after a signal; after others nobody is there to read it."""
 
 
-def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
+def run_supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
     """Run `work` in a process of its own, `clear` the folders that it leaves; return its exit code.
 
     It does not return in the process that works, unless the system has no fork: there the only
@@ -72,7 +72,7 @@ def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
         work()
         return 0
 
-    forwarded = {signal_number for signal_number in PASSED_ON if signal.getsignal(signal_number) != signal.SIG_IGN}
+    forwarded = {signal_number for signal_number in FORWARDED_SIGNALS if signal.getsignal(signal_number) != signal.SIG_IGN}
     read_end, write_end = os.pipe()
     for end in (read_end, write_end):  # it tells of what is left; nobody waits for that
         os.set_blocking(end, False)
@@ -88,7 +88,7 @@ def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
         with suppress(ProcessLookupError):  # it has just ended
             os.kill(process, number)
 
-    def pass_on(number: int, _: object) -> None:
+    def forward_signal(number: int, _: object) -> None:
         if not received_signals:
             # Time that a process has to end in good order after a signal [s].
             signal.setitimer(signal.ITIMER_REAL, 0.5)
@@ -97,16 +97,16 @@ def supervised(work: Callable[[], None], clear: Callable[[str], None]) -> int:
 
     signal.signal(signal.SIGALRM, lambda *_: send(signal.SIGKILL))
     for signal_number in forwarded:
-        signal.signal(signal_number, pass_on)
+        signal.signal(signal_number, forward_signal)
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     _, status = os.waitpid(process, 0)
     signal.setitimer(signal.ITIMER_REAL, 0)
     for signal_number in forwarded:
         signal.signal(signal_number, signal.SIG_IGN)
     with suppress(BlockingIOError):  # there is nothing to hear
-        for folder in existing(os.read(read_end, 1 << 20)):
+        for folder in find_existing_folders(os.read(read_end, 1 << 20)):
             clear(folder)
-    return _exit_code(received_signals, os.waitstatus_to_exitcode(status))
+    return _report_exit_code(received_signals, os.waitstatus_to_exitcode(status))
 
 
 def end_if_supervised(code: int = INTERRUPTED) -> None:
@@ -149,18 +149,18 @@ def _work(
             signal.signal(number, signal.SIG_IGN)
 
 
-def _exit_code(asked: list[int], code: int) -> int:
+def _report_exit_code(received_signals: list[int], code: int) -> int:
     """The exit code of the first process, after it has said in one line how the second ended."""
-    if asked and os.isatty(2):
+    if received_signals and os.isatty(2):
         os.write(2, b"\r\x1b[2K\x1b[?25h")  # the bar goes, and the cursor that it hid comes back
-    if not asked and -code in PASSED_ON:
-        asked = [-code]  # the terminal sent it to both, and this process had it later
-    elif not asked and code == INTERRUPTED:
-        asked = [signal.SIGINT]
-    if asked and code:
-        if word := WORDS.get(asked[0]):
+    if not received_signals and -code in FORWARDED_SIGNALS:
+        received_signals = [-code]  # the terminal sent it to both, and this process had it later
+    elif not received_signals and code == INTERRUPTED:
+        received_signals = [signal.SIGINT]
+    if received_signals and code:
+        if word := WORDS.get(received_signals[0]):
             os.write(2, f"locplan: {word}\n".encode())
-        return 128 + asked[0]
+        return 128 + received_signals[0]
     if code < 0:
         name = signal.Signals(-code).name
         os.write(2, f"locplan: error: its process was ended by {name}\n".encode())

@@ -35,10 +35,10 @@ def write_csv(target: Path, values: Floats, header: str, number: str = "%.6f") -
         np.savetxt(temporary, values, number, delimiter=",", header=header, comments="")
 
 
-def write_json(file: Path, about: Mapping[str, object]) -> None:
+def write_json(file: Path, content: Mapping[str, object]) -> None:
     """Write numbers and texts with the version of locplan, as a whole or not at all."""
     with replacing(file) as temporary:
-        text = json.dumps({"locplan": __version__, **about}, indent=2)
+        text = json.dumps({"locplan": __version__, **content}, indent=2)
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
@@ -76,21 +76,21 @@ def from_csv_cell(text: str) -> str:
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
 
 
-def finite(values: T) -> T:
+def nan_to_none(values: T) -> T:
     """Values for JSON, which knows neither NaN nor infinity: null stands for both, at any depth."""
-    cleaned: T = _finite(values)
+    cleaned: T = _nan_to_none(values)
     return cleaned
 
 
-def _finite(values: Any) -> Any:
+def _nan_to_none(values: Any) -> Any:
     if isinstance(values, Mapping):
-        return {key: _finite(value) for key, value in values.items()}
+        return {key: _nan_to_none(value) for key, value in values.items()}
     if isinstance(values, (list, tuple)):
-        return [_finite(value) for value in values]
+        return [_nan_to_none(value) for value in values]
     return None if isinstance(values, float) and not math.isfinite(values) else values
 
 
-def table(
+def format_table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], *, width: int | None = None
 ) -> str:
     """Text of a table, at most as wide as the terminal, or as `width` [characters]."""
@@ -105,7 +105,7 @@ def table(
     console = Console(width=width, force_jupyter=False, color_system=None)
     titles = columns or [""] * max(map(len, rows), default=0)
     room = console.width - 3 * len(titles) - 1  # between the columns stand three characters
-    widths = _without_broken_words([*zip(titles, *rows, strict=True)], room)
+    widths = _choose_widths([*zip(titles, *rows, strict=True)], room)
     heads = [
         Column(Text(title), overflow="fold", width=wide)
         for title, wide in zip(titles, widths, strict=True)
@@ -118,7 +118,7 @@ def table(
     return "\n".join(line.rstrip() for line in capture.get().splitlines() if line.strip())
 
 
-def align(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def format_aligned(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Text of a table of few columns, whose rows are never broken, however narrow the terminal."""
     from rich.cells import cell_len
 
@@ -132,7 +132,7 @@ def align(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _without_broken_words(columns: Sequence[Sequence[str]], room: int) -> list[int | None]:
+def _choose_widths(columns: Sequence[Sequence[str]], room: int) -> list[int | None]:
     """Widths of columns, headings first, whose texts break at spaces alone, and headings before
     values; None for each where that has no room."""
     from rich.cells import cell_len
@@ -148,21 +148,21 @@ def _without_broken_words(columns: Sequence[Sequence[str]], room: int) -> list[i
     return [*wide]
 
 
-JOINED = re.compile(r"(?<=\d) (?=%)|(?<=%) (?=\[)|(?<=\d,) (?=\d+\])")
+UNBREAKABLE_SPACES = re.compile(r"(?<=\d) (?=%)|(?<=%) (?=\[)|(?<=\d,) (?=\d+\])")
 """Spaces at which a line is not broken."""
 
 
-def wrapped(lines: Sequence[str]) -> list[str]:
+def wrap_lines(lines: Sequence[str]) -> list[str]:
     """Lines broken where they are wider than the terminal, or than text is easy to read.
 
     A figure stays with its % sign and its interval.
     """
     width = min(shutil.get_terminal_size((TEXT_WIDTH, 24)).columns, TEXT_WIDTH)
-    bound_lines = (JOINED.sub("\xa0", text_line) for text_line in lines)
+    bound_lines = (UNBREAKABLE_SPACES.sub("\xa0", text_line) for text_line in lines)
     return [part.replace("\xa0", " ") for line in bound_lines for part in textwrap.wrap(line, width)]
 
 
-def rounded_up(value: float) -> str:
+def format_rounded_up(value: float) -> str:
     """A number of four digits that is not below the value, so that it serves as a budget."""
     text = f"{value:.4g}"
     if float(text) < value:
@@ -171,7 +171,7 @@ def rounded_up(value: float) -> str:
     return text
 
 
-def in_bytes(size: float) -> str:
+def format_bytes(size: float) -> str:
     """Text of a size [bytes], such as 1.5 GB."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 999.5:
@@ -180,12 +180,12 @@ def in_bytes(size: float) -> str:
     return f"{size:,.4g} TB"
 
 
-def in_square_metres(area: float) -> str:
+def format_area(area: float) -> str:
     """Text of an area [m^2], such as 1,234.5 m² or 0.25 m²."""
     return f"{area:,.1f} m²" if area >= 10 else f"{area:.3g} m²"
 
 
-def age(moment: float) -> str:
+def format_age(moment: float) -> str:
     """Text of the time since a moment [s since the epoch], such as 5 min ago."""
     seconds = max(0.0, time.time() - moment)
     for size, unit in ((86400, "d"), (3600, "h"), (60, "min")):
@@ -194,35 +194,35 @@ def age(moment: float) -> str:
     return "just now"
 
 
-def file_name(name: str) -> str:
+def make_file_name(name: str) -> str:
     """A map's name with a dash for each character that some file systems refuse."""
     return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
 
 
-def feature(
+def make_feature(
     kind: Literal["Point", "LineString", "Polygon"],
     coordinates: Any,
-    about: Mapping[str, Any],
-    **more: Any,
+    properties: Mapping[str, Any],
+    **members: Any,
 ) -> dict[str, Any]:
     """A feature with its properties; null is what is not known."""
     geometry = {"type": kind, "coordinates": coordinates}
-    return {"type": "Feature", **more, "properties": finite(dict(about)), "geometry": geometry}
+    return {"type": "Feature", **members, "properties": nan_to_none(dict(properties)), "geometry": geometry}
 
 
-def closed(*rings: ArrayLike) -> list[list[list[float]]]:
+def close_rings(*rings: ArrayLike) -> list[list[list[float]]]:
     """Coordinates of a polygon of rings (n, 2) [m], to a tenth of a millimetre."""
     corners = (np.asarray(ring).round(4).tolist() for ring in rings)
     return [[*ring, ring[0]] for ring in corners]
 
 
-def collection(name: str, features: Iterable[dict[str, Any]], **more: Any) -> dict[str, Any]:
+def make_collection(name: str, features: Iterable[dict[str, Any]], **members: Any) -> dict[str, Any]:
     """A collection of features."""
-    return {"type": "FeatureCollection", "name": name, **more, "features": [*features]}
+    return {"type": "FeatureCollection", "name": name, **members, "features": [*features]}
 
 
-def write_geojson(file: Path, found: Mapping[str, Any], *, indent: int | None = None) -> None:
+def write_geojson(file: Path, feature_collection: Mapping[str, Any], *, indent: int | None = None) -> None:
     """Write a collection, as a whole or not at all."""
-    text = json.dumps(found, allow_nan=False, indent=indent)
+    text = json.dumps(feature_collection, allow_nan=False, indent=indent)
     with replacing(file) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from locplan._support.progress import ProgressCallback, parts
+from locplan._support.progress import ProgressCallback, split_progress
 from locplan.advice import fixes as _fixes
 from locplan.advice.driving import Driver, Site
 from locplan.advice.failures import Passage, blame_spots, find_passage
@@ -149,7 +149,7 @@ class FixTrials:
         """
         paths = self.site.paths
         n_drives = len(self._many) * len(paths)
-        steps = parts(progress, [n_drives, n_drives])
+        steps = split_progress(progress, [n_drives, n_drives])
         self._before = outcome = self._drive(self.site, self._many, steps[0])
         arrivals = self._drive_closed(self.site, self._n_closed)
         # A route with a failure is driven often enough to be ranked.
@@ -191,7 +191,7 @@ class FixTrials:
         progress : callable
             Called with (done, total).
         """
-        first, second = parts(progress, [200, 150])
+        first, second = split_progress(progress, [200, 150])
         fixes = [*_fixes.fixes(self.site, reading, mended)]
         rates, passage = self._baseline.rates, self._baseline.passage
         is_localized = not rates.needs_fix and rates.error.value < LARGE
@@ -204,7 +204,7 @@ class FixTrials:
             self.preset_choice = self._choose_preset()
             fixes += filter(None, [_fixes.preset_settings(self.preset_choice)])
         results = []
-        for fix, step in zip(fixes, parts(first, [1] * len(fixes)), strict=True):
+        for fix, step in zip(fixes, split_progress(first, [1] * len(fixes)), strict=True):
             results.append(self._try(fix))
             yield results[-1]
             step(1, 1)
@@ -273,7 +273,7 @@ class FixTrials:
         losing = sorted(filter(losses.get, losing), key=lambda name: -losses[name])[:LOSING]
         lengths = np.cumsum([site.paths[name].length for name in losing])
         losing = losing[: int((lengths <= LOSING_LENGTH).sum())]
-        for name, step in zip(losing, parts(progress, [100] * len(losing)), strict=True):
+        for name, step in zip(losing, split_progress(progress, [100] * len(losing)), strict=True):
             start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
             choice = choose(
                 site.world,

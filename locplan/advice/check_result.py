@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from locplan._support.output import Results
 from locplan._support.records import Column, Result, Table
-from locplan._support.saved import plain
-from locplan._support.tables import file_name, finite
+from locplan._support.saved import to_plain_data
+from locplan._support.tables import make_file_name, nan_to_none
 from locplan.advice.driving import Site
 from locplan.advice.failures import Passage
 from locplan.advice.fixes import MEND, WALLS
@@ -135,7 +135,7 @@ class Check(Result):
             Column("n_drives", value=lambda fix: fix.rates.n_drives),
             Column("n_closed", value=lambda fix: fix.rates.n_closed),
         )
-        return Table.of(columns, self.fixes)
+        return Table.from_records(columns, self.fixes)
 
     def summary(self, *about: Any, **more: Any) -> dict[str, object]:
         """Everything in numbers, fit for JSON.
@@ -162,11 +162,11 @@ class Check(Result):
                 "problem": problem_text(route),
                 "lost_at": route.lost_at.tolist(),
                 "stopped_at": route.stopped_at.tolist(),
-                **plain(route.rates),
+                **to_plain_data(route.rates),
             }
             for route in self.routes
         ]
-        return finite(
+        return nan_to_none(
             {
                 **self.faults.summary(),
                 "robot": self.site.robot.summary(),
@@ -175,13 +175,13 @@ class Check(Result):
                 "degenerate": self.degenerate,
                 "weak_spots": spots,
                 "routes": routes,
-                "baseline": plain(self.baseline),
+                "baseline": to_plain_data(self.baseline),
                 "passage": self.passage and self.passage._asdict(),
                 "fixes": self.table().records(),
                 "recommended": list(self.recommended),
-                "before": plain(self.before),
-                "after": plain(self.after),
-                "confirmed": self.confirmed and plain(self.confirmed),
+                "before": to_plain_data(self.before),
+                "after": to_plain_data(self.after),
+                "confirmed": self.confirmed and to_plain_data(self.confirmed),
                 "recorded": list(self.recorded),
                 "settings": self.preset_choice and choice_values(self.preset_choice),
                 "next": next_action(self, *about)._asdict(),
@@ -205,7 +205,7 @@ class Check(Result):
         """The paths that are other ones than the shortest, by the file's name."""
         old = self.site.paths
         new = {name: path for name, path in self.fixed_site.paths.items() if path is not old[name]}
-        return {f"{file_name(name)}.csv": path for name, path in new.items()}
+        return {f"{make_file_name(name)}.csv": path for name, path in new.items()}
 
     def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
         """Write the report, and the files of the fixes, whole or not at all.

@@ -6,8 +6,8 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from locplan._support.checks import check_threads, one_of, whole
-from locplan._support.progress import ProgressCallback, parts, scaled
+from locplan._support.checks import check_threads, check_choice, check_integer
+from locplan._support.progress import ProgressCallback, split_progress, scale_progress
 from locplan.advice import text as in_short
 from locplan.advice.check_drives import EFFORTS, FixTrials
 from locplan.advice.check_result import Check, explain_spots
@@ -19,7 +19,7 @@ from locplan.advice.recorded import recorded
 from locplan.advice.routes import Stations, routes_of
 from locplan.advice.weak_spots import WeakSpot, weak_spots
 from locplan.errors import LocplanError
-from locplan.field.config import COARSE_STRIDE, FieldConfig, equipped
+from locplan.field.config import COARSE_STRIDE, FieldConfig, equip_robot
 from locplan.field.field import CovarianceField
 from locplan.field.fisher import Fused
 from locplan.field.store import load_or_compute
@@ -117,8 +117,8 @@ def check(
     >>> [route.name for route in report.routes]
     ['west to middle']
     """
-    one_of("effort", effort, EFFORTS)
-    whole("seed", seed, 0)
+    check_choice("effort", effort, EFFORTS)
+    check_integer("seed", seed, 0)
     check_threads(threads)
     source = None
     if isinstance(grid, str | os.PathLike):
@@ -126,10 +126,10 @@ def check(
     check_grid(grid)
     site_filter_map = check_filter_map(filter_map, grid)
     assumed = robot is None or robot.lidar is None
-    robot, report_finding = equipped(robot), found or (lambda _: None)
-    stages = parts(progress, [*SHARES.values()])
+    robot, report_finding = equip_robot(robot), found or (lambda _: None)
+    stages = split_progress(progress, [*SHARES.values()])
     steps = {
-        name: scaled(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
+        name: scale_progress(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
     }
     map_faults = faults(grid, source)
     map_faults.refuse_mask()
@@ -152,7 +152,7 @@ def check(
     baseline = trials.drive_baseline(spots, steps["baseline"])
     report_finding(in_short.baseline(baseline.rates))
     results = []
-    for result in trials.try_fixes(reading, drives.faults.mended, costs, field, steps["fixes"]):
+    for result in trials.try_fixes(reading, drives.faults.repaired_map, costs, field, steps["fixes"]):
         results.append(result)
         if is_better(result):
             report_finding(in_short.fix(result, baseline.rates))

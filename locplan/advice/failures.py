@@ -246,7 +246,7 @@ def find_passage(
     middle, members = gathered(np.array([end for _, end in ends]), TOGETHER)[0]
     routes = tuple(dict.fromkeys(ends[n][0] for n in members))
     # A wall may be a cell thick.
-    points = np.concatenate([paths[name].resampled(grid.resolution).xy for name in routes])
+    points = np.concatenate([paths[name].resample(grid.resolution).xy for name in routes])
     near = np.linalg.norm(points - middle, axis=1) <= NEAR
     points = points[near] if near.any() else points
     widths = measure_width(grid, points)

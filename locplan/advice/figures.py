@@ -20,18 +20,18 @@ from locplan._support.drawing import (
     MAP_COLOURS,
     Picture,
     draw_number,
-    lines_within,
+    break_title,
     make_logarithmic,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan.advice.landmark_objects import outline_of
 from locplan.advice.landmarks import EXPECTED, PAYING_SHARE, Landmarks, Verification
 from locplan.advice.weak_spots import points_of
-from locplan.maps.figures import draw_cells, draw_map, drawn_size, map_around, map_size, shrunk
+from locplan.maps.figures import draw_cells, draw_map, drawn_size, crop_map, map_size, downsample
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import (
     along_norm,
-    draw_along,
+    draw_coloured_line,
     draw_along_bar,
     draw_ends,
     draw_path,
@@ -320,7 +320,7 @@ def _panels(
         wide, high = scale * wide, scale * high
     width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
     width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
-    lines = [part for line in said for part in lines_within(line, width)]
+    lines = [part for line in said for part in break_title(line, width)]
     # Height of a line of the title [inch].
     top = 0.24 * (len(lines) + 1)
     height = max(height, plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT
@@ -346,7 +346,7 @@ def landmarks_figure(made: Landmarks, verification: Verification | None = None) 
         Drives of `Landmarks.verify`; with them the routes are coloured by the mean position error.
     """
     grids = [
-        map_around(grid, list(made.setting.routes.values()))
+        crop_map(grid, list(made.setting.routes.values()))
         for grid in (made.setting.grid, made.grid)
     ]
     title = f"{made.setting.grid.name or 'map'}: {len(made)} x {made.setting.kind.title}"
@@ -381,7 +381,7 @@ def _draw_maps(
             if profiles:
                 xy, error = drive_profiles[k][n][:, 1:3], drive_profiles[k][n][:-1, 4]
                 map_axes.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
-                image = draw_along(map_axes, xy, error, norm=norm, linewidths=3.5)
+                image = draw_coloured_line(map_axes, xy, error, norm=norm, linewidths=3.5)
             else:
                 draw_path(map_axes, path, color="black", linewidth=1.5)
             draw_ends(map_axes, path.xy[0], path.xy[-1])
@@ -398,7 +398,7 @@ def _draw_numbers(axes: Axes, made: Landmarks) -> None:
     from scipy.spatial import cKDTree
 
     routes = made.setting.routes.values()
-    points = np.concatenate([path.resampled(0.1).xy for path in routes])
+    points = np.concatenate([path.resample(0.1).xy for path in routes])
     near = cKDTree(points)
     for number, at in enumerate(made.positions, 1):
         route_offset = at - points[near.query(at)[1]]
@@ -464,7 +464,7 @@ def mended_figure(mended: Mended) -> Figure:
     for axes, (title, grid) in zip(pair, titled_maps.items(), strict=True):
         draw_map(axes, grid)
         # All that is occupied is black here, which maps in other pictures show as a rim.
-        levels = shrunk(grid.cells) // 127
+        levels = downsample(grid.cells) // 127
         draw_cells(axes, grid, levels, cmap=MAP_COLOURS, vmin=0, vmax=3)
         axes.set_title(f"{grid.name or 'map'} {title}", fontsize="medium")
     return figure

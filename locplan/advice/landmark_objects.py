@@ -11,9 +11,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import Settings, keep, number, positive, shown
+from locplan._support.checks import Settings, set_frozen_fields, check_number, check_positive, short_repr
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.poses import window_around
+from locplan._support.poses import find_window
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
@@ -67,7 +67,7 @@ class Shape(NamedTuple):
         """
         row, col, heading = pose.tolist()
         reach = math.ceil((self.reach + around) / grid.resolution) + 1
-        rows, cols = window = window_around(row, col, reach, grid.shape)
+        rows, cols = window = find_window(row, col, reach, grid.shape)
         y = (np.arange(rows.start, rows.stop)[:, None] + 0.5 - row) * grid.resolution
         x = (np.arange(cols.start, cols.stop) + 0.5 - col) * grid.resolution
         return window, self.distance(x, y, heading)
@@ -80,7 +80,7 @@ class LandmarkObject(Settings):
     """Its kind in files and on the command line."""
 
     def __post_init__(self) -> None:
-        keep(self, **{name: _size(name, size) for name, size in vars(self).items()})
+        set_frozen_fields(self, **{name: _size(name, size) for name, size in vars(self).items()})
 
     @property
     def _sizes(self) -> tuple[float, ...]:
@@ -143,7 +143,7 @@ class Box(LandmarkObject):
 def check_object(kind: object) -> None:
     """Raise a ConfigError unless this is an object that can be a landmark."""
     if not isinstance(kind, LandmarkObject):
-        raise ConfigError(f"the object must be a Pole or a Box, not {shown(kind)}")
+        raise ConfigError(f"the object must be a Pole or a Box, not {short_repr(kind)}")
 
 
 def parsed_object(text: str) -> LandmarkObject:
@@ -177,7 +177,7 @@ def parsed_object(text: str) -> LandmarkObject:
                 return kind(*values)
     raise ConfigError(
         "the object must be pole:DIAMETER or box:LENGTH,WIDTH in metres, such as pole:0.2 or"
-        f" box:0.6,0.3, not {shown(text)}"
+        f" box:0.6,0.3, not {short_repr(text)}"
     )
 
 
@@ -251,7 +251,7 @@ def checked_poses(poses: Iterable[Any]) -> Floats:
         except (TypeError, ValueError):
             values = []
         if len(values) not in (2, 3) or not np.isfinite(values).all():
-            raise ConfigError(f"a landmark must be (x, y) or (x, y, heading), not {shown(pose)}")
+            raise ConfigError(f"a landmark must be (x, y) or (x, y, heading), not {short_repr(pose)}")
         rows.append([*values, 0.0][:3])
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
@@ -306,4 +306,4 @@ def _outline(shape: Shape, heading: float, step: float) -> Floats:
 
 def _size(name: str, value: object) -> float:
     # Greatest length of an object [m].
-    return number(name, positive(name, value, "m"), 0.0, 100.0)
+    return check_number(name, check_positive(name, value, "m"), 0.0, 100.0)

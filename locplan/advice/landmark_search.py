@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import way_along
+from locplan._support.poses import compute_travel_distances
 from locplan._support.progress import ProgressCallback
 from locplan.advice.landmark_objects import Shape, filled_cells, outline_of
 from locplan.advice.landmark_sight import Sight
@@ -134,7 +134,7 @@ def _along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
     for contour in contours:
         at = contour[:, 0, ::-1].astype(np.float64) + 0.5  # (row, col) of the cells' centres
         ring = np.concatenate([at, at[:1]])
-        way = way_along(ring) * resolution
+        way = compute_travel_distances(ring) * resolution
         count = max(1, int(way[-1] / SPACING))
         sample_distances = (np.arange(count) + 0.5) * way[-1] / count
         # Half the length along a wall over which its direction is measured [m].
@@ -185,7 +185,7 @@ def _beside_routes(
     long = shape.half_length != shape.half_width
     pose_lists = [np.empty((0, 3))]
     for path in routes:
-        fine = path.resampled(SPACING, even=True)
+        fine = path.resample(SPACING, even=True)
         ahead = np.arctan2(*np.gradient(fine.xy, axis=0).T[::-1]) - grid.origin[2]
         row, col = grid.world_to_grid(*fine.xy.T)
         for turn in (0.0, math.pi / 2) if long else (0.0,):

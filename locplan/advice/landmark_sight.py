@@ -12,10 +12,10 @@ import numpy as np
 
 from locplan._support.checks import check_memory
 from locplan._support.kernels.arrays import Floats, Ints, Singles
-from locplan._support.poses import Poses, way_along
+from locplan._support.poses import Poses, compute_travel_distances
 from locplan.advice.landmark_objects import Shape
 from locplan.field.beams import surface_normals
-from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan.maps.grid import OccupancyGrid, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.path import Path
 from locplan.robots.amcl import OMNIDIRECTIONAL, Amcl
@@ -54,7 +54,7 @@ def surroundings(
     grid: OccupancyGrid, lines: Sequence[Poses], shape: Shape, robot: Robot
 ) -> Surroundings:
     """Look around on a map at poses in the world, `step_of` apart on each line."""
-    rays = _rays_at(own_axes(grid, np.concatenate(lines)), shape, robot, grid.resolution)
+    rays = _rays_at(world_to_map_frame(grid, np.concatenate(lines)), shape, robot, grid.resolution)
     count = len(rays.first)
     check_memory(
         f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
@@ -75,7 +75,7 @@ def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) ->
     lines, step = [], step_of(robot)
     for name, path in paths.items():
         poses = poses_along(path, grid, f"path {name}")
-        way = way_along(poses)
+        way = compute_travel_distances(poses)
         at = np.searchsorted(way, np.arange(0.0, way[-1] + step / 2, step) - 1e-9)
         lines.append(poses[np.unique(at.clip(0, len(poses) - 1))])
     return lines

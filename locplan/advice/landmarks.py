@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import check_threads, keep, position, shown, whole
-from locplan._support.intervals import random_of
+from locplan._support.checks import check_threads, set_frozen_fields, check_position, short_repr, check_integer
+from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.output import Results
-from locplan._support.progress import ProgressCallback, parts
+from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import POSE, Column, Result, Table
-from locplan._support.tables import finite, wrapped
+from locplan._support.tables import nan_to_none, wrap_lines
 from locplan.advice.landmark_objects import (
     LandmarkObject,
     check_object,
@@ -37,7 +37,7 @@ from locplan.advice.landmark_search import (
 )
 from locplan.advice.landmark_sight import Sight, lines_along, surroundings
 from locplan.errors import ConfigError, LocplanError
-from locplan.field.config import equipped
+from locplan.field.config import equip_robot
 from locplan.maps.files import save_map
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.zones import Zones, check_zones
@@ -150,7 +150,7 @@ class Verification:
         drive_groups = {"none": self.before, "proposed": self.after}
         if self.random:
             drive_groups["as many at random"] = self.random
-        rows = zip(drive_groups, Table.of(OUTCOME, drive_groups.values()).rows, strict=True)
+        rows = zip(drive_groups, Table.from_records(OUTCOME, drive_groups.values()).rows, strict=True)
         return Table(
             (Column("world", title="landmarks"), *OUTCOME),
             tuple((name, *row) for name, row in rows),
@@ -259,7 +259,7 @@ class Landmarks(Result):
     """The map with the landmarks."""
 
     def __post_init__(self) -> None:
-        keep(self, grid=with_objects(self.setting.grid, self.setting.kind, self.poses))
+        set_frozen_fields(self, grid=with_objects(self.setting.grid, self.setting.kind, self.poses))
 
     def __repr__(self) -> str:
         low, high = self.expected[-1], self.expected[0]
@@ -335,7 +335,7 @@ class Landmarks(Result):
             The result of `verify_landmarks`.
         """
         setting = self.setting
-        return finite(
+        return nan_to_none(
             {
                 "verification": verification
                 and {
@@ -386,7 +386,7 @@ def landmarks_report(made: Landmarks, verification: Verification | None = None) 
     if made.advice:
         gains.append(made.advice)
     drives = [str(verification.table())] if verification else []
-    return "\n".join([str(made.table()), *wrapped(gains), *drives, *wrapped(verdict)])
+    return "\n".join([str(made.table()), *wrap_lines(gains), *drives, *wrap_lines(verdict)])
 
 
 MAX_PLACES = 8
@@ -461,8 +461,8 @@ def place_landmarks(
     """
     check_grid(grid)
     check_object(kind)
-    whole("count", count, 1, 200)
-    robot = equipped(robot)
+    check_integer("count", count, 1, 200)
+    robot = equip_robot(robot)
     threads = check_threads(threads)
     if (paths is None) == (places is None):
         raise ConfigError("give either paths or places")
@@ -499,7 +499,7 @@ def _search_along(
     robots = cKDTree(on_grid(grid, np.concatenate(lines))[:, :2])
     within = (route_views.rays.most + kind.shape.reach) / grid.resolution
     candidates = candidates[np.isfinite(robots.query(candidates[:, :2], distance_upper_bound=within)[0])]
-    clear_of = [path.resampled(grid.resolution / 2).xy for path in routes.values()]
+    clear_of = [path.resample(grid.resolution / 2).xy for path in routes.values()]
     at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
     reasons = refusals(candidates, grid, passages, at, keep, closed)
     allowed = np.array([not reason for reason in reasons], bool)
@@ -542,10 +542,10 @@ def routes_of(
             f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(named)};"
             " give longer lists of routes as paths"
         )
-    ends = {str(name): position(xy, name=f"place {name}") for name, xy in named.items()}
+    ends = {str(name): check_position(xy, name=f"place {name}") for name, xy in named.items()}
     costs = Costmap.blank(grid, robot=robot_radius, zones=zones)
     for name, xy in ends.items():
-        costs.cell_of(xy, name)
+        costs.find_cell(xy, name)
     routes = {}
     for (one, start), (other, goal) in combinations(ends.items(), 2):
         shortest = plan(costs, start, goal).path
@@ -560,7 +560,7 @@ def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
     if isinstance(values, Mapping):
         return values
     if not isinstance(values, Iterable) or isinstance(values, str):
-        raise ConfigError(f"{word}s must be {what}, not {shown(values)}")
+        raise ConfigError(f"{word}s must be {what}, not {short_repr(values)}")
     return {f"{word} {n}": value for n, value in enumerate(values, 1)}
 
 
@@ -604,13 +604,13 @@ def verify_landmarks(
         If a number is out of its range.
     """
     check_drives(drives)
-    whole("random_sets", random_sets, 1, 1000)
+    check_integer("random_sets", random_sets, 1, 1000)
     setting = landmarks.setting
     random_maps = _maps_with_random_objects(landmarks, min(random_sets, drives // 2), seed)
     n_random = drives // max(len(random_maps), 1)
     maps = [setting.grid, landmarks.grid, *random_maps]
     counts = [drives, drives, *[n_random] * len(random_maps)]
-    callbacks = parts(progress, [count * len(setting.routes) for count in counts])
+    callbacks = split_progress(progress, [count * len(setting.routes) for count in counts])
     outcomes = []
     for grid, count, report in zip(maps, counts, callbacks, strict=True):
         simulator = Simulator(grid, setting.robot, seed=seed, threads=threads)
@@ -627,7 +627,7 @@ def _maps_with_random_objects(landmarks: Landmarks, n_sets: int, seed: int) -> l
     """Return maps with objects at random places; none if too few places are allowed."""
     grid, kind, search = landmarks.setting.grid, landmarks.setting.kind, landmarks.search
     # Stream of random numbers of places at random, next to those of `Simulator`.
-    choices = [search.at_random(len(landmarks), random_of(seed, 100, n)) for n in range(n_sets)]
+    choices = [search.at_random(len(landmarks), make_generator(seed, 100, n)) for n in range(n_sets)]
     if not all(choices):
         return []
     poses = [poses_in_world(grid, search.places[choice]) for choice in choices]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan._support.intervals import Interval
 from locplan.advice.check_result import Check
 from locplan.errors import ConfigError
@@ -59,15 +59,15 @@ class Limit:
         if words is None or words[1] not in FIGURES:
             raise ConfigError(
                 f"a limit must be one of {', '.join(FIGURES)}, a comparison and a number, such as"
-                f" 'lost > 5%', not {shown(text)}"
+                f" 'lost > 5%', not {short_repr(text)}"
             )
         name, sign, number, unit = words.groups()
         units = {"error": ("m", None), "faults": (None,)}.get(name, ("%", None))
         if unit not in units:
-            raise ConfigError(f"{name} is not in {unit}, as in {shown(text)}")
+            raise ConfigError(f"{name} is not in {unit}, as in {short_repr(text)}")
         value = float(number) / (100 if unit == "%" else 1)
         if name in SHARES and value > 1:
-            raise ConfigError(f"{name} is a share, 0 to 1 or 0% to 100%, not {shown(text)}")
+            raise ConfigError(f"{name} is a share, 0 to 1 or 0% to 100%, not {short_repr(text)}")
         return cls(name, sign, value, " ".join(text.split()))
 
     def fails(self, check: Check) -> bool:

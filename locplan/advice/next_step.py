@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path as Folder
 from typing import NamedTuple
 
-from locplan._support.intervals import in_metres
-from locplan._support.runs import typed
+from locplan._support.intervals import format_metres
+from locplan._support.runs import get_command_line
 from locplan.advice.check_result import Check
 from locplan.advice.files import Params, as_files, has_amcl
 from locplan.advice.fixes import CHEAP, LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
@@ -46,7 +46,7 @@ def next_action(
     if check.is_fine:
         return Action(_nothing_to_do(check), "", {})
     map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
-    repeat_command = typed() or ["locplan", "check", map_file]
+    repeat_command = get_command_line() or ["locplan", "check", map_file]
     if check.recommended and folder is None:
         titles = " and ".join(fix.title for fix in check.advised)
         command = shlex.join([*repeat_command, "-o", "report"])
@@ -83,7 +83,7 @@ def _nothing_to_do(check: Check) -> str:
     sentences = [f"Nothing to do{rare}."]
     cheap = [fix for fix in check.fixes if is_better(fix) and fix.kind in CHEAP]
     if cheap:
-        now, then = (in_metres(r.error.value) for r in (check.baseline, cheap[0].rates))
+        now, then = (format_metres(r.error.value) for r in (check.baseline, cheap[0].rates))
         detail = f" ({cheap[0].detail})" if cheap[0].kind == SETTINGS else ""
         title = f"{cheap[0].title[:1].upper()}{cheap[0].title[1:]}"
         sentences.append(f"{title}{detail} would lower the error from {now} to {then}.")

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from locplan._support.intervals import Interval, in_metres, share
-from locplan._support.poses import Poses, updates_of
+from locplan._support.intervals import Interval, format_metres, format_rate
+from locplan._support.poses import Poses, find_update_poses
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column, Table
-from locplan._support.saved import plain
+from locplan._support.saved import to_plain_data
 from locplan.advice.trials import is_hopeless
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import PRECISE, amcl_presets, describe_preset
@@ -171,11 +171,11 @@ class PresetChoice:
             return ""
         hardest = max(levels, key=lambda result: result.off_at_end)
         baseline = [
-            share(result.off_at_end)
+            format_rate(result.off_at_end)
             for result in self.results
             if (result.settings, result.case) == (OWN, hardest.case)
         ]
-        rates = f"{share(hardest.off_at_end)} off at the end, {BASELINE}"
+        rates = f"{format_rate(hardest.off_at_end)} off at the end, {BASELINE}"
         return f"Level {hardest.case}: {rates} {baseline[0] if baseline else 'not driven'}."
 
     def advise_recording(self, command: Sequence[str]) -> str:
@@ -189,14 +189,14 @@ class PresetChoice:
         if self.untested_error is None:
             return ""
         return (
-            f"Precise settings reach {in_metres(self.untested_error)}, but a robot that gets lost"
+            f"Precise settings reach {format_metres(self.untested_error)}, but a robot that gets lost"
             " with them does not return. Test them on a recorded drive:"
             f" `{shlex.join([*command, '--recording', 'FILE'])}`"
         )
 
     def table(self) -> Table:
         """The drives with each settings, a row per case."""
-        return Table.of(RESULTS, self.results)
+        return Table.from_records(RESULTS, self.results)
 
     def describe_table(self, seed: int) -> str:
         """Return the sentences that explain the table.
@@ -233,7 +233,7 @@ def choice_values(choice: PresetChoice) -> dict[str, object]:
         "changes": choice.changes,
         "cost_ratio": choice.cost_ratio,
         "objections": dict(choice.objections),
-        "verdicts": {name: plain(verdict) for name, verdict in choice.verdicts.items()},
+        "verdicts": {name: to_plain_data(verdict) for name, verdict in choice.verdicts.items()},
         "results": choice.table().records(),
         "recordings": list(choice.recordings),
     }
@@ -369,7 +369,7 @@ class _PresetTrial:
                 return ""  # the user's settings need no drives
             n_drives, looks_left = len(drives.lost), len(case.looks) - n_looks
             harm = (
-                f"{name} settings are off at the end in {share(drives.off_at_end_rate)} of the"
+                f"{name} settings are off at the end in {format_rate(drives.off_at_end_rate)} of the"
                 f" drives if {case.fault}"
             )
             if name == PRECISE:
@@ -382,7 +382,7 @@ class _PresetTrial:
                 verdict = self._compare(name, case, n_looks)
                 off = verdict.off_at_end
                 if verdict.more_off and off:
-                    return f"{harm}, {OWN} in {share(off.baseline)}"
+                    return f"{harm}, {OWN} in {format_rate(off.baseline)}"
                 is_half = n_drives >= LEVEL_DRIVES / 2
                 if is_half and off and off.alternative.value <= off.baseline.value:
                     return ""  # all drives would hardly show that more are off
@@ -488,7 +488,7 @@ def find_objection(before: Drives, after: Drives) -> str:
         return f"{n_lost[1]} of {len(after.errors)} runs get lost, {n_lost[0]} with {OWN},"
     errors = [drives.rmse.value for drives in (before, after)]
     if errors[1] > errors[0]:
-        user_error, error = map(in_metres, errors)
+        user_error, error = map(format_metres, errors)
         return f"the error is {error}, {user_error} with {OWN},"
     return ""
 
@@ -497,7 +497,7 @@ def _cost_ratio(before: Amcl, after: Amcl, lines: Sequence[Poses]) -> float:
     """Return the beams that settings compare along some lines over those of others."""
     beams = [
         amcl.max_beams
-        * sum(len(updates_of(line, amcl.update_min_d, amcl.update_min_a)) for line in lines)
+        * sum(len(find_update_poses(line, amcl.update_min_d, amcl.update_min_a)) for line in lines)
         for amcl in (before, after)
     ]
     return beams[1] / max(1, beams[0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from locplan._support.intervals import Interval, wilson
+from locplan._support.intervals import Interval, compute_wilson_interval
 from locplan._support.kernels.arrays import Floats
 from locplan.advice.fixes import CHEAP, KINDS, SETTINGS, WALLS
 from locplan.advice.trials import Outcome
@@ -223,7 +223,7 @@ def rates_of(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> DriveRates:
             for drives in arrivals.values()
         ]
         reached, missed = (
-            wilson(float(route_shares.mean()), size) for route_shares in (shares, np.array(misses) / counts)
+            compute_wilson_interval(float(route_shares.mean()), size) for route_shares in (shares, np.array(misses) / counts)
         )
     n_closed = sum(len(drives.drives) for drives in arrivals.values())
     drive_set = outcome.drive_set

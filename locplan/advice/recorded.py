@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from locplan._support.intervals import Interval, in_percent
+from locplan._support.intervals import Interval, format_percent
 from locplan._support.kernels.arrays import Bools
 from locplan.advice.map_reading import Reading
 from locplan.errors import LocplanError
@@ -125,15 +125,15 @@ def _calibrated(
         return robot, [f"calibration: {error}"]
     changes = scans.settings()
     sentences = [
-        f"lidar as recorded: {in_percent(scans.outliers)} of the beams end anywhere,"
-        f" {in_percent(scans.blocked)} are blocked"
+        f"lidar as recorded: {format_percent(scans.outliers)} of the beams end anywhere,"
+        f" {format_percent(scans.blocked)} are blocked"
     ]
     noise = odometry_noise(drive, robot.amcl, faulty)
     if noise is None:
-        return robot.changed(changes), [*sentences, "odometry: too short a drive, taken as it was"]
+        return robot.with_settings(changes), [*sentences, "odometry: too short a drive, taken as it was"]
     changes |= noise.settings()
     sentences.append(
         f"odometry as recorded: {text('drift', noise.distance_drift, 'm/√m')},"
         f" {text('heading', noise.heading_drift_deg, 'deg/√m')}"
     )
-    return replace(robot.changed(changes), filter=robot.filter), sentences
+    return replace(robot.with_settings(changes), filter=robot.filter), sentences

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from locplan._support.checks import whole
+from locplan._support.checks import check_integer
 from locplan._support.intervals import Interval
 from locplan._support.output import Results
-from locplan._support.progress import ProgressCallback, parts
+from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Column, Result, Table
 from locplan.errors import ConfigError
 from locplan.export.servers import write_filter_map
-from locplan.field.config import equipped
+from locplan.field.config import equip_robot
 from locplan.maps.files import MapSource, meant_header
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults, faults, solidity
@@ -128,7 +128,7 @@ class Mended(Result):
             Column("rmse_ratio", title="error ratio", interval=True),
             Column("verdict", title="verdict"),
         )
-        return Table.of(columns, self.verdicts)
+        return Table.from_records(columns, self.verdicts)
 
     def _write(self, folder: FilePath, *about: object) -> None:
         self.table().write_csv(folder / "mend.csv")
@@ -230,10 +230,10 @@ def mend(
     0
     """
     check_drives(drives)
-    whole("paths", paths, 1, 1000)
-    robot, map_faults = equipped(robot), faults(grid, source)
+    check_integer("paths", paths, 1, 1000)
+    robot, map_faults = equip_robot(robot), faults(grid, source)
     map_faults.refuse_mask()
-    mended, world = map_faults.mended, map_faults.meant
+    mended, world = map_faults.repaired_map, map_faults.corrected_map
     file = None if world == grid else source
     if mended == grid:
         return Mended(grid, mended, map_faults, (), seed)
@@ -245,10 +245,10 @@ def mend(
         ways = _ways(world, robot, paths, seed)
     except ConfigError as error:
         return Mended(grid, mended, map_faults, (), seed, str(error), file)
-    callbacks = parts(progress, [2 * paths * drives] * len(filters))
+    callbacks = split_progress(progress, [2 * paths * drives] * len(filters))
     verdicts = []
     for (name, filter_robot), part in zip(filters.items(), callbacks, strict=True):
-        map_callbacks = parts(part, [paths * drives] * 2)
+        map_callbacks = split_progress(part, [paths * drives] * 2)
         as_is, hollow = (
             [
                 *drive_open(
@@ -293,7 +293,7 @@ def check_concerned(parameters: FilePath | None) -> None:
     parameters : path, optional
         File of Nav2's parameters; without it AMCL has its defaults, and is concerned.
     """
-    if read_parameters(parameters).of("amcl").get("laser_model_type") == "beam":
+    if read_parameters(parameters).node_parameters("amcl").get("laser_model_type") == "beam":
         raise ConfigError(
             f"{parameters}: not concerned: AMCL's beam model casts rays, which end at the first"
             " black cell, so that the inside of walls does not mislead it"

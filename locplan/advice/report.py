@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from locplan._support.intervals import Interval, share
+from locplan._support.intervals import Interval, format_rate
 from locplan._support.output import replacing
-from locplan._support.public import templates_of
+from locplan._support.public import load_templates
 from locplan.advice.check_result import Check
 from locplan.advice.figures import SIZE, caption, drawn_part, place_labels
 from locplan.advice.next_step import next_action, remaining_text
@@ -23,7 +23,7 @@ from locplan.advice.text import (
     settings_texts,
     spot_text,
 )
-from locplan.maps.figures import shrunk
+from locplan.maps.figures import downsample
 from locplan.maps.grid import OccupancyGrid
 from locplan.simulation.drives import OFF
 
@@ -51,7 +51,7 @@ class Drawing(NamedTuple):
         import cv2
 
         grid = drawn_part(grid)
-        image = GREYS[shrunk(grid.cells)[::-1] // 127]
+        image = GREYS[downsample(grid.cells)[::-1] // 127]
         data = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
         scale = 900 / max(grid.shape)  # the longer side in the drawing's units
         size = grid.shape[1] * scale, grid.shape[0] * scale
@@ -91,8 +91,8 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
     *about
         The folder of the files and the user's parameters, see `next_action`.
     """
-    environment = templates_of("locplan.advice", autoescape=True, lstrip_blocks=True)
-    environment.filters |= {"share": share, "bar": bar, "problem": problem_text}
+    environment = load_templates("locplan.advice", autoescape=True, lstrip_blocks=True)
+    environment.filters |= {"share": format_rate, "bar": bar, "problem": problem_text}
     n_routes = len(check.routes)
     text = environment.get_template("report.html").render(
         check=check,

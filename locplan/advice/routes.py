@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
 from locplan.planning.map_info import describe_map
 from locplan.planning.path import Path
 from locplan.planning.plans import check_ends, plan
-from locplan.planning.queries import Query, Station, queries_of, random_queries
+from locplan.planning.queries import Query, Station, normalize_queries, random_queries
 
 MAX_ROUTES = 12
 """Maximum number of routes between stations; of more, some are taken at equal steps."""
@@ -47,11 +47,11 @@ def routes_of(costs: Costmap, stations: Stations | None, count: int, seed: int) 
         try:
             start, goal = check_ends(costs, query.start[:2], query.goal[:2])
         except LocplanError as error:
-            raise type(error)(f"route {shown(query.name)}: {error}") from None
+            raise type(error)(f"route {short_repr(query.name)}: {error}") from None
         path = plan(costs, query.start[:2], query.goal[:2]).path if start != goal else None
         if path is None or not path.length:
             raise ConfigError(
-                f"route {shown(query.name)}: no path leads from start to goal; leave it out, or"
+                f"route {short_repr(query.name)}: no path leads from start to goal; leave it out, or"
                 " give the robot's own footprint and margin"
             )
         paths[query.name] = path
@@ -72,7 +72,7 @@ def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
             for other in station_list[n + 1 :]
         ]
     else:
-        queries = [*queries_of(costs, stations, 0.0, 1)]
+        queries = [*normalize_queries(costs, stations, 0.0, 1)]
     if not queries:
         raise ConfigError("there is no route; give two stations at least")
     return queries

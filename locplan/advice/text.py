@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path as Folder
 from typing import Any, NamedTuple
 
-from locplan._support.intervals import Interval, in_metres, share
+from locplan._support.intervals import Interval, format_metres, format_rate
 from locplan._support.records import Column, Table
-from locplan._support.runs import typed
-from locplan._support.tables import wrapped
+from locplan._support.runs import get_command_line
+from locplan._support.tables import wrap_lines
 from locplan.advice.check_result import Check
 from locplan.advice.driving import Site
 from locplan.advice.failures import Passage
@@ -43,13 +43,13 @@ def spots(found: Sequence[WeakSpot]) -> str:
 
 def baseline(rates: DriveRates) -> str:
     """Report the rates of the baseline."""
-    lost = f"lost (error > {LOST:g} m) in {share(rates.lost)} of {rates.n_drives} drives"
-    return f"baseline: {lost}; {share(rates.reached)} reach the goal"
+    lost = f"lost (error > {LOST:g} m) in {format_rate(rates.lost)} of {rates.n_drives} drives"
+    return f"baseline: {lost}; {format_rate(rates.reached)} reach the goal"
 
 
 def fix(result: FixResult, before: DriveRates) -> str:
     """Report the gain of a fix that is better."""
-    return f"{result.title}: lost {share(before.lost)} -> {share(result.rates.lost)}"
+    return f"{result.title}: lost {format_rate(before.lost)} -> {format_rate(result.rates.lost)}"
 
 
 LINES = 25
@@ -86,12 +86,12 @@ def headline(check: Check) -> tuple[str, ...]:
     """Return the first sentences: how often the robot gets lost, and reaches the goal."""
     rates = check.baseline
     lost = (
-        f"Your robot gets lost (error > {LOST:g} m) in {share(rates.lost)} of {rates.n_drives}"
-        f" simulated drives. It is off at the end in {share(rates.off_at_end)}."
+        f"Your robot gets lost (error > {LOST:g} m) in {format_rate(rates.lost)} of {rates.n_drives}"
+        f" simulated drives. It is off at the end in {format_rate(rates.off_at_end)}."
     )
     if not rates.n_closed:
         return (lost,)
-    reached = f"In closed loop it reaches the goal in {share(rates.reached)}."
+    reached = f"In closed loop it reaches the goal in {format_rate(rates.reached)}."
     if not rates.endings:
         return lost, reached
     mostly = "mostly " if len(rates.endings) > 1 else ""
@@ -172,7 +172,7 @@ class FixRow(NamedTuple):
     @property
     def error(self) -> str:
         """Error, and its change."""
-        error = in_metres(self.rates.error.value)
+        error = format_metres(self.rates.error.value)
         return f"{error} ({self.change})" if self.change else error
 
 
@@ -218,28 +218,28 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
         See `next_action`.
     """
     action = next_action(check, folder, *about)
-    last = wrapped([f"Next: {action.sentence}" if action.command else action.sentence])
+    last = wrap_lines([f"Next: {action.sentence}" if action.command else action.sentence])
     last += [f"  {line}" for line in action.command.splitlines()]
-    first = wrapped([*headline(check), *_remarks(check)])
+    first = wrap_lines([*headline(check), *_remarks(check)])
     findings = [f"map: {fault.sentence}" for fault in check.faults if fault.boxes]
     findings += check.findings
     notes = [text for text in check.recorded if text not in check.findings]
     notes += [f"map: {fault.sentence}" for fault in check.faults if not fault.boxes]
     passage = [passage_text(check.passage)] if check.passage else []
-    remaining = wrapped([*filter(None, [remaining_text(check)])])
+    remaining = wrap_lines([*filter(None, [remaining_text(check)])])
     blocks: list[list[str]] = []
     for n_notes, n_spots, n_routes, n_fixes, detail in ROWS:
         spots = [spot_text(spot, len(check.routes)) for spot in check.spots[:n_spots]]
         blocks = [
             first,
-            wrapped([*findings, *notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
+            wrap_lines([*findings, *notes[:n_notes], *passage, *(spots or ["No weak spot"])]),
             [
-                *wrapped([_drives_text(check.baseline)] if detail == 2 else []),
+                *wrap_lines([_drives_text(check.baseline)] if detail == 2 else []),
                 *_route_table(check, n_routes),
             ],
             [*_fix_table(check, n_fixes), *remaining],
             [
-                *wrapped([*settings_texts(check, detail)]),
+                *wrap_lines([*settings_texts(check, detail)]),
                 *_replay_table(check, is_complete=detail == 2),
             ],
             last,
@@ -262,7 +262,7 @@ def settings_texts(check: Check, detail: int = 2) -> tuple[str, ...]:
     choice = check.preset_choice
     if choice is None:
         return ()
-    advice = choice.advise_recording(typed() or ["locplan", "check", "MAP"])
+    advice = choice.advise_recording(get_command_line() or ["locplan", "check", "MAP"])
     is_contradicted = choice.recordings or any(
         verdict.word == BETTER and name in choice.objections
         for name, verdict in choice.verdicts.items()
@@ -283,7 +283,7 @@ def _replay_table(check: Check, *, is_complete: bool) -> list[str]:
     columns = (
         Column("settings", value=lambda result: result.settings),
         Column("case", title="drives", value=lambda result: result.case),
-        Column("error", title="error", value=lambda result: in_metres(result.error.value)),
+        Column("error", title="error", value=lambda result: format_metres(result.error.value)),
         Column("lost", title="lost", value=lambda result: _share(result.lost)),
         Column(
             "off_at_end", title="off at the end", value=lambda result: _share(result.off_at_end)
@@ -337,7 +337,7 @@ def _rate_columns() -> tuple[Column, ...]:
 
 
 def _share(rate: Interval) -> str:
-    return _unbroken(share(rate))
+    return _unbroken(format_rate(rate))
 
 
 def _unbroken(text: str) -> str:
@@ -376,6 +376,6 @@ def _count_rows(name: str, plural: str, n_rows: int, n_all: int) -> str:
 def _table(columns: Sequence[Column], title: str, records: Sequence[Any]) -> list[str]:
     """Return the lines of a table."""
     name, *further_columns = columns
-    table = Table.of([replace(name, title=title), *further_columns], records)
+    table = Table.from_records([replace(name, title=title), *further_columns], records)
     lines = [line.rstrip().replace("\u00a0", " ") for line in str(table).splitlines()]
     return [line for line in lines if line.strip(" \u2500")]

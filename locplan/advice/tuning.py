@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from locplan._support.checks import check_threads, instance, whole
-from locplan._support.intervals import in_metres
+from locplan._support.checks import check_threads, check_instance, check_integer
+from locplan._support.intervals import format_metres
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Result, Table
-from locplan._support.runs import typed
-from locplan._support.tables import REPORT_WIDTH, finite
+from locplan._support.runs import get_command_line
+from locplan._support.tables import REPORT_WIDTH, nan_to_none
 from locplan.advice.preset_choice import (
     LEVEL_DRIVES,
     OWN,
@@ -125,7 +125,7 @@ class Tuning(Result):
                 self._first_result(name, choice.recordings) for name in (OWN, choice.name)
             )
             errors = (
-                f"{in_metres(after.error.value)} on {after.case}, {in_metres(before.error.value)}"
+                f"{format_metres(after.error.value)} on {after.case}, {format_metres(before.error.value)}"
             )
             return f"Use {choice.title}: an error of {errors} with {OWN}"
         less = 100 * (1 - choice.verdicts[choice.name].ratio.value)
@@ -162,7 +162,7 @@ class Tuning(Result):
             What `save` takes, which the numbers do not have.
         """
         maps = [{"name": grid.name, "digest": grid.digest} for grid in self.grids]
-        return finite(
+        return nan_to_none(
             {
                 "conclusion": self.conclusion,
                 **({"maps": maps} if maps[1:] else {"map": maps[0]}),
@@ -192,7 +192,7 @@ def tuning_report(tuning: Tuning) -> str:
     """Return the answer, the table of all drives, and warnings."""
     choice = tuning.choice
     recorded = f" on {tuning.recording}" if tuning.recording else ""
-    hint = choice.advise_recording(typed() or ["locplan", "tune", "MAP"])
+    hint = choice.advise_recording(get_command_line() or ["locplan", "tune", "MAP"])
     lines = [
         *(_wrap(f"note: {note}") for note in tuning.notes),
         _wrap(f"{tuning.conclusion}."),
@@ -431,7 +431,7 @@ def tune(
     for map_grid in grids:
         check_grid(map_grid)
     check_of_one_map(filter_map, grids)
-    whole("paths", paths, FEWEST_PATHS, 1000)
+    check_integer("paths", paths, FEWEST_PATHS, 1000)
     check_drives(drives)
     simulators = [
         Simulator(map_grid, robot, filter_map=filter_map, seed=seed, threads=threads) for map_grid in grids
@@ -563,7 +563,7 @@ def tune_on_drive(
     """
     recordings, grids = as_list(recording), as_list(grid)
     for drive in recordings:
-        instance("recording", drive, Recording, "read one with locplan.recordings.read_recording")
+        check_instance("recording", drive, Recording, "read one with locplan.recordings.read_recording")
     for map_grid in grids:
         check_grid(map_grid)
     if len(grids) not in (1, len(recordings)):
@@ -573,7 +573,7 @@ def tune_on_drive(
         )
     check_of_one_map(filter_map, grids)
     check_drives(drives)
-    whole("seed", seed, 0)
+    check_integer("seed", seed, 0)
     check_threads(threads)
     names = [drive.source.file or "the drive" for drive in recordings]
     labels = number_names(names)

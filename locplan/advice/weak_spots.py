@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import instance, number
+from locplan._support.checks import check_instance, check_number
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan.errors import FieldError
 from locplan.field.covariance import DEGENERATE, position_axes, scalar
@@ -302,10 +302,10 @@ def degenerate_areas(
     import cv2
 
     if threshold is not None:
-        number("threshold", threshold, 0, 1)
-    number("min_area", min_area, 0)
+        check_number("threshold", threshold, 0, 1)
+    check_number("min_area", min_area, 0)
     check_costs(costs)
-    instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
+    check_instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
     if field.grid.digest != costs.grid.digest:
         raise FieldError("the field belongs to another map than the costmap; compute it for this")
     threshold = _half_free(costs, field, threshold)
@@ -366,7 +366,7 @@ def _half_free(costs: Costmap, field: CovarianceField, threshold: float | None) 
 
 def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, Floats]:
     """The covariances on the lattice points of each label, (n, d, d)."""
-    owner = np.where(field.evaluated, labels[:: field.stride, :: field.stride], 0)
+    owner = np.where(field.is_evaluated, labels[:: field.stride, :: field.stride], 0)
     rows, cols = np.nonzero(owner)
     order = np.argsort(owner[rows, cols], kind="stable")
     rows, cols = rows[order], cols[order]
@@ -587,7 +587,7 @@ def seen_around(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> f
 
 def points_of(path: Path) -> Floats:
     """Points of a path every quarter of a metre, (n, 2) [m]."""
-    return np.asarray(path.resampled(0.25, even=True).xy)
+    return np.asarray(path.resample(0.25, even=True).xy)
 
 
 def inside(outline: Floats, points: Floats) -> Bools:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from locplan import __version__
-from locplan._support.checks import file_path, shown
-from locplan._support.public import templates_of
+from locplan._support.checks import check_file_path, short_repr
+from locplan._support.public import load_templates
 from locplan._support.reading import read_text
 from locplan.comparison.statistics import MEASURES, Array, Run, best_so_far, median_costs, query_of
 from locplan.errors import LocplanError, MapError
@@ -48,7 +48,7 @@ def read_movingai_map(path: str | os.PathLike[str], resolution: float = 1.0) -> 
     LocplanError
         If the file cannot be read, or is no such map.
     """
-    path = file_path("a map file", path)
+    path = check_file_path("a map file", path)
     lines = read_text(path).splitlines()
     if "map" not in lines or not lines[0].startswith("type"):
         raise MapError(f"{path}: is no MovingAI map; its first line must be 'type octile'")
@@ -83,7 +83,7 @@ def read_scenarios(
     LocplanError
         If the file cannot be read, or a scenario is not for this map.
     """
-    path = file_path("a file of scenarios", path)
+    path = check_file_path("a file of scenarios", path)
     lines = read_text(path).splitlines()
     if not lines or not lines[0].startswith("version"):
         raise LocplanError(f"{path}: is no MovingAI scenario; its first line must be 'version 1'")
@@ -102,14 +102,14 @@ def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
     try:
         cols, rows, start_col, start_row, goal_col, goal_row = map(int, fields[-7:-1])
     except ValueError:
-        raise LocplanError(f"{path}: line {number}: is no scenario: {shown(line)}") from None
+        raise LocplanError(f"{path}: line {number}: is no scenario: {short_repr(line)}") from None
     if (rows, cols) != grid.shape:
         raise LocplanError(
-            f"{path}: line {number}: is for a map of {shown(cols)} x {shown(rows)} cells, but"
+            f"{path}: line {number}: is for a map of {short_repr(cols)} x {short_repr(rows)} cells, but"
             f" {grid.name or 'this one'} has {grid.shape[1]} x {grid.shape[0]}"
         )
     if not (grid.contains(start_row, start_col) and grid.contains(goal_row, goal_col)):
-        raise LocplanError(f"{path}: line {number}: begins or ends outside its map: {shown(line)}")
+        raise LocplanError(f"{path}: line {number}: begins or ends outside its map: {short_repr(line)}")
     start = grid.position(rows - 1 - start_row, start_col)
     goal = grid.position(rows - 1 - goal_row, goal_col)
     return Query(f"scenario {number - 1}", start, goal)
@@ -171,7 +171,7 @@ def write_ompl_logs(
     ordered = sorted(runs, key=lambda run: run.task)
     if not ordered:
         raise LocplanError("there are no runs to write a log of")
-    environment = templates_of("locplan.comparison")
+    environment = load_templates("locplan.comparison")
     environment.filters |= {"line": _line, "word": _word, "number": _number}
     template, costs = environment.get_template("ompl.log"), median_costs(ordered)
     queries = Counter(setting for setting, _ in {query_of(run) for run in ordered})

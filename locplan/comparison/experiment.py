@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from locplan._support.checks import check_workers, instance, one_of, shown, usable_cores, whole
+from locplan._support.checks import check_workers, check_instance, check_choice, short_repr, usable_cores, check_integer
 from locplan._support.output import temporary_folder
 from locplan.comparison.benchmarks import read_map, read_scenarios
 from locplan.comparison.journal import Journal
@@ -32,16 +32,16 @@ from locplan.comparison.settings import (
 )
 from locplan.comparison.workers import Workers
 from locplan.errors import ConfigError
-from locplan.field.config import FieldConfig, config_of
+from locplan.field.config import FieldConfig, config_from_settings
 from locplan.field.estimator import Estimator
 from locplan.field.fisher import Fused
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones, check_on_map, check_zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.layers import check_weight
-from locplan.planning.named_maps import named_maps
+from locplan.planning.named_maps import name_maps
 from locplan.planning.protocol import LATTICE, MAX_SEED, Planner
-from locplan.planning.queries import Query, queries_of
+from locplan.planning.queries import Query, normalize_queries
 from locplan.planning.requests import AnyPlanner
 from locplan.planning.robot_fit import default_planner
 from locplan.robots.robot import Robot
@@ -126,18 +126,18 @@ def compare(
     specs = _specs(planners, _driven(robot, fields), execution.time_limit)
     labels = [spec.label for spec in specs]
     baseline = baseline or max(labels, key=lambda label: label == robot_planner)
-    one_of("baseline", baseline, labels)
+    check_choice("baseline", baseline, labels)
     began = datetime.now(UTC).astimezone()
     limits: Any = {"memory": execution.memory, "patience": execution.patience}
     radius = (robot or Robot()).radius
     zones = check_zones(zones)
     make_case = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
-    maps_by_name = named_maps(maps, read_map)
+    maps_by_name = name_maps(maps, read_map)
     for name, map_or_costmap in maps_by_name.items():
         if isinstance(map_or_costmap, OccupancyGrid):
             check_on_map(zones, map_or_costmap)
         elif zones:
-            raise ConfigError(f"map {shown(name)} is a costmap with its own zones; leave zones out")
+            raise ConfigError(f"map {short_repr(name)} is a costmap with its own zones; leave zones out")
     settings = {
         "versions": versions(),
         "maps": {name: digest_of(map_or_costmap) for name, map_or_costmap in maps_by_name.items()},
@@ -204,15 +204,15 @@ def named_configs(
 ) -> dict[str, FieldConfig]:
     """The settings of fields by label."""
     if robot is not None:
-        instance("robot", robot, Robot)
+        check_instance("robot", robot, Robot)
     if configs is None and robot is not None and robot.lidar is not None:
         configs = Fused(robot.lidar)
     if configs is None or isinstance(configs, (FieldConfig, Estimator)):
-        config = config_of(configs)
+        config = config_from_settings(configs)
         return {f"{config.estimator.name}, {config.estimator.reach:g} m": config}
     if not isinstance(configs, Mapping) or not configs:
         raise ConfigError("configs must be a FieldConfig, or a mapping of labels to them")
-    return {label: config_of(config) for label, config in configs.items()}
+    return {label: config_from_settings(config) for label, config in configs.items()}
 
 
 def _driven(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | None:
@@ -227,11 +227,11 @@ def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     try:
         first = list(itertools.islice(seeds, 1001))
     except TypeError:
-        raise ConfigError(f"seeds must be several whole numbers, not {shown(seeds)}") from None
+        raise ConfigError(f"seeds must be several whole numbers, not {short_repr(seeds)}") from None
     if len(first) > 1000:
         raise ConfigError("a comparison has at most 1,000 seeds")
     _check_each_once("seed", first)
-    return [whole("each seed", seed, 1, MAX_SEED) for seed in first]
+    return [check_integer("each seed", seed, 1, MAX_SEED) for seed in first]
 
 
 def _check_each_once(name: str, values: Sequence[float]) -> None:
@@ -251,7 +251,7 @@ def _cases(
     """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
     for name, map_or_costmap in maps.items():
         if isinstance(queries, Mapping) and name not in queries:
-            raise ConfigError(f"there are no queries for map {shown(name)}")
+            raise ConfigError(f"there are no queries for map {short_repr(name)}")
         map_queries = queries[name] if isinstance(queries, Mapping) else queries
         case_queries: tuple[Query, ...] = ()
         if isinstance(map_or_costmap, Costmap):
@@ -276,11 +276,11 @@ def _cases(
 def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
     """The queries that `resolved_queries` has left random, or in a file."""
     if isinstance(asked, RandomQueries):
-        return queries_of(costs, asked.count, asked.min_distance, asked.seed, headed)
+        return normalize_queries(costs, asked.count, asked.min_distance, asked.seed, headed)
     if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":
         # A file may hold fifteen thousand.
         return tuple(read_scenarios(asked, costs.grid, count=100))
-    return queries_of(costs, asked, 0.0, 1, headed)
+    return normalize_queries(costs, asked, 0.0, 1, headed)
 
 
 def _weights(weights: Sequence[float] | None, case: Case, costs: Costmap) -> list[float]:
@@ -290,5 +290,5 @@ def _weights(weights: Sequence[float] | None, case: Case, costs: Costmap) -> lis
     for weight in case_weights:
         check_weight(weight)
     if any(case_weights) and math.isnan(costs.weight):
-        raise ConfigError(f"map {shown(case.map)} has no field, so that its only weight is 0")
+        raise ConfigError(f"map {short_repr(case.map)} has no field, so that its only weight is 0")
     return case_weights

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from locplan._support import drawing as styles
-from locplan._support.checks import printable
+from locplan._support.checks import make_printable
 from locplan._support.drawing import Picture, label_plainly
 from locplan._support.kernels.arrays import Floats
 from locplan.comparison.statistics import Run, Setting, grouped, median_costs, query_of
@@ -50,7 +50,7 @@ def cost_figure(comparison: Comparison) -> Figure:
     for place, row in enumerate(rows):
         _draw_cost(axes, place, row, low, high)
     axes.set_yticks(range(len(rows)), _row_names(rows), parse_math=False)
-    baseline = printable(comparison.baseline)
+    baseline = make_printable(comparison.baseline)
     axes.set(
         xlim=(low, high),
         ylim=(max(len(rows), 1) - 0.5, -0.5),
@@ -100,7 +100,7 @@ def _row_names(rows: list[Standing]) -> list[str]:
     ]
     columns = [len(set(column)) > 1 for column in zip(*parts, strict=True)]
     return [
-        printable(", ".join([row.summary.planner, *np.array(names)[columns].tolist()]))
+        make_printable(", ".join([row.summary.planner, *np.array(names)[columns].tolist()]))
         for row, names in zip(rows, parts, strict=True)
     ]
 
@@ -177,7 +177,7 @@ def path_figure(scene: Scene) -> Figure:
         line: Any = {"color": COLOURS[n % len(COLOURS)], "linestyle": DASHES[n % len(DASHES)]}
         effects = styles.outline(width + 1.4)
         draw_path(axes, path, linewidth=width, path_effects=effects, **line)
-        text = printable(f"{name}, J {scene.runs[name].measures['cost']:.1f} m")
+        text = make_printable(f"{name}, J {scene.runs[name].measures['cost']:.1f} m")
         handles.append(Line2D([], [], linewidth=2.2, label=text, **line))
     draw_ends(axes, scene.query.start, scene.query.goal)
     _show_part(axes, np.concatenate([path.xy for path in paths.values()]))

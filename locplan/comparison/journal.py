@@ -10,11 +10,11 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from locplan._support.checks import file_path
+from locplan._support.checks import check_file_path
 from locplan._support.files import errors_in_one_line, make_folder
-from locplan._support.reading import opened, parsed_json
-from locplan._support.saved import made
-from locplan._support.tables import finite
+from locplan._support.reading import open_file, parse_json
+from locplan._support.saved import decode_tree
+from locplan._support.tables import nan_to_none
 from locplan.comparison.statistics import STATUSES, Run, Task
 from locplan.errors import LocplanError
 
@@ -46,14 +46,14 @@ class Journal:
     def __init__(
         self, file: str | os.PathLike[str], settings: Mapping[str, Any], *, force: bool = False
     ) -> None:
-        self.path = file_path("a journal", file)
+        self.path = check_file_path("a journal", file)
         self.runs: dict[Task, Run] = {}
-        self._head = {"format": FORMAT, "version": VERSION, **finite(settings)}
+        self._head = {"format": FORMAT, "version": VERSION, **nan_to_none(settings)}
         self._has_made_folder = not self.path.parent.exists()
         make_folder(self.path.parent)
         with errors_in_one_line(self.path):
             if self.path.exists():
-                opened(self.path, 2**28).close()
+                open_file(self.path, 2**28).close()
             self._file = self.path.open("a+", encoding="ascii")
         try:
             self._lock()
@@ -84,7 +84,7 @@ class Journal:
         run : Run
             The run.
         """
-        self._append(finite(asdict(run)))
+        self._append(nan_to_none(asdict(run)))
         self.runs[run.task] = run
 
     def _read(self, force: bool) -> None:
@@ -115,7 +115,7 @@ class Journal:
 
     def _parsed_head(self, line: str) -> dict[str, Any]:
         try:
-            head = parsed_json(line)
+            head = parse_json(line)
             if str(head["format"]).startswith(FORMAT):  # version 1 had it in the same text
                 return dict(head)
         except (LookupError, TypeError, ValueError):
@@ -124,7 +124,7 @@ class Journal:
 
     def _check(self, head: Mapping[str, Any]) -> None:
         """Raise a LocplanError if the runs in the file are of other settings."""
-        current_settings = parsed_json(_line(self._head))
+        current_settings = parse_json(_line(self._head))
         names = [name for name in {**current_settings, **head} if current_settings.get(name) != head.get(name)]
         if names:
             raise LocplanError(
@@ -134,7 +134,7 @@ class Journal:
 
     def _parsed(self, number: int, line: str) -> Run:
         try:
-            run: Run = made(Run, parsed_json(line))
+            run: Run = decode_tree(Run, parse_json(line))
             if run.status not in STATUSES or math.isnan(run.task.weight):
                 raise ValueError("is no run")
             return run

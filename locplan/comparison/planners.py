@@ -7,22 +7,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from locplan._support.checks import shown
-from locplan._support.public import needed
+from locplan._support.checks import short_repr
+from locplan._support.public import require_extra
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
 from locplan.planning.ompl.planner import Ompl
 from locplan.planning.plans import check_ends, run_planner
 from locplan.planning.protocol import Planner, Position
-from locplan.planning.registry import PLANNERS, Entry, known_name, named_planner, names
+from locplan.planning.registry import PLANNERS, PlannerEntry, normalize_planner_name, planner_from_name, list_planner_names
 from locplan.planning.requests import (
     AnyPlanner,
     FunctionPlanner,
-    innermost,
-    options_of,
+    unwrap_planner,
+    find_changed_options,
     own_planner,
-    planner_for,
-    takes,
+    make_planner,
+    has_option,
     with_options,
 )
 from locplan.planning.results import Plan
@@ -66,14 +66,14 @@ class PlannerSpec:
         if isinstance(planner, str):
             return _parsed(planner)
         if isinstance(planner, PlannerSpec):
-            return cls(planner.label, planner_for(planner.planner))
-        made = planner_for(planner)
+            return cls(planner.label, make_planner(planner.planner))
+        made = make_planner(planner)
         if made.name == "<lambda>":
             raise ConfigError(
                 "a planner must be a name or a function with a name, such as"
-                f" PlannerSpec('mine', FunctionPlanner(f)), not {shown(planner)}"
+                f" PlannerSpec('mine', FunctionPlanner(f)), not {short_repr(planner)}"
             )
-        options = ",".join(f"{name}={value}" for name, value in options_of(made).items())
+        options = ",".join(f"{name}={value}" for name, value in find_changed_options(made).items())
         return cls(f"{made.name}:{options}" if options else made.name, made)
 
     def with_time_limit(self, limit: float | None) -> PlannerSpec:
@@ -84,7 +84,7 @@ class PlannerSpec:
         limit : float or None
             Time after which a planner ends [s], above 0; None changes nothing.
         """
-        ends = "iterations" in options_of(self.planner)
+        ends = "iterations" in find_changed_options(self.planner)
         return self if ends else self._with("time_limit", limit)
 
     def with_robot(self, robot: Robot | None) -> PlannerSpec:
@@ -98,8 +98,8 @@ class PlannerSpec:
         return self._with("robot", robot)
 
     def _with(self, option: str, value: Any) -> PlannerSpec:
-        is_decided = value is None or option in options_of(self.planner)
-        if is_decided or not takes(self.planner, option):
+        is_decided = value is None or option in find_changed_options(self.planner)
+        if is_decided or not has_option(self.planner, option):
             return self
         changed = with_options(self.planner, **{option: value})
         changed.check()
@@ -113,10 +113,10 @@ class PlannerSpec:
     @property
     def time_limit(self) -> float | None:
         """The time after which the planner ends by itself [s], if that is known."""
-        planner = innermost(self.planner)
+        planner = unwrap_planner(self.planner)
         if isinstance(planner, Ompl):
             return planner.seconds
-        limit = options_of(self.planner).get("time_limit")
+        limit = find_changed_options(self.planner).get("time_limit")
         return None if limit is None else float(limit)
 
     def seeds(self, seeds: Sequence[int]) -> tuple[int, ...]:
@@ -127,10 +127,10 @@ class PlannerSpec:
         seeds : sequence of int
             Seeds of the comparison, 1 to 2^32 - 1.
         """
-        planner_seed = options_of(self.planner).get("seed")
+        planner_seed = find_changed_options(self.planner).get("seed")
         if planner_seed is not None:
             return (int(planner_seed),)
-        return tuple(seeds) if takes(self.planner, "seed") else (0,)
+        return tuple(seeds) if has_option(self.planner, "seed") else (0,)
 
     @property
     def version(self) -> str | None:
@@ -146,12 +146,12 @@ class PlannerSpec:
         A user's planner counts as the same if its name, its declared version and its options are
         the same.
         """
-        options, planner = options_of(self.planner), own_planner(self.planner)
+        options, planner = find_changed_options(self.planner), own_planner(self.planner)
         if planner is None:
             return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
         code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
         version_text = "no version" if self.version is None else f"version {self.version}"
-        texts = {name: shown(value) for name, value in options.items()}
+        texts = {name: short_repr(value) for name, value in options.items()}
         return [getattr(code, "__qualname__", ""), version_text, texts]
 
     def plan(self, costs: Costmap, start: Position, goal: Position, seed: int) -> Plan:
@@ -174,7 +174,7 @@ class PlannerSpec:
             If a user's planner returns something else than a path that can be driven.
         """
         planner = self.planner
-        if takes(planner, "seed"):
+        if has_option(planner, "seed"):
             planner = with_options(planner, seed=seed)
         if planner.space == "R2":
             start, goal = start[:2], goal[:2]
@@ -200,11 +200,11 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
         raise ConfigError("a comparison needs at least one planner")
     labels = [spec.label for spec in specs]
     for spec in specs:
-        name = f"planner {shown(spec.label)}"
+        name = f"planner {short_repr(spec.label)}"
         if labels.count(spec.label) > 1:
             raise ConfigError(f"{name} is there twice; leave one out, or name it anew")
         if spec.guarded:  # it is sent to workers by value
-            needed("cloudpickle", "functions", f"{name}, one of your own,")
+            require_extra("cloudpickle", "functions", f"{name}, one of your own,")
     return specs
 
 
@@ -225,16 +225,16 @@ def _parsed(text: str) -> PlannerSpec:
     label = f"{name}:{squeezed}" if parts else name
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
     # Only comparisons know it by name, since it needs more than a costmap.
-    planners_by_name = PLANNERS | {"simulated choice": Entry(SimulatedChoice, "simulated error")}
+    planners_by_name = PLANNERS | {"simulated choice": PlannerEntry(SimulatedChoice, "simulated error")}
     try:
         if name:
-            name = known_name(name, planners_by_name)
-        if name in (*names(), "") or limits["budget"] is not None:
-            planner = planner_for(name, options, **limits)
+            name = normalize_planner_name(name, planners_by_name)
+        if name in (*list_planner_names(), "") or limits["budget"] is not None:
+            planner = make_planner(name, options, **limits)
         else:
-            planner = planner_for(named_planner(name, options, planners_by_name), **limits)
+            planner = make_planner(planner_from_name(name, options, planners_by_name), **limits)
     except LocplanError as error:
-        raise ConfigError(f"planner {shown(label)}: {error}") from None
+        raise ConfigError(f"planner {short_repr(label)}: {error}") from None
     return PlannerSpec(f"{name}:{squeezed}" if parts else name, planner)
 
 
@@ -253,11 +253,11 @@ def parse_options(text: str, rest: str) -> dict[str, Any]:
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals and value):
             raise ConfigError(
-                f"planner {shown(text)}: {shown(part)} must be NAME=VALUE, such as time_limit=2"
+                f"planner {short_repr(text)}: {short_repr(part)} must be NAME=VALUE, such as time_limit=2"
             )
         if name.partition(".")[0] == "settings":
             raise ConfigError(
-                f"planner {shown(text)}: write OMPL's settings by their names, such as range=2"
+                f"planner {short_repr(text)}: write OMPL's settings by their names, such as range=2"
             )
         options[name] = _value(value)
     return options

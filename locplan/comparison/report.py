@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup, escape
 
-from locplan._support.public import png_of, templates_of
+from locplan._support.public import render_png, load_templates
 from locplan.comparison.figures import cost_figure, most_telling_scene, path_figure
 from locplan.comparison.result import Comparison, Standing
 from locplan.comparison.statistics import Run, grouped
@@ -41,7 +41,7 @@ class Drawing(NamedTuple):
 
 def write_report(path: Path, comparison: Comparison) -> None:
     """Write the report; names, labels and notes may hold any text."""
-    environment = templates_of("locplan.comparison", autoescape=True, lstrip_blocks=True)
+    environment = load_templates("locplan.comparison", autoescape=True, lstrip_blocks=True)
     environment.filters |= {"breakable": breakable, "key": key, "number": number}
     script = environment.get_template("report.js").render()
     rows = comparison.standings()
@@ -115,7 +115,7 @@ def drawings(comparison: Comparison) -> Iterator[Drawing]:
 
 
 def _url(figure: Any) -> str:
-    return f"data:image/png;base64,{base64.b64encode(png_of(figure, dpi=130)).decode()}"
+    return f"data:image/png;base64,{base64.b64encode(render_png(figure, dpi=130)).decode()}"
 
 
 def failures(comparison: Comparison) -> list[list[Run]]:

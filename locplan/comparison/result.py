@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from locplan._support.output import Results
 from locplan._support.records import Column, Result, Table
-from locplan._support.saved import plain
-from locplan._support.tables import wrapped
+from locplan._support.saved import to_plain_data
+from locplan._support.tables import wrap_lines
 from locplan.comparison import statistics
 from locplan.comparison.benchmarks import write_ompl_logs
 from locplan.comparison.statistics import Contrast, Run, Setting, Summary, contrasts
@@ -223,7 +223,7 @@ class Comparison(Result):
 
     def table(self) -> Table:
         """Each planner's success, J, degeneracy and time, by map, settings and weight."""
-        return Table.of(STANDINGS, self.standings())
+        return Table.from_records(STANDINGS, self.standings())
 
     def report(self) -> str:
         """A table for each map, settings and weight, with what is to be said of J below it.
@@ -234,19 +234,19 @@ class Comparison(Result):
         for setting, group in itertools.groupby(self.standings(), lambda row: row.setting):
             rows = list(group)
             parts.append(f"{setting.map}, {setting.config}, weight {setting.weight:g}")
-            parts.append(str(Table.of(STANDINGS, rows)))
+            parts.append(str(Table.from_records(STANDINGS, rows)))
             runs = [run for run in self.runs if statistics.setting_of(run) == setting]
             sentences = [
                 _failure(runs, r.summary.planner)
                 or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._undriven(r)}"
                 for r in rows
             ]
-            parts += wrapped(sentences)
+            parts += wrap_lines(sentences)
         note = (
             "n: queries that planner and baseline both solved. Over these: the ratio of J, and the"
             " medians of J, of the baseline's (base J), of degenerate metres (∫u) and of time."
         )
-        return "\n".join([*parts, *wrapped([note])])
+        return "\n".join([*parts, *wrap_lines([note])])
 
     def _undriven(self, row: Standing) -> str:
         """How many of a planner's paths the robot cannot drive, for the end of a sentence."""
@@ -261,7 +261,7 @@ class Comparison(Result):
 
     def to_frame(self) -> Any:
         """A pandas data frame with one row for every run; a LocplanError without pandas."""
-        return Table.of(statistics.RUN_COLUMNS, self.runs).to_frame()
+        return Table.from_records(statistics.RUN_COLUMNS, self.runs).to_frame()
 
     def summary(self) -> dict[str, Any]:
         """The settings and all statistics, fit for JSON."""
@@ -299,7 +299,7 @@ class Comparison(Result):
 
         write_report(folder / "report.html", self)
         self.table().write_csv(folder / "comparison.csv")
-        Table.of(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
+        Table.from_records(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
         seconds, size = (self.about.get(name) or math.nan for name in ("time_limit", "memory"))
         write_ompl_logs(
             self.runs,
@@ -321,4 +321,4 @@ class Comparison(Result):
 
 def _plain(figures: Summary | Contrast) -> dict[str, Any]:
     """Return statistics as plain data, with the map, field and weight by name."""
-    return plain(figures) | {"setting": figures.setting._asdict()}
+    return to_plain_data(figures) | {"setting": figures.setting._asdict()}

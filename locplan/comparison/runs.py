@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan._support.progress import ProgressCallback
 from locplan.comparison.journal import Journal
 from locplan.comparison.planners import PlannerSpec
@@ -70,13 +70,13 @@ def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
     """Raise a LocplanError unless all planners' spaces hold the ends of all queries."""
     names = [query.name for query in case.queries]
     if not names or len(set(names)) < len(names):
-        raise ConfigError(f"map {shown(case.map)} needs queries, each with a name of its own")
+        raise ConfigError(f"map {short_repr(case.map)} needs queries, each with a name of its own")
     for query, space in itertools.product(case.queries, {"R2", *spaces}):
         headed = slice(None) if space != "R2" else slice(2)
         try:
             check_ends(costs, query.start[headed], query.goal[headed], space=space)
         except LocplanError as error:
-            where = f"map {shown(case.map)}, query {shown(query.name)}"
+            where = f"map {short_repr(case.map)}, query {short_repr(query.name)}"
             raise LocplanError(f"{where}: {error}") from None
 
 

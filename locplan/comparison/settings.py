@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from locplan import __version__
-from locplan._support.checks import check_memory, check_workers, is_whole, positive
+from locplan._support.checks import check_memory, check_workers, is_integer, check_positive
 from locplan._support.progress import ProgressCallback
 from locplan._support.reading import read_text
 from locplan.field.config import FieldConfig
@@ -25,7 +25,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
-from locplan.planning.queries import check_random, queries_of
+from locplan.planning.queries import check_random, normalize_queries
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class Execution:
 
     def __post_init__(self) -> None:
         check_workers(self.workers)
-        positive("patience", self.patience, "s")
+        check_positive("patience", self.patience, "s")
         if self.memory is not None:
-            positive("memory", self.memory, "bytes")
+            check_positive("memory", self.memory, "bytes")
             check_memory("runs of so much memory", self.memory, "set less")
 
 
@@ -81,12 +81,12 @@ def resolved_queries(queries: Any) -> Any:
     """Return random queries, a file, queries, or a mapping of these."""
     if isinstance(queries, Mapping):
         return {name: resolved_queries(map_queries) for name, map_queries in queries.items()}
-    if is_whole(queries):
+    if is_integer(queries):
         return RandomQueries(queries)
     if isinstance(queries, (RandomQueries, str, os.PathLike)):
         return queries
     nowhere: Any = None  # only random queries need a costmap
-    return queries_of(nowhere, queries, 0.0, 1)
+    return normalize_queries(nowhere, queries, 0.0, 1)
 
 
 def described_queries(queries: Any) -> Any:

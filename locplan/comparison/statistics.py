@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.intervals import Interval, wilson
+from locplan._support.intervals import Interval, compute_wilson_interval
 from locplan._support.records import Column
 from locplan.errors import LocplanError
 from locplan.field.covariance import DEGENERATE
@@ -202,7 +202,7 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     for (setting, planner), group in by_planner(runs, pooled).items():
         solved = [run for run in group if run.status == "solved"]
         shares = [np.mean([run.status == "solved" for run in query_runs]) for _, query_runs in by_query(group)]
-        success = wilson(float(np.mean(shares)), len(shares))
+        success = compute_wilson_interval(float(np.mean(shares)), len(shares))
         columns = zip(MEASURES, values_of(solved).T, strict=True)
         measures = {name: quartiles(column) for name, column in columns}
         planner_summaries.append(Summary(setting, planner, len(group), len(solved), success, measures))

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from locplan._support.checks import one_of
+from locplan._support.checks import check_choice
 from locplan._support.files import PICTURES, check_target
-from locplan._support.output import Output, destination
+from locplan._support.output import Output, strip_staging_folder
 from locplan._support.progress import working
-from locplan._support.saved import plain
-from locplan._support.tables import table
+from locplan._support.saved import to_plain_data
+from locplan._support.tables import format_table
 from locplan.errors import LocplanError
 from locplan.export.plain_files import field
 from locplan.field.config import FieldConfig
@@ -22,7 +22,7 @@ from locplan.field.covariance import SCALARS
 from locplan.field.field import CovarianceField
 from locplan.field.files import FIELD_SUFFIX
 from locplan.field.summary import FieldSummary
-from locplan.maps.files import find_maps, load_map, name_of
+from locplan.maps.files import find_maps, load_map, map_name_from_file
 from locplan.maps.grid import OccupancyGrid
 
 PURPOSES = {f"*{FIELD_SUFFIX}": "the field, for --field", "*": "the picture"}
@@ -128,7 +128,7 @@ def field_jobs(
         If a file cannot be written, the fields have no such scalar, or two maps have one name.
     """
     if scalar:
-        one_of("the picture", scalar, [*SCALARS, *(layer.name for layer in config.estimator.layers)])
+        check_choice("the picture", scalar, [*SCALARS, *(layer.name for layer in config.estimator.layers)])
     files = find_maps(*maps)
     if len(files) == 1:
         job = FieldJob(files[0], output, scalar, force=force)
@@ -142,7 +142,7 @@ def field_jobs(
         raise LocplanError(f"{output}: of {len(files)} maps; name a folder, for a file each")
     homes: dict[str, Path] = {}
     for file in files:
-        other = homes.setdefault(name_of(file), file)
+        other = homes.setdefault(map_name_from_file(file), file)
         if other != file:
             raise LocplanError(f"{other} and {file} have one name; run them apart, or rename")
     suffix = ".png" if scalar else FIELD_SUFFIX
@@ -172,7 +172,7 @@ class FieldRun:
 
     def to_json(self) -> dict[str, Any]:
         """The run, fit for JSON."""
-        summary_values = plain(self.summary) if self.summary else {"map": name_of(self.file)}
+        summary_values = to_plain_data(self.summary) if self.summary else {"map": map_name_from_file(self.file)}
         run_values = {"error": self.error, "seconds": round(self.seconds, 3)}
         return {"file": str(self.file)} | summary_values | run_values
 
@@ -200,9 +200,9 @@ def run_field_jobs(
             started = time.perf_counter()
             summary, reason = None, None
             try:
-                summary = FieldSummary.of(job.run(compute, folder))
+                summary = FieldSummary.from_field(job.run(compute, folder))
             except LocplanError as error:
-                reason = destination(str(error))
+                reason = strip_staging_folder(str(error))
                 if str(job.map_file) not in reason:
                     reason = f"{job.map_file}: {reason}"
             yield FieldRun(job.map_file, summary, reason, time.perf_counter() - started)
@@ -219,7 +219,7 @@ def field_runs_table(runs: Sequence[FieldRun]) -> str:
     rows, std = [], SCALARS["position_std"]
     for run in runs:
         if (found := run.summary) is None:
-            rows.append([name_of(run.file), "–", "–", "–", "–", "failed"])
+            rows.append([map_name_from_file(run.file), "–", "–", "–", "–", "failed"])
         else:
             position = f"{found.position_std.median_text(std.factor)} {std.unit}"
             cells, share = f"{found.cells_evaluated:,}", f"{found.saturated_share:.0%}"
@@ -227,4 +227,4 @@ def field_runs_table(runs: Sequence[FieldRun]) -> str:
             rows.append([found.map, cells, *texts])
     errors = [f"failed: {run.error}" for run in runs if run.error]
     columns = ["map", "cells", "median position std", "median e", "saturated", "took"]
-    return "\n".join([table(columns, rows), *errors])
+    return "\n".join([format_table(columns, rows), *errors])

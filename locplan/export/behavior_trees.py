@@ -75,12 +75,12 @@ def with_tree(
         for kind, name in kinds.items()
         if f"<ComputePath{kind}" in text
     }
-    merged = merged.changed("bt_navigator", tree_parameters)
-    server = merged.of(node := "smoother_server")
+    merged = merged.with_values("bt_navigator", tree_parameters)
+    server = merged.node_parameters(node := "smoother_server")
     names = merged.names(node, "smoother_plugins", [SMOOTHER] if server else [])
     if planner.any_angle and SMOOTHER not in names:
         smoother: dict[str, Any] = {"plugin": "nav2_smoother::SimpleSmoother", "tolerance": 1e-10}
         smoother |= {"max_its": 1000, "do_refinement": True}
         settings = {f"{SMOOTHER}.{name}": value for name, value in smoother.items()}
-        merged = merged.changed(node, {"smoother_plugins": [*names, SMOOTHER], **settings})
+        merged = merged.with_values(node, {"smoother_plugins": [*names, SMOOTHER], **settings})
     return merged, text

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from locplan._support.drawing import FIELD_COLOURS, LIGHT_MAP_COLOURS, PREVIEW_DPI, save_figure
 from locplan.export.route_graph import RouteGraph
 from locplan.maps.figures import (
-    coarse,
+    downsample_map,
     draw_cells,
     draw_map,
     draw_zones,
     map_axes,
     map_size,
-    shrunk,
+    downsample,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
@@ -61,7 +61,7 @@ def values_figure(
     zones : Zones, optional
         The zones to draw.
     """
-    grid, coarse_values = coarse(grid, 1000), shrunk(values, maximum=True, most=1000)
+    grid, coarse_values = downsample_map(grid, 1000), downsample(values, maximum=True, max_blocks=1000)
     figure, axes = map_axes(grid)
     draw_map(axes, grid)
     if (coarse_values >= 0).any():

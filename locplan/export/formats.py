@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from locplan._support.checks import number
+from locplan._support.checks import check_number
 from locplan.errors import ConfigError
 from locplan.export.registry import (
     LEAD,
@@ -76,8 +76,8 @@ class SpeedOptions(Nav2Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        number("slowest", self.slowest, 0.01, 1)
-        number("speed_lead", self.speed_lead or 0.0, 0)
+        check_number("slowest", self.slowest, 0.01, 1)
+        check_number("speed_lead", self.speed_lead or 0.0, 0)
 
 
 def write_keepout(target: Path, job: ExportJob, options: ChargedOptions) -> ExportSummary:
@@ -165,7 +165,7 @@ class PathOptions(InFrame):
 
     def __post_init__(self) -> None:
         if self.step is not None:
-            number("step", self.step, 0.001)
+            check_number("step", self.step, 0.001)
 
 
 def write_path(target: Path, job: ExportJob, options: PathOptions) -> ExportSummary:

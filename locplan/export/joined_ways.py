@@ -124,7 +124,7 @@ def _between_same(
 
 def apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
     """Whether two ways lie farther apart than ways that are one."""
-    first_xy, second_xy = (Path(nodes[list(node_list)]).resampled(SPACING).xy for node_list in (way, other))
+    first_xy, second_xy = (Path(nodes[list(node_list)]).resample(SPACING).xy for node_list in (way, other))
     distances = np.hypot(*(first_xy[:, None] - second_xy[None]).transpose(2, 0, 1))
     return bool(max(distances.min(axis=0).max(), distances.min(axis=1).max()) > MERGED)
 

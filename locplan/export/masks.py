@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import one_of
+from locplan._support.checks import check_choice
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.tables import finite
+from locplan._support.tables import nan_to_none
 from locplan.errors import ConfigError
 from locplan.export.registry import ExportSummary
 from locplan.maps.grid import OccupancyGrid
@@ -296,7 +296,7 @@ class Conversion:
 
     def facts(self) -> ExportSummary:
         """Return the facts by name, and as rows of a table for people."""
-        paths = [finite(dataclasses.asdict(each)) for each in self.paths]
+        paths = [nan_to_none(dataclasses.asdict(each)) for each in self.paths]
         values = {
             "planner": self.planner.name,
             "parameter": self.planner.parameter,
@@ -328,7 +328,7 @@ class Conversion:
 
 def checked_planner(name: str, param: float | None) -> NavPlanner:
     """One of `PLANNERS`; another name, or a parameter that it cannot have, is a ConfigError."""
-    one_of("planner", name, PLANNERS)
+    check_choice("planner", name, PLANNERS)
     planner = PLANNERS[name]
     if param is not None and planner.parameter is None:
         raise ConfigError(f"{name} has no parameter that scales costs")

@@ -45,7 +45,7 @@ from locplan.export.registry import DISTRO, LEAD, SLOWEST, export_folder
 from locplan.export.servers import Server, write_servers
 from locplan.export.values import speed_mask, unturn, write_values
 from locplan.maps.zones import FILE as ZONES, Zones
-from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.metrics import costs_caption
 from locplan.planning.path import Path as Route
 from locplan.robots.parameters import Nav2Parameters
@@ -297,7 +297,7 @@ def _write(
     servers = [
         server for mask_kind, stem in stems.items() for server in _mask_servers(mask_kind, stem)
     ]
-    about = {"kind": f"nav2-{kind}", **about_costs(costs), **about}
+    about = {"kind": f"nav2-{kind}", **summarize_costs(costs), **about}
     about |= {"distro": robot.distribution.name, "changed_parameters": changed}
     unturned, file = unturn(costs), robot.file and robot.file.name
     grid = unturned.grid
@@ -357,7 +357,7 @@ VECTOR_OBJECTS = "vector_objects.yaml"
 def _no_go_shapes(zones: Zones) -> dict[str, Any]:
     """Polygons of the no-go zones by name, as the vector object server's parameters have them."""
     shapes = {}
-    for number, zone in enumerate(zones.closed, 1):
+    for number, zone in enumerate(zones.no_go_zones, 1):
         points = zone.polygon.round(6).ravel().tolist()
         shape = {"type": "polygon", "frame_id": "map", "closed": True, "value": 100}
         shapes[f"no_go_{number}"] = {**shape, "points": points}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from locplan._support.checks import one_of
+from locplan._support.checks import check_choice
 from locplan._support.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
 from locplan.errors import LocplanError
 from locplan.export.masks import PLANNERS, Conversion
@@ -57,7 +57,7 @@ def parameter_files(before: Nav2Parameters, after: Nav2Parameters) -> tuple[dict
     text, has_comments = _text_of(before, after)
     files = {"nav2.yaml": text}
     if len(before.files) > 1:
-        files["merged.yaml"] = yaml_text(after.merged().content).encode()
+        files["merged.yaml"] = yaml_text(after.merge_files().content).encode()
     return files, has_comments
 
 
@@ -67,7 +67,7 @@ def _text_of(before: Nav2Parameters, after: Nav2Parameters) -> tuple[bytes, bool
     changed = [new for old, new in pairs if old.content != new.content] or [*after.files][:1]
     path = changed[0].path if len(changed) == 1 else None
     if path is None:
-        return yaml_text(after.merged().content).encode(), False
+        return yaml_text(after.merge_files().content).encode(), False
     try:
         return edited_files(before, after).get(path) or path.read_bytes(), True
     except LocplanError:
@@ -89,7 +89,7 @@ def write_merged(target: Path, paths: Sequence[str | Path]) -> None:
     LocplanError
         If a file cannot be read.
     """
-    target.write_text(yaml_text(read_parameters(*paths).merged().content), "utf-8")
+    target.write_text(yaml_text(read_parameters(*paths).merge_files().content), "utf-8")
 
 
 def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
@@ -188,7 +188,7 @@ def distribution(name: str) -> Distribution:
     ConfigError
         If there is none of this name.
     """
-    one_of("distro", name, DISTRIBUTIONS)
+    check_choice("distro", name, DISTRIBUTIONS)
     return DISTRIBUTIONS[name]
 
 
@@ -228,7 +228,7 @@ class Robot:
     def file(self) -> Path | None:
         """The file with its global costmap or planners, or the first one; None without a file."""
         nodes = GLOBAL_COSTMAP, PLANNER_SERVER
-        having = (self.parameters.file_of(node) for node in nodes)
+        having = (self.parameters.find_file_index(node) for node in nodes)
         at = next((at for at in having if at is not None), 0)
         return self.files[at] if self.files else None
 
@@ -280,7 +280,7 @@ class Robot:
         """That another speed filter limits the same robot."""
         advice = "both publish limits, and the one that came last counts: merge the masks, or leave"
         for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-            for name, value in self.parameters.of(costmap).items():
+            for name, value in self.parameters.node_parameters(costmap).items():
                 layer, _, last = name.rpartition(".")
                 if last == "plugin" and layer != own and str(value).endswith("SpeedFilter"):
                     where = costmap.partition("/")[0]
@@ -288,7 +288,7 @@ class Robot:
 
     def of_radius(self, radius: float) -> Iterator[str]:
         """That it is larger than the robot that lanes were made for."""
-        own = self.parameters.of(GLOBAL_COSTMAP).get("robot_radius")
+        own = self.parameters.node_parameters(GLOBAL_COSTMAP).get("robot_radius")
         if isinstance(own, (int, float)) and own > radius + 1e-9 and math.isfinite(own):
             yield (
                 f"its robot_radius is {own:g} m, but the ways are for {radius:g} m; give"
@@ -297,7 +297,7 @@ class Robot:
 
     def _misspelt(self) -> Iterator[str]:
         """That its planners are written as in another distribution."""
-        server = self.parameters.of(PLANNER_SERVER)
+        server = self.parameters.node_parameters(PLANNER_SERVER)
         for name in self.planners:
             plugin = str(server.get(f"{name}.plugin", ""))
             if "/" in plugin and not self.distribution.slashes:
@@ -320,7 +320,7 @@ def with_costmap(robot: Robot, *kinds: str) -> Nav2Parameters:
             filter_settings |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
         names = names if plugin in names else [*names, plugin]
         changes |= _settings(plugin, filter_settings)
-    return robot.parameters.changed(GLOBAL_COSTMAP, {"filters": names, **changes})
+    return robot.parameters.with_values(GLOBAL_COSTMAP, {"filters": names, **changes})
 
 
 def with_planner(
@@ -332,7 +332,7 @@ def with_planner(
     time for planning; besides others ours gets a name of its own.
     """
     planner, runs = conversion.planner, robot.distribution
-    server, names = merged.of(PLANNER_SERVER), list(robot.planners)
+    server, names = merged.node_parameters(PLANNER_SERVER), list(robot.planners)
     same_type = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     name = same_type[0] if same_type else "Localizability" if names else "GridBased"
     plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin
@@ -352,7 +352,7 @@ def with_planner(
     for other, other_type in robot.planners.items():  # Nav2 fills in a type of its own list only
         if planner_list != names and other_type and f"{other}.plugin" not in server:
             changes[f"{other}.plugin"] = other_type.replace("::", "/" if runs.slashes else "::")
-    return merged.changed(PLANNER_SERVER, changes), name
+    return merged.with_values(PLANNER_SERVER, changes), name
 
 
 def _settings(name: str, own: dict[str, Any]) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def path(
     file = FilePath(path)
     check_target(file, *PATH_SUFFIXES)
     if step is not None:
-        route = route.resampled(step)
+        route = route.resample(step)
     poses = np.column_stack([route.xy, route.facing, route.distance])
     names = ("x", "y", "heading", "distance")
     suffix = file.suffix.lower()
@@ -89,4 +89,4 @@ def field(path: str | os.PathLike[str], computed: CovarianceField) -> None:
     LocplanError
         If the suffix is another, or the file cannot be written.
     """
-    computed.save(path, others={"u_map": Costmap.from_field(computed.grid, computed).u})
+    computed.save(path, extra_arrays={"u_map": Costmap.from_field(computed.grid, computed).u})

@@ -127,7 +127,7 @@ def steeper_inflation(
     taken = [f"{each.name} ({each.text})" for each in steep_paths if each.follows]
     if not taken:
         return ""
-    server = robot.parameters.of(PLANNER_SERVER)
+    server = robot.parameters.node_parameters(PLANNER_SERVER)
     names = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     today = server.get(f"{names[0]}.{planner.parameter}", planner.default) if names else None
     today = planner.default if not isinstance(today, (int, float)) else float(today)
@@ -197,7 +197,7 @@ def roomy_cost(costs: Costmap, path: Path) -> float:
 
 def clearance_along(grid: OccupancyGrid, path: Path) -> tuple[Floats, Floats]:
     """Positions (n, 2) along a path a cell apart, and the distance from walls of each [m]."""
-    xy = path.resampled(grid.resolution).xy
+    xy = path.resample(grid.resolution).xy
     rows, cols = (values.astype(int) for values in grid.world_to_grid(*xy.T))
     rows, cols = np.clip(rows, 0, grid.shape[0] - 1), np.clip(cols, 0, grid.shape[1] - 1)
     return xy, grid.clearance[rows, cols]

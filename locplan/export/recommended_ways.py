@@ -26,7 +26,7 @@ from locplan.export.route_graph import (
 )
 from locplan.export.values import unturn, where_unturned
 from locplan.maps.grid import OccupancyGrid
-from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.path import Path
 
 ONE_PLACE = 2 * SAME
@@ -191,7 +191,7 @@ def nav2_routes(
     ways = recommended_ways(unturned, paths)
     name = grid.name or "a map"
     metadata = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
-    metadata |= {"queries": list(ways.ways), "followed": list(ways.followed)} | about_costs(costs)
+    metadata |= {"queries": list(ways.ways), "followed": list(ways.followed)} | summarize_costs(costs)
     template_values: dict[str, Any] = {"map": name, "ways": ways, "robot": robot, "costs": costs}
     template_values |= {"nodes": ways.graph.nodes, "ends": (1, 2)}
     with export_folder(folder, "nav2-routes.md", metadata, force, **template_values) as temporary:

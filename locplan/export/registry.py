@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from locplan._support.files import check_target
 from locplan._support.output import Output
-from locplan._support.public import templates_of
+from locplan._support.public import load_templates
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -263,7 +263,7 @@ def export_folder(
 
 def rendered(template: str, **known: Any) -> str:
     """The text of one of our templates with what is known."""
-    templates = templates_of("locplan.export", keep_trailing_newline=True)
+    templates = load_templates("locplan.export", keep_trailing_newline=True)
     return templates.get_template(template).render(known)
 
 

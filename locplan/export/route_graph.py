@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.tables import collection, feature, write_geojson
+from locplan._support.tables import make_collection, make_feature, write_geojson
 from locplan.errors import ConfigError
 from locplan.export.parameters import Robot, parameter_files
 from locplan.export.registry import FRAME
@@ -138,7 +138,7 @@ def to_geojson(graph: RouteGraph, frame: str = FRAME) -> dict[str, Any]:
             " paths"
         )
     xy = graph.nodes.tolist()
-    features = [feature("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, 1)]
+    features = [make_feature("Point", at, {"id": n, "frame": frame}) for n, at in enumerate(xy, 1)]
     names = ("length", "integrated_e", "integrated_u", "penalty")
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
     for edge, (start, end) in enumerate(graph.edges.tolist()):
@@ -146,9 +146,9 @@ def to_geojson(graph: RouteGraph, frame: str = FRAME) -> dict[str, Any]:
         properties: dict[str, Any] = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
         properties |= {"cost": float(graph.cost[edge]), "overridable": True}
         properties |= {"metadata": {name: value for name, value in edge_values if math.isfinite(value)}}
-        features.append(feature("LineString", [xy[start], xy[end]], properties))
+        features.append(make_feature("LineString", [xy[start], xy[end]], properties))
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
-    return collection("graph", features, crs=crs)
+    return make_collection("graph", features, crs=crs)
 
 
 def write_graph(
@@ -167,14 +167,14 @@ def write_graph(
         **{f"{name}.plugin": f"nav2_route::{name}" for name in plugins},
         "smooth_corners": False,  # arcs would leave the edges, which were checked
     }
-    robot_settings, file = robot.parameters.of(node := "route_server"), "graph.geojson"
+    robot_settings, file = robot.parameters.node_parameters(node := "route_server"), "graph.geojson"
     robot_settings.pop("graph_filepath", None)
-    merged_settings = Nav2Parameters().changed(node, robot_settings | server_settings).content[node]["ros__parameters"]
+    merged_settings = Nav2Parameters().with_values(node, robot_settings | server_settings).content[node]["ros__parameters"]
     server = Server("nav2_route", node, node, merged_settings, {"graph_filepath": file})
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
     if robot.file:
         place = {"graph_filepath": str(target.resolve() / file)}
-        robot.warn_changed(merged := robot.parameters.changed(node, server_settings | place))
+        robot.warn_changed(merged := robot.parameters.with_values(node, server_settings | place))
         for name, content in parameter_files(robot.parameters, merged)[0].items():
             (folder / name).write_bytes(content)
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import FARTHEST, file_path, finite_numbers, is_whole, shown
+from locplan._support.checks import FARTHEST, check_file_path, parse_finite_numbers, is_integer, short_repr
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.export.joined_ways import Lines
 from locplan.export.parameters import Params, Robot
@@ -20,7 +20,7 @@ from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
 from locplan.export.values import unturn
 from locplan.maps.grid import extent_text
-from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.costmap import Costmap, summarize_costs
 
 TAG = "localization"
 """Key of our cost in the metadata of an edge."""
@@ -58,9 +58,9 @@ class UserGraph:
         frame : str, default "map"
             Frame of the map, in which the nodes must be.
         """
-        path = file_path("a route graph", file)
+        path = check_file_path("a route graph", file)
         try:
-            return cls.of(parsed_json(read_text(path, MAX_JSON_BYTES)), frame)
+            return cls.of(parse_json(read_text(path, MAX_JSON_BYTES)), frame)
         except (ConfigError, ValueError) as error:
             fault = error if isinstance(error, ConfigError) else f"is not JSON: {error}"
             raise LocplanError(f"{path}: {fault}") from None
@@ -237,7 +237,7 @@ def nav2_graph(
         if not set_cost and features[place]["properties"].get("overridable") is False
     ]
     values = {"nodes": len(user_graph.nodes), "edges": len(user_graph.edges)}
-    metadata = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | about_costs(costs)
+    metadata = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | summarize_costs(costs)
     name = costs.grid.name or "a map"
     template_values: dict[str, Any] = {"map": name, "graph": Path(graph).name, "robot": robot, "costs": costs}
     template_values |= {"nodes": user_graph.nodes, "ends": user_graph.node_ids[:2], "set_cost": set_cost}
@@ -263,14 +263,14 @@ def _read_nodes(features: Sequence[Any], frame: str) -> dict[int, tuple[float, .
         node = _id_of(properties, "id", f"feature {place + 1}, a node,")
         if node in nodes:
             raise ConfigError(f"two nodes have the id {node}; give each node its own id")
-        xy = finite_numbers(coordinates)[:2] if isinstance(coordinates, list) else ()
+        xy = parse_finite_numbers(coordinates)[:2] if isinstance(coordinates, list) else ()
         if len(xy) != 2 or max(map(abs, xy)) > FARTHEST:
             raise ConfigError(
-                f"node {node} needs coordinates [x, y] in metres, not {shown(coordinates)}"
+                f"node {node} needs coordinates [x, y] in metres, not {short_repr(coordinates)}"
             )
         if properties.get("frame", frame) not in ("", frame):
             raise ConfigError(
-                f"node {node} is in the frame {shown(properties['frame'])}, and the map in"
+                f"node {node} is in the frame {short_repr(properties['frame'])}, and the map in"
                 f" {frame!r}; transform the graph, or name its frame with --frame"
             )
         nodes[node] = xy
@@ -297,7 +297,7 @@ def _read_edges(
         metadata = properties.get("metadata")
         if not isinstance(metadata, (dict, type(None))):
             raise ConfigError(
-                f"edge {edge} has the metadata {shown(metadata)}; write them as an object"
+                f"edge {edge} has the metadata {short_repr(metadata)}; write them as an object"
             )
         edges[edge] = place, tuple(index[node] for node in ends.values())
     if not edges:
@@ -317,8 +317,8 @@ def _features_of(features: Sequence[Any], kind: str) -> Iterator[tuple[int, Any,
 
 def _id_of(properties: Mapping[str, Any], name: str, owner: str) -> int:
     value = properties.get(name)
-    if not is_whole(value) or not 0 <= value <= MAX_ID:
-        fault = "has no" if value is None else f"has {shown(value)} as its"
+    if not is_integer(value) or not 0 <= value <= MAX_ID:
+        fault = "has no" if value is None else f"has {short_repr(value)} as its"
         raise ConfigError(f"{owner} {fault} {name}; write a whole number from 0 to {MAX_ID}")
     return int(value)
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import number
+from locplan._support.checks import check_number
 from locplan._support.kernels.arrays import Floats
-from locplan._support.reading import dumped
+from locplan._support.reading import dump_yaml
 from locplan.errors import ConfigError
 from locplan.export.registry import check_has_field, export_folder
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
-from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.metrics import costs_caption
 
 
@@ -73,7 +73,7 @@ def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> N
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,
     }
-    stem.with_suffix(".yaml").write_text(dumped(yaml_fields, default_flow_style=None), "utf-8")
+    stem.with_suffix(".yaml").write_text(dump_yaml(yaml_fields, default_flow_style=None), "utf-8")
 
 
 def percent(costs: Costmap) -> NDArray[np.int8]:
@@ -104,8 +104,8 @@ def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
     """
     import cv2
 
-    number("slowest", slowest, 0.01, 1)
-    number("lead", lead, 0)
+    check_number("slowest", slowest, 0.01, 1)
+    check_number("lead", lead, 0)
     if slowest < 1:
         check_has_field(costs)
     is_known = costs.grid.free if slowest == 1 else ~np.isnan(costs.u)
@@ -140,7 +140,7 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
     from locplan.export import figures as _figures
 
     values = percent(costs)
-    metadata = {"kind": "ros-map"} | about_costs(costs)
+    metadata = {"kind": "ros-map"} | summarize_costs(costs)
     grid = without_yaw(costs.grid)
     purposes = {"README.md": "how to use it", "*.yaml": "u in per cent, as a map of ROS"}
     name = grid.name or "a map"

@@ -1,6 +1,6 @@
 """The covariance field of a map: estimators, settings, files and cache."""
 
-from locplan.field.config import FieldConfig, equipped, load_config, save_config
+from locplan.field.config import FieldConfig, equip_robot, load_config, save_config
 from locplan.field.covariance import position_axes, scalar
 from locplan.field.estimator import Estimator
 from locplan.field.estimators import ESTIMATORS
@@ -24,7 +24,7 @@ __all__ = [
     "Scan",
     "SearchWindow",
     "covariance_field",
-    "equipped",
+    "equip_robot",
     "load_config",
     "load_or_compute",
     "position_axes",

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from locplan._support.checks import instance, positive, setting
+from locplan._support.checks import check_instance, check_positive, setting
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan.field.estimator import Estimator
 from locplan.field.search_window import OffsetLattice, SearchWindow
@@ -39,12 +39,12 @@ class LidarEstimator(Estimator):
     By default 1.5 m in steps of 0.1 m, and 4 deg in steps of 1 deg, which ranks the uncertainty of
     real lasers best.
     """
-    sigma_hit: float = setting(0.1, positive, "m")
+    sigma_hit: float = setting(0.1, check_positive, "m")
     """Standard deviation of the distance of a beam's end from a wall [m], above 0.
 
     At least a cell counts. More suits a map that is drawn roughly, and makes covariances larger.
     """
-    effective_beams: float = setting(12.6, positive, "beams")
+    effective_beams: float = setting(12.6, check_positive, "beams")
     """Number of independent beams in half a turn that tell as much as all beams there, above 0.
 
     It grows with the field of view: a lidar that sees all round has twice as many. Neighbouring
@@ -59,11 +59,11 @@ class LidarEstimator(Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        instance("window", self.window, SearchWindow)
+        check_instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        check_instance("window", self.window, SearchWindow)
 
     def lattice(self, resolution: float) -> OffsetLattice:
-        return self.window.on(resolution)
+        return self.window.to_lattice(resolution)
 
     def perfect(self, lattice: OffsetLattice) -> Floats:
         """Deviations of 0.05 m, or of the lattice's steps where these are coarser, (d, d).
@@ -97,7 +97,7 @@ class LidarEstimator(Estimator):
 
     @cached_property
     def _beams(self) -> ComparedBeams:
-        return ComparedBeams.of(self.lidar, self.max_beams)
+        return ComparedBeams.from_lidar(self.lidar, self.max_beams)
 
     @property
     def beams_compared(self) -> int:
@@ -107,7 +107,7 @@ class LidarEstimator(Estimator):
     @property
     def beam_numbers(self) -> Ints:
         """Numbers of a real lidar's beams that count, those nearest to the simulated ones, (n,)."""
-        return self._beams.nearest_of(self.lidar)
+        return self._beams.nearest_beam_numbers(self.lidar)
 
     @property
     def temperature(self) -> float:
@@ -159,7 +159,7 @@ class ComparedBeams:
     """Whether they are all of the lidar's own beams."""
 
     @classmethod
-    def of(cls, lidar: Lidar, max_beams: int) -> ComparedBeams:
+    def from_lidar(cls, lidar: Lidar, max_beams: int) -> ComparedBeams:
         """Choose the beams of a lidar that count.
 
         Parameters
@@ -193,7 +193,7 @@ class ComparedBeams:
             return lidar.angles, lidar.mount_yaw
         return np.radians((self.places + 0.5) * self.pitch_deg), 0.0
 
-    def nearest_of(self, lidar: Lidar) -> Ints:
+    def nearest_beam_numbers(self, lidar: Lidar) -> Ints:
         """Numbers of the lidar's own beams that are nearest to these, rising."""
         if self.is_own:
             return self.places
@@ -294,11 +294,11 @@ def _normals(occupied: Bools) -> Singles:
     dx, dy = (cv2.Scharr(soft, cv2.CV_64F, *order, **edge) for order in ((1, 0), (0, 1)))
     # The tensor in whole numbers: its main axis as (cos, sin) of the doubled angle, and its trace.
     tensor = np.stack([(dx - dy) * (dx + dy), 2 * dx * dy, dx**2 + dy**2], axis=-1)
-    tensor = _summed(tensor, WIDTHS[0])
+    tensor = _sum_windows(tensor, WIDTHS[0])
     axis, agreement = _main_axes(tensor[occupied])
     faces = agreement > 1e-3  # a lone post, for one, has no normal
     for width in WIDTHS[1:]:
-        tensor = _summed(tensor, width)
+        tensor = _sum_windows(tensor, width)
         wider, agreement = _main_axes(tensor[occupied])
         # A wider window may turn the axis by 18 deg; of a straight surface nearly all slopes are on
         # one axis: (l1 - l2) / (l1 + l2) is above 0.8.
@@ -314,7 +314,7 @@ def _normals(occupied: Bools) -> Singles:
     return normals
 
 
-def _summed(tensor: Floats, width: int) -> Floats:
+def _sum_windows(tensor: Floats, width: int) -> Floats:
     import cv2
 
     edge: Any = {"borderType": cv2.BORDER_REPLICATE}

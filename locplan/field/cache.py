@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from locplan._support.arrays import read_arrays
-from locplan._support.checks import file_path, shown
+from locplan._support.checks import check_file_path, short_repr
 from locplan._support.output import clear_abandoned, temporary_folder
-from locplan._support.reading import MAX_JSON_BYTES, parsed_json
-from locplan._support.saved import ABOUT
-from locplan._support.tables import age, in_bytes, table
+from locplan._support.reading import MAX_JSON_BYTES, parse_json
+from locplan._support.saved import TREE_NAME
+from locplan._support.tables import format_age, format_bytes, format_table
 from locplan.errors import ConfigError, LocplanError
 
 if TYPE_CHECKING:
@@ -60,12 +60,12 @@ def cache_folder(cache_dir: str | os.PathLike[str] | None = None) -> Path:
     """
     from platformdirs import user_cache_path
 
-    chosen = cache_dir if cache_dir is not None else os.environ.get("LOCPLAN_CACHE")
-    if cache_dir is None and not chosen:
+    configured_folder = cache_dir if cache_dir is not None else os.environ.get("LOCPLAN_CACHE")
+    if cache_dir is None and not configured_folder:
         return user_cache_path("locplan") / "fields"
-    folder = os.path.expanduser(file_path("the cache folder", chosen))
+    folder = os.path.expanduser(check_file_path("the cache folder", configured_folder))
     if folder.startswith("~"):
-        raise ConfigError(f"the cache folder {chosen}: there is no such user")
+        raise ConfigError(f"the cache folder {configured_folder}: there is no such user")
     return Path(folder)
 
 
@@ -74,7 +74,7 @@ def cache_limit() -> int:
     text = os.environ.get("LOCPLAN_CACHE_SIZE") or "5 GB"
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
-        raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {shown(text)}")
+        raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {short_repr(text)}")
     return int(float(match[1]) * _UNITS[match[2]])
 
 
@@ -116,7 +116,7 @@ def load_or_compute_result(
         with suppress(LocplanError):
             result = load(path)
     if result is None:
-        with _alone(path, lambda: waiting(parts) if waiting else None) as writable:
+        with _hold_lock(path, lambda: waiting(parts) if waiting else None) as writable:
             if os.path.lexists(path):
                 try:
                     result = load(path)  # another process may have computed it meanwhile
@@ -143,13 +143,13 @@ def _is_saved(path: Path, result: T, save: Callable[[Path, T], None]) -> bool:
 
 
 @contextmanager
-def _alone(path: Path, waiting: Callable[[], None]) -> Iterator[bool]:
+def _hold_lock(path: Path, waiting: Callable[[], None]) -> Iterator[bool]:
     """Wait until no other process computes this result; yield whether the cache can be written."""
     from filelock import Timeout
 
     lock = None
     try:
-        lock = lock_of(path)
+        lock = make_lock(path)
         while not lock.is_locked:
             try:
                 lock.acquire(timeout=_PATIENCE)
@@ -170,7 +170,7 @@ def _warn(message: str) -> None:
     warnings.warn(CacheWarning(message), stacklevel=5)
 
 
-def lock_of(path: Path) -> BaseFileLock:
+def make_lock(path: Path) -> BaseFileLock:
     """Lock that a process holds while it computes an entry; the system frees it when that ends.
 
     Lock files are empty and are kept: if one were removed while another process opens it, two
@@ -195,7 +195,7 @@ class CacheEntry:
     """Time of the last use [s since the epoch]."""
 
     @classmethod
-    def at(cls, path: Path) -> CacheEntry:
+    def from_path(cls, path: Path) -> CacheEntry:
         """Look at the entry at a path.
 
         Parameters
@@ -213,7 +213,7 @@ class CacheEntry:
             return {}
         file = max(_files_in(self.path), default=self.path)
         try:
-            metadata = parsed_json(str(read_arrays(file, MAX_JSON_BYTES, (ABOUT,))[ABOUT]))
+            metadata = parse_json(str(read_arrays(file, MAX_JSON_BYTES, (TREE_NAME,))[TREE_NAME]))
             return metadata if isinstance(metadata, dict) else {}
         except (OSError, ValueError, KeyError):
             return {}
@@ -222,7 +222,7 @@ class CacheEntry:
     def kind(self) -> str:
         """Kind of the result; "damaged", "unfinished" or "outdated" otherwise."""
         otherwise = {RESULT: "damaged", PARTS: "unfinished"}
-        kind = self._text("kind") or otherwise.get(self.path.suffix, "outdated")
+        kind = self._metadata_text("kind") or otherwise.get(self.path.suffix, "outdated")
         return f"parts of a {kind}" if self.about and self.path.suffix == PARTS else kind
 
     @property
@@ -238,14 +238,14 @@ class CacheEntry:
         return {
             "file": str(self.path),
             "kind": self.kind,
-            "map": self._text("map"),
-            "details": self._text("title") or self._text("drive"),
+            "map": self._metadata_text("map"),
+            "details": self._metadata_text("title") or self._metadata_text("drive"),
             "bytes": self.size,
             "finished_share": self.finished_share,
             "used": self.used,
         }
 
-    def _text(self, name: str) -> str:
+    def _metadata_text(self, name: str) -> str:
         value = self.about.get(name)
         return value[:200] if isinstance(value, str) else ""
 
@@ -261,30 +261,30 @@ def cache_entries(folder: Path) -> list[CacheEntry]:
     paths: list[Path] = []
     with suppress(OSError):  # the folder does not exist
         paths = [folder / name for name in os.listdir(folder) if _ENTRY.fullmatch(name)]
-    return sorted(map(CacheEntry.at, paths), key=lambda entry: entry.used, reverse=True)
+    return sorted(map(CacheEntry.from_path, paths), key=lambda cached_result: cached_result.used, reverse=True)
 
 
-def cache_table(entries: Sequence[CacheEntry], folder: Path) -> str:
+def cache_table(cached_results: Sequence[CacheEntry], folder: Path) -> str:
     """Table of entries with sizes and times of use, and how full the cache is.
 
     Parameters
     ----------
-    entries : sequence of CacheEntry
+    cached_results : sequence of CacheEntry
         The entries, see `cache_entries`.
     folder : path
         The folder, see `cache_folder`.
     """
     rows = []
-    for cached_result in entries:
-        about = cached_result.to_json()
-        share = "–" if about["finished_share"] is None else f"{about['finished_share']:.0%}"
-        names = [about[name] for name in ("kind", "map", "details")]
-        rows.append([*names, in_bytes(cached_result.size), share, age(cached_result.used)])
-    total = in_bytes(sum(cached_result.size for cached_result in entries))
+    for cached_result in cached_results:
+        description = cached_result.to_json()
+        share = "–" if description["finished_share"] is None else f"{description['finished_share']:.0%}"
+        names = [description[name] for name in ("kind", "map", "details")]
+        rows.append([*names, format_bytes(cached_result.size), share, format_age(cached_result.used)])
+    total = format_bytes(sum(cached_result.size for cached_result in cached_results))
     count = f"{len(rows)} {'result' if len(rows) == 1 else 'results'}"
-    last = f"{count}, {total} of at most {in_bytes(cache_limit())}, in {folder}"
+    last = f"{count}, {total} of at most {format_bytes(cache_limit())}, in {folder}"
     columns = ["kind", "map", "details", "size", "finished", "last used"]
-    return f"{table(columns, rows)}\n{last}" if rows else last
+    return f"{format_table(columns, rows)}\n{last}" if rows else last
 
 
 def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list[CacheEntry]]:
@@ -326,7 +326,7 @@ def remove(path: Path) -> bool:
     from filelock import Timeout
 
     try:
-        with lock_of(path).acquire(blocking=False), temporary_folder(path.parent) as trash:
+        with make_lock(path).acquire(blocking=False), temporary_folder(path.parent) as trash:
             path.rename(trash / path.name)
     except Timeout:
         return False

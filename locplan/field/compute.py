@@ -16,9 +16,9 @@ from locplan._support.progress import ProgressCallback
 from locplan.errors import FieldError, LocplanError
 from locplan.field import tiles
 from locplan.field.config import FieldConfig
-from locplan.field.covariance import check_halo, check_values, halo_of, rotated
-from locplan.field.estimator import Estimator, MapPart, Values, is_ours
-from locplan.field.tiles import Chunk, chunk_edge, chunks_of, known_points
+from locplan.field.covariance import check_halo, check_values, read_halo, rotate_covariance
+from locplan.field.estimator import Estimator, MapPart, Values, is_from_locplan
+from locplan.field.tiles import Chunk, chunk_edge, iterate_chunks, find_computed_points
 from locplan.maps.grid import OccupancyGrid
 
 _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -43,14 +43,14 @@ def standing_cells(
     return rows, cols
 
 
-def finished_chunks(
+def fill_chunks(
     values: Values,
     grid: OccupancyGrid,
     config: FieldConfig,
     threads: int | None,
     executor: Executor | None,
     progress: ProgressCallback | None,
-    needed: Bools,
+    required: Bools,
 ) -> Generator[Chunk]:
     """Compute the missing values, and yield each chunk of the lattice when it is finished.
 
@@ -60,18 +60,18 @@ def finished_chunks(
     ----------
     values : mapping of str to array
         Values by name on the lattice, (h, w, ...), filled in place where they are NaN.
-    needed : (h, w) bool array
+    required : (h, w) bool array
         Lattice points that are computed.
     """
-    missing = needed & ~known_points(values)
-    with closing(computed_chunks(missing, grid, config, threads, executor, progress)) as chunks:
+    missing = required & ~find_computed_points(values)
+    with closing(compute_chunks(missing, grid, config, threads, executor, progress)) as chunks:
         for chunk, points, computed in chunks:
             for name, array in computed.items():
                 values[name][points] = array
             yield chunk
 
 
-def computed_chunks(
+def compute_chunks(
     missing: Bools,
     grid: OccupancyGrid,
     config: FieldConfig,
@@ -92,7 +92,7 @@ def computed_chunks(
         return
     tiles.check_tiles(grid, config)
     running: dict[Future[Values], tuple[Chunk, _Points, MapPart]] = {}
-    waiting = chunks_of(missing, chunk_edge(config, grid.resolution))
+    waiting = iterate_chunks(missing, chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     tile_memory = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
@@ -104,7 +104,7 @@ def computed_chunks(
             for chunk in islice(waiting, 256 - len(running)):
                 i, j = np.nonzero(missing[chunk])
                 points = i + chunk[0].start, j + chunk[1].start
-                part = part_of(grid, config, points, prepared)
+                part = make_map_part(grid, config, points, prepared)
                 with _one_line_errors(executor):
                     tile = pool.submit(compute, tiles.ENGINE, estimator, part)
                 running[tile] = chunk, points, part
@@ -117,9 +117,9 @@ def computed_chunks(
                     computed = ready.result()
                 check_values(computed, estimator, part)
                 # The first tile alone shows whether the halo of a user's estimator suffices.
-                if not (finished or is_ours(estimator)):
+                if not (finished or is_from_locplan(estimator)):
                     check_halo(estimator, part, computed, grid.cells)
-                computed["covariance"] = rotated(computed["covariance"], yaw)
+                computed["covariance"] = rotate_covariance(computed["covariance"], yaw)
                 finished += len(points[0])
                 yield chunk, points, computed
             if progress:
@@ -136,12 +136,12 @@ def computed_chunks(
 def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
     """Compute the values of a tile, on a worker that must have the same engine."""
     if engine != tiles.ENGINE:
-        mine = f"engine {tiles.ENGINE}, not {engine}"
-        raise FieldError(f"a worker has another locplan ({mine}); install the same one")
+        engine_text = f"engine {tiles.ENGINE}, not {engine}"
+        raise FieldError(f"a worker has another locplan ({engine_text}); install the same one")
     return estimator.covariances(part)
 
 
-def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
+def make_map_part(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
     """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
     stride = config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in points)
@@ -149,7 +149,7 @@ def part_of(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared:
         rows, cols = standing_cells(grid.free, rows, cols, stride)
     levels, top, left = grid.cells, 0, 0
     if prepared is None:
-        reach = halo_of(config.estimator, grid.resolution, grid.shape)
+        reach = read_halo(config.estimator, grid.resolution, grid.shape)
         top, left = max(0, int(rows.min()) - reach), max(0, int(cols.min()) - reach)
         levels = levels[top : int(rows.max()) + reach + 1, left : int(cols.max()) + reach + 1]
     headings, at = config.heading_angles - grid.origin[2], (top, left)
@@ -166,5 +166,5 @@ def _one_line_errors(executor: Executor | None) -> Iterator[None]:
     except Exception as error:  # each executor has its own error for dead workers
         if executor is None:
             raise
-        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
-        raise FieldError(f"the executor failed at a tile of the field ({what})") from error
+        reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
+        raise FieldError(f"the executor failed at a tile of the field ({reason})") from error

@@ -16,23 +16,23 @@ from numpy.typing import ArrayLike
 from locplan import __version__
 from locplan._support.checks import (
     Settings,
-    file_path,
-    instance,
-    keep,
-    poses_from,
-    positive,
-    shown,
-    whole,
+    check_file_path,
+    check_instance,
+    set_frozen_fields,
+    parse_poses,
+    check_positive,
+    short_repr,
+    check_integer,
 )
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.output import replacing
-from locplan._support.reading import MAX_JSON_BYTES, parsed_json, read_text
+from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
-from locplan.field.estimator import Estimator, made_of, settings_of
+from locplan.field.estimator import Estimator, build_settings, dict_from_settings
 from locplan.field.estimators import estimator_class
 from locplan.field.lattice import evaluated_points, stride_cells
-from locplan.field.poses import Corners
+from locplan.field.poses import LatticeCorners
 from locplan.field.sad import PAPER_RANGE, Sad
 from locplan.maps.grid import OccupancyGrid
 from locplan.robots.lidar import Lidar
@@ -82,22 +82,22 @@ class FieldConfig(Settings):
     """
 
     def __post_init__(self) -> None:
-        instance("estimator", self.estimator, Estimator, "such as locplan.Sad(range=6.0)")
-        keep(self, stride=positive("stride", self.stride, "m"))
+        check_instance("estimator", self.estimator, Estimator, "such as locplan.Sad(range=6.0)")
+        set_frozen_fields(self, stride=check_positive("stride", self.stride, "m"))
         if self.stride > self.estimator.reach:
             raise ConfigError(
                 f"stride ({self.stride} m) must not exceed the range ({self.estimator.reach} m)"
             )
-        headings = whole("headings", self.headings, 0, 360) or self.estimator.headings
+        headings = check_integer("headings", self.headings, 0, 360) or self.estimator.headings
         if self.estimator.headings == 1 < headings and not self.estimator.casts_rays:
             raise ConfigError(
-                f"estimator {shown(self.estimator.name)} is the same for all headings"
+                f"estimator {short_repr(self.estimator.name)} is the same for all headings"
             )
         if headings == 1 < self.estimator.headings:
             raise ConfigError(
                 "what this lidar sees depends on the heading: set headings above 1, or to 0"
             )
-        keep(self, headings=headings)
+        set_frozen_fields(self, headings=headings)
 
     @property
     def heading_angles(self) -> Floats:
@@ -134,15 +134,15 @@ class FieldConfig(Settings):
         points = evaluated_points(grid.free, stride)
         if poses is None:
             return points
-        xy = poses_from(poses)[0][:, :2]
-        corners = Corners.around(grid, stride, points, np.zeros_like(points), xy).points
+        xy = parse_poses(poses)[0][:, :2]
+        corners = LatticeCorners.from_positions(grid, stride, points, np.zeros_like(points), xy).points
         near = np.zeros_like(points)
         near[tuple(corners.T)] = True
         return near
 
     def to_json(self) -> dict[str, object]:
         """All settings, fit for JSON."""
-        return settings_of(self)
+        return dict_from_settings(self)
 
     @classmethod
     def from_json(cls, settings: Mapping[str, object]) -> FieldConfig:
@@ -161,13 +161,13 @@ class FieldConfig(Settings):
         """
         described = settings.get("estimator", {"name": Sad.name})
         if not isinstance(described, Mapping):
-            raise ConfigError(f"estimator must be an object with a name, not {shown(described)}")
-        estimator = made_of(estimator_class(str(described.get("name"))), described)
+            raise ConfigError(f"estimator must be an object with a name, not {short_repr(described)}")
+        estimator = build_settings(estimator_class(str(described.get("name"))), described)
         field_settings = {name: value for name, value in settings.items() if name != "estimator"}
-        return made_of(cls, {**field_settings, "estimator": estimator})
+        return build_settings(cls, {**field_settings, "estimator": estimator})
 
 
-def config_of(settings: FieldConfig | Estimator | None) -> FieldConfig:
+def config_from_settings(settings: FieldConfig | Estimator | None) -> FieldConfig:
     """Take the settings of a field in any form that functions accept.
 
     Parameters
@@ -183,11 +183,11 @@ def config_of(settings: FieldConfig | Estimator | None) -> FieldConfig:
     if settings is None or isinstance(settings, Estimator):
         return FieldConfig() if settings is None else FieldConfig(settings)
     remedy = "give an estimator, such as locplan.Sad(range=6.0), or a FieldConfig of one"
-    instance("config", settings, FieldConfig, remedy)
+    check_instance("config", settings, FieldConfig, remedy)
     return settings
 
 
-def lidar_of(config: FieldConfig | None) -> Lidar:
+def lidar_from_config(config: FieldConfig | None) -> Lidar:
     """The lidar of a field's settings, or a short one of the range that its estimator reads.
 
     Parameters
@@ -201,7 +201,7 @@ def lidar_of(config: FieldConfig | None) -> Lidar:
     return estimator_lidar or replace(SHORT_LIDAR, range=config.estimator.reach)
 
 
-def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
+def equip_robot(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
     """The robot, or one by default, with the lidar of a field's settings if it names none.
 
     Parameters
@@ -209,7 +209,7 @@ def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
     robot : Robot or None
         The robot.
     config : FieldConfig, optional
-        The field's settings, see `lidar_of`.
+        The field's settings, see `lidar_from_config`.
 
     Raises
     ------
@@ -217,8 +217,8 @@ def equipped(robot: Robot | None, config: FieldConfig | None = None) -> Robot:
         If it is no robot.
     """
     robot = Robot() if robot is None else robot
-    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
-    return robot if robot.lidar else replace(robot, lidar=lidar_of(config))
+    check_instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    return robot if robot.lidar else replace(robot, lidar=lidar_from_config(config))
 
 
 def save_config(path: str | os.PathLike[str], config: FieldConfig) -> None:
@@ -236,8 +236,8 @@ def save_config(path: str | os.PathLike[str], config: FieldConfig) -> None:
     LocplanError
         If the file cannot be written, or its name does not end in .json.
     """
-    target = file_path("a file of settings", path)
-    instance("config", config, FieldConfig)
+    target = check_file_path("a file of settings", path)
+    check_instance("config", config, FieldConfig)
     check_target(target, ".json")
     content = {"locplan": __version__, "config": config.to_json()}
     with replacing(target) as temporary:
@@ -261,7 +261,7 @@ def load_config(path: str | os.PathLike[str]) -> FieldConfig:
         If the file cannot be read, or holds other settings or values.
     """
     try:
-        content = parsed_json(read_text(file_path("a file of settings", path), MAX_JSON_BYTES))
+        content = parse_json(read_text(check_file_path("a file of settings", path), MAX_JSON_BYTES))
     except LocplanError as error:
         raise ConfigError(str(error)) from None
     except ValueError:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import shown, whole
+from locplan._support.checks import short_repr, check_integer
 from locplan._support.kernels.arrays import Bools, Floats, Octets
 from locplan.errors import ConfigError, FieldError
 from locplan.field.estimator import Estimator, MapPart, Values
@@ -81,7 +81,7 @@ def scalar(covariance: ArrayLike, name: str) -> Floats:
         if matrix.shape[-1] == 2:
             return np.where(np.isnan(matrix[..., 0, 0]), np.nan, 0.0)
         return np.asarray(np.sqrt(matrix[..., 2, 2]))
-    raise ConfigError(f"scalar must be one of {', '.join(SCALARS)}, not {shown(name)}")
+    raise ConfigError(f"scalar must be one of {', '.join(SCALARS)}, not {short_repr(name)}")
 
 
 def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
@@ -106,15 +106,15 @@ def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
     return major, minor, 0.5 * np.arctan2(2 * xy, xx - yy)
 
 
-def log_euclidean_means(some: Floats, others: Floats, shares: Floats) -> Floats:
+def log_euclidean_means(first: Floats, second: Floats, shares: Floats) -> Floats:
     """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is.
 
     The others have the shares (...), from 0 to 1, and the first the rest.
     """
-    means = np.full(np.broadcast_shapes(some.shape, others.shape), np.nan)
-    is_finite = ~np.isnan(some + others).any(axis=(-2, -1))
+    means = np.full(np.broadcast_shapes(first.shape, second.shape), np.nan)
+    is_finite = ~np.isnan(first + second).any(axis=(-2, -1))
     share = shares[is_finite][:, None, None]
-    means[is_finite] = _exp((1 - share) * _log(some[is_finite]) + share * _log(others[is_finite]))
+    means[is_finite] = _exp((1 - share) * _log(first[is_finite]) + share * _log(second[is_finite]))
     return means
 
 
@@ -129,7 +129,7 @@ def _exp(logs: Floats) -> Floats:
     return np.asarray((vectors * np.exp(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
-def rotated(covariance: Floats, yaw: float) -> Floats:
+def rotate_covariance(covariance: Floats, yaw: float) -> Floats:
     """Covariances (..., d, d) of poses whose axes are turned counter-clockwise by `yaw` [rad]."""
     if not yaw:  # even the sign of a zero stays
         return covariance
@@ -153,7 +153,7 @@ def mean_information(covariances: Floats) -> Floats:
     return np.linalg.inv(np.linalg.inv(extended).mean(axis=-3))
 
 
-def anchors_of(estimator: Estimator, window: OffsetLattice, name: str) -> tuple[float, float]:
+def compute_anchors(estimator: Estimator, window: OffsetLattice, name: str) -> tuple[float, float]:
     """Values of a scalar or a layer at which u is 0 and 1, see `CovarianceField.anchors`."""
     for layer in estimator.layers:
         if layer.name == name:
@@ -162,7 +162,7 @@ def anchors_of(estimator: Estimator, window: OffsetLattice, name: str) -> tuple[
     return float(scalar(perfect, name)), float(scalar(featureless, name))
 
 
-def quantity_of(estimator: Estimator, e_unit: str, name: str | None) -> Quantity:
+def find_quantity(estimator: Estimator, e_unit: str, name: str | None) -> Quantity:
     """Label and unit of a scalar or of a layer, see `CovarianceField.quantity`."""
     name = name or estimator.criterion
     if name == "e":
@@ -190,9 +190,9 @@ def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
     """
     expected = ["covariance", *(layer.name for layer in estimator.layers)]
     if not isinstance(values, dict) or set(values) != set(expected):
-        given = _listed(values) if isinstance(values, dict) else shown(values)
-        problem = f"covariances() must return a dict with {_listed(expected)}, not {given}"
-        raise _wrong(estimator, f"{problem}; name all others in `layers`")
+        actual = _quote_names(values) if isinstance(values, dict) else short_repr(values)
+        problem = f"covariances() must return a dict with {_quote_names(expected)}, not {actual}"
+        raise _make_estimator_error(estimator, f"{problem}; name all others in `layers`")
     lattice = estimator.lattice(part.resolution)
     for name in expected:
         axes = (lattice.dimension,) * 2 if name == "covariance" else ()
@@ -201,9 +201,9 @@ def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
     covariance = values["covariance"] / np.outer(scale, scale)
     skew = np.abs(covariance - np.swapaxes(covariance, -2, -1)).max(axis=(-2, -1))
     rounding = MIN_ROUNDING + TOLERANCE * np.abs(covariance).max(axis=(-2, -1))
-    _refuse(skew > rounding, "a covariance that is not symmetric", estimator, part)
+    _raise_if_any(skew > rounding, "a covariance that is not symmetric", estimator, part)
     smallest_eigenvalue = np.linalg.eigvalsh(covariance)[..., 0]
-    _refuse(smallest_eigenvalue < -rounding, "a covariance with a negative eigenvalue", estimator, part)
+    _raise_if_any(smallest_eigenvalue < -rounding, "a covariance with a negative eigenvalue", estimator, part)
 
 
 def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octets) -> None:
@@ -222,21 +222,21 @@ def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octe
     levels : (H, W) array of uint8
         Levels of the whole map.
     """
-    halo = halo_of(estimator, part.resolution, part.map_shape)
+    halo = read_halo(estimator, part.resolution, part.map_shape)
     for at in np.unique(np.linspace(0, len(part.rows) - 1, 3).astype(int)):
-        recomputed = estimator.covariances(_alone(estimator, part, at, halo, levels))
-        if not all(_alike(recomputed[name][0], array[at]) for name, array in values.items()):
-            raise _wrong(
+        recomputed = estimator.covariances(_isolate_cell(estimator, part, at, halo, levels))
+        if not all(_are_close(recomputed[name][0], array[at]) for name, array in values.items()):
+            raise _make_estimator_error(
                 estimator,
-                f"the values at {_cell(part, at)} change with the map beyond the halo of {halo}"
+                f"the values at {_format_cell(part, at)} change with the map beyond the halo of {halo}"
                 " cells; let halo() reach as far as it looks, and draw no random numbers",
             )
 
 
-def halo_of(estimator: Estimator, resolution: float, map_shape: tuple[int, int]) -> int:
+def read_halo(estimator: Estimator, resolution: float, map_shape: tuple[int, int]) -> int:
     """The halo of an estimator [cells]; a ConfigError if it is no whole number."""
     halo = estimator.halo(resolution, map_shape)
-    return whole(f"halo() of estimator {shown(estimator.name)}", halo, 0)
+    return check_integer(f"halo() of estimator {short_repr(estimator.name)}", halo, 0)
 
 
 def _check_array(
@@ -246,35 +246,35 @@ def _check_array(
     places = (len(part.rows),) if headings == 1 else (len(part.rows), headings)
     shape = (*places, *axes)
     if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype.kind not in "fiu":
-        given = shown(array)
+        actual = short_repr(array)
         if isinstance(array, np.ndarray):
-            given = f"{array.dtype} of shape {array.shape}"
-        problem = f"{shown(name)} must be an array of numbers of shape {shape}, not {given}"
-        raise _wrong(estimator, problem)
+            actual = f"{array.dtype} of shape {array.shape}"
+        problem = f"{short_repr(name)} must be an array of numbers of shape {shape}, not {actual}"
+        raise _make_estimator_error(estimator, problem)
     lost = np.isfinite(array).reshape(*places, -1).min(axis=-1, keepdims=True) == 0
-    _refuse(lost, f"a {name} that is not finite", estimator, part)
+    _raise_if_any(lost, f"a {name} that is not finite", estimator, part)
 
 
-def _refuse(bad: Bools, what: str, estimator: Estimator, part: MapPart) -> None:
+def _raise_if_any(bad: Bools, defect: str, estimator: Estimator, part: MapPart) -> None:
     """Raise a FieldError that names the first of the bad places, if there are some."""
     if bad.any():
-        where = _cell(part, np.argwhere(bad)[0][0])
-        raise _wrong(estimator, f"{where} has {what}; correct covariances() there")
+        cell_text = _format_cell(part, np.argwhere(bad)[0][0])
+        raise _make_estimator_error(estimator, f"{cell_text} has {defect}; correct covariances() there")
 
 
-def _cell(part: MapPart, at: int) -> str:
+def _format_cell(part: MapPart, at: int) -> str:
     return f"row {part.rows[at]}, column {part.cols[at]} of the map"
 
 
-def _wrong(estimator: Estimator, problem: str) -> FieldError:
-    return FieldError(f"estimator {shown(estimator.name)}: {problem}")
+def _make_estimator_error(estimator: Estimator, problem: str) -> FieldError:
+    return FieldError(f"estimator {short_repr(estimator.name)}: {problem}")
 
 
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(map(shown, names))
+def _quote_names(names: Iterable[str]) -> str:
+    return ", ".join(map(short_repr, names))
 
 
-def _alone(estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets) -> MapPart:
+def _isolate_cell(estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets) -> MapPart:
     """One cell of a part, with the map up to the halo and a ring of another map around that."""
     row, col = int(part.rows[at]), int(part.cols[at])
 
@@ -296,9 +296,9 @@ def _alone(estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octe
     )
 
 
-def _alike(one: Floats, other: Floats) -> bool:
-    greatest = np.abs(other).max(initial=MIN_ROUNDING)
-    return one.shape == other.shape and bool((np.abs(one - other) <= TOLERANCE * greatest).all())
+def _are_close(first: Floats, second: Floats) -> bool:
+    greatest = np.abs(second).max(initial=MIN_ROUNDING)
+    return first.shape == second.shape and bool((np.abs(first - second) <= TOLERANCE * greatest).all())
 
 
 DEGENERATE = 0.5

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
-from locplan._support.checks import Settings, positive, setting, shown, suggestion
+from locplan._support.checks import Settings, check_positive, setting, short_repr, suggestion
 from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, FieldError
 from locplan.field.search_window import OffsetLattice
@@ -77,7 +77,7 @@ class MapPart:
         return f"MapPart({len(self.rows)} cells, {self.levels.shape} of {self.map_shape})"
 
     @classmethod
-    def whole(cls, cells: Octets, rows: Ints, cols: Ints, resolution: float) -> MapPart:
+    def from_map(cls, cells: Octets, rows: Ints, cols: Ints, resolution: float) -> MapPart:
         """Part that is a whole map, with some of its cells; the robot heads along the rows.
 
         Parameters
@@ -116,7 +116,7 @@ class Estimator(Settings, ABC):
     Its first setting is the lidar.
     """
 
-    noise_level: float = setting(1.0, positive, "times Sigma")
+    noise_level: float = setting(1.0, check_positive, "times Sigma")
     """Factor k on the covariance (Eq. 8), above 0."""
 
     def __post_init__(self) -> None:
@@ -243,7 +243,7 @@ class Estimator(Settings, ABC):
 
     def identity(self) -> dict[str, object]:
         """Settings that decide the values of a field, fit for JSON."""
-        return settings_of(self)
+        return dict_from_settings(self)
 
     def perfect(self, lattice: OffsetLattice) -> Floats:
         """Covariance up to which a match counts as perfect, so that u is 0, (d, d).
@@ -281,31 +281,31 @@ class Estimator(Settings, ABC):
         return True
 
 
-def settings_of(owner: Any) -> dict[str, object]:
+def dict_from_settings(owner: Any) -> dict[str, object]:
     """Settings as they come back from JSON; an object begins with its class variable `name`."""
     settings = {"name": type(owner).name} if hasattr(type(owner), "name") else {}
     for attribute in fields(owner):
         value = getattr(owner, attribute.name)
         value = list(value) if isinstance(value, tuple) else value
-        settings[attribute.name] = settings_of(value) if is_dataclass(value) else value
+        settings[attribute.name] = dict_from_settings(value) if is_dataclass(value) else value
     return settings
 
 
-def kinds_of(owner: Any) -> list[type]:
+def list_settings_classes(owner: Any) -> list[type]:
     """The class of settings, and those of the settings in them."""
     values = [getattr(owner, attribute.name) for attribute in fields(owner)]
-    inner = [kind for value in values if is_dataclass(value) for kind in kinds_of(value)]
+    inner = [kind for value in values if is_dataclass(value) for kind in list_settings_classes(value)]
     return [type(owner), *inner]
 
 
-def is_ours(owner: Any) -> bool:
+def is_from_locplan(owner: Any) -> bool:
     """Return whether settings, and all settings in them, are of locplan's own classes."""
-    return all(kind.__module__.startswith("locplan.") for kind in kinds_of(owner))
+    return all(kind.__module__.startswith("locplan.") for kind in list_settings_classes(owner))
 
 
 def declared_versions(owner: Any) -> list[str]:
     """Return the versions of the user's own classes in settings; a FieldError if one has none."""
-    user_kinds = [kind for kind in kinds_of(owner) if not kind.__module__.startswith("locplan.")]
+    user_kinds = [kind for kind in list_settings_classes(owner) if not kind.__module__.startswith("locplan.")]
     versions = [getattr(kind, "version", None) for kind in user_kinds]
     for kind, version in zip(user_kinds, versions, strict=True):
         if version is None:
@@ -314,27 +314,27 @@ def declared_versions(owner: Any) -> list[str]:
     return [str(version) for version in versions]
 
 
-def made_of(kind: type[T], settings: Mapping[str, object]) -> T:
+def build_settings(kind: type[T], settings: Mapping[str, object]) -> T:
     """Make an object of a class from what `settings_of` returned; missing settings get defaults."""
     arguments = {name: value for name, value in settings.items() if name != "name"}
-    hints, known = get_type_hints(kind), inspect.signature(kind).parameters
+    hints, parameters = get_type_hints(kind), inspect.signature(kind).parameters
     for name in arguments:
-        if name not in known:
-            what = getattr(kind, "name", kind.__name__)
-            names = f"{', '.join(known)}{suggestion(name, known)}"
-            raise ConfigError(f"{what} has no setting {shown(name)}; it has: {names}")
-    keywords = {name: _nested(name, hints[name], value) for name, value in arguments.items()}
+        if name not in parameters:
+            owner = getattr(kind, "name", kind.__name__)
+            names = f"{', '.join(parameters)}{suggestion(name, parameters)}"
+            raise ConfigError(f"{owner} has no setting {short_repr(name)}; it has: {names}")
+    keywords = {name: _build_nested(name, hints[name], value) for name, value in arguments.items()}
     try:
         return kind(**keywords)
     except TypeError as error:  # a setting without a default is missing
         raise ConfigError(" ".join(str(error).split())) from None
 
 
-def _nested(name: str, hint: Any, value: object) -> object:
+def _build_nested(name: str, hint: Any, value: object) -> object:
     if not isinstance(value, Mapping):
         return value
     kinds: list[Any] = [candidate for candidate in get_args(hint) or (hint,) if is_dataclass(candidate)]
     matches = [kind for kind in kinds if getattr(kind, "name", None) == value.get("name")]
     if len(matches) != 1:
-        raise ConfigError(f"{name} cannot be made of {shown(dict(value))}")
-    return made_of(matches[0], value)
+        raise ConfigError(f"{name} cannot be made of {short_repr(dict(value))}")
+    return build_settings(matches[0], value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from locplan._support.checks import one_of
+from locplan._support.checks import check_choice
 from locplan.field.estimator import Estimator
 from locplan.field.fisher import Fisher, Fused
 from locplan.field.sad import Sad
@@ -30,5 +30,5 @@ def estimator_class(name: str) -> type[Estimator]:
     ConfigError
         If no estimator has this name.
     """
-    one_of("estimator", name, ESTIMATORS)
+    check_choice("estimator", name, ESTIMATORS)
     return ESTIMATORS[name]

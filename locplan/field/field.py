@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import file_path
+from locplan._support.checks import check_file_path
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Array, Bools, Floats
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import Pictured
-from locplan._support.saved import Valued
+from locplan._support.saved import EqualByValue
 from locplan.errors import FieldError
 from locplan.field import files, lattice, tiles
-from locplan.field.compute import finished_chunks
+from locplan.field.compute import fill_chunks
 from locplan.field.config import FieldConfig
-from locplan.field.covariance import Quantity, anchors_of, quantity_of, scalar
+from locplan.field.covariance import Quantity, compute_anchors, find_quantity, scalar
 from locplan.field.estimator import Values
-from locplan.field.poses import read_field
+from locplan.field.poses import read_at_poses
 from locplan.field.search_window import OffsetLattice
 from locplan.maps.grid import OccupancyGrid, check_grid
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CovarianceField(Pictured, Valued):
+class CovarianceField(Pictured, EqualByValue):
     """Covariances of a pose match over a map.
 
     Lattice point ``(i, j)`` is the centre of cell ``(i * stride, j * stride)``.
@@ -59,7 +59,7 @@ class CovarianceField(Pictured, Valued):
     layers: Mapping[str, Floats] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
+    def from_values(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
         """Make a field from its arrays by name.
 
         Parameters
@@ -78,10 +78,10 @@ class CovarianceField(Pictured, Valued):
         return {"covariance": self.covariance, **self.layers}
 
     def __repr__(self) -> str:
-        e = self.e[self.evaluated]
+        e = self.e[self.is_evaluated]
         median = f", median e {np.median(e):.3g} {self.e_unit}" if e.size else ""
         return (
-            f"CovarianceField({self.grid.name or 'map'}: {int(self.evaluated.sum())} cells every"
+            f"CovarianceField({self.grid.name or 'map'}: {int(self.is_evaluated.sum())} cells every"
             f" {self.stride * self.grid.resolution:g} m, {self.config.estimator.title}{median})"
         )
 
@@ -91,9 +91,9 @@ class CovarianceField(Pictured, Valued):
         return lattice.stride_cells(self.config.stride, self.grid.resolution)
 
     @cached_property
-    def evaluated(self) -> Bools:
+    def is_evaluated(self) -> Bools:
         """Mask of the lattice points that hold a covariance, (h, w)."""
-        return tiles.known_points(self.values)
+        return tiles.find_computed_points(self.values)
 
     @cached_property
     def lacking(self) -> Bools:
@@ -101,7 +101,7 @@ class CovarianceField(Pictured, Valued):
 
         There are none unless only some points were asked for; see `load_or_compute`.
         """
-        return lattice.evaluated_points(self.grid.free, self.stride) & ~self.evaluated
+        return lattice.evaluated_points(self.grid.free, self.stride) & ~self.is_evaluated
 
     @property
     def window(self) -> OffsetLattice:
@@ -112,7 +112,7 @@ class CovarianceField(Pictured, Valued):
     def e(self) -> Floats:
         """sqrt(det Sigma) (Eq. 10), (h, w) or (h, w, n) [m^2 rad]; NaN where not evaluated."""
         e = np.full(self.covariance.shape[:-2], np.nan)
-        e[self.evaluated] = scalar(self.covariance[self.evaluated], "e")
+        e[self.is_evaluated] = scalar(self.covariance[self.is_evaluated], "e")
         return e
 
     def scalar(
@@ -139,7 +139,7 @@ class CovarianceField(Pictured, Valued):
             if headings == "mean":
                 is_stored = covariance is self.covariance
                 covariance = (
-                    self.mean_covariance if is_stored else lattice.merged(covariance, self.evaluated)
+                    self.mean_covariance if is_stored else lattice.merge_headings(covariance, self.is_evaluated)
                 )
             has_cached_e = name == "e" and covariance is self.covariance
             values = self.e if has_cached_e else scalar(covariance, name)
@@ -148,7 +148,7 @@ class CovarianceField(Pictured, Valued):
     @cached_property
     def mean_covariance(self) -> Floats:
         """Covariance of the mean information over the headings, (h, w, d, d)."""
-        return lattice.merged(self.covariance, self.evaluated)
+        return lattice.merge_headings(self.covariance, self.is_evaluated)
 
     @property
     def quantised_covariance(self) -> Floats:
@@ -164,7 +164,7 @@ class CovarianceField(Pictured, Valued):
         name : str, default "e"
             See `scalar`; the estimator itself defines the anchors of its layers.
         """
-        return anchors_of(self.config.estimator, self.window, name)
+        return compute_anchors(self.config.estimator, self.window, name)
 
     @property
     def saturated_share(self) -> float:
@@ -175,7 +175,7 @@ class CovarianceField(Pictured, Valued):
         """
         criterion = self.config.estimator.criterion
         values = self.scalar(criterion, with_q=True)[
-            lattice.evenly_thinned(self.evaluated, self.lacking)
+            lattice.thin_evenly(self.is_evaluated, self.lacking)
         ]
         perfect_value, _ = self.anchors(criterion)
         return float(np.mean(values <= 1.05 * perfect_value)) if values.size else 0.0
@@ -193,7 +193,7 @@ class CovarianceField(Pictured, Valued):
         name : str, optional
             See `scalar`; by default it is the estimator's criterion, which u is made of.
         """
-        return quantity_of(self.config.estimator, self.e_unit, name)
+        return find_quantity(self.config.estimator, self.e_unit, name)
 
     def e_map(self) -> Floats:
         """`e` on the map's free cells, (H, W) or (H, W, n) [m^2 rad], bilinear in ln e, or NaN."""
@@ -225,7 +225,7 @@ class CovarianceField(Pictured, Valued):
             values = np.log(np.maximum(values, np.finfo(float).tiny))
         lattice_values = values
         if self.lacking.any():
-            lattice_values = lattice.filled(values, self.evaluated, self.lacking)
+            lattice_values = lattice.fill_lacking(values, self.is_evaluated, self.lacking)
         if cells is None:
             result = lattice.read_on_map(lattice_values, self.grid.free, self.stride)
         else:
@@ -260,7 +260,7 @@ class CovarianceField(Pictured, Valued):
         >>> field.at([[1.0, 1.5], [1.2, 1.5], [9.0, 9.0]], "position_std").round(2).tolist()
         [1.13, 1.12, nan]
         """
-        return read_field(self, poses, name)
+        return read_at_poses(self, poses, name)
 
     def to_xarray(self) -> Dataset:
         """All arrays with their coordinates as an xarray.Dataset.
@@ -271,7 +271,7 @@ class CovarianceField(Pictured, Valued):
             If xarray is not installed.
         """
 
-        return tiles.dataset_of(self.values, self.e, self.e_unit, self.grid, self.config)
+        return tiles.build_dataset(self.values, self.e, self.e_unit, self.grid, self.config)
 
     def update(
         self,
@@ -300,16 +300,16 @@ class CovarianceField(Pictured, Valued):
         """
         check_grid(grid)
         same = tiles.untouched_points(self.grid, grid, self.config)
-        values = tiles.nothing_known(grid, self.config)
+        values = tiles.make_empty_values(grid, self.config)
         for name, array in self.values.items():
             values[name][same] = array[same]
         arguments = grid, self.config, threads, executor, progress
-        for _ in finished_chunks(values, *arguments, tiles.needed_points(*arguments[:2], points)):
+        for _ in fill_chunks(values, *arguments, tiles.find_required_points(*arguments[:2], points)):
             pass
-        return CovarianceField.of(values, grid, self.config)
+        return CovarianceField.from_values(values, grid, self.config)
 
     def save(
-        self, path: str | os.PathLike[str], *, others: Mapping[str, Array] | None = None
+        self, path: str | os.PathLike[str], *, extra_arrays: Mapping[str, Array] | None = None
     ) -> None:
         """Write the field with its map and config into a file, for `load`.
 
@@ -320,7 +320,7 @@ class CovarianceField(Pictured, Valued):
         ----------
         path : path
             The file, named *.npz; one that is there is replaced.
-        others : mapping of str to array, optional
+        extra_arrays : mapping of str to array, optional
             Further arrays for other programs.
 
         Raises
@@ -328,13 +328,13 @@ class CovarianceField(Pictured, Valued):
         LocplanError
             If points are lacking, the estimator is not registered, or the file cannot be written.
         """
-        target = file_path("a field", path)
+        target = check_file_path("a field", path)
         check_target(target, files.FIELD_SUFFIX)
         files.check_readable(self.values, self.grid, self.config)
         if self.lacking.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")
         metadata = files.describe(self.grid, self.config)
-        files.write_field(target, self.values, self.grid, metadata, others)
+        files.write_field(target, self.values, self.grid, metadata, extra_arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> CovarianceField:
@@ -345,7 +345,7 @@ class CovarianceField(Pictured, Valued):
         path : path
             The file; what is missing, damaged or no field is a LocplanError.
         """
-        return cls.of(*files.read_field(file_path("a field", path)))
+        return cls.from_values(*files.read_field(check_file_path("a field", path)))
 
     def figure(self, name: str | None = None) -> Figure:
         """Draw the map with one scalar of its field as a heat map.

@@ -20,13 +20,13 @@ from locplan._support.kernels.arrays import Floats
 from locplan.field.covariance import DEGENERATE
 from locplan.field.field import CovarianceField
 from locplan.maps.figures import (
-    block,
+    block_size,
     draw_cells,
     draw_map,
-    limits_of,
+    compute_axes_limits,
     map_axes,
     map_size,
-    shrunk,
+    downsample,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
@@ -35,29 +35,29 @@ HARMLESS = 1 / 3
 """The u up to which no place of a map is a weak spot."""
 
 
-def weak_spots(field: CovarianceField, values: Any, name: str | None = None) -> str:
+def format_weak_share(field: CovarianceField, values: Any, name: str | None = None) -> str:
     """Share of a map's values, in the unit that is shown, whose u is 0.5 or more.
 
     Where no u is as high, the greatest value; where none is above a third, that nothing is weak.
     """
-    shown, name = field.quantity(name), name or field.config.estimator.criterion
+    quantity, name = field.quantity(name), name or field.config.estimator.criterion
     values = np.ma.filled(values, np.nan)
     finite_values = values[np.isfinite(values)]
     if not finite_values.size:
         return "nothing is known"
-    low, high = (shown.factor * anchor for anchor in field.anchors(name))
+    low, high = (quantity.factor * anchor for anchor in field.anchors(name))
 
     def value(u: float) -> float:
         return low + u * (high - low) if name in field.layers else low * (high / low) ** u
 
-    unit = f" {shown.unit}" if shown.unit != "1" else ""
-    least = value(DEGENERATE)
-    share, greatest = float(np.mean(finite_values >= least)), float(finite_values.max())
+    unit = f" {quantity.unit}" if quantity.unit != "1" else ""
+    threshold = value(DEGENERATE)
+    share, greatest = float(np.mean(finite_values >= threshold)), float(finite_values.max())
     if share == 0:
-        none = "no weak spot: " if greatest < value(HARMLESS) else ""
-        return f"{none}at most {greatest:.2g}{unit}"
-    said = "under 1%" if share < 0.01 else f"{share:.0%}"
-    return f"{said} weak ({least:.2g}{unit} or more)"
+        prefix = "no weak spot: " if greatest < value(HARMLESS) else ""
+        return f"{prefix}at most {greatest:.2g}{unit}"
+    share_text = "under 1%" if share < 0.01 else f"{share:.0%}"
+    return f"{share_text} weak ({threshold:.2g}{unit} or more)"
 
 
 def field_cells(
@@ -69,11 +69,11 @@ def field_cells(
     their middles: large maps are never filled cell by cell.
     """
     visible_map = part or field.grid
-    cells = block(visible_map.shape)
+    cells = block_size(visible_map.shape)
     if cells == 1 and visible_map.shape == field.grid.shape:
         return field.on_map(values, logarithmic=logarithmic)
     first = np.round(field.grid.world_to_grid(*visible_map.origin[:2]))
-    free = shrunk(visible_map.cells) == FREE
+    free = downsample(visible_map.cells) == FREE
     rows, cols = (
         (np.arange(size) + 0.5) * cells - 0.5 + float(start)
         for size, start in zip(free.shape, first, strict=True)
@@ -103,7 +103,7 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
     image = draw_field(axes, field, name)
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: u is about 0 on {field.saturated_share:.0%}"
-    weak = weak_spots(field, image.get_array(), name)
+    weak = format_weak_share(field, image.get_array(), name)
     axes.set_title(f"{title}; {weak}\n{field.config.title}", fontsize="medium")
     return figure
 
@@ -140,7 +140,7 @@ def fields_figure(
             first = axes is axes_of_row[0]
             axes.set(xlabel="", ylabel=(field.grid.name or "map") if first else "")
             if part.shape != field.grid.shape:
-                axes.set(**limits_of(part, share=0.0))
+                axes.set(**compute_axes_limits(part, share=0.0))
     ends = np.array([image.get_clim() for image in images])  # of one scale for all
     for image in images:
         image.set_clim(ends[:, 0].min(), ends[:, 1].max())

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 
 from locplan._support.arrays import read_arrays, write_arrays
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan._support.kernels.arrays import Array, Bools
 from locplan._support.output import replacing
-from locplan._support.reading import MAX_JSON_BYTES, check_stamp, parsed_json, stamp
-from locplan._support.saved import ABOUT
+from locplan._support.reading import MAX_JSON_BYTES, check_stamp, parse_json, stamp
+from locplan._support.saved import TREE_NAME
 from locplan.errors import FieldError, LocplanError
 from locplan.field import tiles
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import check_values
-from locplan.field.estimator import MapPart, Values, declared_versions, is_ours
+from locplan.field.estimator import MapPart, Values, declared_versions, is_from_locplan
 from locplan.maps.grid import OccupancyGrid
 
 FIELD_SUFFIX = ".npz"
@@ -33,9 +33,9 @@ KIND, VERSION = "field", 1
 CELLS, POINTS = "cells", "points"
 MAX_CELLS = 2**28
 """Maximum number of cells of a map in a file."""
-DECISIVE = ("engine", "map_digest", "identity")
+IDENTIFYING_KEYS = ("engine", "map_digest", "identity")
 """Entries of a description that decide the values of a field."""
-ALIKE = ("engine", "map_shape", "resolution", "origin", "identity")
+MATCHING_KEYS = ("engine", "map_shape", "resolution", "origin", "identity")
 """Entries that fields share if values of one may be values of the other."""
 
 
@@ -46,7 +46,7 @@ def describe(grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False) 
     """
     estimator = config.estimator
     try:
-        has_versions = cached and not is_ours(estimator)
+        has_versions = cached and not is_from_locplan(estimator)
         metadata = {
             **stamp(KIND, VERSION),
             "engine": tiles.ENGINE,
@@ -66,13 +66,13 @@ def describe(grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False) 
         }
         described: dict[str, Any] = json.loads(json.dumps(metadata))
     except (LocplanError, TypeError, ValueError) as error:  # the others are of JSON
-        raise FieldError(f"estimator {shown(estimator.name)}: {error}") from None
+        raise FieldError(f"estimator {short_repr(estimator.name)}: {error}") from None
     return described
 
 
-def key_of(about: Mapping[str, Any]) -> str:
+def compute_cache_key(metadata: Mapping[str, Any]) -> str:
     """Name in the cache of the field with this description."""
-    decisive = json.dumps([about[name] for name in DECISIVE], sort_keys=True)
+    decisive = json.dumps([metadata[name] for name in IDENTIFYING_KEYS], sort_keys=True)
     return hashlib.sha256(decisive.encode()).hexdigest()[:32]
 
 
@@ -80,38 +80,38 @@ def write_field(
     file: Path,
     values: Values,
     grid: OccupancyGrid,
-    about: Mapping[str, Any],
-    others: Mapping[str, Array] | None = None,
+    metadata: Mapping[str, Any],
+    extra_arrays: Mapping[str, Array] | None = None,
 ) -> None:
     """Write a whole field for people who read it: compressed, and whole arrays.
 
-    `about` is the field's description. `others` are further arrays that are written along.
+    `metadata` is the field's description. `extra_arrays` are further arrays that are written along.
     """
-    arrays = {ABOUT: np.array(json.dumps(about)), CELLS: grid.cells, **values, **(others or {})}
+    arrays = {TREE_NAME: np.array(json.dumps(metadata)), CELLS: grid.cells, **values, **(extra_arrays or {})}
     with replacing(file) as temporary:
         write_arrays(temporary, arrays)
 
 
 def write_points(
-    file: Path, values: Values, points: Bools, about: Mapping[str, Any], cells: Array | None = None
+    file: Path, values: Values, points: Bools, metadata: Mapping[str, Any], cells: Array | None = None
 ) -> None:
     """Write the values at some points for the cache, which reads them fast.
 
-    `about` is the field's description. The map's levels are left out of parts of a field.
+    `metadata` is the field's description. The map's levels are left out of parts of a field.
     """
     rows: dict[str, Array] = {name: array[points] for name, array in values.items()}
-    arrays = {ABOUT: np.array(json.dumps(about)), POINTS: points, **rows}
+    arrays = {TREE_NAME: np.array(json.dumps(metadata)), POINTS: points, **rows}
     if cells is not None:
         arrays[CELLS] = cells
     with replacing(file) as temporary:
         write_arrays(temporary, arrays, plain=rows)
 
 
-def read_about(file: Path) -> dict[str, Any]:
+def read_metadata(file: Path) -> dict[str, Any]:
     """Read the description of a field; a LocplanError if it is none."""
-    text = str(_read(file, MAX_JSON_BYTES, ABOUT)[ABOUT])
+    text = str(_read(file, MAX_JSON_BYTES, TREE_NAME)[TREE_NAME])
     try:
-        metadata = parsed_json(text)
+        metadata = parse_json(text)
     except ValueError:
         metadata = None
     check_stamp(file, metadata, KIND, VERSION)
@@ -120,11 +120,11 @@ def read_about(file: Path) -> dict[str, Any]:
 
 
 def fill_values(
-    values: Values, file: Path, grid: OccupancyGrid, config: FieldConfig, where: Bools | None = None
+    values: Values, file: Path, grid: OccupancyGrid, config: FieldConfig, selection: Bools | None = None
 ) -> None:
     """Fill the arrays of a field, where they are NaN, with the values in a file.
 
-    Only the points `where` are filled. A FieldError if the arrays in the file do not fit.
+    Only the points `selection` are filled. A FieldError if the arrays in the file do not fit.
     """
     shapes = tiles.field_shapes(grid, config)
     lattice = shapes["covariance"][:2]
@@ -140,10 +140,10 @@ def fill_values(
             if arrays[name].dtype != np.float64 or arrays[name].shape != expected:
                 raise ValueError(f"its {name} does not fit its map and config")
     except (OSError, ValueError, KeyError) as error:
-        raise FieldError(f"{file}: is damaged, or no field ({_in_short(error)})") from None
-    new = is_stored & ~tiles.known_points(values)
-    if where is not None:
-        new &= where
+        raise FieldError(f"{file}: is damaged, or no field ({_format_error(error)})") from None
+    new = is_stored & ~tiles.find_computed_points(values)
+    if selection is not None:
+        new &= selection
     is_new = new[is_stored]
     for name, array in values.items():
         rows = arrays[name].reshape(-1, *array.shape[2:])
@@ -152,35 +152,35 @@ def fill_values(
 
 def read_values(file: Path, grid: OccupancyGrid, config: FieldConfig) -> Values:
     """Read the arrays of a field, NaN where it has no values."""
-    values = tiles.nothing_known(grid, config)
+    values = tiles.make_empty_values(grid, config)
     fill_values(values, file, grid, config)
     return values
 
 
-def read_grid(file: Path, about: Mapping[str, Any]) -> OccupancyGrid:
-    """Read the map that a field belongs to; `about` is the field's description."""
+def read_grid(file: Path, metadata: Mapping[str, Any]) -> OccupancyGrid:
+    """Read the map that a field belongs to; `metadata` is the field's description."""
     cells = _read(file, MAX_CELLS, CELLS)[CELLS]
     try:
-        return OccupancyGrid(cells, about["resolution"], tuple(about["origin"]), about["map"])
+        return OccupancyGrid(cells, metadata["resolution"], tuple(metadata["origin"]), metadata["map"])
     except (LookupError, TypeError, LocplanError) as error:
-        raise FieldError(f"{file}: its map is damaged ({_in_short(error)})") from None
+        raise FieldError(f"{file}: its map is damaged ({_format_error(error)})") from None
 
 
 def read_field(file: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     """Read a whole field: its arrays, map and config."""
-    about = read_about(file)
-    if about.get("engine") != tiles.ENGINE:
+    metadata = read_metadata(file)
+    if metadata.get("engine") != tiles.ENGINE:
         raise FieldError(
-            f"{file}: its values are those of another locplan (engine {about.get('engine')!s:.9},"
+            f"{file}: its values are those of another locplan (engine {metadata.get('engine')!s:.9},"
             f" not {tiles.ENGINE}); compute it again"
         )
-    grid = read_grid(file, about)
+    grid = read_grid(file, metadata)
     try:
-        config = FieldConfig.from_json(about["config"])
+        config = FieldConfig.from_json(metadata["config"])
     except (AttributeError, LookupError, TypeError, LocplanError) as error:
-        raise FieldError(f"{file}: its config cannot be used ({_in_short(error)})") from None
+        raise FieldError(f"{file}: its config cannot be used ({_format_error(error)})") from None
     values = read_values(file, grid, config)
-    lacking = int((tiles.needed_points(grid, config) & ~tiles.known_points(values)).sum())
+    lacking = int((tiles.find_required_points(grid, config) & ~tiles.find_computed_points(values)).sum())
     if lacking:
         raise FieldError(f"{file}: {lacking} points were never computed; compute it again")
     return values, grid, config
@@ -197,14 +197,14 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
         readable = False
     if not readable:
         raise FieldError(
-            f"a field of estimator {shown(estimator.name)} could not be read again; give the class"
+            f"a field of estimator {short_repr(estimator.name)} could not be read again; give the class"
             " a name of its own and settings fit for JSON, and register it:"
             f" locplan.field.ESTIMATORS[{estimator.name!r}] = {kind.__qualname__}"
         )
     for name, shape in tiles.field_shapes(grid, config).items():
         if name not in values or values[name].shape != shape:
             raise FieldError(f"the field's {name} must be an array of shape {shape}")
-    is_computed, stride = tiles.known_points(values), config.stride_cells(grid.resolution)
+    is_computed, stride = tiles.find_computed_points(values), config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in np.nonzero(is_computed))
     part = MapPart(
         grid.cells, rows, cols, grid.resolution, grid.shape, headings=config.heading_angles
@@ -222,8 +222,8 @@ def _read(file: Path, limit: int, name: str) -> dict[str, Any]:
     except FileNotFoundError:
         raise FieldError(f"{file}: there is no such file") from None
     except (OSError, ValueError) as error:
-        raise FieldError(f"{file}: is damaged, or no field ({_in_short(error)})") from None
+        raise FieldError(f"{file}: is damaged, or no field ({_format_error(error)})") from None
 
 
-def _in_short(error: Exception) -> str:
+def _format_error(error: Exception) -> str:
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -14,7 +14,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from locplan._support.checks import default_of, instance, keep, one_of
+from locplan._support.checks import derived_setting, check_instance, set_frozen_fields, check_choice
 from locplan._support.kernels.arrays import Floats, Octets, Singles
 from locplan.errors import ConfigError
 from locplan.field.beams import NORMAL_REACH, LidarEstimator, reach_of_beams, surface_normals
@@ -51,7 +51,7 @@ class Fisher(LidarEstimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        one_of("model", self.model, ("endpoint", "range"))
+        check_choice("model", self.model, ("endpoint", "range"))
 
     def identity(self) -> dict[str, object]:
         """The settings that the model reads: of ranges their noise, of ends that of the ends."""
@@ -81,11 +81,11 @@ class Fisher(LidarEstimator):
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan._support.kernels.lidar import information
+        from locplan._support.kernels.lidar import compute_information
 
         squares, normals = part.prepared or self.prepare(part.levels, part.resolution)
         window = self.lattice(part.resolution)
-        beam_information = information(
+        beam_information = compute_information(
             squares,
             normals,
             part.resolution,
@@ -168,9 +168,9 @@ class Fused(Estimator):
     lidar: Lidar
     """The lidar: its range, field of view, beams and mount."""
     _: KW_ONLY
-    fisher: Fisher = default_of(lambda fused: Fisher(fused.lidar))
+    fisher: Fisher = derived_setting(lambda fused: Fisher(fused.lidar))
     """The estimator of the derivatives; by default `Fisher` for the lidar."""
-    scan: Scan = default_of(lambda fused: Scan(fused.lidar))
+    scan: Scan = derived_setting(lambda fused: Scan(fused.lidar))
     """The estimator of the simulated scan, whose layers the field has; by default `Scan`.
 
     Its lidar and its window are those of `fisher`.
@@ -178,10 +178,10 @@ class Fused(Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        keep(self, fisher=self.fisher or Fisher(self.lidar), scan=self.scan or Scan(self.lidar))
-        instance("fisher", self.fisher, Fisher)
-        instance("scan", self.scan, Scan)
+        check_instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        set_frozen_fields(self, fisher=self.fisher or Fisher(self.lidar), scan=self.scan or Scan(self.lidar))
+        check_instance("fisher", self.fisher, Fisher)
+        check_instance("scan", self.scan, Scan)
         if {self.fisher.lidar, self.scan.lidar} != {self.lidar}:
             raise ConfigError("fisher and scan must have the lidar of the fused estimator")
         if self.fisher.window != self.scan.window:

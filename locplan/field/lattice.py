@@ -24,7 +24,7 @@ def stride_cells(stride: float, resolution: float) -> int:
 def evaluated_points(free: Bools, stride: int) -> Bools:
     """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
     required = free[::stride, ::stride].copy()
-    lonely = free & ~_covered(required, free.shape, stride)
+    lonely = free & ~_find_covered_cells(required, free.shape, stride)
     nearest = (
         np.minimum((index + stride // 2) // stride, size - 1)
         for index, size in zip(np.nonzero(lonely), required.shape, strict=True)
@@ -33,7 +33,7 @@ def evaluated_points(free: Bools, stride: int) -> Bools:
     return required
 
 
-def _covered(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
+def _find_covered_cells(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
     """Mask of the cells that `read_on_map` reads from at least one of the points, (H, W)."""
     for axis, size in enumerate(shape):
         at = np.arange(size)
@@ -43,7 +43,7 @@ def _covered(points: Bools, shape: tuple[int, int], stride: int) -> Bools:
     return points
 
 
-def every_second_point(points: Bools) -> Bools:
+def select_second_points(points: Bools) -> Bools:
     """Choose every second lattice point in each direction, and those with none of them around.
 
     Parameters
@@ -64,12 +64,12 @@ def every_second_point(points: Bools) -> Bools:
     return np.asarray(is_selected | (points & ~around))
 
 
-def evenly_thinned(known: Bools, lacking: Bools) -> Bools:
+def thin_evenly(is_computed: Bools, lacking: Bools) -> Bools:
     """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
-    return known & every_second_point(known | lacking) if lacking.any() else known
+    return is_computed & select_second_points(is_computed | lacking) if lacking.any() else is_computed
 
 
-def points_near(points: Bools, stride: int, cells: Floats, distance: float) -> Bools:
+def find_near_points(points: Bools, stride: int, cells: Floats, distance: float) -> Bools:
     """Choose the lattice points that are near to some cells.
 
     Parameters
@@ -100,7 +100,7 @@ def points_near(points: Bools, stride: int, cells: Floats, distance: float) -> B
     return np.asarray(points & (cv2.dilate(marks, disc.astype(np.uint8)) > 0))
 
 
-def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
+def fill_lacking(values: Floats, is_computed: Bools, lacking: Bools) -> Floats:
     """Fill the lacking points of a lattice (h, w) with the mean of the known ones around them.
 
     Where every second point is known this is their bilinear interpolation. Points with no known
@@ -111,7 +111,7 @@ def filled(values: Floats, known: Bools, lacking: Bools) -> Floats:
     half = np.array([0.5, 1.0, 0.5])
     summed, weight = (
         np.asarray(cv2.sepFilter2D(array, -1, half, half, borderType=cv2.BORDER_CONSTANT))
-        for array in (np.where(known, values, 0.0), known.astype(float))
+        for array in (np.where(is_computed, values, 0.0), is_computed.astype(float))
     )
     result = values.copy()
     with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where none is known around
@@ -189,10 +189,10 @@ def _sides(
     return low, np.minimum(low + 1, size - 1), (cells - lattice_floor * stride) / stride
 
 
-def merged(covariance: Floats, known: Bools) -> Floats:
+def merge_headings(covariance: Floats, is_computed: Bools) -> Floats:
     """Covariances (h, w, d, d) of the mean information over the headings of (h, w, n, d, d)."""
     if covariance.ndim == 4:
         return covariance
     result = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
-    result[known] = mean_information(covariance[known])
+    result[is_computed] = mean_information(covariance[is_computed])
     return result

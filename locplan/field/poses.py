@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import one_of, poses_from
+from locplan._support.checks import check_choice, parse_poses
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan.field.covariance import SCALARS, scalar
 from locplan.maps.grid import OccupancyGrid
@@ -20,7 +20,7 @@ OFFSETS = np.array([*product((-1, 0, 1), repeat=2)])
 
 
 @dataclass(frozen=True)
-class Corners:
+class LatticeCorners:
     """The lattice points that positions are read from."""
 
     points: Ints
@@ -30,9 +30,9 @@ class Corners:
     are none at a position without a value."""
 
     @classmethod
-    def around(
-        cls, grid: OccupancyGrid, stride: int, known: Bools, lacking: Bools, xy: Floats
-    ) -> Corners:
+    def from_positions(
+        cls, grid: OccupancyGrid, stride: int, is_computed: Bools, lacking: Bools, xy: Floats
+    ) -> LatticeCorners:
         """Find the lattice points around positions.
 
         There are none in cells that are not free, and outside the map. The points around a lacking
@@ -44,12 +44,12 @@ class Corners:
             The map.
         stride : int
             Spacing of the lattice [cells].
-        known, lacking : (h, w) arrays of bool
+        is_computed, lacking : (h, w) arrays of bool
             Lattice points that hold a covariance, and those that are read from their neighbours.
         xy : (n, 2) array
             The positions [m].
         """
-        cells, size = np.column_stack(grid.world_to_grid(*xy.T)), np.array(known.shape)
+        cells, size = np.column_stack(grid.world_to_grid(*xy.T)), np.array(is_computed.shape)
         lattice = np.clip((cells - 0.5) / stride, 0.0, size - 1.0)
         low = np.floor(lattice).astype(np.int64)
         share = lattice - low
@@ -59,21 +59,21 @@ class Corners:
         weight = np.concatenate([np.where(side, share, 1 - share).prod(axis=1) for side in sides])
         is_used = _is_free(grid, xy)[number] & (weight > 0)
         number, points, weight = number[is_used], points[is_used], weight[is_used]
-        is_known = known[tuple(points.T)]
+        is_known = is_computed[tuple(points.T)]
         is_lacking = lacking[tuple(points.T)]
         around = (points[is_lacking, None] + OFFSETS).reshape(-1, 2)
         inside = ((around >= 0) & (around < size)).all(axis=1)
         around[~inside] = 0
         near = 0.5 ** np.abs(OFFSETS).sum(axis=1) * (
-            (inside & known[tuple(around.T)]).reshape(-1, len(OFFSETS))
+            (inside & is_computed[tuple(around.T)]).reshape(-1, len(OFFSETS))
         )
         near *= (weight[is_lacking] / np.maximum(near.sum(axis=1), 1e-9))[:, None]
         number = np.concatenate([number[is_known], np.repeat(number[is_lacking], len(OFFSETS))])
         points = np.concatenate([points[is_known], around])
-        return cls._of(number, points, np.concatenate([weight[is_known], near.ravel()]), len(xy))
+        return cls._from_weights(number, points, np.concatenate([weight[is_known], near.ravel()]), len(xy))
 
     @classmethod
-    def _of(cls, number: Ints, points: Ints, weight: Floats, count: int) -> Corners:
+    def _from_weights(cls, number: Ints, points: Ints, weight: Floats, count: int) -> LatticeCorners:
         """Corners of entries: the number of the position, the point, and its weight."""
         is_used = weight > 0
         number, points, weight = number[is_used], points[is_used], weight[is_used]
@@ -92,8 +92,8 @@ class Corners:
         headings : (n,) array, optional
             Heading at each position [rad]; by default the mean over all headings counts.
         """
-        values, weights = self._towards(values, 1, headings)
-        return self._blanked(weights @ values)
+        values, weights = self._select_headings(values, 1, headings)
+        return self._blank_unread(weights @ values)
 
     def read_covariances(self, covariances: Floats, headings: Floats | None) -> Floats:
         """Return covariances at the positions, (n, d, d), interpolated in the matrix logarithm.
@@ -105,14 +105,14 @@ class Corners:
         headings : (n,) array, optional
             Heading at each position [rad].
         """
-        from locplan.field.kernels.symmetric import mapped
+        from locplan.field.kernels.symmetric import map_eigenvalues
 
         d = covariances.shape[-1]
-        heading_covariances, weights = self._towards(covariances, 3, headings)
-        logs = weights @ mapped(heading_covariances, True).reshape(-1, d * d)
-        return self._blanked(mapped(logs.reshape(-1, d, d), False))
+        heading_covariances, weights = self._select_headings(covariances, 3, headings)
+        logs = weights @ map_eigenvalues(heading_covariances, True).reshape(-1, d * d)
+        return self._blank_unread(map_eigenvalues(logs.reshape(-1, d, d), False))
 
-    def _towards(self, values: Floats, plain: int, headings: Floats | None) -> tuple[Floats, Any]:
+    def _select_headings(self, values: Floats, plain: int, headings: Floats | None) -> tuple[Floats, Any]:
         """The values that are read, of one heading each, and their weights at each position.
 
         `plain` is the number of dimensions of values without headings.
@@ -132,7 +132,7 @@ class Corners:
         weights = _sparse(weight, np.tile(sparse_weights.row, 2), place, shape)
         return values.reshape(-1, *values.shape[2:])[used], weights
 
-    def _blanked(self, values: Floats) -> Floats:
+    def _blank_unread(self, values: Floats) -> Floats:
         values[np.diff(self.weights.indptr) == 0] = np.nan
         return values
 
@@ -150,7 +150,7 @@ def _sparse(weight: Floats, rows: Ints, cols: Ints, shape: tuple[int, int]) -> A
     return csr_array((weight, (rows, cols)), shape=shape)
 
 
-def read_field(field: Any, poses: ArrayLike, name: str | None) -> Any:
+def read_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
     """Return all values of a field at poses by name, or those of one name.
 
     Parameters
@@ -160,12 +160,12 @@ def read_field(field: Any, poses: ArrayLike, name: str | None) -> Any:
     poses, name
         See `CovarianceField.at`.
     """
-    array, is_single = poses_from(poses)
+    array, is_single = parse_poses(poses)
     names = ("covariance", *SCALARS, *field.layers)
     if name is not None:
-        one_of("name", name, names)
+        check_choice("name", name, names)
     headings = array[:, 2] if array.shape[1] == 3 else None
-    corners = Corners.around(field.grid, field.stride, field.evaluated, field.lacking, array[:, :2])
+    corners = LatticeCorners.from_positions(field.grid, field.stride, field.evaluated, field.lacking, array[:, :2])
     at = tuple(corners.points.T)
     values: dict[str, Floats] = {}
     if name not in field.layers:

@@ -12,10 +12,10 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from locplan._support.checks import Settings, instance, keep, positive, reach, setting, shown
+from locplan._support.checks import Settings, check_instance, set_frozen_fields, check_positive, check_range, setting, short_repr
 from locplan._support.kernels.arrays import Array, Floats
 from locplan.errors import ConfigError
-from locplan.field.estimator import TILE_CELLS, Estimator, MapPart, Values, settings_of
+from locplan.field.estimator import TILE_CELLS, Estimator, MapPart, Values, dict_from_settings
 from locplan.field.search_window import OffsetLattice, SearchWindow
 from locplan.field.templates import disc
 from locplan.maps.occupancy import FREE, OCCUPIED
@@ -43,7 +43,7 @@ class Exponential(Settings):
 
     def __post_init__(self) -> None:
         if self.tau is not None:
-            keep(self, tau=positive("tau", self.tau, "m^2"))
+            set_frozen_fields(self, tau=check_positive("tau", self.tau, "m^2"))
 
     def weigh(self, area: Floats, cell_area: float, template: str) -> Floats:
         """Return the weights, 0..1, of offsets with mismatch areas [m^2]."""
@@ -65,7 +65,7 @@ class InverseSquare(Settings):
 
     def __post_init__(self) -> None:
         if self.floor is not None:
-            keep(self, floor=positive("floor", self.floor, "m^2"))
+            set_frozen_fields(self, floor=check_positive("floor", self.floor, "m^2"))
 
     def weigh(self, area: Floats, cell_area: float, template: str) -> Floats:
         """Return the weights, 0..1, of offsets with mismatch areas [m^2]."""
@@ -109,7 +109,7 @@ class Sad(Estimator):
     """Search window of pose offsets, which bounds the covariance; by default the paper's."""
     quantisation: bool = True
     """True to add Q, the variance that the window's steps cannot resolve (step^2 / 12)."""
-    range: float = setting(PAPER_RANGE, reach)
+    range: float = setting(PAPER_RANGE, check_range)
     """Radius of the template disc [m], above 0 up to 10,000; take the range of your lidar."""
     template: Literal["disc", "visible"] = setting("disc", *TAU)
     """Compared part of the disc: all of it, as in the paper, or what a ray from the cell sees.
@@ -124,13 +124,13 @@ class Sad(Estimator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        instance("window", self.window, SearchWindow)
+        check_instance("window", self.window, SearchWindow)
         if not isinstance(self.quantisation, bool):
-            raise ConfigError(f"quantisation must be true or false, not {shown(self.quantisation)}")
+            raise ConfigError(f"quantisation must be true or false, not {short_repr(self.quantisation)}")
         if self.lidar is not None:
-            instance("lidar", self.lidar, Lidar)
+            check_instance("lidar", self.lidar, Lidar)
         if not isinstance(self.weights, WeightLaw):
-            instance("weights", self.weights, Exponential)
+            check_instance("weights", self.weights, Exponential)
 
     @classmethod
     def paper(cls, *, range: float = PAPER_RANGE, noise_level: float = 1.0) -> Sad:
@@ -151,7 +151,7 @@ class Sad(Estimator):
         return self.quantisation
 
     def lattice(self, resolution: float) -> OffsetLattice:
-        return self.window.on(resolution, exact=True)
+        return self.window.to_lattice(resolution, exact=True)
 
     def template_radius(self, resolution: float, map_shape: tuple[int, int]) -> int:
         """Radius of the disc in whole cells, at least one.
@@ -164,7 +164,7 @@ class Sad(Estimator):
         resolution, map_shape
             See `locplan.field.Estimator.halo`.
         """
-        window = self.lattice(resolution).counted
+        window = self.lattice(resolution).cell_lattice
         max_radius = math.ceil(math.hypot(*map_shape) + math.sqrt(2) * window.reach) + 2
         return max(1, min(math.floor(self.range / resolution + 1e-9), max_radius))
 
@@ -176,11 +176,11 @@ class Sad(Estimator):
     @property
     def title(self) -> str:
         """Name, lidar, range, template and weights of the estimator, for titles."""
-        how = f"{self.name}, {self.template}, {self.weights.name}"
+        settings_text = f"{self.name}, {self.template}, {self.weights.name}"
         if self.lidar:
-            return f"{how}, {self.lidar.model or 'lidar'}, {self.range:g} m"
+            return f"{settings_text}, {self.lidar.model or 'lidar'}, {self.range:g} m"
         disc = "the paper's disc, 6 m assumed" if self.range == PAPER_RANGE else f"{self.range:g} m"
-        return f"{how}; no lidar named: {disc}"
+        return f"{settings_text}; no lidar named: {disc}"
 
     def with_lidar(self, lidar: Lidar) -> Sad:
         """The estimator whose disc reaches as far as a lidar.
@@ -201,22 +201,22 @@ class Sad(Estimator):
         del settings["lidar"]
         if not isinstance(self.weights, Exponential):
             return settings
-        return {**settings, "weights": settings_of(replace(self.weights, tau=self.tau))}
+        return {**settings, "weights": dict_from_settings(replace(self.weights, tau=self.tau))}
 
     def covariances(self, part: MapPart) -> Values:
         """Weighted covariance of the offsets about their mean, times k (Eq. 8).
 
         See `locplan.field.Estimator.covariances`.
         """
-        from locplan.field.sad_tiles import Layout, in_steps
+        from locplan.field.sad_tiles import MapLayout, compute_step_covariances
 
         window = self.lattice(part.resolution)
         radius = self.template_radius(part.resolution, part.map_shape)
         greatest = 2 * np.count_nonzero(disc(radius)) * LEVEL_STEP
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
-        layout = Layout.of(part, radius, window.counted)
+        layout = MapLayout.from_part(part, radius, window.cell_lattice)
         negligible, visible = self.negligible(part.resolution), self.template == "visible"
-        covariance_in_steps = in_steps(layout, weights, window.places, negligible, visible)
+        covariance_in_steps = compute_step_covariances(layout, weights, window.places, negligible, visible)
         covariance = self.noise_level * covariance_in_steps * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
@@ -270,7 +270,7 @@ class Sad(Estimator):
         return self.weights.weigh(area, cell_area, self.template)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        window = self.lattice(resolution).counted
+        window = self.lattice(resolution).cell_lattice
         # A turned cell lies within one cell of its rounded place, and so does its source.
         return self.template_radius(resolution, map_shape) + max(window.reach, 2)
 
@@ -281,7 +281,7 @@ class Sad(Estimator):
         """
         from locplan.field.kernels.bitplanes import SQUARE
 
-        window = self.lattice(resolution).counted
+        window = self.lattice(resolution).cell_lattice
         radius, turns = self.template_radius(resolution, map_shape), window.angles.size
         rotated_edge = min(TILE_CELLS, max(map_shape)) * math.sqrt(2) + 2.0 * radius
         still = min(TILE_CELLS, max(map_shape)) + 2.0 * (radius + window.reach)

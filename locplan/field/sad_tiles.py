@@ -22,7 +22,7 @@ from locplan.field.search_window import OffsetLattice
 from locplan.field.templates import BEHIND, beam_count, beam_of_cell, disc, map_centre
 
 
-class Group(NamedTuple):
+class CellGroup(NamedTuple):
     """Cells whose covariances share one layout of the map."""
 
     cells: NDArray[np.intp]  # indices of the cells in their part of the map, (n,)
@@ -45,7 +45,7 @@ class Group(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class MapLayout:
     """The map around some cells and its turned copies, as the kernels read them."""
 
     part: MapPart  # the cells, and the part of the map that they depend on
@@ -57,12 +57,12 @@ class Layout:
     first: tuple[int, int]  # row and column of the whole map at which `still` begins
     still: Octets  # strips of the map, (plane, col, row)
     # Strips of the map turned by each heading, (heading, plane, col, row).
-    turned: Octets
+    rotated_strips: Octets
     tops: Ints  # rows of `turned` at which the cells' discs begin, (n, heading)
     lefts: Ints  # columns of `turned` at which the cells' discs begin, (n, heading)
 
     @classmethod
-    def of(cls, part: MapPart, radius: int, window: OffsetLattice) -> Layout:
+    def from_part(cls, part: MapPart, radius: int, window: OffsetLattice) -> MapLayout:
         """Lay out the map and its turned copies."""
         levels = np.array(part.levels, order="C")
         squares = templates.disc_squares(disc(radius))
@@ -99,7 +99,7 @@ class Layout:
         """Number of offsets in x, and also in y."""
         return 2 * self.window.half_steps + 1
 
-    def groups(self) -> list[Group]:
+    def groups(self) -> list[CellGroup]:
         """The cells in groups that share a layout of the map, which is thin where they can.
 
         It has every row and column at which a square may begin, of any cell at any offset. Cells
@@ -110,12 +110,12 @@ class Layout:
         over = self.part.rows % unit * unit + self.part.cols % unit
         return [self._group(np.flatnonzero(over == remainder)) for remainder in np.unique(over)]
 
-    def _group(self, cells: NDArray[np.intp]) -> Group:
+    def _group(self, cells: NDArray[np.intp]) -> CellGroup:
         around, step = self.radius + self.window.reach, self.window.step_cells
         rows, cols = self.part.rows[cells], self.part.cols[cells]
         top, left = int(rows.min()), int(cols.min())
         rows, cols = rows - top, cols - left
-        return Group(
+        return CellGroup(
             cells=cells,
             rows=rows,
             cols=cols,
@@ -124,7 +124,7 @@ class Layout:
             spacing=math.gcd(step, int(np.gcd.reduce(rows)), int(np.gcd.reduce(cols))),
         )
 
-    def tile(self, group: Group) -> templates.Tile:
+    def tile(self, group: CellGroup) -> templates.Tile:
         """The tile of a group of cells."""
         unit = group.unit
         step_units, square_units = self.window.step_cells // unit, SQUARE // unit
@@ -142,13 +142,13 @@ class Layout:
         sum_row, sum_col = group.rows // group.spacing, group.cols // group.spacing
         sum_places = (sum_col * sum_steps + sum_row % sum_steps) * sum_lanes + sum_row // sum_steps
 
-        strip_rows, strip_plane = self.turned.shape[3], self.turned[0, 0].size
+        strip_rows, strip_plane = self.rotated_strips.shape[3], self.rotated_strips[0, 0].size
         heading = PLANES * strip_plane * np.arange(self.window.angles.size)
         return templates.Tile(
             words=words.reshape(-1),
             below=below.reshape(-1),
             disc_sums=sums.reshape(-1),
-            octets=self.turned.reshape(-1),
+            octets=self.rotated_strips.reshape(-1),
             corners=heading + self.lefts[group.cells] * strip_rows + self.tops[group.cells],
             rests=p % step_units,
             places=group.cols // unit * col_words + p // step_units,
@@ -165,7 +165,7 @@ class Layout:
             disc=self.disc,
         )
 
-    def _disc_sums(self, group: Group) -> Ints:
+    def _disc_sums(self, group: CellGroup) -> Ints:
         """Disc sums of a group of cells at all offsets, (plane, col, row mod step, row div step).
 
         Their rows and columns are as far apart as the cells are.
@@ -178,7 +178,7 @@ class Layout:
         bitplanes.disc_sums(self.still, *corner, self.radius, spacing, rows, sums)
         return sums.reshape(PLANES, cols, -1, steps).swapaxes(2, 3)
 
-    def sight(self, group: Group) -> templates.Sight:
+    def sight(self, group: CellGroup) -> templates.SightRays:
         """Rays of the visible templates of a group of cells."""
         return _rays(self.radius, self.window)._replace(
             levels=self.levels,
@@ -188,13 +188,13 @@ class Layout:
 
 
 @lru_cache(maxsize=4)
-def _rays(radius: int, window: OffsetLattice) -> templates.Sight:
+def _rays(radius: int, window: OffsetLattice) -> templates.SightRays:
     """Rays of the visible templates of no cells."""
     angles = 2 * np.pi * np.arange(beam_count(radius)) / beam_count(radius)
     offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
     beams = [beam_of_cell(radius, theta).astype(np.int32) for theta in window.angles]
     nowhere = np.empty(0, np.int64)
-    return templates.Sight(
+    return templates.SightRays(
         cos=np.cos(angles),
         sin=np.sin(angles),
         beam=np.array([templates.by_squares(beam) for beam in beams]),
@@ -231,27 +231,27 @@ def disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
     return places[:, 0], places[:, 1]
 
 
-def scaled(greatest: int) -> tuple[int, int]:
+def scale_to_short(greatest: int) -> tuple[int, int]:
     """Limit below 65,535 for sums of numbers shifted to the right by so many bits, and the bits."""
     shift = max(0, greatest.bit_length() - MAX_SHORT.bit_length())
     shift += greatest >> shift >= MAX_SHORT
     return greatest >> shift, shift
 
 
-def kept_lines(layout: Layout, groups: list[Group], negligible: int) -> list[Bools]:
+def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int) -> list[Bools]:
     """Lines of offsets that may have an S / 127 of at most `negligible`.
 
     Of each group of cells, (theta, n, dx).
     """
     control, headings = layout.part.control, layout.window.angles.size
-    limit, shift = scaled(negligible)
+    limit, shift = scale_to_short(negligible)
     line_masks = [np.ones((headings, group.cells.size, layout.offsets), bool) for group in groups]
     still = np.empty((2, *(size + 1 for size in layout.still.shape[1:])), np.uint16)
-    bitplanes.sum_up(layout.still, still)
-    table = np.empty((2, *(size + 1 for size in layout.turned.shape[2:])), np.uint16)
+    bitplanes.fill_summed_table(layout.still, still)
+    table = np.empty((2, *(size + 1 for size in layout.rotated_strips.shape[2:])), np.uint16)
     laid_out = [_lay_out(layout, group, still, table.shape[2]) for group in groups]
     for k in range(headings):
-        bitplanes.sum_up(layout.turned[k], table)
+        bitplanes.fill_summed_table(layout.rotated_strips[k], table)
         corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
         for group, blocks, lines in zip(groups, laid_out, line_masks, strict=True):
             cell_corners = corners[group.cells]
@@ -259,7 +259,7 @@ def kept_lines(layout: Layout, groups: list[Group], negligible: int) -> list[Boo
     return line_masks
 
 
-def _lay_out(layout: Layout, group: Group, still: Shorts, table_rows: int) -> bitplanes.Blocks:
+def _lay_out(layout: MapLayout, group: CellGroup, still: Shorts, table_rows: int) -> bitplanes.Blocks:
     """The blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
     places = [disc_blocks(layout.radius, edge) for edge in edges]
@@ -290,8 +290,8 @@ def _lay_out(layout: Layout, group: Group, still: Shorts, table_rows: int) -> bi
     )
 
 
-def in_steps(
-    layout: Layout, weights: Floats, places: Floats, negligible: int | None, visible: bool
+def compute_step_covariances(
+    layout: MapLayout, weights: Floats, places: Floats, negligible: int | None, visible: bool
 ) -> Floats:
     """Covariances [lattice steps], (n, 3, 3); NaN where the computation was stopped.
 
@@ -303,7 +303,7 @@ def in_steps(
     all_lines = np.ones((headings, 1, layout.offsets), bool)
     line_masks = [all_lines] * len(groups)
     if negligible is not None:
-        line_masks = kept_lines(layout, groups, negligible)
+        line_masks = find_kept_lines(layout, groups, negligible)
         if (places % 1).any():  # what lies beside a kept line along x is read from both
             for lines in line_masks:
                 wide = lines.copy()

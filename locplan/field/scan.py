@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import is_number, keep, shown
+from locplan._support.checks import is_number, set_frozen_fields, short_repr
 from locplan._support.kernels.arrays import Floats, Octets
 from locplan.errors import ConfigError
 from locplan.field.beams import LidarEstimator, reach_of_beams, wall_cells
@@ -22,7 +22,7 @@ from locplan.maps.occupancy import OCCUPIED
 from locplan.robots.lidar import MAX_BEAMS
 
 
-class Scene(NamedTuple):
+class ScanMap(NamedTuple):
     """Data of a map that a simulated scan needs."""
 
     squares: Octets
@@ -53,8 +53,8 @@ class Scan(LidarEstimator):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (is_number(self.z_rand) and 0 < self.z_rand < 1):
-            raise ConfigError(f"z_rand must lie between 0 and 1, not {shown(self.z_rand)}")
-        keep(self, endpoint_noise=_noise(self.endpoint_noise))
+            raise ConfigError(f"z_rand must lie between 0 and 1, not {short_repr(self.z_rand)}")
+        set_frozen_fields(self, endpoint_noise=_noise(self.endpoint_noise))
 
     def covariances(self, part: MapPart) -> Values:
         """Covariance of the posterior about its mean, times k, and the layers.
@@ -104,7 +104,7 @@ class Scan(LidarEstimator):
         reversed_digits = numbers[:, None] >> digits & 1
         return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
 
-    def prepare(self, levels: Octets, resolution: float) -> Scene:
+    def prepare(self, levels: Octets, resolution: float) -> ScanMap:
         """Empty squares and the likelihood field of a map or a part.
 
         See `locplan.field.Estimator.prepare`.
@@ -115,7 +115,7 @@ class Scan(LidarEstimator):
         likelihood = likelihood_field(
             levels, resolution, window.step_cells, window.half_steps, *law
         )
-        return Scene(empty_squares(levels == OCCUPIED), likelihood)
+        return ScanMap(empty_squares(levels == OCCUPIED), likelihood)
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
         from locplan._support.kernels.likelihood import likelihood_reach
@@ -156,7 +156,7 @@ def _noise(noise: object) -> tuple[float, float]:
     ):
         raise ConfigError(
             "endpoint_noise must be two numbers of at least 0, [m] and [m per m], such as"
-            f" (0.03, 0.01), not {shown(noise)}"
+            f" (0.03, 0.01), not {short_repr(noise)}"
         )
     return float(noise[0]), float(noise[1])
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from locplan._support.checks import Settings, positive, setting
+from locplan._support.checks import Settings, check_positive, setting
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.errors import ConfigError
 
@@ -30,19 +30,19 @@ class SearchWindow(Settings):
     21
     """
 
-    half_width: float = setting(2.0, positive, "m")
+    half_width: float = setting(2.0, check_positive, "m")
     """Maximum offset in x and in y [m], from `step` to 1000 times it.
 
     A larger one finds look-alike places farther away, in a time that grows with its square.
     """
-    step: float = setting(0.2, positive, "m")
+    step: float = setting(0.2, check_positive, "m")
     """Spacing of the offsets [m], above 0; the lidar's estimators round it to whole cells.
 
     Half of it resolves smaller deviations, in four times the time.
     """
     half_rotation_deg: float = setting(60.0, 0.0, 180.0)
     """Maximum turn [deg], 0 to 180; 0 compares positions only, and then e has the unit m^2."""
-    rotation_step_deg: float = setting(10.0, positive, "deg")
+    rotation_step_deg: float = setting(10.0, check_positive, "deg")
     """Spacing of the turns [deg], above 0 up to `half_rotation_deg`."""
 
     def __post_init__(self) -> None:
@@ -60,7 +60,7 @@ class SearchWindow(Settings):
                 f" half_rotation_deg ({self.half_rotation_deg}); 0 compares positions only"
             )
 
-    def on(self, resolution: float, *, exact: bool = False) -> OffsetLattice:
+    def to_lattice(self, resolution: float, *, exact: bool = False) -> OffsetLattice:
         """Lattice of the window's offsets on a map.
 
         Parameters
@@ -139,7 +139,7 @@ class OffsetLattice:
         return int(self.cells[-1])
 
     @property
-    def counted(self) -> OffsetLattice:
+    def cell_lattice(self) -> OffsetLattice:
         """Lattice in steps of whole cells that encloses this one."""
         if self.exact_step is None:
             return self
@@ -147,8 +147,8 @@ class OffsetLattice:
 
     @property
     def places(self) -> Floats:
-        """Places of the rounded offsets among those of `counted`, from 0 on [its steps]."""
-        return self.cells / self.step_cells + self.counted.half_steps
+        """Places of the rounded offsets among those of `cell_lattice`, from 0 on [its steps]."""
+        return self.cells / self.step_cells + self.cell_lattice.half_steps
 
     @property
     def steps(self) -> Floats:

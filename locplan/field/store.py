@@ -32,8 +32,8 @@ from locplan.field.cache import (
     cache_folder,
     load_or_compute_result,
 )
-from locplan.field.compute import finished_chunks
-from locplan.field.config import FieldConfig, config_of
+from locplan.field.compute import fill_chunks
+from locplan.field.config import FieldConfig, config_from_settings
 from locplan.field.estimator import Estimator, Values
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid, check_grid
@@ -94,12 +94,12 @@ def covariance_field(
     (15, 15, 3, 3)
     """
     check_grid(grid)
-    config = config_of(config)
-    values = tiles.nothing_known(grid, config)
-    required = tiles.needed_points(grid, config, points)
-    for _ in finished_chunks(values, grid, config, threads, executor, progress, required):
+    config = config_from_settings(config)
+    values = tiles.make_empty_values(grid, config)
+    required = tiles.find_required_points(grid, config, points)
+    for _ in fill_chunks(values, grid, config, threads, executor, progress, required):
         pass
-    return CovarianceField.of(values, grid, config)
+    return CovarianceField.from_values(values, grid, config)
 
 
 def load_or_compute(
@@ -146,8 +146,8 @@ def load_or_compute(
         caller's estimator declares no version.
     """
     check_grid(grid)
-    config = config_of(config)
-    required = None if points is None else tiles.needed_points(grid, config, points)
+    config = config_from_settings(config)
+    required = None if points is None else tiles.find_required_points(grid, config, points)
     try:
         metadata = files.describe(grid, config, cached=True)
     except FieldError as error:
@@ -158,13 +158,13 @@ def load_or_compute(
     field = _CachedField(grid, config, metadata, required)
 
     def compute(parts: Path | None) -> Values:
-        values, due = field.values_known(path, parts)
-        chunks = finished_chunks(values, grid, config, threads, executor, progress, due)
+        values, due = field.load_cached_values(path, parts)
+        chunks = fill_chunks(values, grid, config, threads, executor, progress, due)
         with closing(chunks):
             field.write_parts(chunks, values, parts)
         return values
 
-    key = files.key_of(metadata)
+    key = files.compute_cache_key(metadata)
     path = cache_folder(cache_dir) / f"{key}{RESULT}"
     values = load_or_compute_result(
         key,
@@ -177,7 +177,7 @@ def load_or_compute(
     if required is not None:
         for array in values.values():
             array[~required] = np.nan
-    return CovarianceField.of(values, grid, config)
+    return CovarianceField.from_values(values, grid, config)
 
 
 def field_path(
@@ -201,7 +201,7 @@ def field_path(
     FieldError
         If the field cannot be cached; see `load_or_compute`.
     """
-    key = files.key_of(files.describe(grid, config, cached=True))
+    key = files.compute_cache_key(files.describe(grid, config, cached=True))
     return cache_folder(cache_dir) / f"{key}{RESULT}"
 
 
@@ -213,9 +213,9 @@ class _CachedField:
     """The map."""
     config: FieldConfig
     """The settings."""
-    about: dict[str, Any]
+    metadata: dict[str, Any]
     """Description of the field."""
-    needed: Bools | None
+    required: Bools | None
     """Lattice points that are needed, (h, w); None for all."""
 
     @cached_property
@@ -225,40 +225,40 @@ class _CachedField:
 
     def load(self, path: Path) -> Values | None:
         """Read the field from its file; None if points are lacking."""
-        metadata = self._described(path)
-        if self.needed is None and metadata.get("finished_share") != 1.0:
+        metadata = self._read_matching_metadata(path)
+        if self.required is None and metadata.get("finished_share") != 1.0:
             return None  # some points only
         values = files.read_values(path, self.grid, self.config)
-        if self.needed is not None and (self.needed & ~tiles.known_points(values)).any():
+        if self.required is not None and (self.required & ~tiles.find_computed_points(values)).any():
             return None
-        if versions := self.about["identity"]["versions"]:
+        if versions := self.metadata["identity"]["versions"]:
             LOG.warning("field of %s: cached, version %s", self.grid.name, ", ".join(versions))
         return values
 
     def save(self, path: Path, values: Values) -> None:
         """Write all known values to the field's file."""
-        is_computed = tiles.known_points(values)
+        is_computed = tiles.find_computed_points(values)
         files.write_points(path, values, is_computed, self._with_share(is_computed), self.grid.cells)
 
-    def values_known(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
+    def load_cached_values(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
         """Values of the field that the cache has, NaN elsewhere, and the points due for computing.
 
         They come from the field's own file and parts, and from the fields of other states of the
         map, where the edits cannot have changed them.
         """
-        values = tiles.nothing_known(self.grid, self.config)
-        due = self.all_points if self.needed is None else self.needed
+        values = tiles.make_empty_values(self.grid, self.config)
+        due = self.all_points if self.required is None else self.required
         for file in (path, *sorted(parts.glob(f"*{RESULT}") if parts else ())):
             with suppress(LocplanError):
-                self._described(file)
+                self._read_matching_metadata(file)
                 files.fill_values(values, file, self.grid, self.config, self.all_points)
         same = 0
         for cached_result in cache_entries(path.parent):
-            lacking = due & ~tiles.known_points(values)
+            lacking = due & ~tiles.find_computed_points(values)
             if same == 3 or not lacking.any():
                 break
             if cached_result.path == path or not all(
-                cached_result.about.get(name) == self.about[name] for name in ("kind", *files.ALIKE)
+                cached_result.about.get(name) == self.metadata[name] for name in ("kind", *files.MATCHING_KEYS)
             ):
                 continue
             with suppress(LocplanError):  # damaged ones are skipped: this is only a shortcut
@@ -271,33 +271,33 @@ class _CachedField:
 
     def write_parts(self, chunks: Iterable[object], values: Values, parts: Path | None) -> None:
         """Finish all chunks of the values; every few seconds write the new values as a part."""
-        written, last = tiles.known_points(values), time.monotonic()
+        written, last = tiles.find_computed_points(values), time.monotonic()
         for _ in chunks:
             if parts and time.monotonic() - last >= PART_SECONDS:
-                known = tiles.known_points(values)
+                is_computed = tiles.find_computed_points(values)
                 # A full disk shows again when the whole field is written.
                 with suppress(LocplanError):
                     make_folder(parts)
-                    file = parts / f"{known.sum():012}{RESULT}"
-                    files.write_points(file, values, known & ~written, self._with_share(known))
-                    written = known
+                    file = parts / f"{is_computed.sum():012}{RESULT}"
+                    files.write_points(file, values, is_computed & ~written, self._with_share(is_computed))
+                    written = is_computed
                 last = time.monotonic()
 
     def report(self, parts: Path, progress: ProgressCallback) -> None:
         """Report how far another process is, by the names of the parts that it has written."""
-        due = int((self.all_points if self.needed is None else self.needed).sum())
+        due = int((self.all_points if self.required is None else self.required).sum())
         n_done = 0
         with suppress(OSError, ValueError):  # there are none yet
             n_done = max(int(Path(name).stem) for name in os.listdir(parts))
         progress(min(n_done, due), due)
 
-    def _described(self, file: Path) -> dict[str, Any]:
+    def _read_matching_metadata(self, file: Path) -> dict[str, Any]:
         """The description in a file of this field; a FieldError if it is another field's."""
-        metadata = files.read_about(file)
-        if any(metadata.get(name) != self.about[name] for name in files.DECISIVE):
+        metadata = files.read_metadata(file)
+        if any(metadata.get(name) != self.metadata[name] for name in files.IDENTIFYING_KEYS):
             raise FieldError(f"{file}: holds another field")
         return metadata
 
-    def _with_share(self, known: Bools) -> dict[str, Any]:
+    def _with_share(self, is_computed: Bools) -> dict[str, Any]:
         total = int(self.all_points.sum())
-        return self.about | {"finished_share": float(known.sum() / total) if total else 1.0}
+        return self.metadata | {"finished_share": float(is_computed.sum() / total) if total else 1.0}

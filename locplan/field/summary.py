@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.tables import table
+from locplan._support.tables import format_table
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import SCALARS, mean_information
 from locplan.field.field import CovarianceField
@@ -39,7 +39,7 @@ class Percentiles:
             The unit that is shown.
         """
         values = self.low, self.median, self.high
-        return f"{' / '.join(_shown(factor * value) for value in values)} {unit}"
+        return f"{' / '.join(_format_e(factor * value) for value in values)} {unit}"
 
     def median_text(self, factor: float = 1.0) -> str:
         """The median for people, a dash where there is none.
@@ -49,7 +49,7 @@ class Percentiles:
         factor : float, default 1.0
             Number of the units shown in the unit of the values.
         """
-        return _shown(factor * self.median)
+        return _format_e(factor * self.median)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class FieldSummary:
     """Unit of e: without rotation in the search window it is m^2."""
 
     @classmethod
-    def of(cls, field: CovarianceField) -> FieldSummary:
+    def from_field(cls, field: CovarianceField) -> FieldSummary:
         """The summary of a field.
 
         Parameters
@@ -85,15 +85,15 @@ class FieldSummary:
             The field.
         """
         criterion = field.config.estimator.criterion
-        decisive = field.scalar(criterion, with_q=True)[field.evaluated]
+        decisive = field.scalar(criterion, with_q=True)[field.is_evaluated]
         perfect = bool(decisive.size and decisive.max() <= field.anchors(criterion)[0])
         return cls(
             field.grid.name,
             field.config,
-            int(field.evaluated.sum()),
-            position_std=_percentiles(field.scalar("position_std")[field.evaluated]),
-            heading_std=_percentiles(field.scalar("heading_std")[field.evaluated]),
-            e=_percentiles(field.scalar("e")[field.evaluated]),
+            int(field.is_evaluated.sum()),
+            position_std=_percentiles(field.scalar("position_std")[field.is_evaluated]),
+            heading_std=_percentiles(field.scalar("heading_std")[field.is_evaluated]),
+            e=_percentiles(field.scalar("e")[field.is_evaluated]),
             saturated_share=field.saturated_share,
             all_perfect=perfect,
             e_unit=field.e_unit,
@@ -104,7 +104,7 @@ class FieldSummary:
         estimator, headings = self.config.estimator, self.config.headings
         several = "" if headings == 1 else f", {headings} headings"
         position, heading = SCALARS["position_std"], SCALARS["heading_std"]
-        text = table(
+        text = format_table(
             ["", "10 % / median / 90 % of cells and headings"],
             [
                 ["map", self.map],
@@ -127,12 +127,12 @@ def _percentiles(values: Floats) -> Percentiles:
     return Percentiles(*percentiles)
 
 
-def _shown(e: float) -> str:
+def _format_e(e: float) -> str:
     """A value of e for people, a dash where there is none."""
     return "–" if math.isnan(e) else f"{e:.3g}"
 
 
-def about_field(field: CovarianceField) -> str:
+def describe_field(field: CovarianceField) -> str:
     """Say in a line how a field was made, how much of it is saturated, and what helps then.
 
     Parameters
@@ -141,13 +141,13 @@ def about_field(field: CovarianceField) -> str:
         The field.
     """
     several = "" if field.config.headings == 1 else f", {field.config.headings} headings"
-    made = f"{field.config.estimator.title}{several}"
+    estimator_text = f"{field.config.estimator.title}{several}"
     share = field.saturated_share
     remedy = f"\n{field.config.estimator.remedy}" if share > SATURATED else ""
     spacing = field.stride * field.grid.resolution
     spacing_text = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
     near_paths = spacing_text if field.lacking.any() else ""
-    return f"{made}{near_paths}; u is about 0 (localizable) on {share:.0%} of the map{remedy}"
+    return f"{estimator_text}{near_paths}; u is about 0 (localizable) on {share:.0%} of the map{remedy}"
 
 
 def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, Floats]:
@@ -170,14 +170,14 @@ def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats,
     stride = field.stride
     clearance = field.grid.clearance[::stride, ::stride]
     # Closer to walls than 0.15 m they would lie in slits and stray cells.
-    i, j = np.nonzero(field.evaluated & (clearance >= 0.15))
+    i, j = np.nonzero(field.is_evaluated & (clearance >= 0.15))
     xy = np.stack(field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5), axis=1)
-    indices = well_spaced(xy, clearance[i, j], spacing)
+    indices = select_spaced_positions(xy, clearance[i, j], spacing)
     covariance = field.covariance[i[indices], j[indices]]
     return xy[indices], mean_information(covariance) if covariance.ndim == 4 else covariance
 
 
-def well_spaced(xy: Floats, priority: Floats, spacing: float) -> Ints:
+def select_spaced_positions(xy: Floats, priority: Floats, spacing: float) -> Ints:
     """Choose positions at least `spacing` apart that leave no gap, high priority first.
 
     Parameters

@@ -11,10 +11,10 @@ import numpy as np
 
 from locplan._support.checks import check_memory
 from locplan._support.kernels.arrays import Array, Bools, Floats
-from locplan._support.public import needed
+from locplan._support.public import require_extra
 from locplan.errors import ConfigError, FieldError
 from locplan.field.config import FieldConfig
-from locplan.field.covariance import halo_of
+from locplan.field.covariance import read_halo
 from locplan.field.estimator import TILE_CELLS, Values
 from locplan.field.lattice import evaluated_points
 from locplan.maps.grid import OccupancyGrid
@@ -41,7 +41,7 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
     return {"covariance": (*places, dimension, dimension), **layers}
 
 
-def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
+def make_empty_values(grid: OccupancyGrid, config: FieldConfig) -> Values:
     """Arrays of a field, filled with NaN; a ConfigError if it takes too much memory."""
     shapes = field_shapes(grid, config)
     total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
@@ -51,24 +51,24 @@ def nothing_known(grid: OccupancyGrid, config: FieldConfig) -> Values:
 
 def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
     """Raise a ConfigError if a tile takes over 2 GB, which grow with range and window."""
-    taken = config.estimator.memory(grid.resolution, grid.shape)
-    if taken > 2e9:
+    tile_memory = config.estimator.memory(grid.resolution, grid.shape)
+    if tile_memory > 2e9:
         lattice = config.estimator.lattice(grid.resolution)
         raise ConfigError(
             f"cells of {grid.resolution:g} m are too fine for a range of"
             f" {config.estimator.reach:g} m and a search window of"
-            f" +-{lattice.reach * lattice.resolution:g} m ({taken / 1e9:.3g} GB of memory); set"
+            f" +-{lattice.reach * lattice.resolution:g} m ({tile_memory / 1e9:.3g} GB of memory); set"
             " smaller ones, or scale the map down"
         )
 
 
-def known_points(values: Values) -> Bools:
+def find_computed_points(values: Values) -> Bools:
     """Mask of the lattice points that hold values, (h, w)."""
     covariance = values["covariance"]
     return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
 
 
-def needed_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None = None) -> Bools:
+def find_required_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None = None) -> Bools:
     """Mask of the lattice points that a field needs, of `points` where only these are asked for.
 
     Raises
@@ -76,16 +76,16 @@ def needed_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None
     ConfigError
         If `points` is not a mask of the lattice.
     """
-    needed = config.lattice_points(grid)
+    required = config.lattice_points(grid)
     if points is None:
-        return needed
+        return required
     points = np.asarray(points)
-    if points.shape != needed.shape or points.dtype != bool:
+    if points.shape != required.shape or points.dtype != bool:
         raise ConfigError(
-            f"points must be an array of bool of the lattice's shape {needed.shape}, not"
+            f"points must be an array of bool of the lattice's shape {required.shape}, not"
             f" {points.dtype} {points.shape}"
         )
-    return points & needed
+    return points & required
 
 
 def chunk_edge(config: FieldConfig, resolution: float) -> int:
@@ -99,7 +99,7 @@ def chunk_edge(config: FieldConfig, resolution: float) -> int:
     return max(1, min(TILE, on_map, math.isqrt(int(min(points, TILE**2)))))
 
 
-def chunks_of(points: Bools, edge: int) -> Iterator[Chunk]:
+def iterate_chunks(points: Bools, edge: int) -> Iterator[Chunk]:
     """Chunks that hold at least one of the points, row by row."""
     for top, left in product(*(range(0, size, edge) for size in points.shape)):
         chunk = slice(top, top + edge), slice(left, left + edge)
@@ -138,17 +138,17 @@ def untouched_points(before: OccupancyGrid, after: OccupancyGrid, config: FieldC
     stride = config.stride_cells(after.resolution)
     changed = (before.cells != after.cells).astype(np.uint8)
     # A lidar that would stand in a wall is moved by up to one stride.
-    reach = stride + halo_of(config.estimator, after.resolution, after.shape)
+    reach = stride + read_halo(config.estimator, after.resolution, after.shape)
     box = [2 * min(reach, max(after.shape)) + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
 
 
-def dataset_of(
+def build_dataset(
     values: Values, e: Floats, e_unit: str, grid: OccupancyGrid, config: FieldConfig
 ) -> Dataset:
     """A field's arrays and e with their coordinates; see `CovarianceField.to_xarray`."""
-    needed("xarray", "tables", "to_xarray")
+    require_extra("xarray", "tables", "to_xarray")
     from xarray import Dataset
 
     along = coordinates(grid, config)

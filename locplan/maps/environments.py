@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from locplan._support.checks import number, one_of, whole
+from locplan._support.checks import check_number, check_choice, check_integer
 from locplan._support.kernels.arrays import Bools
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
@@ -33,7 +33,7 @@ def is_built_in(path: Path) -> bool:
     return str(path) in BUILT_IN and not os.path.lexists(path)
 
 
-def remedy_for(name: str) -> str:
+def suggest_built_in_map(name: str) -> str:
     """Return the remedy for a name that no built-in map has.
 
     Parameters
@@ -76,7 +76,7 @@ def names() -> tuple[str, ...]:
     return BUILT_IN
 
 
-def landmarks(name: str) -> dict[str, tuple[float, float]]:
+def place_positions(name: str) -> dict[str, tuple[float, float]]:
     """World positions x, y [m] of the named places of an environment.
 
     They lie in free space, at least 0.25 m from any wall, and all are reachable from one another at
@@ -102,7 +102,7 @@ def landmarks(name: str) -> dict[str, tuple[float, float]]:
     >>> landmarks("two_corridors")["goal"]
     (38.0, 3.0)
     """
-    one_of("the environment", name, BUILT_IN)
+    check_choice("the environment", name, BUILT_IN)
     return dict(_plan(name)[1])
 
 
@@ -139,8 +139,8 @@ def make(
     >>> grid.shape, grid.name
     ((158, 412), 'two_corridors')
     """
-    one_of("the environment", name, BUILT_IN)
-    number("resolution", resolution, _FINEST, _COARSEST)
+    check_choice("the environment", name, BUILT_IN)
+    check_number("resolution", resolution, _FINEST, _COARSEST)
     (_, size), *shapes = _plan(name)[0]
     canvas = _Canvas(size, resolution)
     for word, numbers in shapes:
@@ -166,8 +166,8 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
     ConfigError
         If the fraction or the seed is out of its range.
     """
-    number("boundary_noise", fraction, 0, 1)
-    whole("seed", seed, 0)
+    check_number("boundary_noise", fraction, 0, 1)
+    check_integer("seed", seed, 0)
     occupied, flip = grid.cells == OCCUPIED, boundary_cells(grid)
     random = np.random.default_rng(seed)
     for row in flip:  # row by row, which saves memory on a large map
@@ -186,10 +186,10 @@ def boundary_cells(grid: OccupancyGrid) -> Bools:
         The map.
     """
     occupied, free = grid.cells == OCCUPIED, grid.free
-    return np.asarray((occupied & _beside(free)) | (free & _beside(occupied)))
+    return np.asarray((occupied & _mark_neighbours(free)) | (free & _mark_neighbours(occupied)))
 
 
-def _beside(mask: Bools) -> Bools:
+def _mark_neighbours(mask: Bools) -> Bools:
     """Cells with a 4-neighbour in the mask."""
     neighbours = np.zeros_like(mask)
     neighbours[1:] |= mask[:-1]
@@ -279,7 +279,7 @@ class _Canvas:
         rng = self._random
         for _ in range(30 * int(left)):
             w, h = (int(v) / 10 for v in rng.integers(3, round(10 * largest) + 1, 2))
-            x, y = _place(rng, x0, x1 - w), _place(rng, y0, y1 - h)
+            x, y = _draw_coordinate(rng, x0, x1 - w), _draw_coordinate(rng, y0, y1 - h)
             wide = (x - _GAP, y - _GAP, x + w + _GAP, y + h + _GAP)
             # A piece stands at a wall or clear of it, and clear of all else: nothing is closed off.
             gaps = (x - x0, y - y0, x1 - x - w, y1 - y - h)
@@ -302,7 +302,7 @@ class _Canvas:
         return OccupancyGrid(cells, self.resolution, (-_MARGIN, -_MARGIN, 0.0), name)
 
 
-def _place(rng: np.random.Generator, low: float, high: float) -> float:
+def _draw_coordinate(rng: np.random.Generator, low: float, high: float) -> float:
     """Random position: either end, or one between them on a lattice of 0.1 m."""
     end, step = int(rng.integers(4)), int(rng.integers(max(round(10 * (high - low)), 0) + 1))
     return (low, high, low + step / 10, low + step / 10)[end]

@@ -25,7 +25,7 @@ from locplan.maps.map_faults import MapFaults
 from locplan.maps.occupancy import UNKNOWN
 from locplan.maps.zones import KINDS, ZoneKind, Zones
 
-DRAWN_CELLS = 2000
+MAX_DRAWN_CELLS = 2000
 """Most cells along a side that are drawn one by one; beyond, blocks of them are."""
 
 
@@ -49,7 +49,7 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     matplotlib.image.AxesImage
         The image, for a colour bar.
     """
-    cells = block(grid.shape) if values.shape[:2] != grid.shape else 1
+    cells = block_size(grid.shape) if values.shape[:2] != grid.shape else 1
     height, width = (size * cells * grid.resolution for size in values.shape[:2])
     x, y, yaw = grid.origin
     clim = options.pop("vmin", None), options.pop("vmax", None)
@@ -68,7 +68,7 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     return image
 
 
-def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = None) -> NDArray[Any]:
+def downsample(values: NDArray[Any], *, maximum: bool = False, max_blocks: int | None = None) -> NDArray[Any]:
     """The minimum or the maximum of each block of cells; small maps stay as they are.
 
     The lowest level is the darkest one, so that walls stay. NaN counts only where a block has
@@ -80,10 +80,10 @@ def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = No
         Levels, or other values of cells.
     maximum : bool, default False
         True takes the greatest value of each block.
-    most : int, optional
+    max_blocks : int, optional
         Maximum number of blocks along a side; `DRAWN_CELLS` by default.
     """
-    cells = block(values.shape, most)
+    cells = block_size(values.shape, max_blocks)
     if cells == 1:
         return values
     pick = np.fmax if maximum else np.fmin
@@ -91,23 +91,23 @@ def shrunk(values: NDArray[Any], *, maximum: bool = False, most: int | None = No
     return np.asarray(pick.reduceat(pick.reduceat(values, starts[0], axis=0), starts[1], axis=1))
 
 
-def coarse(grid: OccupancyGrid, most: int) -> OccupancyGrid:
-    """The map of the blocks of `shrunk`, at most so many along a side; walls stay.
+def downsample_map(grid: OccupancyGrid, max_blocks: int) -> OccupancyGrid:
+    """The map of the blocks of `downsample`, at most so many along a side; walls stay.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
-    most : int
+    max_blocks : int
         Maximum number of blocks along a side; a map with fewer cells stays as it is.
     """
-    cells, resolution = shrunk(grid.cells, most=most), grid.resolution * block(grid.shape, most)
+    cells, resolution = downsample(grid.cells, max_blocks=max_blocks), grid.resolution * block_size(grid.shape, max_blocks)
     return dataclasses.replace(grid, cells=cells, resolution=resolution)
 
 
-def block(shape: tuple[int, ...], most: int | None = None) -> int:
+def block_size(shape: tuple[int, ...], max_blocks: int | None = None) -> int:
     """Number of cells along a side of the blocks that large maps are drawn in."""
-    return math.ceil(max(shape[:2]) / (most or DRAWN_CELLS))
+    return math.ceil(max(shape[:2]) / (max_blocks or MAX_DRAWN_CELLS))
 
 
 def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
@@ -119,7 +119,7 @@ def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
     return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
 
 
-def limits_of(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
+def compute_axes_limits(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
     """`xlim` and `ylim` around the known cells, with a margin of a share of their extent [m]."""
     low, high, left, right = known_cells(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
@@ -193,7 +193,7 @@ class Polyline(Protocol):
         """World positions, (n, 2) [m]."""
 
 
-def map_around(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
+def crop_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
     """Cut the part of a map around some paths out of it.
 
     Parameters
@@ -220,7 +220,7 @@ def map_around(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
     return grid if is_off_map else grid.part(down, across)
 
 
-def zoomed_to(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
+def zoom_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
     """Cut the part of a map around some paths out of it, where that is small.
 
     Parameters
@@ -233,9 +233,9 @@ def zoomed_to(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
     Returns
     -------
     OccupancyGrid
-        The part as `map_around` has it if it is below 0.6 of the map's extent, else the map.
+        The part as `crop_map` has it if it is below 0.6 of the map's extent, else the map.
     """
-    part = map_around(grid, paths) if paths else grid
+    part = crop_map(grid, paths) if paths else grid
     return part if is_small(grid, part) else grid
 
 
@@ -273,7 +273,7 @@ def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
         The map.
     """
     draw_cells(axes, grid, shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **limits_of(grid))
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **compute_axes_limits(grid))
 
 
 def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
@@ -293,7 +293,7 @@ def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
     list of matplotlib.patches.Patch
         Entries of a legend, one for each kind.
     """
-    drawn, handles = coarse(grid, DRAWN_CELLS) if zones else grid, []
+    drawn, handles = downsample_map(grid, MAX_DRAWN_CELLS) if zones else grid, []
     for kind in KINDS:
         if not zones.cells(drawn, kind).any():
             continue
@@ -323,7 +323,7 @@ def shades(grid: OccupancyGrid) -> Octets:
     """What `MAP_COLOURS` has a colour for, of each cell or block: 0 is a wall, or a solid's rim."""
     import cv2
 
-    levels = np.asarray(shrunk(grid.cells) // UNKNOWN)
+    levels = np.asarray(downsample(grid.cells) // UNKNOWN)
     deep = max(3, round(0.006 * max(levels.shape)))
     around = np.ones((2 * deep + 1, 2 * deep + 1), np.uint8)
     levels[cv2.erode((levels == 0).astype(np.uint8), around) == 1] = 3
@@ -342,7 +342,7 @@ def faults_figure(faults: MapFaults) -> Figure:
     draw_map(axes, faults.grid)
     tints = to_rgba_array(["black", styles.VERMILION], [0.0, 0.8])
     colours = np.round(255 * tints).astype(np.uint8)
-    draw_cells(axes, faults.grid, colours[shrunk(faults.cells.astype(np.uint8))])
+    draw_cells(axes, faults.grid, colours[downsample(faults.cells.astype(np.uint8))])
     kinds = ", ".join(dict.fromkeys(fault.kind for fault in faults)) or "no fault"
     axes.set_title(f"{faults.grid.name or 'map'}: {kinds}", fontsize="medium")
     return figure

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import FARTHEST, RESOLUTIONS, file_path, is_file_name, printable, shown
+from locplan._support.checks import FARTHEST, RESOLUTIONS, check_file_path, is_file_name, make_printable, short_repr
 from locplan._support.kernels.arrays import Array, Bools, Ints, Octets, Singles
-from locplan._support.output import NEW, decide, digest_of, temporary_folder
+from locplan._support.output import NEW, write_move_journal, compute_file_digest, temporary_folder
 from locplan._support.reading import (
     SCALAR_TAGS,
-    compose,
-    dumped,
-    fault_of,
-    opened,
+    compose_yaml,
+    dump_yaml,
+    make_map_error,
+    open_file,
     read_content,
-    reason_of,
+    extract_reason,
 )
 from locplan._support.runs import note_map
 from locplan.errors import MapError
@@ -57,7 +57,7 @@ free_thresh: 0.196"""
 def check_no_image(file: Path) -> None:
     """Raise a MapError if a map's file is an image; its note is a YAML to save with the image."""
     try:
-        with opened(file) as content:
+        with open_file(file) as content:
             is_image = IMAGE.match(content.read(16)) is not None
     except (OSError, ValueError):
         return  # what is wrong is said where the file is read
@@ -65,29 +65,29 @@ def check_no_image(file: Path) -> None:
         return
     yaml = file.with_suffix(".yaml")
     if yaml.is_file():
-        raise fault_of(file, "is an image, not a map's YAML", f"give {yaml.name} next to it")
+        raise make_map_error(file, "is an image, not a map's YAML", f"give {yaml.name} next to it")
     remedy = f"save these lines as {yaml.name} next to it, with your resolution in metres per pixel"
-    error = fault_of(file, "is an image, not a map's YAML", remedy)
-    error.add_note(HEADER.format(name=_yaml_text(printable(file.name))))
+    error = make_map_error(file, "is an image, not a map's YAML", remedy)
+    error.add_note(HEADER.format(name=_yaml_text(make_printable(file.name))))
     raise error
 
 
 def missing_image(file: Path, image: str) -> MapError:
     """Return the error of a YAML whose image is not there, with the line that names it."""
     line = _line_of_image(file)
-    where = "" if line is None else f"line {line}, "
+    line_text = "" if line is None else f"line {line}, "
     name = re.split(r"[/\\]", image)[-1]
     names = [name, *(file.stem + suffix for suffix in SUFFIXES)]
     near = [candidate for candidate in names if candidate and os.path.isfile(file.parent / candidate)]
-    near = near or _alike_images(file.parent, name)
+    near = near or _find_similar_images(file.parent, name)
     if near:
-        remedy = f"{shown(near[0])} lies next to the YAML: write image: {_yaml_text(near[0])}"
+        remedy = f"{short_repr(near[0])} lies next to the YAML: write image: {_yaml_text(near[0])}"
     else:
         remedy = "put the image next to the YAML, and write its name there"
-    return fault_of(file, f"{where}image: there is no such file as {shown(image)}", remedy)
+    return make_map_error(file, f"{line_text}image: there is no such file as {short_repr(image)}", remedy)
 
 
-def _alike_images(folder: Path, name: str) -> list[str]:
+def _find_similar_images(folder: Path, name: str) -> list[str]:
     """Return the folder's images of a name in another case, or with another suffix."""
     try:
         names = sorted(os.listdir(folder))
@@ -100,7 +100,7 @@ def _alike_images(folder: Path, name: str) -> list[str]:
 
 def _line_of_image(file: Path) -> int | None:
     try:
-        with opened(file) as content:
+        with open_file(file) as content:
             lines = content.read(2**16).splitlines()
     except OSError:
         return None
@@ -115,7 +115,7 @@ def _yaml_text(name: str) -> str:
 
 MODES = ("trinary", "scale", "raw")
 MAX_YAML_BYTES = 2**16
-Entry = str | list[str] | None
+YamlValue = str | list[str] | None
 """An entry of a map's YAML as text or texts; None is null."""
 
 
@@ -133,14 +133,14 @@ class Header(NamedTuple):
 
 def read_header(file: Path) -> Header:
     """Read the entries of a map's YAML; a missing or a wrong one is a MapError."""
-    entries = {"negate": "0", "mode": "trinary"} | _read_entries(file)
-    image, origin, mode = entries.get("image"), entries.get("origin"), entries["mode"]
-    place = [_number(coordinate) for coordinate in origin] if isinstance(origin, list) else []
+    yaml_values = {"negate": "0", "mode": "trinary"} | _read_yaml_values(file)
+    image, origin, mode = yaml_values.get("image"), yaml_values.get("origin"), yaml_values["mode"]
+    place = [_parse_number(coordinate) for coordinate in origin] if isinstance(origin, list) else []
     negate = {"0": False, "1": True, "false": False, "true": True}.get(
-        str(entries["negate"]).lower()
+        str(yaml_values["negate"]).lower()
     )
     resolution, occupied, free = (
-        _number(entries.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
+        _parse_number(yaml_values.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
     )
     finite = len(place) == 3 and all(abs(value) <= FARTHEST for value in place)
     has_file_name = isinstance(image, str) and is_file_name(image)
@@ -155,31 +155,31 @@ def read_header(file: Path) -> Header:
         ("mode", "trinary, scale or raw", "trinary", mode in MODES),
     ):
         if not holds:
-            fault = f"{key} must be {rule}, but is {_shown(entries.get(key))}"
+            fault = f"{key} must be {rule}, but is {_format_yaml_value(yaml_values.get(key))}"
             unit = "is it metres? " if key == "resolution" and 0 < resolution < math.inf else ""
-            raise fault_of(file, fault, f"{unit}write e.g. {key}: {example}")
+            raise make_map_error(file, fault, f"{unit}write e.g. {key}: {example}")
     name, (x, y, yaw) = os.path.expanduser(str(image)), place
     return Header(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
 
 
-def _read_entries(file: Path) -> dict[str, Entry]:
+def _read_yaml_values(file: Path) -> dict[str, YamlValue]:
     """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
     check_no_image(file)
     content = read_content(file, MAX_YAML_BYTES, "give a map YAML, which is a few lines")
     remedy = "write lines such as image: map.pgm"
-    root = compose(file, content, remedy)
+    root = compose_yaml(file, content, remedy)
     if root is None or root.id != "mapping":
-        raise fault_of(file, "holds no keys", remedy)
-    yaml_values: dict[str, Entry] = {}
+        raise make_map_error(file, "holds no keys", remedy)
+    yaml_values: dict[str, YamlValue] = {}
     for key, value in root.value:
-        name = "".join(_plain(key) or "")
+        name = "".join(_node_text(key) or "")
         if name in yaml_values:
-            raise fault_of(file, f"{_shown(name)} occurs twice", "keep one of the two")
-        yaml_values[name] = _plain(value)
+            raise make_map_error(file, f"{_format_yaml_value(name)} occurs twice", "keep one of the two")
+        yaml_values[name] = _node_text(value)
     return yaml_values
 
 
-def _plain(node: Any) -> Entry:
+def _node_text(node: Any) -> YamlValue:
     """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
     if node.tag == "tag:yaml.org,2002:null":
         return None
@@ -190,17 +190,17 @@ def _plain(node: Any) -> Entry:
     return [str(child.value) if child.id == "scalar" else "..." for child in node.value]
 
 
-def _number(entry: Entry) -> float:
+def _parse_number(yaml_value: YamlValue) -> float:
     """Number in a text (also 5e-2, which PyYAML takes for a string), or else NaN."""
     try:
-        return float(entry) if isinstance(entry, str) else math.nan
+        return float(yaml_value) if isinstance(yaml_value, str) else math.nan
     except ValueError:
         return math.nan
 
 
-def _shown(entry: Entry) -> str:
-    text = f"[{', '.join(entry[:4])}]" if isinstance(entry, list) else entry
-    return "missing" if text is None else shown(text)
+def _format_yaml_value(yaml_value: YamlValue) -> str:
+    text = f"[{', '.join(yaml_value[:4])}]" if isinstance(yaml_value, list) else yaml_value
+    return "missing" if text is None else short_repr(text)
 
 
 DARK = 0.3
@@ -240,7 +240,7 @@ class MapSource:
     them lie in areas too wide for walls."""
     over_100: int
     """Number of pixels above 100, in mode raw only, in which pixels are per cent."""
-    of_costs: int
+    costmap_pixels: int
     """Number of pixels that have a costmap's values for obstacles, 253 and 254, and are read as
     free; 0 unless both are over 1 % of all, as in no map."""
 
@@ -263,12 +263,12 @@ class MapSource:
         return free, DARK if self.has_dark_walls else self.occupied_thresh
 
     @classmethod
-    def of(
+    def from_pixels(
         cls,
         file: str,
         header: Header,
         pixels: Array,
-        seen: Bools | None,
+        opaque: Bools | None,
         occupancy: Singles,
         levels: Octets,
     ) -> MapSource:
@@ -282,7 +282,7 @@ class MapSource:
             The entries of the YAML.
         pixels : (H, W) array of int
             The image.
-        seen : (H, W) array of bool, optional
+        opaque : (H, W) array of bool, optional
             The pixels that are not transparent; None if none is.
         occupancy : (n,) array of float32
             Occupancy that each value 0..n - 1 stands for, 0..1, where n is 256, or 65536 for 16
@@ -291,11 +291,11 @@ class MapSource:
             Level that each value is read as: `FREE`, `UNKNOWN` or `OCCUPIED`.
         """
         raw = header.mode == "raw"
-        counts = _counts(pixels, seen, levels.size)
+        counts = _count_pixel_values(pixels, opaque, levels.size)
         grey = (50 if header.negate else 205) * ((counts.size - 1) // 255)
         # Light greys mean unknown in most maps, as map_saver's of 0.196; mid-grey in drawn ones.
-        light = (levels == FREE) & _within(occupancy, 0.15, 0.25) & (not raw)
-        dark = (levels == UNKNOWN) & (occupancy >= DARK) & ~_within(occupancy, 0.49, 0.51)
+        light = (levels == FREE) & _is_in_range(occupancy, 0.15, 0.25) & (not raw)
+        dark = (levels == UNKNOWN) & (occupancy >= DARK) & ~_is_in_range(occupancy, 0.49, 0.51)
         of_light = np.where(light, counts, 0)
         return cls(
             *(file, header.image, header.mode, header.negate),
@@ -305,32 +305,32 @@ class MapSource:
             saver_grey_free=int(counts[grey]) if levels[grey] == FREE and not raw else 0,
             light_free=int(of_light.sum()),
             light_value=int(of_light.argmax()) if of_light.any() else 0,
-            dark_unknown=0 if raw else _as_of_walls(dark, counts, pixels, seen, header.resolution),
+            dark_unknown=0 if raw else _count_wall_pixels(dark, counts, pixels, opaque, header.resolution),
             over_100=int(counts[101:].sum()) if raw else 0,
-            of_costs=_of_costs(counts, levels) if counts.size == 256 and not raw else 0,
+            of_costs=_count_costmap_pixels(counts, levels) if counts.size == 256 and not raw else 0,
         )
 
 
-def _counts(pixels: Array, seen: Bools | None, values: int) -> Ints:
+def _count_pixel_values(pixels: Array, opaque: Bools | None, values: int) -> Ints:
     """Number of the pixels that are seen of each value, (values,)."""
     counts = np.zeros(values, np.int64)
     for rows in range(0, len(pixels), ROWS):  # bincount takes 8 bytes for each pixel
         band = slice(rows, rows + ROWS)
         counts += np.bincount(
-            (pixels[band] if seen is None else pixels[band][seen[band]]).ravel(), None, values
+            (pixels[band] if opaque is None else pixels[band][opaque[band]]).ravel(), None, values
         )
     return counts
 
 
-def _of_costs(counts: Ints, levels: Octets) -> int:
+def _count_costmap_pixels(counts: Ints, levels: Octets) -> int:
     """Number of pixels of a costmap's lethal and inscribed costs that are read as free."""
     obstacle_counts = counts[253:255]
     is_costmap = (levels[253:255] == FREE).all() and (obstacle_counts > 0.01 * counts.sum()).all()
     return int(obstacle_counts.sum()) if is_costmap else 0
 
 
-def _as_of_walls(
-    dark: Bools, counts: Ints, pixels: Array, seen: Bools | None, resolution: float
+def _count_wall_pixels(
+    dark: Bools, counts: Ints, pixels: Array, opaque: Bools | None, resolution: float
 ) -> int:
     """Number of pixels of dark values, or 0 if most lie in areas too wide for walls."""
     import cv2
@@ -341,14 +341,14 @@ def _as_of_walls(
     image = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(pixels), ROWS):  # an index takes 8 bytes for each pixel
         band = slice(rows, rows + ROWS)
-        image[band] = dark[pixels[band]] if seen is None else dark[pixels[band]] & seen[band]
+        image[band] = dark[pixels[band]] if opaque is None else dark[pixels[band]] & opaque[band]
     # From 1 m on a grey area is the unknown around or between rooms.
     width = min(int(1.0 / resolution), max(image.shape)) + 1
     wide = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
     return 0 if np.count_nonzero(wide) > count / 2 else count
 
 
-def _within(values: Array, low: float, high: float) -> Bools:
+def _is_in_range(values: Array, low: float, high: float) -> Bools:
     return np.asarray((values >= low) & (values <= high))
 
 
@@ -364,20 +364,20 @@ def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
     content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow's, about animation and palettes
-            with _opened(content) as image:
+            with _open_image(content) as image:
                 # Of images that take more than a byte a pixel in memory, half as many are read.
-                most = MAX_PIXELS if image.mode in ("1", "L", "P") else MAX_PIXELS // 2
-                if image.width * image.height > min(most, PIXELS_PER_BYTE * len(content)):
-                    raise ValueError(f"more pixels than its bytes can hold, or than {most}")
+                max_pixels = MAX_PIXELS if image.mode in ("1", "L", "P") else MAX_PIXELS // 2
+                if image.width * image.height > min(max_pixels, PIXELS_PER_BYTE * len(content)):
+                    raise ValueError(f"more pixels than its bytes can hold, or than {max_pixels}")
                 image.verify()  # checks PNG checksums, as decoding does not; uses up the image
-            with _opened(content) as image:
+            with _open_image(content) as image:
                 return *_decode(image), OTHER_RANGE.match(content) is not None
     except Exception as error:  # decoders raise almost anything on damaged files
-        fault = f"is no intact PGM, PBM, PNG or BMP image ({reason_of(error)})"
-        raise fault_of(file, fault, "export it again") from error
+        fault = f"is no intact PGM, PBM, PNG or BMP image ({extract_reason(error)})"
+        raise make_map_error(file, fault, "export it again") from error
 
 
-def _opened(content: bytes) -> ImageFile.ImageFile:
+def _open_image(content: bytes) -> ImageFile.ImageFile:
     """Open an image, of which only the header is read yet.
 
     Image.open would apply a limit of Pillow's own, which the process may have changed or lifted.
@@ -461,7 +461,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
             f"{count} pixels ({count / grid.cells.size:.0%}) of map_saver's unknown grey are free"
         )
         remedy = f"if unknown is meant, set free_thresh: 0.196 (it is {source.free_thresh})"
-        warnings.warn(MapWarning(fault_of(Path(source.file), fault, remedy)), stacklevel=2)
+        warnings.warn(MapWarning(make_map_error(Path(source.file), fault, remedy)), stacklevel=2)
     return grid
 
 
@@ -484,19 +484,19 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource | N
     MapError
         As `load_map`.
     """
-    file = file_path("a map file", path)
+    file = check_file_path("a map file", path)
     if os.path.isdir(file):  # unlike Path.is_dir it is False for a name that is too long
         folder = file
-        (file, *others) = find_maps(folder)
+        (file, *further_files) = find_maps(folder)
         if os.path.isdir(file):
-            raise fault_of(file, "is a folder without any map", "give a map's YAML")
-        if others:
-            raise fault_of(folder, f"holds {1 + len(others)} maps", f"name one, such as {file}")
+            raise make_map_error(file, "is a folder without any map", "give a map's YAML")
+        if further_files:
+            raise make_map_error(folder, f"holds {1 + len(further_files)} maps", f"name one, such as {file}")
     elif is_built_in(file):
         return environments.make(str(file)), None
     elif not os.path.lexists(file) and file.name == str(file) and not file.suffix:
-        raise fault_of(file, "is no file and no built-in map", remedy_for(str(file)))
-    return _read(file, read_header(file))
+        raise make_map_error(file, "is no file and no built-in map", remedy_for(str(file)))
+    return _read_with_header(file, read_header(file))
 
 
 def read_mask(path: str | os.PathLike[str]) -> OccupancyGrid:
@@ -512,11 +512,11 @@ def read_mask(path: str | os.PathLike[str]) -> OccupancyGrid:
     MapError
         As `load_map`.
     """
-    file = file_path("a mask", path)
+    file = check_file_path("a mask", path)
     header = read_header(file)
     if header.mode == "raw":
         header = header._replace(occupied_thresh=1.0)
-    return _read(file, header)[0]
+    return _read_with_header(file, header)[0]
 
 
 def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
@@ -533,33 +533,33 @@ def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
         return grid
     file, (free, occupied) = Path(source.file), source.meant_thresholds
     header = read_header(file)._replace(free_thresh=free, occupied_thresh=occupied)
-    return replace(_read(file, header)[0], name=grid.name)
+    return replace(_read_with_header(file, header)[0], name=grid.name)
 
 
-def meant_header(source: MapSource, more: Mapping[str, object] | None = None) -> str:
+def meant_header(source: MapSource, overrides: Mapping[str, object] | None = None) -> str:
     """A map's YAML with the thresholds of `as_meant`; the image is named in full.
 
     Parameters
     ----------
     source : MapSource
         How the map was read.
-    more : mapping of str to object, optional
+    overrides : mapping of str to object, optional
         Further entries that are to be other ones.
     """
     file, (free, occupied) = Path(source.file), source.meant_thresholds
     header = read_header(file)._replace(free_thresh=free, occupied_thresh=occupied)
     image = str((file.parent / header.image).resolve())
-    return _text_of(header._replace(image=image), more or {})
+    return _format_header(header._replace(image=image), overrides or {})
 
 
-def _text_of(header: Header, more: Mapping[str, object]) -> str:
+def _format_header(header: Header, overrides: Mapping[str, object]) -> str:
     """A map's YAML, with some entries other ones."""
     # ROS 1 does not read true and false.
-    yaml_values = header._asdict() | {"negate": int(header.negate), **more}
-    return dumped(yaml_values, default_flow_style=None, sort_keys=True, width=math.inf)
+    yaml_values = header._asdict() | {"negate": int(header.negate), **overrides}
+    return dump_yaml(yaml_values, default_flow_style=None, sort_keys=True, width=math.inf)
 
 
-def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
+def _read_with_header(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
     """The map of a file's image under some header, and how its pixels were read."""
     image = file.parent / header.image
     if not os.path.lexists(image):
@@ -567,7 +567,7 @@ def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
     pixels, opaque, rescaled = read_pixels(image)
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
-        raise fault_of(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
+        raise make_map_error(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
     occupancy, levels = _meaning_of_values(header, int(np.iinfo(pixels.dtype).max))
     cells = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(cells), ROWS):  # an index takes 8 bytes for each pixel
@@ -575,11 +575,11 @@ def _read(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
     opaque = None if raw else opaque
     if opaque is not None:
         cells[~opaque] = UNKNOWN
-    source = MapSource.of(str(file), header, pixels, opaque, occupancy, levels)
-    return OccupancyGrid(cells[::-1], header.resolution, header.origin, name_of(file)), source
+    source = MapSource.from_pixels(str(file), header, pixels, opaque, occupancy, levels)
+    return OccupancyGrid(cells[::-1], header.resolution, header.origin, map_name_from_file(file)), source
 
 
-def name_of(map_file: Path) -> str:
+def map_name_from_file(map_file: Path) -> str:
     """Name of the map in a file: the file's stem, or for a map.yaml its folder's name.
 
     Parameters
@@ -587,7 +587,7 @@ def name_of(map_file: Path) -> str:
     map_file : Path
         The YAML file, which need not be there; what cannot be printed in its name becomes U+FFFD.
     """
-    return printable(map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem)
+    return make_printable(map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem)
 
 
 def source_files(path: Path) -> list[Path]:
@@ -604,7 +604,7 @@ def source_files(path: Path) -> list[Path]:
         return []
     neighbour_files = [] if os.path.isdir(path) else sorted(path.parent.glob("*.y*ml"))
     maps = [*find_maps(path), *(file for file in neighbour_files if _names_an_image(file))]
-    return [*maps, *(image for file in maps if (image := _image_of(file)))]
+    return [*maps, *(image for file in maps if (image := _find_image(file)))]
 
 
 def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
@@ -626,7 +626,7 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
         If an argument can be no path.
     """
     map_files: list[Path] = []
-    for path in (file_path("a map file", path) for path in paths):
+    for path in (check_file_path("a map file", path) for path in paths):
         files = sorted(path.rglob("*.y*ml")) if os.path.isdir(path) else [path]
         if os.path.isdir(path):
             exported = {file.parent for file in path.rglob("export.json")} - {path}
@@ -668,24 +668,24 @@ def save_map(
         If an option does not fit, or the files cannot be written.
     """
     check_grid(grid)
-    file = file_path("a map file", path)
+    file = check_file_path("a map file", path)
     if file.suffix not in (".yaml", ".yml"):
-        raise fault_of(file, "is no name for a map", "end it in .yaml")
+        raise make_map_error(file, "is no name for a map", "end it in .yaml")
     if mode not in MODES:
-        raise fault_of(file, "mode is unknown", "use trinary, scale or raw")
+        raise make_map_error(file, "mode is unknown", "use trinary, scale or raw")
     if image_format not in ("pgm", "png"):
-        raise fault_of(file, "image_format is unknown", "use pgm or png")
+        raise make_map_error(file, "image_format is unknown", "use pgm or png")
     if mode == "scale" and image_format == "pgm":
-        raise fault_of(file, "mode scale needs transparency", "use image_format png")
+        raise make_map_error(file, "mode scale needs transparency", "use image_format png")
     image = file.with_suffix(f".{image_format}")
     # Readers disagree on what negate does to raw values, so that it is never set there.
     negate = bool(negate) and mode != "raw"
     header = Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
     try:
-        _replace_both(file, _text_of(header, {}), image, _draw(grid, header))
+        _replace_map_files(file, _format_header(header, {}), image, _render_image(grid, header))
     except (OSError, ValueError) as error:
         remedy = "choose a name in an existing, writable folder"
-        raise fault_of(file, f"cannot be written ({reason_of(error)})", remedy) from error
+        raise make_map_error(file, f"cannot be written ({extract_reason(error)})", remedy) from error
 
 
 def _meaning_of_values(header: Header, top: int) -> tuple[Singles, Octets]:
@@ -701,7 +701,7 @@ def _meaning_of_values(header: Header, top: int) -> tuple[Singles, Octets]:
     return occupancy, level
 
 
-def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
+def _render_image(grid: OccupancyGrid, header: Header) -> Image.Image:
     from PIL import Image
 
     values = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
@@ -714,17 +714,17 @@ def _draw(grid: OccupancyGrid, header: Header) -> Image.Image:
     return Image.fromarray(pixels)
 
 
-def _replace_both(file: Path, text: str, image: Path, picture: Image.Image) -> None:
+def _replace_map_files(file: Path, text: str, image: Path, picture: Image.Image) -> None:
     """Replace both files or neither, and leave no other file behind."""
     with temporary_folder(file.parent) as staging:
         new = staging / NEW
         new.mkdir()
         picture.save(new / image.name, "PNG" if image.suffix == ".png" else "PPM")
         (new / file.name).write_text(text, encoding="utf-8")
-        decide(staging, {target.name: digest_of(target) for target in (image, file)})
+        write_move_journal(staging, {target.name: compute_file_digest(target) for target in (image, file)})
 
 
-def _image_of(file: Path) -> Path | None:
+def _find_image(file: Path) -> Path | None:
     try:
         return file.parent / read_header(file).image
     except MapError:
@@ -733,7 +733,7 @@ def _image_of(file: Path) -> Path | None:
 
 def _names_an_image(file: Path) -> bool:
     try:
-        with opened(file) as content:
+        with open_file(file) as content:
             return bool(re.search(rb"(?m)^\s*image\s*:", content.read(MAX_YAML_BYTES)))
     except OSError:
         return False

@@ -16,7 +16,7 @@ from locplan._support import checks
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.public import Pictured
 from locplan.errors import MapError
-from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN, levels_of, parts_of
+from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN, levels_from_occupancy, parse_grid_message
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,24 +86,24 @@ class OccupancyGrid(Pictured):
                 "cells may only hold 0 (occupied), 127 (unknown) and 254 (free); other values are"
                 " read by OccupancyGrid.from_occupancy"
             )
-        resolution = checks.finite_numbers(self.resolution)
+        resolution = checks.parse_finite_numbers(self.resolution)
         finest, coarsest = checks.RESOLUTIONS
         if len(resolution) != 1 or not finest <= resolution[0] <= coarsest:
-            given = (
-                f"{resolution[0]:g}; is it metres?" if resolution else checks.shown(self.resolution)
+            resolution_text = (
+                f"{resolution[0]:g}; is it metres?" if resolution else checks.short_repr(self.resolution)
             )
-            raise MapError(f"resolution must be {finest:g} to {coarsest:g} m per cell, not {given}")
-        origin = checks.finite_numbers(self.origin)
+            raise MapError(f"resolution must be {finest:g} to {coarsest:g} m per cell, not {resolution_text}")
+        origin = checks.parse_finite_numbers(self.origin)
         if len(origin) != 3 or max(map(abs, origin)) > checks.FARTHEST:
             raise MapError(
                 f"origin must be three finite numbers (x, y, yaw) within ±{checks.FARTHEST:g}, not"
-                f" {checks.shown(self.origin)}"
+                f" {checks.short_repr(self.origin)}"
             )
-        checks.instance("name", self.name, str)
-        name = checks.printable(self.name)
+        checks.check_instance("name", self.name, str)
+        name = checks.make_printable(self.name)
         cells = np.array(cells, dtype=np.uint8, order="C")
         cells.setflags(write=False)
-        checks.keep(self, cells=cells, resolution=resolution[0], origin=origin, name=name)
+        checks.set_frozen_fields(self, cells=cells, resolution=resolution[0], origin=origin, name=name)
 
     @classmethod
     def from_occupancy(
@@ -134,7 +134,7 @@ class OccupancyGrid(Pictured):
             If a value is out of its range, or 0 and 1 or numbers with a decimal point are given
             that could mean one thing or the other.
         """
-        return cls(levels_of(occupancy, probabilities=probabilities), resolution, origin, name)
+        return cls(levels_from_occupancy(occupancy, probabilities=probabilities), resolution, origin, name)
 
     @classmethod
     def from_message(cls, message: Any, name: str = "") -> OccupancyGrid:
@@ -152,16 +152,16 @@ class OccupancyGrid(Pictured):
         MapError
             If it is no such message, or holds other values than -1 to 100.
         """
-        values, resolution, origin = parts_of(message)
+        values, resolution, origin = parse_grid_message(message)
         return cls.from_occupancy(values, resolution, origin, name)
 
     def __repr__(self) -> str:
         (rows, cols), (x, y, yaw) = self.shape, self.origin
         name = f"{self.name}, " if self.name else ""
-        turned = f", yaw {math.degrees(yaw):g} deg" if yaw else ""
+        yaw_text = f", yaw {math.degrees(yaw):g} deg" if yaw else ""
         return (
             f"OccupancyGrid({name}{rows} x {cols} cells of {self.resolution:g} m,"
-            f" origin {x:g},{y:g} m{turned})"
+            f" origin {x:g},{y:g} m{yaw_text})"
         )
 
     def __eq__(self, other: object) -> bool:
@@ -295,7 +295,7 @@ class OccupancyGrid(Pictured):
         PoseError
             If the positions have another shape, or are not finite numbers within 1e8 m.
         """
-        positions, is_single = checks.poses_from(xy)
+        positions, is_single = checks.parse_poses(xy)
         row, col = (np.floor(v).astype(np.int64) for v in self.world_to_grid(*positions[:, :2].T))
         return (int(row[0]), int(col[0])) if is_single else (row, col)
 
@@ -356,7 +356,7 @@ def check_grid(grid: object) -> None:
     grid : object
         What a function was given for a map.
     """
-    checks.instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
+    checks.check_instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
 
 
 def extent_text(grid: OccupancyGrid) -> str:
@@ -373,7 +373,7 @@ def extent_text(grid: OccupancyGrid) -> str:
     return f"{low[0]:.6g},{low[1]:.6g} to {high[0]:.6g},{high[1]:.6g} m"
 
 
-def own_axes(grid: OccupancyGrid, poses: Floats) -> Floats:
+def world_to_map_frame(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Poses along a map's columns and rows from its origin on, (n, 3) [m, m, rad].
 
     Parameters

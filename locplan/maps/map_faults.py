@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 RANGE, BEAMS, SIGMA, OUTLIERS = 3.5, 60, 0.02, 0.1
 """Range [m] and beams of the lidar of the check, deviation of a range [m], share of outliers."""
-SCANS, POSES, TRIES, WHOLE = 80, 1500, 600, 2**22
+SCANS, POSES, TRIES, MAX_SCORED_CELLS = 80, 1500, 600, 2**22
 """Numbers of the scans, of the wrong poses of each, of the places that are tried for them, and of
 the cells up to which a map is scored as a whole."""
 NEAREST, FARTHEST, MAX_TURN = 0.5, 3.0, 20.0
@@ -107,11 +107,11 @@ def solidity(grid: OccupancyGrid) -> Solidity:
     grid : OccupancyGrid
         The map.
     """
-    return _solidity(grid)
+    return _compute_solidity(grid)
 
 
 @lru_cache(32)  # of the maps that are equal by value; the check takes tenths of a second
-def _solidity(grid: OccupancyGrid) -> Solidity:
+def _compute_solidity(grid: OccupancyGrid) -> Solidity:
     from locplan._support.kernels.walls import surface_depths
 
     deep = int(DEPTH / grid.resolution) + 1
@@ -119,14 +119,14 @@ def _solidity(grid: OccupancyGrid) -> Solidity:
     inside = inside_of_walls(grid)
     if not inside.any():
         return Solidity(0.0, 0.0, 0.0)
-    wins, count, moves = np.zeros(2), 0, _moves(grid.resolution)
+    wins, count, moves = np.zeros(2), 0, _draw_wrong_moves(grid.resolution)
     before, window_scores = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
-    for around, pose, ends in _scans(grid):
+    for around, pose, ends in _simulate_scans(grid):
         if around != before:
             occupied = grid.cells[around] == OCCUPIED
             rims, before = occupied & ~inside[around], around
-            window_scores = [_scores(layer.view(np.uint8), grid.resolution) for layer in (occupied, rims)]
-        if window_scores[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score(np.float64(CLEARANCE)):
+            window_scores = [_score_cells(layer.view(np.uint8), grid.resolution) for layer in (occupied, rims)]
+        if window_scores[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score_distance(np.float64(CLEARANCE)):
             continue
         wins += [_wrong_pose_wins(layer, ends, pose, moves) for layer in window_scores]
         count += 1
@@ -151,7 +151,7 @@ def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats)
     return bool(sums[1:].max() > sums[0])
 
 
-def _moves(resolution: float) -> Floats:
+def _draw_wrong_moves(resolution: float) -> Floats:
     """From the true pose to wrong ones: columns, rows [cells] and turn [rad], (POSES, 3)."""
     random = np.random.default_rng(1)
     distance = random.uniform(NEAREST, FARTHEST, POSES) / resolution
@@ -160,28 +160,28 @@ def _moves(resolution: float) -> Floats:
     return np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), turn])
 
 
-def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, Floats]]:
+def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, Floats]]:
     """Noisy scans of which a third of the beams return, with the part of the map around each.
 
     Poses (row, column, heading) are within the part [cells, cells, rad], ends are ahead and to the
     left of the robot [cells].
     """
-    from locplan._support.kernels.lidar import BeamDisturbances, Lidar, measured_ends
+    from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
     from locplan._support.kernels.rays import empty_squares
 
     random = np.random.default_rng(0)
     angles = np.linspace(-np.pi, np.pi, BEAMS, endpoint=False)
-    lidar = Lidar(angles, 0.0, 0.0, 0.0, SIGMA, 0.0, RANGE)
+    lidar = LidarBeams(angles, 0.0, 0.0, 0.0, SIGMA, 0.0, RANGE)
     noise = BeamDisturbances(OUTLIERS, 0.2, np.radians(20.0), 0.5, 2.0)
     before, squares = (slice(0), slice(0)), np.empty((0, 0), np.uint8)
-    for row, col in _places(grid, random):
+    for row, col in _draw_positions(grid, random):
         window, pose = _window(grid, row, col, RANGE), np.empty(3)
         first = window[0].start, window[1].start
         pose[:] = row - first[0], col - first[1], random.uniform(-np.pi, np.pi)
         ends = np.empty((BEAMS, 2))
         if window != before:
             before, squares = window, empty_squares(grid.cells[window] == OCCUPIED)
-        measured_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
+        measure_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue
         around = _window(grid, row, col, AROUND)
@@ -189,7 +189,7 @@ def _scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, F
         yield around, pose, ends
 
 
-def _places(grid: OccupancyGrid, random: np.random.Generator) -> Iterator[tuple[float, float]]:
+def _draw_positions(grid: OccupancyGrid, random: np.random.Generator) -> Iterator[tuple[float, float]]:
     """Positions in free cells, drawn at random [cells]; fewer than TRIES where few are free."""
     positions = random.random((100 * TRIES, 2)) * grid.shape
     rows, cols = positions.astype(np.int64).T
@@ -202,7 +202,7 @@ def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[
 
     The whole of a map costs less than the windows of all scans, unless it is large.
     """
-    far = int(reach / grid.resolution) + 1 if grid.cells.size > WHOLE else max(grid.shape)
+    far = int(reach / grid.resolution) + 1 if grid.cells.size > MAX_SCORED_CELLS else max(grid.shape)
     rows, cols = (
         slice(max(0, int(at) - far), min(size, int(at) + far + 1))
         for at, size in zip((row, col), grid.shape, strict=True)
@@ -210,7 +210,7 @@ def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[
     return rows, cols
 
 
-def _scores(occupied: Octets, resolution: float) -> Singles:
+def _score_cells(occupied: Octets, resolution: float) -> Singles:
     """What a beam adds that ends in each cell, in a ring for all outside."""
     import cv2
 
@@ -218,10 +218,10 @@ def _scores(occupied: Octets, resolution: float) -> Singles:
     if occupied.any():
         cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         distance = np.minimum(cells * np.float32(resolution), distance)
-    return _score(np.pad(distance, 1, constant_values=MAX_DISTANCE))
+    return _score_distance(np.pad(distance, 1, constant_values=MAX_DISTANCE))
 
 
-def _score(distance: Singles | np.float64) -> Singles:
+def _score_distance(distance: Singles | np.float64) -> Singles:
     """The cube of a beam's likelihood at a distance from a wall [m], as AMCL adds it."""
     hit = (1 - Z_RAND) * np.exp(-(distance**2) / (2 * SIGMA_HIT**2))
     return np.asarray((hit + Z_RAND / RANGE) ** 3, np.float32)
@@ -276,46 +276,46 @@ class MapFault:
         return "; ".join(clause for clause in (message, self.costs, self.mend) if clause)
 
 
-def _said(kind: str, sentence: str, *, sure: bool = False) -> MapFault:
+def _make_fault(kind: str, sentence: str, *, is_certain: bool = False) -> MapFault:
     """A fault whose sentence ends in what to do, or in what it means."""
     message, _, mend = sentence.rpartition("; ")
-    return MapFault(kind, message or mend, mend if message else "", sure=sure)
+    return MapFault(kind, message or mend, mend if message else "", sure=is_certain)
 
 
-def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
+def find_threshold_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
     """What the file's entries and pixels make of the map."""
     free, occupied = source.free_thresh, source.occupied_thresh
     if source.light_free > MIN_SHARE * source.pixels:
         lower = 0.196 if free > 0.196 else 0.15
-        yield _said(
+        yield _make_fault(
             "thresholds",
             f"{source.light_free:,} pixels ({source.light_free / source.pixels:.0%}) of a light"
             f" grey, mostly {source.light_value}, are read as free, while map_saver's 205 means"
             f" unknown; if they are unknown, lower free_thresh to {lower:g} (it is {free:g})",
         )
-    if source.of_costs:
-        yield _said(
+    if source.costmap_pixels:
+        yield _make_fault(
             "costmap",
-            f"this is a costmap, not a map: {source.of_costs:,} pixels"
-            f" ({source.of_costs / source.pixels:.0%}) are 253 or 254, the costs of obstacles, and"
+            f"this is a costmap, not a map: {source.costmap_pixels:,} pixels"
+            f" ({source.costmap_pixels / source.pixels:.0%}) are 253 or 254, the costs of obstacles, and"
             " are read as free; take the map that it was made of",
-            sure=True,
+            is_certain=True,
         )
     if source.has_dark_walls:
-        yield _said(
+        yield _make_fault(
             "thresholds",
             f"{source.dark_unknown:,} dark grey pixels are read as unknown, beside"
             f" {source.occupied:,} occupied ones; if they are walls, lower occupied_thresh to"
             f" {DARK:g} (it is {occupied:g})",
         )
     if free == occupied:
-        yield _said(
+        yield _make_fault(
             "thresholds",
             f"free_thresh and occupied_thresh are both {free:g}, so that no grey is unknown;"
             " map_saver writes 0.25 or 0.196, and 0.65",
         )
     if source.over_100 > MIN_SHARE * source.pixels:
-        yield _said(
+        yield _make_fault(
             "thresholds",
             f"{source.over_100:,} pixels ({source.over_100 / source.pixels:.0%}) are above 100 and"
             " read as unknown, since pixels are per cent in mode raw; for an ordinary image set"
@@ -323,7 +323,7 @@ def of_source(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
         )
 
 
-def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
+def find_mask_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
     """What tells of a mask for a costmap filter, which is no map to drive in.
 
     Parameters
@@ -340,9 +340,9 @@ def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
     """
     signs = []
     words = " ".join(re.findall(r"[a-z]+", f"{grid.name} {Path(source.image).name}".lower()))
-    found = re.search(r"\b(filter|keepout|limit|mask|speed|virtual walls?)\b", words)
-    if found:
-        signs.append(f"its name has the word {found[0]}")
+    name_match = re.search(r"\b(filter|keepout|limit|mask|speed|virtual walls?)\b", words)
+    if name_match:
+        signs.append(f"its name has the word {name_match[0]}")
     if source.mode != "trinary":
         signs.append(f"its mode is {source.mode}")
     if source.free_thresh <= 0.05 and source.occupied_thresh >= 0.95:
@@ -350,27 +350,27 @@ def of_mask(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
             f"only the ends of its scale are free or occupied (thresholds {source.free_thresh:g}"
             f" and {source.occupied_thresh:g})"
         )
-    if found or len(signs) >= 2:
-        yield _said(
+    if name_match or len(signs) >= 2:
+        yield _make_fault(
             "mask",
             f"this seems to be a mask for a costmap filter, not a map: {', '.join(signs)};"
             " plan on the map that it belongs to",
-            sure=True,
+            is_certain=True,
         )
 
 
-def of_cells(grid: OccupancyGrid) -> Iterator[MapFault]:
+def find_cell_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
     """What the cells themselves tell."""
     import cv2
 
     cells = grid.cells
     if not (cells == FREE).any():
-        yield _said(
+        yield _make_fault(
             "cells", "no cell is free, so that the robot can stand nowhere; check the thresholds"
         )
         return
     if grid.resolution > COARSE:
-        yield _said(
+        yield _make_fault(
             "coarse cells",
             f"cells of {grid.resolution:g} m are coarse beside a lidar, which measures to some"
             " centimetres; check resolution in the map's YAML (0.05 is usual), or map the site"
@@ -378,13 +378,13 @@ def of_cells(grid: OccupancyGrid) -> Iterator[MapFault]:
         )
     rim = np.concatenate([cells[0], cells[-1], cells[1:-1, 0], cells[1:-1, -1]]) == FREE
     if rim.mean() > MIN_SHARE:
-        yield _said(
+        yield _make_fault(
             "open boundary",
             f"free space runs out of the image along {rim.sum() * grid.resolution:.3g} m"
             f" ({rim.mean():.0%} of its edge); what lies outside counts as unknown",
         )
     if not (cells == OCCUPIED).any():
-        yield _said(
+        yield _make_fault(
             "cells", "no cell is occupied, so that a lidar sees nothing; check the thresholds"
         )
         return
@@ -401,27 +401,27 @@ def of_cells(grid: OccupancyGrid) -> Iterator[MapFault]:
         count += np.count_nonzero(edge), np.count_nonzero(open_)
     share = count[1] / count[0]
     if share > 0.5:
-        yield _said(
+        yield _make_fault(
             "open boundary",
             f"{share:.0%} of the free space's boundary is open to the unknown instead of walled;"
             " no lidar sees that boundary",
         )
 
 
-def of_origin(grid: OccupancyGrid) -> Iterator[MapFault]:
+def find_origin_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
     """What is unusual about the origin's yaw."""
     yaw = grid.origin[2]
     if abs(yaw) > 2 * math.pi:
-        yield _said("origin", f"the origin's yaw of {yaw:g} is in radians, and looks like degrees")
+        yield _make_fault("origin", f"the origin's yaw of {yaw:g} is in radians, and looks like degrees")
     elif yaw:
-        yield _said(
+        yield _make_fault(
             "origin",
             f"the origin's yaw of {math.degrees(yaw):.4g} deg counts in all coordinates here; Nav2"
             " and ROS 1 ignore it",
         )
 
 
-def specks_of(grid: OccupancyGrid) -> Bools:
+def find_specks(grid: OccupancyGrid) -> Bools:
     """The cells of specks: up to 3 that touch each other, and else only free ones, (H, W)."""
     import cv2
 
@@ -431,7 +431,7 @@ def specks_of(grid: OccupancyGrid) -> Bools:
         around = grid.cells[first : top + ROWS + SPECK + 1]
         occupied = (around == OCCUPIED).view(np.uint8)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
-        floats = np.bincount(labels[_beside_unknown(around)], minlength=count) == 0
+        floats = np.bincount(labels[_dilate_unknown(around)], minlength=count) == 0
         small = floats & (stats[:, cv2.CC_STAT_AREA] <= SPECK)
         small[0] = False
         band_rows = slice(top - first, top - first + ROWS)
@@ -439,7 +439,7 @@ def specks_of(grid: OccupancyGrid) -> Bools:
     return is_speck
 
 
-def _beside_unknown(cells: Octets) -> Bools:
+def _dilate_unknown(cells: Octets) -> Bools:
     """The cells that have a neighbour of unknown, or are that."""
     import cv2
 
@@ -447,8 +447,8 @@ def _beside_unknown(cells: Octets) -> Bools:
     return np.asarray(cv2.dilate(unknown, np.ones((3, 3), np.uint8)).view(np.bool_))
 
 
-def boxes_of(
-    grid: OccupancyGrid, cells: Bools, apart: float = 0.5
+def find_bounding_boxes(
+    grid: OccupancyGrid, cells: Bools, gap: float = 0.5
 ) -> tuple[tuple[float, float, float, float], ...]:
     """Boxes around the places of some cells, as `MapFault` has them.
 
@@ -458,12 +458,12 @@ def boxes_of(
         The map.
     cells : (H, W) array of bool
         The cells.
-    apart : float, default 0.5
+    gap : float, default 0.5
         Distance from which on cells are two places [m].
     """
     import cv2
 
-    size = 2 * int(apart / grid.resolution / 2) + 1
+    size = 2 * int(gap / grid.resolution / 2) + 1
     near = cv2.dilate(cells.view(np.uint8), np.ones((size, size), np.uint8))
     count, labels = cv2.connectedComponents(near, connectivity=8)
     rows, cols = np.nonzero(cells)
@@ -477,7 +477,7 @@ def boxes_of(
     return tuple(places)
 
 
-def of_painted(grid: OccupancyGrid) -> Iterator[MapFault]:
+def find_painted_unknown(grid: OccupancyGrid) -> Iterator[MapFault]:
     """What tells of unknown space that was painted black."""
     unknown = np.count_nonzero(~grid.free & (grid.cells != OCCUPIED)) / grid.cells.size
     inside = float(inside_of_walls(grid).mean())
@@ -490,22 +490,22 @@ def of_painted(grid: OccupancyGrid) -> Iterator[MapFault]:
         )
 
 
-def of_walls(grid: OccupancyGrid, found: Solidity) -> Iterator[MapFault]:
+def find_wall_faults(grid: OccupancyGrid, wall_solidity: Solidity) -> Iterator[MapFault]:
     """What the walls do to a particle filter."""
-    if found.misleads:
+    if wall_solidity.misleads:
         yield MapFault(
-            "solid walls" if found.is_solid else "thick walls",
-            f"walls are black inside: a wrong pose explains {found.wins:.0%} of noisy scans better"
-            f" than the true one, and {found.wins_hollowed:.0%} with hollow walls",
+            "solid walls" if wall_solidity.is_solid else "thick walls",
+            f"walls are black inside: a wrong pose explains {wall_solidity.wins:.0%} of noisy scans better"
+            f" than the true one, and {wall_solidity.wins_hollowed:.0%} with hollow walls",
             "give AMCL, of ROS 1 or 2, the map that locplan repair writes, and plan on this one"
-            if found.is_solid
+            if wall_solidity.is_solid
             else f"hardly any is over {DEPTH:g} m deep, so that they may be smeared or inflated,"
             " and hollowing may harm; draw the walls from a recorded drive",
-            "on such maps Nav2's default filter loses most drives" if found.is_solid else "",
-            found.is_solid,
+            "on such maps Nav2's default filter loses most drives" if wall_solidity.is_solid else "",
+            wall_solidity.is_solid,
         )
     area = np.count_nonzero(grid.free) * grid.resolution**2
-    count = _count_of_specks(grid, SPECKS * area)
+    count = _count_specks(grid, SPECKS * area)
     if count > SPECKS * area > 0:
         yield MapFault(
             "specks",
@@ -516,11 +516,11 @@ def of_walls(grid: OccupancyGrid, found: Solidity) -> Iterator[MapFault]:
         )
 
 
-def _count_of_specks(grid: OccupancyGrid, limit: float) -> int:
+def _count_specks(grid: OccupancyGrid, limit: float) -> int:
     """Number of specks; that of their cells where it is no more than a limit."""
     import cv2
 
-    specks = specks_of(grid)
+    specks = find_specks(grid)
     cells = int(np.count_nonzero(specks))
     if cells <= limit:  # each has a cell at least
         return cells
@@ -535,9 +535,9 @@ class MapFaults(Result):
 
     grid: OccupancyGrid
     """The map."""
-    found: tuple[MapFault, ...]
+    faults: tuple[MapFault, ...]
     """The faults, the most important first."""
-    meant: OccupancyGrid
+    corrected_map: OccupancyGrid
     """The map as its file is meant, see `as_meant`, which the faults of walls and cells are of."""
 
     def __repr__(self) -> str:
@@ -545,10 +545,10 @@ class MapFaults(Result):
         return f"MapFaults({self.grid.name or 'map'}: {kinds})"
 
     def __iter__(self) -> Iterator[MapFault]:
-        return iter(self.found)
+        return iter(self.faults)
 
     def __len__(self) -> int:
-        return len(self.found)
+        return len(self.faults)
 
     @property
     def is_solid(self) -> bool:
@@ -558,9 +558,9 @@ class MapFaults(Result):
     @cached_property
     def cells(self) -> Bools:
         """The cells that walls black inside, painted unknown space and specks concern, (H, W)."""
-        is_faulty, kinds = np.zeros(self.meant.shape, np.bool_), {fault.kind for fault in self}
+        is_faulty, kinds = np.zeros(self.corrected_map.shape, np.bool_), {fault.kind for fault in self}
         if kinds & {"solid walls", "thick walls", "painted unknown"}:
-            is_faulty |= inside_of_walls(self.meant)
+            is_faulty |= inside_of_walls(self.corrected_map)
         if "specks" in kinds:
             is_faulty |= self.specks
         return is_faulty
@@ -568,12 +568,12 @@ class MapFaults(Result):
     @cached_property
     def specks(self) -> Bools:
         """The cells of up to 3 that touch each other, and else only free ones, (H, W)."""
-        return specks_of(self.meant)
+        return find_specks(self.corrected_map)
 
     @property
-    def mended(self) -> OccupancyGrid:
+    def repaired_map(self) -> OccupancyGrid:
         """The map for a filter: as its file is meant, without specks, solid walls hollowed."""
-        grid, kinds = self.meant, {fault.kind for fault in self}
+        grid, kinds = self.corrected_map, {fault.kind for fault in self}
         if "specks" in kinds:
             grid = replace(grid, cells=np.where(self.specks, np.uint8(FREE), grid.cells))
         # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
@@ -581,9 +581,9 @@ class MapFaults(Result):
 
     def refuse_mask(self) -> None:
         """Raise a ConfigError if what was given for a map is a mask for a costmap filter."""
-        for each in self:
-            if each.kind == "mask":
-                raise ConfigError(f"{self.grid.name or 'the map'}: {each.sentence}")
+        for fault in self:
+            if fault.kind == "mask":
+                raise ConfigError(f"{self.grid.name or 'the map'}: {fault.sentence}")
 
     def summary(self) -> dict[str, object]:
         """The faults, fit for JSON."""
@@ -605,7 +605,7 @@ class MapFaults(Result):
             "mend": "mend",
         }
         columns = [Column(name, title=title) for name, title in titles.items()]
-        return Table.of([*columns, Column("sure")], self)
+        return Table.from_records([*columns, Column("sure")], self)
 
     def figure(self) -> Figure:
         """Draw the map with the cells of its faults in colour, and the faults' kinds."""
@@ -620,9 +620,9 @@ class MapFaults(Result):
 
 def faults_report(faults: MapFaults) -> str:
     """A sentence for each fault."""
-    if not faults.found:
+    if not faults.faults:
         return f"{faults.grid.name or 'the map'}: no fault that the map alone shows"
-    return "\n".join(f"{each.kind}: {each.sentence}" for each in faults)
+    return "\n".join(f"{fault.kind}: {fault.sentence}" for fault in faults)
 
 
 def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
@@ -658,9 +658,9 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
     0
     """
     check_grid(grid)
-    file_faults = (*of_mask(grid, source), *of_source(grid, source)) if source else ()
+    file_faults = (*find_mask_faults(grid, source), *find_threshold_faults(grid, source)) if source else ()
     # No filter has a mask for its map, whose areas are no walls.
     is_mask = any(fault.kind == "mask" for fault in file_faults)
     corrected_map = grid if is_mask else as_meant(grid, source)
-    walls = () if is_mask else (*of_walls(corrected_map, solidity(corrected_map)), *of_painted(corrected_map))
-    return MapFaults(grid, (*file_faults, *walls, *of_cells(corrected_map), *of_origin(grid)), corrected_map)
+    walls = () if is_mask else (*find_wall_faults(corrected_map, solidity(corrected_map)), *find_painted_unknown(corrected_map))
+    return MapFaults(grid, (*file_faults, *walls, *find_cell_faults(corrected_map), *find_origin_faults(grid)), corrected_map)

@@ -17,7 +17,7 @@ FREE_BELOW, OCCUPIED_FROM = 19.6, 65.0
 """Default thresholds of ROS's map_server [per cent]."""
 
 
-def levels_of(occupancy: ArrayLike, *, probabilities: bool) -> Octets:
+def levels_from_occupancy(occupancy: ArrayLike, *, probabilities: bool) -> Octets:
     """Return the levels of occupancy values, as `OccupancyGrid.from_occupancy` describes them."""
     try:
         values = np.asarray(occupancy)
@@ -25,14 +25,14 @@ def levels_of(occupancy: ArrayLike, *, probabilities: bool) -> Octets:
         raise MapError(f"occupancy must be an array (H, W): {error}") from None
     if values.dtype == bool:
         return np.where(values, np.uint8(OCCUPIED), np.uint8(FREE))
-    per_cent = _from_probabilities(values) if probabilities else _checked_per_cent(values)
+    per_cent = _per_cent_from_probabilities(values) if probabilities else _check_per_cent(values)
     levels = np.full(values.shape, UNKNOWN, np.uint8)
     levels[(per_cent >= 0) & (per_cent < FREE_BELOW)] = FREE
     levels[per_cent >= OCCUPIED_FROM] = OCCUPIED
     return levels
 
 
-def _from_probabilities(values: NDArray[Any]) -> Floats:
+def _per_cent_from_probabilities(values: NDArray[Any]) -> Floats:
     """Per cent of probabilities, NaN where they are NaN."""
     if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
         raise MapError(f"probabilities must be numbers, not of type {values.dtype}")
@@ -44,7 +44,7 @@ def _from_probabilities(values: NDArray[Any]) -> Floats:
     return values * 100.0
 
 
-def _checked_per_cent(values: NDArray[Any]) -> NDArray[Any]:
+def _check_per_cent(values: NDArray[Any]) -> NDArray[Any]:
     if not np.issubdtype(values.dtype, np.integer):
         raise MapError(
             f"occupancy of type {values.dtype} is ambiguous: say probabilities=True for 0.0 to 1.0,"
@@ -64,7 +64,7 @@ def _checked_per_cent(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def parts_of(message: Any) -> tuple[NDArray[Any], float, tuple[float, float, float]]:
+def parse_grid_message(message: Any) -> tuple[NDArray[Any], float, tuple[float, float, float]]:
     """Values (H, W), resolution [m] and origin (x, y, yaw) of a nav_msgs/OccupancyGrid."""
     try:
         metadata, pose = message.info, message.info.origin

@@ -15,20 +15,20 @@ from numpy.typing import ArrayLike
 
 from locplan._support.checks import (
     FARTHEST,
-    file_path,
-    instance,
+    check_file_path,
+    check_instance,
     is_number,
-    keep,
-    number,
-    one_of,
-    shown,
+    set_frozen_fields,
+    check_number,
+    check_choice,
+    short_repr,
 )
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.output import replacing
-from locplan._support.reading import MAX_BYTES, parsed_json, read_text
-from locplan._support.saved import Valued
-from locplan._support.tables import feature
+from locplan._support.reading import MAX_BYTES, parse_json, read_text
+from locplan._support.saved import EqualByValue
+from locplan._support.tables import make_feature
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.files import read_mask
 from locplan.maps.grid import OccupancyGrid, check_grid, extent_text
@@ -49,7 +49,7 @@ not reach into the cells next to it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Zone(Valued):
+class Zone(EqualByValue):
     """A polygon on the map that the robot avoids, prefers, or drives through slowly.
 
     Parameters
@@ -86,14 +86,14 @@ class Zone(Valued):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        one_of("the kind of a zone", self.kind, KINDS)
-        keep(self, polygon=_checked_polygon(self.polygon))
+        check_choice("the kind of a zone", self.kind, KINDS)
+        set_frozen_fields(self, polygon=_check_polygon(self.polygon))
         if self.kind != "slow" and self.percent is not None:
             raise ConfigError(f"a zone of kind {self.kind} has no percent; leave percent out")
         if self.kind == "slow":
             if self.percent is None:
                 raise ConfigError("a slow zone needs percent, 1 to 100 of the top speed; add it")
-            keep(self, percent=number("percent", self.percent, 1.0, 100.0))
+            set_frozen_fields(self, percent=check_number("percent", self.percent, 1.0, 100.0))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a pickled zone, with its corners read-only as before."""
@@ -104,15 +104,15 @@ class Zone(Valued):
         """The zone as a feature of GeoJSON."""
         percent = {"percent": self.percent} if self.kind == "slow" else {}
         ring = self.polygon.tolist()
-        return feature("Polygon", [[*ring, ring[0]]], {"kind": self.kind} | percent)
+        return make_feature("Polygon", [[*ring, ring[0]]], {"kind": self.kind} | percent)
 
     @classmethod
-    def from_json(cls, entries: Any) -> Zone:
+    def from_json(cls, geojson: Any) -> Zone:
         """The zone of a feature of GeoJSON.
 
         Parameters
         ----------
-        entries : dict
+        geojson : dict
             The feature, a Polygon with the property kind, and percent if it is slow.
 
         Raises
@@ -120,15 +120,15 @@ class Zone(Valued):
         ConfigError
             If it is no such feature.
         """
-        properties, shape = (_entry(entries, name) for name in ("properties", "geometry"))
+        properties, shape = (_read_member(geojson, name) for name in ("properties", "geometry"))
         if not isinstance(properties, dict) or "kind" not in properties:
             raise ConfigError(f"has no kind; write one of {', '.join(KINDS)} into its properties")
-        kind = _entry(shape, "type")
+        kind = _read_member(shape, "type")
         if kind == "MultiPolygon":
             raise ConfigError("is a MultiPolygon; save each polygon as its own feature")
         if kind != "Polygon":
-            raise ConfigError(f"is no polygon, but {shown(kind)}; draw the zone as a Polygon")
-        rings = _entry(shape, "coordinates")
+            raise ConfigError(f"is no polygon, but {short_repr(kind)}; draw the zone as a Polygon")
+        rings = _read_member(shape, "coordinates")
         if not isinstance(rings, list) or not rings:
             raise ConfigError("has no corners; draw the polygon again")
         if len(rings) > 1:
@@ -149,7 +149,7 @@ class Zones:
 
     Parameters
     ----------
-    items : sequence of Zone
+    zones : sequence of Zone
         The zones, 25,000 at most.
 
     Raises
@@ -167,29 +167,29 @@ class Zones:
     [[1, 1, 0, 0], [0, 0, 0, 0]]
     """
 
-    items: tuple[Zone, ...] = ()
+    zones: tuple[Zone, ...] = ()
 
     if TYPE_CHECKING:
 
-        def __init__(self, items: Sequence[Zone] = ()) -> None: ...
+        def __init__(self, zones: Sequence[Zone] = ()) -> None: ...
 
     def __post_init__(self) -> None:
-        items = tuple(self.items)
-        for zone in items:
-            instance("a zone", zone, Zone, "make one with locplan.Zone")
-        corners = sum(len(zone.polygon) for zone in items)
-        if len(items) > MAX_ZONES or corners > MAX_ALL_CORNERS:
+        zones = tuple(self.zones)
+        for zone in zones:
+            check_instance("a zone", zone, Zone, "make one with locplan.Zone")
+        corners = sum(len(zone.polygon) for zone in zones)
+        if len(zones) > MAX_ZONES or corners > MAX_ALL_CORNERS:
             raise ConfigError(
-                f"{len(items):,} zones with {corners:,} corners are too many; draw at most"
+                f"{len(zones):,} zones with {corners:,} corners are too many; draw at most"
                 f" {MAX_ZONES:,} with {MAX_ALL_CORNERS:,}"
             )
-        keep(self, items=items)
+        set_frozen_fields(self, items=zones)
 
     def __len__(self) -> int:
-        return len(self.items)
+        return len(self.zones)
 
     def __iter__(self) -> Iterator[Zone]:
-        return iter(self.items)
+        return iter(self.zones)
 
     def __repr__(self) -> str:
         return f"Zones({self})"
@@ -220,14 +220,14 @@ class Zones:
         LocplanError
             If it cannot be read. The error names the feature, counted from 1.
         """
-        file = file_path("a file of zones", path)
+        file = check_file_path("a file of zones", path)
         if file.suffix.lower() in (".yaml", ".yml"):
             try:
                 return cls.from_mask(read_mask(file))
             except ConfigError as error:
                 raise LocplanError(f"{file}: {error}") from None
         try:
-            return cls.from_json(parsed_json(read_text(file, MAX_BYTES)))
+            return cls.from_json(parse_json(read_text(file, MAX_BYTES)))
         except (ConfigError, ValueError) as error:
             remedy = "" if isinstance(error, ConfigError) else "is not JSON; save the zones again: "
             raise LocplanError(f"{file}: {remedy}{error}") from None
@@ -249,7 +249,7 @@ class Zones:
             If the cells make more than 25,000 rectangles.
         """
         check_grid(mask)
-        rectangles = _rectangles(mask.cells == OCCUPIED)
+        rectangles = _split_rectangles(mask.cells == OCCUPIED)
         if len(rectangles) > MAX_ZONES:
             raise ConfigError(
                 f"its closed cells make {len(rectangles):,} rectangles, more than {MAX_ZONES:,};"
@@ -260,12 +260,12 @@ class Zones:
         return cls([Zone("no-go", corners) for corners in np.stack([x, y], axis=-1).swapaxes(0, 1)])
 
     @classmethod
-    def from_json(cls, entries: Any) -> Zones:
+    def from_json(cls, geojson: Any) -> Zones:
         """The zones of a FeatureCollection of GeoJSON.
 
         Parameters
         ----------
-        entries : dict
+        geojson : dict
             The collection.
 
         Raises
@@ -274,8 +274,8 @@ class Zones:
             If it is no collection, or a feature is no zone. The error names the feature, counted
             from 1.
         """
-        features = _entry(entries, "features")
-        if _entry(entries, "type") != "FeatureCollection" or not isinstance(features, list):
+        features = _read_member(geojson, "features")
+        if _read_member(geojson, "type") != "FeatureCollection" or not isinstance(features, list):
             raise ConfigError(
                 "holds no zones; give a GeoJSON FeatureCollection of polygons, or a map YAML"
             )
@@ -317,13 +317,13 @@ class Zones:
         LocplanError
             If it cannot be written.
         """
-        target = file_path("a file of zones", path)
+        target = check_file_path("a file of zones", path)
         check_target(target, ".geojson", ".json")
         with replacing(target) as temporary:
             temporary.write_bytes(self.text.encode())
 
     @cached_property
-    def closed(self) -> Zones:
+    def no_go_zones(self) -> Zones:
         """The no-go zones alone."""
         return Zones([zone for zone in self if zone.kind == "no-go"])
 
@@ -410,7 +410,7 @@ def _overlap(polygon: Floats, grid: OccupancyGrid) -> tuple[tuple[slice, slice],
     window = slice(low[0], high[0]), slice(low[1], high[1])
     shape, ends = high - low, np.roll(corners, -1, axis=0)
     inside = _centres_inside(corners - low, ends - low, shape)
-    rows, cols = _crossed(corners - low, ends - low, shape)
+    rows, cols = _find_crossed_cells(corners - low, ends - low, shape)
     inside[rows, cols] = True
     return window, inside
 
@@ -432,7 +432,7 @@ def _centres_inside(starts: Floats, ends: Floats, shape: Ints) -> Bools:
     return np.asarray(np.cumsum(turns, axis=1)[:, :-1] != 0)
 
 
-def _crossed(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints, Ints]:
+def _find_crossed_cells(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints, Ints]:
     """Rows and columns of the cells that edges pass through; an edge between cells crosses none."""
     is_between = ((starts == ends) & (starts == np.floor(starts))).any(axis=1)
     if is_between.all():  # as of the rectangles of a mask, which may be thousands
@@ -459,7 +459,7 @@ def _crossed(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints, Ints]:
     return rows[is_inside], cols[is_inside]
 
 
-def _rectangles(mask: Bools) -> list[tuple[int, int, int, int]]:
+def _split_rectangles(mask: Bools) -> list[tuple[int, int, int, int]]:
     """First row and column of rectangles that make up a mask, and those after their last ones."""
     edges = np.diff(np.pad(mask, ((0, 1), (1, 1))).astype(np.int8), axis=1)
     open_runs: dict[tuple[int, int], int] = {}
@@ -474,17 +474,17 @@ def _rectangles(mask: Bools) -> list[tuple[int, int, int, int]]:
     return sorted(rectangles)
 
 
-def _entry(entries: Any, name: str) -> Any:
-    return entries.get(name) if isinstance(entries, Mapping) else None
+def _read_member(geojson: Any, name: str) -> Any:
+    return geojson.get(name) if isinstance(geojson, Mapping) else None
 
 
 def _is_closed(ring: Any) -> bool:
     return isinstance(ring, list) and len(ring) > 1 and ring[0] == ring[-1]
 
 
-def _checked_polygon(polygon: ArrayLike) -> Floats:
+def _check_polygon(polygon: ArrayLike) -> Floats:
     """The corners of a polygon, (n, 2), read-only; a ConfigError if they enclose no area."""
-    corners = _corners(polygon)
+    corners = _parse_corners(polygon)
     if len(corners) > MAX_CORNERS:
         raise ConfigError(f"has {len(corners):,} corners; draw at most {MAX_CORNERS:,}")
     ahead = np.roll(corners, -1, axis=0)
@@ -497,7 +497,7 @@ def _checked_polygon(polygon: ArrayLike) -> Floats:
     return corners
 
 
-def _corners(polygon: Any) -> Floats:
+def _parse_corners(polygon: Any) -> Floats:
     """The corners as numbers, (n, 2); a ConfigError if they are none."""
     if isinstance(polygon, np.ndarray):
         if polygon.ndim == 2 and polygon.shape[1] == 2 and polygon.dtype.kind in "iuf":
@@ -509,18 +509,18 @@ def _corners(polygon: Any) -> Floats:
             f" {polygon.shape} of {polygon.dtype}"
         )
     if not isinstance(polygon, (list, tuple)):
-        raise ConfigError(f"its corners must be positions x, y in metres, not {shown(polygon)}")
+        raise ConfigError(f"its corners must be positions x, y in metres, not {short_repr(polygon)}")
     for corner in polygon:
         ok = isinstance(corner, (list, tuple, np.ndarray)) and len(corner) in (2, 3)
         if not ok or not all(is_number(value) and abs(value) <= FARTHEST for value in corner):
             raise ConfigError(
-                f"a corner must be x, y in metres within ±{FARTHEST:g}, not {shown(corner)}"
+                f"a corner must be x, y in metres within ±{FARTHEST:g}, not {short_repr(corner)}"
             )
     return np.array([[float(value) for value in corner[:2]] for corner in polygon]) + 0.0
 
 
-def _cross(one: Floats, other: Floats) -> Floats:
-    return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+def _cross(first: Floats, second: Floats) -> Floats:
+    return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
 
 
 def _find_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
@@ -564,5 +564,5 @@ def check_zones(zones: Zones | None) -> Zones:
     """
     if zones is None:
         return Zones()
-    instance("zones", zones, Zones, "read a file with locplan.Zones.load")
+    check_instance("zones", zones, Zones, "read a file with locplan.Zones.load")
     return zones

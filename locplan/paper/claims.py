@@ -19,7 +19,7 @@ from locplan.field.sad import Sad
 from locplan.maps import environments
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
-from locplan.paper.template_matching import DIFFERENCES, mismatch, slid_along_x
+from locplan.paper.template_matching import DIFFERENCES, mismatch, slide_along_x
 
 PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall"}
 """The environment in which each of the paper's places lies, see `environments.landmarks`."""
@@ -102,7 +102,7 @@ def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
     slides = []
     for title, room, parts in _STRIPS:
         template, strip = (_side_by_side(widths, resolution) for widths in (room, parts))
-        curves = slid_along_x(template, strip)
+        curves = slide_along_x(template, strip)
         shift = np.arange(len(curves["SAD"]), dtype=np.float64) * resolution
         slides.append(Slide(title, template, strip, shift, curves))
     return tuple(slides)
@@ -117,33 +117,33 @@ Covariances = Mapping[str, Floats]
 """Covariances by place, at the same offsets from each, (n, 3, 3)."""
 
 
-Test = Callable[[Covariances], Bools]
+ClaimTest = Callable[[Covariances], Bools]
 
 
-def _above(lower: str, upper: str, name: str = "e") -> Test:
+def _make_lower_test(lower: str, upper: str, name: str = "e") -> ClaimTest:
     """Test that a scalar is lower at each of the places `lower` than at any of `upper`."""
 
-    def holds(found: Covariances) -> Bools:
-        low, high = (np.array([scalar(found[k], name) for k in ks]) for ks in (lower, upper))
+    def holds(covariances: Covariances) -> Bools:
+        low, high = (np.array([scalar(covariances[k], name) for k in ks]) for ks in (lower, upper))
         return np.asarray(1.01 * low.max(axis=0) < high.min(axis=0))
 
     return holds
 
 
-def _lies_along_x(found: Covariances) -> Bools:
-    major, minor, direction = position_axes(found["B"])
+def _lies_along_x(covariances: Covariances) -> Bools:
+    major, minor, direction = position_axes(covariances["B"])
     return np.asarray((abs(direction) < np.radians(5)) & (major > 2 * minor))
 
 
-CLAIMS: dict[str, Test] = {
-    "A, the complex room, has the least e": _above("A", "BCDE"),
-    "B, the corridor, is above A": _above("A", "B"),
+CLAIMS: dict[str, ClaimTest] = {
+    "A, the complex room, has the least e": _make_lower_test("A", "BCDE"),
+    "B, the corridor, is above A": _make_lower_test("A", "B"),
     "the ellipse at B lies along the corridor": _lies_along_x,
-    "C, the round room, has the largest heading deviation of A-D": _above(
+    "C, the round room, has the largest heading deviation of A-D": _make_lower_test(
         "ABD", "C", "heading_std"
     ),
-    "D, the repeating corridor, is above A": _above("A", "D"),
-    "E, open beyond the range, has the largest e": _above("ABCD", "E"),
+    "D, the repeating corridor, is above A": _make_lower_test("A", "D"),
+    "E, open beyond the range, has the largest e": _make_lower_test("ABCD", "E"),
 }
 """The paper's claims about its places (Figs. 29-32), as tests on the covariances there."""
 
@@ -180,10 +180,10 @@ def mismatch_at(maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad) -
         The estimator, whose template and search window are taken.
     """
     grid = maps[PLACES[place]]
-    return mismatch(grid, *environments.landmarks(PLACES[place])[place], estimator)
+    return mismatch(grid, *environments.place_positions(PLACES[place])[place], estimator)
 
 
-def at_places(
+def compute_place_covariances(
     maps: Mapping[str, OccupancyGrid], estimator: Sad, *, around: float = 0.4
 ) -> Covariances:
     """Compute the covariances at the places A-E.
@@ -207,13 +207,13 @@ def at_places(
     dx, dy = (axis.ravel() for axis in np.meshgrid(shifts, shifts))
     covariances = {}
     for place, name in PLACES.items():
-        x, y = environments.landmarks(name)[place]
+        x, y = environments.place_positions(name)[place]
         rows, cols = np.floor(maps[name].world_to_grid(x + dx, y + dy)).astype(np.int64)
         covariances[place] = _covariances(maps[name], rows, cols, estimator)
     return covariances
 
 
-def shares_of_claims(
+def compute_claim_shares(
     maps: Mapping[str, OccupancyGrid], estimator: Sad, *, around: float = 0.4
 ) -> dict[str, float]:
     """Share of the poses at which each claim holds, 0..1, by the claim in words.
@@ -221,9 +221,9 @@ def shares_of_claims(
     Parameters
     ----------
     maps, estimator, around
-        See `at_places`.
+        See `compute_place_covariances`.
     """
-    covariances = at_places(maps, estimator, around=around)
+    covariances = compute_place_covariances(maps, estimator, around=around)
     return {claim: float(holds(covariances).mean()) for claim, holds in CLAIMS.items()}
 
 
@@ -253,5 +253,5 @@ def share_smaller_with_range(
 
 
 def _covariances(grid: OccupancyGrid, rows: Ints, cols: Ints, estimator: Sad) -> Floats:
-    part = MapPart.whole(grid.cells, rows, cols, grid.resolution)
+    part = MapPart.from_map(grid.cells, rows, cols, grid.resolution)
     return estimator.covariances(part)["covariance"]

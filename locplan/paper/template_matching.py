@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, MapError, PoseError
 from locplan.field.sad import Sad
@@ -57,7 +57,7 @@ def nssd(template: NDArray[Any], levels: NDArray[Any]) -> float:
     template, levels : arrays of float
         See `similarities`; of uint8, differences would wrap around.
     """
-    return _normalised(ssd(template, levels), template, levels)
+    return _normalise(ssd(template, levels), template, levels)
 
 
 def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
@@ -68,7 +68,7 @@ def ncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
     template, levels : arrays of float
         See `similarities`; of uint8, differences would wrap around.
     """
-    return _normalised(cc(template, levels), template, levels)
+    return _normalise(cc(template, levels), template, levels)
 
 
 def zncc(template: NDArray[Any], levels: NDArray[Any]) -> float:
@@ -150,7 +150,7 @@ def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
     return {name: model(t, m) for name, model in MODELS.items()}
 
 
-def slid_along_x(template: Octets, cells: Octets) -> dict[str, Floats]:
+def slide_along_x(template: Octets, cells: Octets) -> dict[str, Floats]:
     """Compute the seven models for a template slid along a strip of map.
 
     Parameters
@@ -208,7 +208,7 @@ def along_axis(
     window = estimator.lattice(grid.resolution)
     if axis not in ("x", "y", "theta")[: window.dimension]:
         raise ConfigError(
-            f"axis must be x, y, or theta if the window has headings, not {shown(axis)}"
+            f"axis must be x, y, or theta if the window has headings, not {short_repr(axis)}"
         )
     mask = disc(radius)
     unmoved = local_map(grid.cells, row, col, radius)[mask]
@@ -233,7 +233,7 @@ def _curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Flo
     return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
 
-def _normalised(value: float, template: NDArray[Any], levels: NDArray[Any]) -> float:
+def _normalise(value: float, template: NDArray[Any], levels: NDArray[Any]) -> float:
     norms = math.sqrt((template**2).sum() * (levels**2).sum())
     return value / norms if norms > 0 else math.nan
 

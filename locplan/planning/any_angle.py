@@ -11,17 +11,17 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from locplan._support.checks import one_of
+from locplan._support.checks import check_choice
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import (
-    Bordered,
+    PaddedCostmap,
     GridPlanner,
     blank_costs,
     bordered_ends,
-    cells_of,
-    cheapest_cells,
-    distinct,
+    cells_from_flat,
+    find_cheapest_cells,
+    drop_repeated_positions,
     straight_line,
     turning_centres,
 )
@@ -59,7 +59,7 @@ class AnyAngle:
 
     def check(self) -> None:
         """Raise a ConfigError if the accuracy is unknown."""
-        one_of("accuracy", self.accuracy, ("normal", "high"))
+        check_choice("accuracy", self.accuracy, ("normal", "high"))
 
     def prepare(self) -> None:
         """Compile the kernels, so that the first plan is not timed with them."""
@@ -71,12 +71,12 @@ class AnyAngle:
 
         See `locplan.planning.Planner.solve`.
         """
-        return self.solve_prepared(costs, Bordered.of(costs), start, goal)
+        return self.solve_prepared(costs, PaddedCostmap.from_costmap(costs), start, goal)
 
     def solve_prepared(
         self,
         costs: Costmap,
-        bordered: Bordered,
+        bordered: PaddedCostmap,
         start: Position,
         goal: Position,
         check: Callable[[], None] | None = None,
@@ -96,7 +96,7 @@ class AnyAngle:
             raises ends the plan.
         """
         cutting = self.allow_corner_cutting
-        cells, _ = cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
+        cells, _ = find_cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
         if cells is None:
             return Found(status="unreachable")
         wider = None
@@ -107,7 +107,7 @@ class AnyAngle:
 
 def any_angle_path(
     costs: Costmap,
-    bordered: Bordered,
+    bordered: PaddedCostmap,
     cells: Ints,
     start: Position,
     goal: Position,
@@ -137,7 +137,7 @@ def any_angle_path(
     ends = np.array(costs.grid.world_to_grid(*np.transpose([start, goal]))).T
     inner = (cells if wider is None else wider) + 0.5
     positions = np.vstack([ends[:1], inner, ends[1:]])
-    straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
+    straight = _straighten_and_shift(costs, bordered, positions, start, goal, allow_corner_cutting)
     # Rounding can push a line along a wall's edge into the wall; the grid's path then wins.
     best: Path = min(straight, *candidates, key=lambda path: path_cost(costs, path))
     return best
@@ -151,21 +151,21 @@ def _without_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Pos
             direct, around = Path(xy[[end, far]]), Path(xy[[end, between, far]])
             if path_cost(costs, direct) <= path_cost(costs, around):
                 xy = np.delete(xy, between, axis=0)
-    return distinct(costs, xy)
+    return drop_repeated_positions(costs, xy)
 
 
-def straightened(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
+def straighten_path(costs: Costmap, path: Path, *, allow_corner_cutting: bool = False) -> Path:
     """Straighten and shift a path between its ends until it costs least; it never costs more."""
     start, goal = (tuple(map(float, path.xy[end])) for end in (0, -1))
     positions = np.column_stack(costs.grid.world_to_grid(*path.xy.T))
-    bordered = Bordered.of(costs)
-    straight = _improved(costs, bordered, positions, start, goal, allow_corner_cutting)
+    bordered = PaddedCostmap.from_costmap(costs)
+    straight = _straighten_and_shift(costs, bordered, positions, start, goal, allow_corner_cutting)
     return min(straight, path, key=lambda path: path_cost(costs, path))
 
 
-def _improved(
+def _straighten_and_shift(
     costs: Costmap,
-    bordered: Bordered,
+    bordered: PaddedCostmap,
     positions: Floats,
     start: Position,
     goal: Position,
@@ -183,16 +183,16 @@ def _improved(
         if LOOKAHEAD * spacing >= length:
             break
         spacing *= 4  # one straightening looks at four times the scale of the one before
-        positions = subdivided(positions, spacing)
-    positions = subdivided(positions, 8.0)
+        positions = subdivide(positions, spacing)
+    positions = subdivide(positions, 8.0)
     for step in SHIFTS:  # in at most 20 sweeps over all positions
         positions = shift(half, columns, positions, step, 20, cutting)
     indices = shortcut(half, columns, positions, LOOKAHEAD // 2, cutting, cheapest)
     xy = np.column_stack(costs.grid.grid_to_world(*(positions[indices] - 1).T))
-    return distinct(costs, np.vstack([start, xy[1:-1], goal]))
+    return drop_repeated_positions(costs, np.vstack([start, xy[1:-1], goal]))
 
 
-def subdivided(positions: Floats, spacing: float) -> Floats:
+def subdivide(positions: Floats, spacing: float) -> Floats:
     """Add positions to a line so that they lie at most `spacing` apart."""
     steps = np.diff(positions, axis=0)
     counts = np.maximum(1, np.ceil(np.hypot(*steps.T) / spacing)).astype(int)
@@ -212,20 +212,20 @@ def _cells_of_32_moves(
     columns = costs.grid.shape[1] + 2 * REACH
     half, ends = bordered_half(costs.density, REACH), bordered_ends(costs, start, goal, REACH)
     flat = cheapest_moves(half, *ends, _moves(columns, allow_corner_cutting))
-    return cells_of(flat, columns, REACH) if flat.size else None
+    return cells_from_flat(flat, columns, REACH) if flat.size else None
 
 
 @cache
 def _moves(columns: int, allow_corner_cutting: bool) -> Any:
     """The 32 moves, `locplan.planning.kernels.any_angle.Moves`."""
-    from locplan._support.kernels.rays import cells_along
-    from locplan.planning.kernels.any_angle import Moves
+    from locplan._support.kernels.rays import find_crossed_cells
+    from locplan.planning.kernels.any_angle import StraightMoves
 
     steps = range(-REACH, REACH + 1)
     moves = [move for move in itertools.product(steps, steps) if math.gcd(*move) == 1]
     crossed, lengths, touched = [], [], []
     for move in moves:
-        rows, cols, inside = cells_along(np.array([(0.5, 0.5), (move[0] + 0.5, move[1] + 0.5)]))
+        rows, cols, inside = find_crossed_cells(np.array([(0.5, 0.5), (move[0] + 0.5, move[1] + 0.5)]))
         crossed.append(rows * columns + cols)
         lengths.append(2 * inside)
         corners = (np.diff(rows) != 0) & (np.diff(cols) != 0)
@@ -234,10 +234,10 @@ def _moves(columns: int, allow_corner_cutting: bool) -> Any:
     if allow_corner_cutting:
         touched = [np.empty(0, np.int64) for _ in moves]
     offsets = np.array([row * columns + col for row, col in moves])
-    return Moves(offsets, _padded(crossed), _padded(lengths), _padded(touched))
+    return StraightMoves(offsets, _pad_rows(crossed), _pad_rows(lengths), _pad_rows(touched))
 
 
-def _padded(rows: list[Array]) -> Array:
+def _pad_rows(rows: list[Array]) -> Array:
     """An array of rows of unequal length, filled up with zeros."""
     result = np.zeros((len(rows), max(1, *map(len, rows))), rows[0].dtype)
     for row, values in zip(result, rows, strict=True):

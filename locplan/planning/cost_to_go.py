@@ -13,10 +13,10 @@ from locplan._support.kernels.arrays import Array, Bools, Floats, Ints
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, UNKNOWN
 from locplan.planning.costmap import Costmap, check_costs
-from locplan.planning.grid import GridPlanner, bands, bordered_index, cells_of, grid_path
+from locplan.planning.grid import GridPlanner, iterate_bands, bordered_index, cells_from_flat, grid_path
 from locplan.planning.path import Path
 from locplan.planning.protocol import Found, Position
-from locplan.planning.results import Plan, finished
+from locplan.planning.results import Plan, make_plan
 from locplan.planning.robot_fit import unfit_note
 
 
@@ -58,14 +58,14 @@ class CostToGo:
         PoseError
             If the start lies outside the map or in a blocked cell.
         """
-        from locplan._support.kernels.ways import trace
+        from locplan._support.kernels.ways import trace_path
 
         columns = self.costs.grid.shape[1] + 2
         source = bordered_index(self.costs, start, "start")
         if not np.isfinite(self._bordered[source]):
             return None
-        flat = trace(self._half, columns, self._bordered, source, self.allow_corner_cutting)
-        return cells_of(flat[::-1], columns)
+        flat = trace_path(self._half, columns, self._bordered, source, self.allow_corner_cutting)
+        return cells_from_flat(flat[::-1], columns)
 
     def path(self, start: Position) -> Path | None:
         """The grid planner's path of least cost, or None if there is none.
@@ -106,7 +106,7 @@ class CostToGo:
         if cells is not None:
             note = unfit_note("grid", self.costs.robot)
             planner_result = Found(self._path_over(cells, start), note=note)
-        return finished("grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began)
+        return make_plan("grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began)
 
     def _path_over(self, cells: Ints, start: Position) -> Path:
         """The path over cells (n, 2) from a start."""
@@ -158,7 +158,7 @@ def plan_field(costs: Costmap, goal: Position, *, allow_corner_cutting: bool = F
     return CostToGo(costs, goal, cost, allow_corner_cutting, bordered, half)
 
 
-SEARCHED = 1_000_000
+MAX_ROOM_CELLS = 1_000_000
 """Most cells of the grid on which distances are measured; larger rooms are coarsened to it."""
 DEEP = 256
 """Depth in a room, counted in cells, from which on it matters no more in large rooms."""
@@ -266,12 +266,12 @@ class _Room:
             np.flatnonzero(inside.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)
         )
         rows, cols = bottom + 1 - top, right + 1 - left
-        factor = math.ceil(math.sqrt(rows * cols / SEARCHED))
+        factor = math.ceil(math.sqrt(rows * cols / MAX_ROOM_CELLS))
         self._top, self._left, self._factor = top, left, factor
         coarse = -(-rows // factor), -(-cols // factor)
         deepest, self._place = np.empty(coarse, np.float32), np.empty(coarse, np.int64)
         inside = inside[top : bottom + 1, left : right + 1]
-        for band, around, inner in bands(coarse[0], coarse[1] * factor**2, -(-DEEP // factor)):
+        for band, around, inner in iterate_bands(coarse[0], coarse[1] * factor**2, -(-DEEP // factor)):
             inside_band = inside[around.start * factor : around.stop * factor]
             # With a border, which is outside; in large rooms it ends depths beyond `DEEP`.
             height, width = factor * (around.stop - around.start), factor * coarse[1]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan import __version__
-from locplan._support.checks import instance, one_of
+from locplan._support.checks import check_instance, check_choice
 from locplan._support.kernels.arrays import Bools
-from locplan._support.saved import Saved
-from locplan._support.tables import finite
+from locplan._support.saved import Persistent
+from locplan._support.tables import nan_to_none
 from locplan.errors import ConfigError, FieldError
 from locplan.field.beams import LidarEstimator
 from locplan.field.field import CovarianceField
@@ -26,17 +26,17 @@ from locplan.planning.layers import (
     CostLayers,
     CostSettings,
     HeadingLayers,
-    blocked_near,
+    block_near_walls,
     check_weight,
-    checked_layer,
+    copy_checked_layer,
     degeneracy,
-    density_of,
-    sealed,
-    shaped,
+    compute_density,
+    make_readonly,
+    copy_layer,
     whole_robot,
     with_zones,
 )
-from locplan.robots.robot import Robot, radius_of
+from locplan.robots.robot import Robot, planning_radius
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,27 +77,27 @@ def changed_window(
     # A lidar that would stand in a wall is moved by a stride; values are read a stride further.
     halo = field.config.estimator.halo(after.resolution, after.shape) + 2 * field.stride
     reach = max(halo, math.ceil(robot_radius / after.resolution) + 1)
-    rows, cols = (_around(changed.any(axis=1 - axis), reach) for axis in (0, 1))
+    rows, cols = (_widen_slice(changed.any(axis=1 - axis), reach) for axis in (0, 1))
     return rows, cols
 
 
-def joined_windows(one: CellWindow | None, other: CellWindow | None) -> CellWindow | None:
+def join_windows(first: CellWindow | None, second: CellWindow | None) -> CellWindow | None:
     """The least window that holds two windows; None stands for no cell.
 
     Parameters
     ----------
-    one, other : (slice, slice) or None
+    first, second : (slice, slice) or None
         The windows, rows and columns of a map.
     """
-    if one is None or other is None:
-        return one or other
+    if first is None or second is None:
+        return first or second
     rows, cols = (
-        slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
+        slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(first, second, strict=True)
     )
     return rows, cols
 
 
-def part_around(
+def crop_field(
     field: CovarianceField, window: CellWindow, robot_radius: float
 ) -> tuple[CovarianceField, CellWindow]:
     """The part of a field that a window of its map is read from, and the window within it."""
@@ -112,10 +112,10 @@ def part_around(
         inside.append(slice(inner.start - first * stride, inner.stop - first * stride))
     crop = OccupancyGrid(grid.cells[tuple(cells)], grid.resolution, name=grid.name)
     values = {name: array[tuple(points)] for name, array in field.values.items()}
-    return CovarianceField.of(values, crop, field.config), (inside[0], inside[1])
+    return CovarianceField.from_values(values, crop, field.config), (inside[0], inside[1])
 
 
-def _around(marked: Bools, reach: int) -> slice:
+def _widen_slice(marked: Bools, reach: int) -> slice:
     """All marked places and those up to `reach` from the first and the last one."""
     places = np.flatnonzero(marked)
     return slice(max(0, int(places[0]) - reach), min(marked.size, int(places[-1]) + reach + 1))
@@ -126,7 +126,7 @@ ROBOT_RADIUS = 0.25
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Costmap(CostLayers, Saved):
+class Costmap(CostLayers, Persistent):
     """Cost of travel for every cell: J(path) = integral of density ds.
 
     The density is 1 + weight * u. If there are preferred zones, cells outside of them have 1 more.
@@ -192,7 +192,7 @@ class Costmap(CostLayers, Saved):
             If weight or radius is negative or not finite, or a name is unknown.
         """
         check_grid(grid)
-        instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
+        check_instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
         if field.grid.digest != grid.digest:
             raise FieldError(
                 f"the field of {field.grid.name or 'another map'} does not belong to"
@@ -202,20 +202,20 @@ class Costmap(CostLayers, Saved):
         weight = estimator.weight if weight is None else weight
         criterion = criterion or estimator.criterion
         check_weight(weight)
-        one_of("law", law, ("logarithmic", "linear", "cube-root"))
-        one_of("headings", headings, ("mean", "worst"))
+        check_choice("law", law, ("logarithmic", "linear", "cube-root"))
+        check_choice("headings", headings, ("mean", "worst"))
         settings = CostSettings(law, criterion, headings, field.config, not field.lacking.any())
         u, e = degeneracy(field, criterion, law, headings)
         zones = check_zones(zones)
-        density = with_zones(density_of(u, weight), grid, zones)
+        density = with_zones(compute_density(u, weight), grid, zones)
         return cls(
             grid=grid,
-            density=blocked_near(density, grid, radius_of(robot)),
+            density=block_near_walls(density, grid, planning_radius(robot)),
             weight=float(weight),
-            robot_radius=radius_of(robot),
-            u=sealed(u),
-            e=sealed(e),
-            of_heading=HeadingLayers.of(field, settings),
+            robot_radius=planning_radius(robot),
+            u=make_readonly(u),
+            e=make_readonly(e),
+            of_heading=HeadingLayers.from_field(field, settings),
             settings=settings,
             robot=whole_robot(robot),
             zones=zones,
@@ -269,10 +269,10 @@ class Costmap(CostLayers, Saved):
         """
         check_grid(grid)
         check_weight(weight)
-        of_u = checked_layer("u", u, grid, 1.0)
-        of_e = np.full(grid.shape, np.nan) if e is None else checked_layer("e", e, grid, math.inf)
-        zones, radius, robot_model = check_zones(zones), radius_of(robot), whole_robot(robot)
-        density = blocked_near(with_zones(density_of(of_u, weight), grid, zones), grid, radius)
+        of_u = copy_checked_layer("u", u, grid, 1.0)
+        of_e = np.full(grid.shape, np.nan) if e is None else copy_checked_layer("e", e, grid, math.inf)
+        zones, radius, robot_model = check_zones(zones), planning_radius(robot), whole_robot(robot)
+        density = block_near_walls(with_zones(compute_density(of_u, weight), grid, zones), grid, radius)
         return cls(grid, density, float(weight), radius, of_u, of_e, robot=robot_model, zones=zones)
 
     @classmethod
@@ -310,16 +310,16 @@ class Costmap(CostLayers, Saved):
             ones above 1e9.
         """
         check_grid(grid)
-        values = shaped("density", density, grid)
+        values = copy_layer("density", density, grid)
         if not ((values >= 1) & ((values <= MAX_DENSITY) | np.isposinf(values))).all():
             raise ConfigError(
                 f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
             )
         values[~grid.free] = np.inf
         zones = check_zones(zones)
-        values = blocked_near(with_zones(values, grid, zones), grid, radius_of(robot))
+        values = block_near_walls(with_zones(values, grid, zones), grid, planning_radius(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
-        radius, robot_model = radius_of(robot), whole_robot(robot)
+        radius, robot_model = planning_radius(robot), whole_robot(robot)
         return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=robot_model, zones=zones)
 
     @classmethod
@@ -343,7 +343,7 @@ class Costmap(CostLayers, Saved):
             The zones, of which the no-go ones count: preferred ones do not make paths shorter.
         """
         check_grid(grid)
-        closed = check_zones(zones).closed
+        closed = check_zones(zones).no_go_zones
         return cls.from_density(grid, np.ones(grid.shape), robot=robot, zones=closed)
 
     def with_weight(self, weight: float) -> Costmap:
@@ -362,9 +362,9 @@ class Costmap(CostLayers, Saved):
         check_weight(weight)
         if math.isnan(self.weight):
             raise ConfigError("a costmap from a density has no weight; make another one instead")
-        density = density_of(self.u, weight) + self.zones.charge(self.grid)
+        density = compute_density(self.u, weight) + self.zones.charge(self.grid)
         density[np.isinf(self.density)] = np.inf
-        return dataclasses.replace(self, density=sealed(density), weight=float(weight))
+        return dataclasses.replace(self, density=make_readonly(density), weight=float(weight))
 
     @property
     def for_shortest(self) -> Costmap:
@@ -372,9 +372,9 @@ class Costmap(CostLayers, Saved):
 
         Preferred zones do not count.
         """
-        return dataclasses.replace(self, zones=self.zones.closed).with_weight(1e-6)
+        return dataclasses.replace(self, zones=self.zones.no_go_zones).with_weight(1e-6)
 
-    def updated(self, field: CovarianceField, *, window: CellWindow | None = None) -> Costmap:
+    def update(self, field: CovarianceField, *, window: CellWindow | None = None) -> Costmap:
         """Costmap of an edited map, read anew only where the edit can have changed it.
 
         It equals `from_field` with this costmap's settings; what `blocked_where` has blocked is to
@@ -395,19 +395,19 @@ class Costmap(CostLayers, Saved):
         FieldError
             If the new map has another shape, resolution or origin.
         """
-        instance("field", field, CovarianceField, "compute one with field.update(grid)")
+        check_instance("field", field, CovarianceField, "compute one with field.update(grid)")
         grid, settings = field.grid, self.settings
         if settings is None or settings.config != field.config:
             raise ConfigError("a costmap is updated by a field of its own config only")
         same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
         same |= {"weight": self.weight, "robot": self.robot_radius}
-        window = joined_windows(window, changed_window(self.grid, field, self.robot_radius))
+        window = join_windows(window, changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
             costs = Costmap.from_field(grid, field, **same, zones=self.zones)
             return dataclasses.replace(costs, robot=self.robot)
         arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
         if window:
-            part, inside = part_around(field, window, self.robot_radius)
+            part, inside = crop_field(field, window, self.robot_radius)
             costs = Costmap.from_field(part.grid, part, **same)
             for name in LAYERS:
                 arrays[name] = arrays[name].copy()
@@ -416,8 +416,8 @@ class Costmap(CostLayers, Saved):
             arrays["density"][window] += charge
             arrays["density"][window][self.zones.cells(grid, "no-go")[window]] = np.inf
             for name in LAYERS:
-                sealed(arrays[name])
-        arrays |= {"grid": grid, "of_heading": HeadingLayers.of(field, settings)}
+                make_readonly(arrays[name])
+        arrays |= {"grid": grid, "of_heading": HeadingLayers.from_field(field, settings)}
         return dataclasses.replace(self, **arrays)
 
     def blocked_where(self, blocked: Bools) -> Costmap:
@@ -428,7 +428,7 @@ class Costmap(CostLayers, Saved):
         blocked : (H, W) array of bool
             True where the robot may not be, row 0 at the lowest y.
         """
-        return dataclasses.replace(self, density=sealed(np.where(blocked, np.inf, self.density)))
+        return dataclasses.replace(self, density=make_readonly(np.where(blocked, np.inf, self.density)))
 
     def with_robot(self, robot: Robot | float) -> Costmap:
         """Copy of the costmap for another robot.
@@ -439,13 +439,13 @@ class Costmap(CostLayers, Saved):
             The robot, or its radius [m], at least the costmap's own: blocked cells cannot be freed
             again.
         """
-        radius = radius_of(robot)
+        radius = planning_radius(robot)
         if radius < self.robot_radius:
             raise ConfigError(
                 f"a costmap for a radius of {self.robot_radius:g} m cannot serve one of"
                 f" {radius:g} m; make another one instead"
             )
-        density = blocked_near(self.density, self.grid, radius)
+        density = block_near_walls(self.density, self.grid, radius)
         robot_model = whole_robot(robot) or self.robot
         return dataclasses.replace(self, density=density, robot_radius=radius, robot=robot_model)
 
@@ -456,7 +456,7 @@ class Costmap(CostLayers, Saved):
         return costmap_figure(self)
 
 
-def about_costs(costs: Costmap) -> dict[str, object]:
+def summarize_costs(costs: Costmap) -> dict[str, object]:
     """Version, map and settings of a costmap, fit for JSON.
 
     Parameters
@@ -467,7 +467,7 @@ def about_costs(costs: Costmap) -> dict[str, object]:
     return {
         "locplan": __version__,
         "map": {"name": costs.grid.name, "digest": costs.grid.digest},
-        **finite({"weight": costs.weight, "robot_radius": costs.robot_radius}),
+        **nan_to_none({"weight": costs.weight, "robot_radius": costs.robot_radius}),
         **({"zones": costs.zones.to_json()} if costs.zones else {}),
         **(costs.settings.to_json() if costs.settings else {}),
     }
@@ -481,4 +481,4 @@ def check_costs(costs: object) -> None:
     costs : object
         What a function was given for a costmap.
     """
-    instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")
+    check_instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")

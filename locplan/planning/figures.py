@@ -30,30 +30,30 @@ from locplan._support.drawing import (
     outline,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan._support.tables import in_square_metres
+from locplan._support.tables import format_area
 from locplan.field.covariance import DEGENERATE
 from locplan.field.field import CovarianceField
 from locplan.field.figures import (
     HARMLESS,
     draw_field,
-    weak_spots,
+    format_weak_share,
 )
 from locplan.maps.figures import (
-    block,
-    coarse,
+    block_size,
+    downsample_map,
     draw_cells,
     draw_map,
     draw_zones,
     is_small,
-    limits_of,
+    compute_axes_limits,
     map_axes,
     map_size,
-    shrunk,
-    zoomed_to,
+    downsample,
+    zoom_map,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
-from locplan.planning.metrics import costs_caption, profile
+from locplan.planning.metrics import costs_caption, compute_profile
 from locplan.planning.path import Path
 from locplan.planning.results import Plan
 from locplan.robots.parts import Footprint
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from locplan.planning.results import ParetoFront, Plan
 
 
-def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
+def format_request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
     """Weight, limits, footprint and robot radius that the plans were made with."""
     parts = [f"weight {costs.weight:g}"]
     for plan in plans.values():
@@ -84,16 +84,16 @@ def request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
     return ", ".join([*parts, f"robot radius {radius}"])
 
 
-def info_figure(info: MapInfo) -> Figure:
+def info_figure(description: MapInfo) -> Figure:
     """Draw the map with numbered grid lines [m], its rooms tinted, and its places named.
 
     Parameters
     ----------
-    info : MapInfo
+    description : MapInfo
         The description of the map, from `locplan.planning.describe_map`.
     """
-    figure, axes = map_axes(info.grid)
-    draw_map(axes, info.grid)
+    figure, axes = map_axes(description.grid)
+    draw_map(axes, description.grid)
     colours = (
         styles.SKY,
         styles.ORANGE,
@@ -105,8 +105,8 @@ def info_figure(info: MapInfo) -> Figure:
     )  # the last one of all others
     shades = [to_rgba_array("black", 0.0), to_rgba_array(colours, 0.45)]
     tints = np.round(255 * np.concatenate(shades)).astype(np.uint8)
-    kind = np.minimum(info.room_of_cell, len(tints) - 1).astype(np.uint8)
-    draw_cells(axes, info.grid, tints[shrunk(kind)])
+    kind = np.minimum(description.room_of_cell, len(tints) - 1).astype(np.uint8)
+    draw_cells(axes, description.grid, tints[downsample(kind)])
     extent = max(*np.diff(axes.get_xlim()), *np.diff(axes.get_ylim()))
     # At most 24 lines, at 1, 2 or 5 times a power of ten; the same on both axes.
     ticks = MaxNLocator(24, steps=[1, 2, 5, 10]).tick_values(0, extent)
@@ -115,31 +115,31 @@ def info_figure(info: MapInfo) -> Figure:
     axes.grid(color="0.25", linewidth=0.5, alpha=0.5)
     axes.tick_params(labeltop=True, labelright=True, top=True, right=True, labelsize="small")
     centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 9}
-    for place in info.places:
+    for place in description.places:
         axes.plot(place.x, place.y, "o", markersize=13, **styles.END_STYLE)
         axes.text(place.x, place.y, place.name, fontweight="bold", zorder=5, **centred)
-    (width, height), turned = info.size, math.degrees(info.grid.origin[2])
-    yaw = f", yaw {turned:.4g} deg" if turned else ""
-    size = f"{width:.4g} x {height:.4g} m, {info.grid.resolution:g} m a cell{yaw}"
-    rooms = f"{len(info.rooms)} room{'' if len(info.rooms) == 1 else 's'}"
-    robot = f"{rooms} for a robot of radius {info.robot_size}"
-    axes.set_title(f"{info.grid.name or 'map'}: {size}\n{robot}", fontsize="medium")
-    _add_legend(figure, info, colours)
+    (width, height), yaw_deg = description.size, math.degrees(description.grid.origin[2])
+    yaw = f", yaw {yaw_deg:.4g} deg" if yaw_deg else ""
+    size = f"{width:.4g} x {height:.4g} m, {description.grid.resolution:g} m a cell{yaw}"
+    rooms = f"{len(description.rooms)} room{'' if len(description.rooms) == 1 else 's'}"
+    robot = f"{rooms} for a robot of radius {description.robot_size}"
+    axes.set_title(f"{description.grid.name or 'map'}: {size}\n{robot}", fontsize="medium")
+    _add_legend(figure, description, colours)
     return figure
 
 
-def _add_legend(figure: Figure, info: MapInfo, colours: Sequence[str]) -> None:
+def _add_legend(figure: Figure, description: MapInfo, colours: Sequence[str]) -> None:
     """Name the rooms' colours and the places' positions below the map."""
     count = len(colours) - 1
-    labels = [f"room {each.number}, {in_square_metres(each.area)}" for each in info.rooms[:count]]
-    if more := info.rooms[count:]:
-        labels.append(f"{len(more)} more, {in_square_metres(sum(room.area for room in more))}")
+    labels = [f"room {room.number}, {format_area(room.area)}" for room in description.rooms[:count]]
+    if further_rooms := description.rooms[count:]:
+        labels.append(f"{len(further_rooms)} more, {format_area(sum(room.area for room in further_rooms))}")
     handles: list[Patch | Line2D] = [
         Patch(facecolor=colour, alpha=0.45, label=label)
         for label, colour in zip(labels, colours, strict=False)
     ]
     plain: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0, "color": "black"}
-    for place in info.places:
+    for place in description.places:
         marker = f"$\\mathbf{{{place.name}}}$"
         handles.append(Line2D([], [], marker=marker, **plain, label=f"{place.xy} m"))
     if handles:
@@ -182,7 +182,7 @@ def along_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
     return LogNorm(low, max(high, 1.5 * low), clip=True)
 
 
-def draw_along(axes: Axes, xy: Floats, values: Floats, **style: Any) -> LineCollection:
+def draw_coloured_line(axes: Axes, xy: Floats, values: Floats, **style: Any) -> LineCollection:
     """Draw a line in pieces from position to position, each in the colour of its value.
 
     Parameters
@@ -271,15 +271,15 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
         The paths that the inset must not cover, one at least.
     """
     if part.shape != grid.shape:
-        axes.set(**limits_of(part, share=0.0))
+        axes.set(**compute_axes_limits(part, share=0.0))
     if not is_small(grid, part):
         return
-    points = [path.resampled(0.5, even=True).xy for path in paths]
+    points = [path.resample(0.5, even=True).xy for path in paths]
     size = _size(axes, grid)
     inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
-    draw_map(inset, coarse(grid, 300))
+    draw_map(inset, downsample_map(grid, 300))
     inset.images[0].set_cmap(styles.LIGHT_MAP_COLOURS)
-    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **limits_of(grid))
+    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **compute_axes_limits(grid))
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
@@ -291,7 +291,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
 
 def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
     """Width and height of an inset that shows a map, as shares of those of the Axes."""
-    shares = np.ptp([*limits_of(grid).values()], axis=1)
+    shares = np.ptp([*compute_axes_limits(grid).values()], axis=1)
     shares /= np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1)
     across, along = (shares * (0.3 / shares.max())).tolist()
     return across, along
@@ -325,12 +325,12 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     """
     solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
     styled_paths = [(*solved_plan, style) for solved_plan, style in zip(solved, PATH_STYLES, strict=False)]
-    paths = [path for plan in plans.values() for path in _drawn(plan)]
+    paths = [path for plan in plans.values() for path in _collect_shown_paths(plan)]
     figure, upper, lower, part = _map_and_plot(costs.grid, paths, 2.2)
     config = field.config
     of_field = costs.settings is not None and costs.settings.config == config
     plain = config.headings == 1 and config.estimator.criterion == "e"
-    is_whole_map = part is costs.grid and block(part.shape) == 1 and costs.grid == field.grid
+    is_whole_map = part is costs.grid and block_size(part.shape) == 1 and costs.grid == field.grid
     read = costs.e if of_field and plain and is_whole_map else None  # they are the same
     image = draw_field(upper, field, part=part, read=read)
     draw_inset(upper, costs.grid, part, paths)
@@ -343,25 +343,25 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     handles = [*_handles(plans, styled_paths, field.e_unit), *draw_zones(upper, costs.zones, part)]
     style = {"frameon": False, "fontsize": "medium", "ncols": 2}
     figure.legend(handles=handles, loc="outside lower center", **style)
-    weak = weak_spots(field, image.get_array())
-    made = f"{config.title}; u is about 0 on {field.saturated_share:.0%}; {weak}"
-    asked = f"{costs.grid.name or 'map'}: {request(costs, plans)}"
-    upper.set_title(f"{asked}\n{made}", fontsize="medium")
+    weak = format_weak_share(field, image.get_array())
+    field_text = f"{config.title}; u is about 0 on {field.saturated_share:.0%}; {weak}"
+    request_text = f"{costs.grid.name or 'map'}: {format_request(costs, plans)}"
+    upper.set_title(f"{request_text}\n{field_text}", fontsize="medium")
     return figure
 
 
-Drawn = tuple[str, "Plan", Path, dict[str, Any]]
+StyledPath = tuple[str, "Plan", Path, dict[str, Any]]
 """The name of a plan with a path, the plan, its path, and the path's line style."""
 
 
 def _map_and_plot(
-    grid: OccupancyGrid, shown: Sequence[Path], height: float
+    grid: OccupancyGrid, paths: Sequence[Path], height: float
 ) -> tuple[Picture, Axes, Axes, OccupancyGrid]:
     """A figure, Axes for a map and for a plot of some height [inch] below it, and the part shown.
 
     The part of the map is what lies around some paths, where that is small.
     """
-    part = zoomed_to(grid, shown)
+    part = zoom_map(grid, paths)
     wide, high = map_size(part)
     figure = Picture(figsize=(wide, high + height + 0.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(high, height))
@@ -377,7 +377,7 @@ def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
             axes.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
 
 
-def draw_u_along(axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[str, Any]]]) -> None:
+def draw_degeneracy_profiles(axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[str, Any]]]) -> None:
     """Draw the degeneracy u along some paths.
 
     Parameters
@@ -391,29 +391,29 @@ def draw_u_along(axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[st
     """
     for path, style in paths:
         headed = None if path.heading is None else costs.u_of_heading
-        distance, u = profile(costs, path, costs.u if headed is None else headed)
+        distance, u = compute_profile(costs, path, costs.u if headed is None else headed)
         axes.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
     axes.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
     axes.margins(x=0.01)
 
 
-def _draw_profiles(axes: Axes, costs: Costmap, found: Sequence[Drawn]) -> None:
+def _draw_profiles(axes: Axes, costs: Costmap, styled_paths: Sequence[StyledPath]) -> None:
     """Draw u along each path."""
-    draw_u_along(axes, costs, [(path, style) for _, _, path, style in found])
+    draw_degeneracy_profiles(axes, costs, [(path, style) for _, _, path, style in styled_paths])
     axes.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
-    ways = [path.xy for _, _, path, _ in found]
+    ways = [path.xy for _, _, path, _ in styled_paths]
     if len(ways) > 1 and all(w.shape == ways[0].shape and np.allclose(w, ways[0]) for w in ways):
-        both = "both" if len(found) == 2 else "all"
-        axes.set_title(f"{both} take the same path", fontsize="medium")
-    if not found:
+        subject = "both" if len(styled_paths) == 2 else "all"
+        axes.set_title(f"{subject} take the same path", fontsize="medium")
+    if not styled_paths:
         axes.text(0.5, 0.25, "no path", transform=axes.transAxes, ha="center", va="center")
         axes.set_xticks([])
 
 
-def _handles(plans: Mapping[str, Plan], found: Sequence[Drawn], e_unit: str) -> list[Artist]:
+def _handles(plans: Mapping[str, Plan], styled_paths: Sequence[StyledPath], e_unit: str) -> list[Artist]:
     """Entries of the legend: each plan with its metrics, or why it has no path, and its stops."""
     handles: list[Artist] = []
-    for label, plan, _, style in found:
+    for label, plan, _, style in styled_paths:
         metrics = plan.metrics
         assert metrics is not None
         text = (
@@ -432,7 +432,7 @@ def _handles(plans: Mapping[str, Plan], found: Sequence[Drawn], e_unit: str) -> 
     return handles
 
 
-def _drawn(plan: Plan) -> list[Path]:
+def _collect_shown_paths(plan: Plan) -> list[Path]:
     """What a picture of a plan must show: its path, and the places that were asked for."""
     stops = [plan.start, *plan.via, plan.goal]
     places = Path(np.array([pose[:2] for pose in stops], dtype=float))
@@ -460,10 +460,10 @@ def path_figure(plan: Plan) -> Figure:
         The plan; without a path only its ends are shown.
     """
     assert plan.costs is not None
-    found = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
-    paths = _drawn(plan)
-    part = zoomed_to(plan.costs.grid, paths)
-    figure, axes = _u_figure(plan.costs, f"{plan.planner}, {found}", part)
+    outcome = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
+    paths = _collect_shown_paths(plan)
+    part = zoom_map(plan.costs.grid, paths)
+    figure, axes = _u_figure(plan.costs, f"{plan.planner}, {outcome}", part)
     draw_inset(axes, plan.costs.grid, part, paths)
     if plan.path is not None:
         draw_path(axes, plan.path, **PATH_STYLES[1])
@@ -479,21 +479,21 @@ def path_check_figure(check: PathCheck) -> Figure:
     check : PathCheck
         The check of the path.
     """
-    part = zoomed_to(check.grid, [check.path])
+    part = zoom_map(check.grid, [check.path])
     figure, axes = map_axes(part)
     draw_map(axes, part)
     draw_inset(axes, check.grid, part, [check.path])
     size = check.outline.circumscribed_radius
-    for pose in check.path.resampled(max(size, check.length / 500)).poses:
+    for pose in check.path.resample(max(size, check.length / 500)).poses:
         _draw_outline(axes, check.outline, pose, color="0.4", linewidth=0.6)
     draw_path(axes, check.path, **PATH_STYLES[1])
     for fault in check.faults:
         pose = np.array([fault.x, fault.y, fault.heading])
         _draw_outline(axes, check.outline, pose, color="tab:red", linewidth=1.4)
     name, count = check.grid.name or "map", len(check.faults)
-    found = f"cannot be driven at {count} place{'s' if count > 1 else ''}" if count else "drivable"
+    drivability = f"cannot be driven at {count} place{'s' if count > 1 else ''}" if count else "drivable"
     clear = f"clearance {check.clearance:.2f} m, least radius {check.least_radius:.2f} m"
-    axes.set_title(f"{name}: {found}\n{clear}", fontsize="medium")
+    axes.set_title(f"{name}: {drivability}\n{clear}", fontsize="medium")
     return figure
 
 
@@ -535,7 +535,7 @@ def draw_degeneracy(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyG
     """
     top, left = np.round(costs.grid.world_to_grid(*part.origin[:2])).astype(int).tolist()
     window = slice(top, top + part.shape[0]), slice(left, left + part.shape[1])
-    u, density = (shrunk(layer[window], maximum=True) for layer in (costs.u, costs.density))
+    u, density = (downsample(layer[window], maximum=True) for layer in (costs.u, costs.density))
     u = np.where(np.isfinite(density), u, np.nan)
     if np.isfinite(u).any():
         image = draw_cells(axes, part, u, cmap=FIELD_COLOURS, vmin=0, vmax=1)
@@ -553,17 +553,17 @@ def front_figure(front: ParetoFront) -> Figure:
     """
     grid = front.costs.grid
     ends = front.plan(0), front.plan(len(front) - 1)
-    paths = [path for plan in ends for path in _drawn(plan)]
+    paths = [path for plan in ends for path in _collect_shown_paths(plan)]
     figure, upper, lower, part = _map_and_plot(grid, paths, 3.0)
     draw_map(upper, part)
     draw_inset(upper, grid, part, paths)
     low, high = front.length[[0, -1]]
     norm, colours = Normalize(low, max(high, 1.01 * low)), colormaps[ERROR_COLOURS]
     targets = np.linspace(low, high, 12)  # more lines hide each other
-    chosen = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
+    indices = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
     knee = front.knee
     thin: dict[str, Any] = {"linewidth": 1.6, "path_effects": []}
-    for index, style in [*((number, thin) for number in chosen), (knee, {"linewidth": 3})]:
+    for index, style in [*((number, thin) for number in indices), (knee, {"linewidth": 3})]:
         path = front.plan(index).path
         assert path is not None
         draw_path(upper, path, color=colours(norm(front.length[index])), **style)
@@ -572,7 +572,7 @@ def front_figure(front: ParetoFront) -> Figure:
         figure.key(handles, ncols=3)
     epsilon = "exact" if front.epsilon == 0 else f"within {front.epsilon:.2%}"
     name = grid.name or "map"
-    title = f"{name}: {len(chosen)} of {len(front)} paths, front {epsilon}"
+    title = f"{name}: {len(indices)} of {len(front)} paths, front {epsilon}"
     if len(front) == 1:
         title = f"{name}: one path, no other is less degenerate; front {epsilon}"
     upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")

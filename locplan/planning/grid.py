@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import number
+from locplan._support.checks import check_number
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
@@ -19,14 +19,14 @@ from locplan.planning.path import Path
 from locplan.planning.protocol import Found, Position
 
 if TYPE_CHECKING:
-    from locplan._support.kernels.search import Scale
+    from locplan._support.kernels.search import CostScale
 
 
 def grid_path(
     costs: Costmap, cells: Ints, start: Position, goal: Position, allow_corner_cutting: bool = False
 ) -> Path:
     """The cheaper one of the path over the centres of cells (n, 2) and the `straight_line`."""
-    path = through_centres(costs, cells, start, goal)
+    path = path_through_centres(costs, cells, start, goal)
     line = straight_line(costs, start, goal, allow_corner_cutting)
     return path if line is None or path_cost(costs, path) < path_cost(costs, line) else line
 
@@ -43,7 +43,7 @@ def straight_line(
     from locplan._support.kernels.search import bordered_half
 
     xy = np.array([start[:2], goal[:2]], np.float64)
-    cells = np.array([costs.cell_of(start[:2]), costs.cell_of(goal[:2])])
+    cells = np.array([costs.find_cell(start[:2]), costs.find_cell(goal[:2])])
     rows, columns = np.abs(cells[1] - cells[0]).tolist()
     centres = [costs.grid.position(*cell) for cell in cells.tolist()]
     off = np.hypot(*(xy - centres).T).max() > 1e-9 * costs.grid.resolution
@@ -56,15 +56,15 @@ def straight_line(
     width = min(right, costs.grid.shape[1]) - col + 2
     ends = np.column_stack(costs.grid.world_to_grid(*xy.T)) - corner + 1
     cost = segment_cost(half, width, *ends[0], *ends[1], allow_corner_cutting)
-    return distinct(costs, xy) if np.isfinite(cost) else None
+    return drop_repeated_positions(costs, xy) if np.isfinite(cost) else None
 
 
-def through_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
+def path_through_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
     """A path from start over the centres of cells (n, 2) to goal, where it turns.
 
     Without cells it is the straight line.
     """
-    return distinct(costs, np.vstack([start, turning_centres(costs, cells), goal]))
+    return drop_repeated_positions(costs, np.vstack([start, turning_centres(costs, cells), goal]))
 
 
 def turning_centres(costs: Costmap, cells: Ints) -> Floats:
@@ -75,7 +75,7 @@ def turning_centres(costs: Costmap, cells: Ints) -> Floats:
     return np.column_stack(costs.grid.grid_to_world(turning_cells[:, 0] + 0.5, turning_cells[:, 1] + 0.5))
 
 
-def distinct(costs: Costmap, xy: Floats) -> Path:
+def drop_repeated_positions(costs: Costmap, xy: Floats) -> Path:
     """The path over positions (n, 2) [m] without those that repeat the one before."""
     is_new = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
     is_new[-1] |= not is_new.any()  # a path has two ends, even in one place
@@ -96,18 +96,18 @@ BAND_CELLS = 2**23
 
 
 @dataclass(frozen=True, eq=False)
-class Bordered:
+class PaddedCostmap:
     """A costmap as the kernels of searches take it; it can serve for several of them."""
 
     half: Floats
     """Half of each cell's density, flat, with a blocked border of one cell."""
     columns: int
     """Number of columns with the border."""
-    scale: Scale
+    scale: CostScale
     """The scale of the costs."""
 
     @classmethod
-    def of(cls, costs: Costmap) -> Bordered:
+    def from_costmap(cls, costs: Costmap) -> PaddedCostmap:
         """Prepare a costmap.
 
         Parameters
@@ -115,12 +115,12 @@ class Bordered:
         costs : Costmap
             The costmap.
         """
-        from locplan._support.kernels.search import bordered_half, scale_of
+        from locplan._support.kernels.search import bordered_half, measure_costs
 
         half = bordered_half(costs.density, 1)
-        return cls(half, costs.grid.shape[1] + 2, scale_of(half))
+        return cls(half, costs.grid.shape[1] + 2, measure_costs(half))
 
-    def cells_of(self, flat: Ints) -> Ints:
+    def unflatten(self, flat: Ints) -> Ints:
         """Rows and columns of cells, (n, 2).
 
         Parameters
@@ -128,7 +128,7 @@ class Bordered:
         flat : (n,) array of int
             Indices of the cells in `half`.
         """
-        return cells_of(flat, self.columns)
+        return cells_from_flat(flat, self.columns)
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ class GridPlanner:
 
         See `locplan.planning.Planner.solve`.
         """
-        cells, expanded = cheapest_cells(
+        cells, expanded = find_cheapest_cells(
             costs, start, goal, self.allow_corner_cutting, guided=self.guided
         )
         if cells is None:
@@ -209,14 +209,14 @@ def blank_costs(rows: int, columns: int) -> Costmap:
     return Costmap.blank(OccupancyGrid(np.full((rows, columns), FREE), 1.0))
 
 
-def cheapest_cells(
+def find_cheapest_cells(
     costs: Costmap,
     start: Position,
     goal: Position,
     allow_corner_cutting: bool,
     *,
     guided: bool | None = None,
-    bordered: Bordered | None = None,
+    bordered: PaddedCostmap | None = None,
     check: Callable[[], None] | None = None,
 ) -> tuple[Ints | None, int]:
     """The cells (n, 2) of (row, col) of the cheapest path, None if there is none.
@@ -224,20 +224,20 @@ def cheapest_cells(
     With them comes the number of expansions. `guided` is that of `GridPlanner`; `bordered` is the
     costmap prepared before; `check` is called now and then, and ends the search by what it raises.
     """
-    from locplan._support.kernels.search import search
-    from locplan._support.kernels.ways import trace
+    from locplan._support.kernels.search import search_grid
+    from locplan._support.kernels.ways import trace_path
 
     source, target = bordered_ends(costs, start, goal)
-    bordered = bordered or Bordered.of(costs)
+    bordered = bordered or PaddedCostmap.from_costmap(costs)
     half, columns, scale = bordered.half, bordered.columns, bordered.scale
     if guided is None:
         guided = scale.mean <= GUIDED_CONTRAST * scale.cheapest
     ways = half, columns, source, target, allow_corner_cutting
-    cost, expanded, _ = search(*ways, scale, guided=guided, check=check)
+    cost, expanded, _ = search_grid(*ways, scale, guided=guided, check=check)
     if not np.isfinite(cost[target]):
         return None, expanded
-    flat = trace(half, columns, cost, target, allow_corner_cutting)
-    return cells_of(flat, columns), expanded
+    flat = trace_path(half, columns, cost, target, allow_corner_cutting)
+    return cells_from_flat(flat, columns), expanded
 
 
 def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
@@ -261,14 +261,14 @@ def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
     return count, labels
 
 
-def bands(rows: int, cols: int, beyond: int) -> Iterator[tuple[slice, slice, slice]]:
+def iterate_bands(rows: int, cols: int, overlap: int) -> Iterator[tuple[slice, slice, slice]]:
     """Bands of rows of a large array, so that what is made of each takes little memory.
 
     Parameters
     ----------
     rows, cols : int
         Shape of the array.
-    beyond : int
+    overlap : int
         Number of rows beyond each band that are looked at, too.
 
     Yields
@@ -278,12 +278,12 @@ def bands(rows: int, cols: int, beyond: int) -> Iterator[tuple[slice, slice, sli
     """
     height = max(BAND_CELLS // cols, 1)
     for top in range(0, rows, height):
-        bottom, first = min(top + height, rows), max(top - beyond, 0)
-        around = slice(first, min(bottom + beyond, rows))
+        bottom, first = min(top + height, rows), max(top - overlap, 0)
+        around = slice(first, min(bottom + overlap, rows))
         yield slice(top, bottom), around, slice(top - first, bottom - first)
 
 
-def parts_of_map(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Array]:
+def find_map_parts(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Array]:
     """Find the parts of a map that a robot can reach, as `connected_parts` does, in little memory.
 
     Parameters
@@ -304,22 +304,22 @@ def parts_of_map(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Arra
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    number("robot_radius", robot_radius, 0, 1e9)  # as a costmap does
+    check_number("robot_radius", robot_radius, 0, 1e9)  # as a costmap does
     rows, cols = grid.shape
     near = math.ceil(robot_radius / grid.resolution) + 1
     free = np.empty(grid.shape, np.uint8)
-    for band, around, inner in bands(rows, cols, near):
+    for band, around, inner in iterate_bands(rows, cols, near):
         part = OccupancyGrid(grid.cells[around], grid.resolution)
         free[band] = np.isfinite(Costmap.blank(part, robot=robot_radius).density[inner])
 
-    def labelled() -> Iterator[tuple[slice, int, NDArray[np.int32]]]:
+    def label_bands() -> Iterator[tuple[slice, int, NDArray[np.int32]]]:
         """Parts of each band alone: its rows, their number with 0, and their labels."""
-        for band, _, _ in bands(rows, cols, 0):
+        for band, _, _ in iterate_bands(rows, cols, 0):
             yield band, *cv2.connectedComponents(free[band], connectivity=4)
 
     # Parts of a band are one where they touch across the seam to the next band.
     sizes, seams, above, total = [], [], np.zeros(cols, np.int64), 0
-    for _, count, labels in labelled():
+    for _, count, labels in label_bands():
         sizes.append(np.bincount(labels.ravel(), minlength=count)[1:])
         first, last = (np.where(row > 0, row + total, 0) for row in labels[[0, -1]].astype(int))
         touching = (above > 0) & (first > 0)
@@ -331,7 +331,7 @@ def parts_of_map(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Arra
     cells = np.bincount(part_of, np.concatenate(sizes), count).astype(np.float64)
     number_of, before = part_of + 1, 0
     part_map = np.empty(grid.shape, np.min_scalar_type(count))
-    for band, count, labels in labelled():
+    for band, count, labels in label_bands():
         band_numbers = number_of[before : before + count - 1]
         part_map[band] = np.concatenate([[0], band_numbers]).astype(part_map.dtype)[labels]
         before += count - 1
@@ -360,10 +360,10 @@ def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> 
     border : int, default 1
         Width of the border [cells].
     """
-    row, col = costs.cell_of(xy, role)
+    row, col = costs.find_cell(xy, role)
     return (row + border) * (costs.grid.shape[1] + 2 * border) + col + border
 
 
-def cells_of(flat: Ints, columns: int, border: int = 1) -> Ints:
+def cells_from_flat(flat: Ints, columns: int, border: int = 1) -> Ints:
     """The cells (n, 2) of (row, col) at flat indices in a grid with a border."""
     return np.column_stack([flat // columns - border, flat % columns - border])

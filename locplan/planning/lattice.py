@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from locplan._support.checks import number, positive, shown, whole
+from locplan._support.checks import check_number, check_positive, short_repr, check_integer
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import blank_costs
@@ -62,13 +62,13 @@ class Lattice:
     def check(self) -> None:
         """Raise a ConfigError if an option is out of its range."""
         if self.headings not in (8, 16, 32):
-            raise ConfigError(f"headings must be 8, 16 or 32, not {shown(self.headings)}")
-        whole("span", self.span, 1, 4)
-        number("reverse", self.reverse, 1.0 + 1e-6)
-        number("gear_change", self.gear_change, 0.0)
-        positive("turn_cost", self.turn_cost, "m/rad")
+            raise ConfigError(f"headings must be 8, 16 or 32, not {short_repr(self.headings)}")
+        check_integer("span", self.span, 1, 4)
+        check_number("reverse", self.reverse, 1.0 + 1e-6)
+        check_number("gear_change", self.gear_change, 0.0)
+        check_positive("turn_cost", self.turn_cost, "m/rad")
         if self.time_limit is not None:
-            positive("time_limit", self.time_limit, "seconds")
+            check_positive("time_limit", self.time_limit, "seconds")
 
     def prepare(self) -> None:
         """Compile the kernels, so that the first plan is not timed with them."""
@@ -84,31 +84,31 @@ class Lattice:
         until = time.perf_counter() + (self.time_limit or math.inf)
         robot = costs.robot
         if robot is None or robot.outline is None or robot.margin == 0:
-            return self._solved(costs, start, goal, until)
+            return self._search(costs, start, goal, until)
         wider = dataclasses.replace(costs, robot=_with_margin(robot, robot.outline))
-        planner_result = self._solved(wider, start, goal, until)
+        planner_result = self._search(wider, start, goal, until)
         if planner_result.status != "infeasible":
             margin_text = f" if it keeps the robot's margin of {robot.margin:g} m" if planner_result.note else ""
             return dataclasses.replace(planner_result, note=planner_result.note + margin_text)
-        planner_result = self._solved(costs, start, goal, until)
+        planner_result = self._search(costs, start, goal, until)
         if planner_result.path is None:
             return planner_result
         near = f"comes nearer to walls than the robot's margin of {robot.margin:g} m"
         note = f"{near}: no path of the lattice keeps it"
         return dataclasses.replace(planner_result, note="; ".join(filter(None, [planner_result.note, note])))
 
-    def _solved(self, costs: Costmap, start: Position, goal: Position, until: float) -> Found:
+    def _search(self, costs: Costmap, start: Position, goal: Position, until: float) -> Found:
         """Plan for the costmap's robot as it is, until a time of `time.perf_counter`."""
-        from locplan.planning.lattice_search import LatticeSearch, Prices
+        from locplan.planning.lattice_search import LatticeSearch, MotionPrices
 
-        prices = Prices(self.reverse, self.gear_change, self.turn_cost)
+        prices = MotionPrices(self.reverse, self.gear_change, self.turn_cost)
         search = LatticeSearch(costs, self.headings, self.span, prices, until)
-        planner_result = search.found(start, goal)
+        planner_result = search.find_path(start, goal)
         if planner_result.path is None or not self.smooth:
             return planner_result
         smoother = Smoother(costs, costs.robot, self.reverse, self.gear_change, self.turn_cost)
-        at_goal = costs.cell_of(planner_result.path.xy[-1].tolist()) == costs.cell_of(goal[:2])
-        path = smoother.smoothed(planner_result.path, start, goal if at_goal else None)
+        at_goal = costs.find_cell(planner_result.path.xy[-1].tolist()) == costs.find_cell(goal[:2])
+        path = smoother.smooth(planner_result.path, start, goal if at_goal else None)
         return dataclasses.replace(planner_result, path=path)
 
 

@@ -13,14 +13,14 @@ from functools import lru_cache
 import numpy as np
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Singles, Words
-from locplan._support.kernels.outlines import TOUCH, swept
+from locplan._support.kernels.outlines import TOUCH, find_swept_cells
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import cheapest_cells
+from locplan.planning.grid import find_cheapest_cells
 from locplan.planning.kernels import lattice as kernels
-from locplan.planning.kernels.bit_masks import WORD, add_runs, widened
-from locplan.planning.kernels.lattice import BACKWARD, EITHER, FORWARD, Ground, Moves
+from locplan.planning.kernels.bit_masks import WORD, add_runs, widen_bits
+from locplan.planning.kernels.lattice import BACKWARD, EITHER, FORWARD, LatticeGround, LatticeMoves
 from locplan.planning.metrics import crossed_cells
 from locplan.planning.path import Path
 from locplan.planning.protocol import Found, Position
@@ -69,7 +69,7 @@ class Primitive:
         return self.sideways or self.turn > 0
 
 
-def angles_of(headings: int) -> Floats:
+def compute_heading_angles(headings: int) -> Floats:
     """The headings of a lattice, rising from 0 [rad]."""
     return np.array([math.atan2(row, col) % (2 * math.pi) for col, row in _directions(headings)])
 
@@ -86,7 +86,7 @@ def _directions(headings: int) -> list[tuple[int, int]]:
 
 
 @lru_cache(maxsize=32)
-def primitives(
+def make_primitives(
     headings: int, radius: float, sideways: bool, span: int = 1
 ) -> tuple[Primitive, ...]:
     """The primitives of all headings, sorted by the heading that they begin with.
@@ -102,7 +102,7 @@ def primitives(
     span : int, default 1
         Number of headings, at least 1, that a turn may pass to either side.
     """
-    directions, angles = _directions(headings), angles_of(headings)
+    directions, angles = _directions(headings), compute_heading_angles(headings)
     motion_primitives = []
     for source, ahead in enumerate(directions):
         start, angle = (0.0, 0.0, angles[source]), angles[source]
@@ -143,10 +143,10 @@ def _turns(
 
 
 def _turn_poses(
-    heading: float, turn: float, along: float, beyond: float, end: tuple[float, float]
+    heading: float, turn: float, along: float, along1: float, end: tuple[float, float]
 ) -> tuple[tuple[float, float, float], ...]:
     """Poses along a straight rest, an arc, and a straight rest."""
-    tangent = min(along, beyond)
+    tangent = min(along, along1)
     radius, side = tangent / math.tan(abs(turn) / 2), math.copysign(1.0, turn)
     cos, sin = math.cos(heading), math.sin(heading)
     poses = [(0.0, 0.0, heading)]
@@ -163,16 +163,16 @@ def _turn_poses(
     return (*poses, (*end, heading + turn))
 
 
-def reach_of(found: tuple[Primitive, ...], outline: Footprint | None, resolution: float) -> int:
+def compute_reach(motion_primitives: tuple[Primitive, ...], outline: Footprint | None, resolution: float) -> int:
     """Number of cells, rounded up, that the robot reaches from where a primitive begins."""
     body = 0.0 if outline is None else outline.circumscribed_radius / resolution
-    far = max(max(abs(col), abs(row)) for primitive in found for col, row, _ in primitive.poses)
+    far = max(max(abs(col), abs(row)) for primitive in motion_primitives for col, row, _ in primitive.poses)
     return math.ceil(far + body) + 2
 
 
 def centre_cells(primitive: Primitive) -> Ints:
     """Cells (n, 2) of (row, col) that the centre crosses, or touches at a corner."""
-    row, col, _, _ = _crossed(primitive, 1, 0.0)
+    row, col, _, _ = _find_crossed_cells(primitive, 1, 0.0)
     cells = [np.column_stack([row, col])]
     corner = np.flatnonzero((np.diff(row) != 0) & (np.diff(col) != 0))
     cells += [np.column_stack([row[corner], col[corner + 1]])]
@@ -180,7 +180,7 @@ def centre_cells(primitive: Primitive) -> Ints:
     return np.unique(np.concatenate(cells), axis=0)
 
 
-def _crossed(primitive: Primitive, layers: int, yaw: float) -> tuple[Array, Array, Array, Array]:
+def _find_crossed_cells(primitive: Primitive, layers: int, yaw: float) -> tuple[Array, Array, Array, Array]:
     """Rows, columns, layers and lengths of the cells that the centre crosses [cells]."""
     poses = np.array(primitive.poses)
     unit = OccupancyGrid(np.full((1, 1), FREE), 1.0)
@@ -190,7 +190,7 @@ def _crossed(primitive: Primitive, layers: int, yaw: float) -> tuple[Array, Arra
 
 
 @dataclass(frozen=True)
-class Prices:
+class MotionPrices:
     """What motions cost beside the integral of the density."""
 
     reverse: float
@@ -201,23 +201,23 @@ class Prices:
     """Cost of a turn on the spot [m/rad]."""
 
 
-def moves_of(
-    found: tuple[Primitive, ...],
+def make_moves(
+    motion_primitives: tuple[Primitive, ...],
     kinematics: Kinematics,
-    prices: Prices,
+    prices: MotionPrices,
     costs: Costmap,
-) -> tuple[Moves, list[tuple[int, bool]]]:
+) -> tuple[LatticeMoves, list[tuple[int, bool]]]:
     """The motions that primitives make on a costmap.
 
     Beside the kernels' arrays it gives the primitive of each motion, and whether it is driven from
     its end.
     """
     yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
-    slots, motions = slots_of(found), _driven(found, kinematics.reverse)
+    slots, motions = compute_slots(motion_primitives), _list_motions(motion_primitives, kinematics.reverse)
     crossed, lengths, rest = [], [], []
     for number, back in motions:
-        primitive = found[number]
-        cells, shares = _crossed_from(primitive, back, costs.density_of_heading.shape, yaw)
+        primitive = motion_primitives[number]
+        cells, shares = _index_crossed_cells(primitive, back, costs.density_of_heading.shape, yaw)
         factor = prices.reverse if back or primitive.sideways else 1.0
         crossed.append(cells)
         lengths.append(2 * factor * shares)
@@ -225,45 +225,45 @@ def moves_of(
         ends = (primitive.target, primitive.source) if back else (primitive.source, primitive.target)
         leads = (-primitive.end[0], -primitive.end[1]) if back else primitive.end
         rest.append((*ends, *leads, gear, int(back), primitive.source, slots[number]))
-    begin = np.searchsorted([row[0] for row in rest], np.arange(found[-1].source + 2))
+    begin = np.searchsorted([row[0] for row in rest], np.arange(motion_primitives[-1].source + 2))
     table = np.array(rest, np.int64).T
     count = np.array([len(cell_lengths) if cell_lengths.sum() > 0 else 0 for cell_lengths in lengths])
-    extra = np.array([turn * found[number].turn for number, _ in motions])
+    extra = np.array([turn * motion_primitives[number].turn for number, _ in motions])
     base_costs = np.array([cell_lengths.sum() / 2 for cell_lengths in lengths])
-    arrays = _padded(crossed, np.int64), _padded(lengths, np.float64), count, extra, base_costs
-    moves = Moves._make([begin.astype(np.int64), *(row.copy() for row in table), *arrays])
+    arrays = _pad_rows(crossed, np.int64), _pad_rows(lengths, np.float64), count, extra, base_costs
+    moves = LatticeMoves._make([begin.astype(np.int64), *(row.copy() for row in table), *arrays])
     return moves, motions
 
 
-def _driven(found: tuple[Primitive, ...], reverse: bool) -> list[tuple[int, bool]]:
+def _list_motions(motion_primitives: tuple[Primitive, ...], reverse: bool) -> list[tuple[int, bool]]:
     """The number of each primitive, and whether it is driven from its end, by the first heading."""
-    ahead = [(primitive.source, number, False) for number, primitive in enumerate(found)]
-    reversible = enumerate(found) if reverse else ()
+    ahead = [(primitive.source, number, False) for number, primitive in enumerate(motion_primitives)]
+    reversible = enumerate(motion_primitives) if reverse else ()
     back = [(primitive.target, number, True) for number, primitive in reversible if not primitive.neutral]
     return [(number, backward) for _, number, backward in sorted(ahead + back)]
 
 
-def _crossed_from(
+def _index_crossed_cells(
     primitive: Primitive, back: bool, shape: tuple[int, ...], yaw: float
 ) -> tuple[Array, Array]:
     """Number of each cell crossed from the beginning's on, by layers (`shape`), and its length."""
     layers, rows, columns = shape
-    row, col, layer, length = _crossed(primitive, layers, yaw)
+    row, col, layer, length = _find_crossed_cells(primitive, layers, yaw)
     if back:
         row, col = row - primitive.end[0], col - primitive.end[1]
     return (layer * rows + row) * columns + col, length
 
 
 @lru_cache(maxsize=32)
-def slots_of(found: tuple[Primitive, ...]) -> list[int]:
+def compute_slots(motion_primitives: tuple[Primitive, ...]) -> list[int]:
     """The number of each primitive among those of its heading."""
     slots: list[int] = []
-    for primitive in found:
-        slots.append(sum(other.source == primitive.source for other in found[: len(slots)]))
+    for primitive in motion_primitives:
+        slots.append(sum(other.source == primitive.source for other in motion_primitives[: len(slots)]))
     return slots
 
 
-def _padded(rows: list[Array], dtype: type) -> Array:
+def _pad_rows(rows: list[Array], dtype: type) -> Array:
     """An array of rows of unequal length, filled up with zeros."""
     result: Array = np.zeros((len(rows), max(map(len, rows))), dtype)
     for row, values in zip(result, rows, strict=True):
@@ -272,10 +272,10 @@ def _padded(rows: list[Array], dtype: type) -> Array:
 
 
 def masked_ground(
-    found: tuple[Primitive, ...],
+    motion_primitives: tuple[Primitive, ...],
     outline: Footprint | None,
     costs: Costmap,
-) -> Ground:
+) -> LatticeGround:
     """What motions go over: the density, and where each primitive is not free.
 
     A primitive is free where no cell that the outline sweeps is occupied, and the centre crosses
@@ -283,14 +283,14 @@ def masked_ground(
     """
     density = costs.density_of_heading
     rows, columns = costs.grid.shape
-    masks = outline_masks(costs.grid, outline, found).copy()
-    centres = [np.insert(centre_cells(primitive), 2, 1, axis=1) for primitive in found]
-    _add_masks(masks, np.isinf(density[0]), centres, found, outside=True)
+    masks = outline_masks(costs.grid, outline, motion_primitives).copy()
+    centres = [np.insert(centre_cells(primitive), 2, 1, axis=1) for primitive in motion_primitives]
+    _add_masks(masks, np.isinf(density[0]), centres, motion_primitives, outside=True)
     half = np.array(density).reshape(-1) / 2
     free = half[np.isfinite(half)]
     cheapest = 2 * float(free.min()) if free.size else 1.0
-    return Ground(
-        half, masks, rows, columns, cheapest, _nearby(density, reach_of(found, None, 1.0))
+    return LatticeGround(
+        half, masks, rows, columns, cheapest, _nearby(density, compute_reach(motion_primitives, None, 1.0))
     )
 
 
@@ -308,34 +308,34 @@ def _nearby(density: Array, reach: int) -> Singles:
 
 @lru_cache(maxsize=4)
 def outline_masks(
-    grid: OccupancyGrid, outline: Footprint | None, found: tuple[Primitive, ...]
+    grid: OccupancyGrid, outline: Footprint | None, motion_primitives: tuple[Primitive, ...]
 ) -> Words:
     """Bits (headings, rows, words, slots) where a primitive's outline meets an occupied cell."""
     rows, columns = grid.shape
-    slots = max(slots_of(found)) + 1
-    masks: Words = np.zeros((found[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64)
+    slots = max(compute_slots(motion_primitives)) + 1
+    masks: Words = np.zeros((motion_primitives[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64)
     if outline is not None:
-        reach, half = reach_of(found, outline, grid.resolution), np.array([0.5, 0.5, 0.0])
+        reach, half = compute_reach(motion_primitives, outline, grid.resolution), np.array([0.5, 0.5, 0.0])
         corners = outline.vertices / grid.resolution
-        cells = [swept(corners, np.array(swept_cells.poses) + half, reach) for swept_cells in found]
+        cells = [find_swept_cells(corners, np.array(swept_cells.poses) + half, reach) for swept_cells in motion_primitives]
         runs = [_runs(swept_cells, reach) for swept_cells in cells]
-        _add_masks(masks, grid.cells == OCCUPIED, runs, found, outside=False)
+        _add_masks(masks, grid.cells == OCCUPIED, runs, motion_primitives, outside=False)
     masks.setflags(write=False)
     return masks
 
 
 def _add_masks(
-    masks: Words, plane: Array, runs: list[Ints], found: tuple[Primitive, ...], *, outside: bool
+    masks: Words, plane: Array, runs: list[Ints], motion_primitives: tuple[Primitive, ...], *, outside: bool
 ) -> None:
     """Set the bits where runs of cells, those of each primitive, meet a plane."""
     farthest = max(int(np.abs(primitive).max()) + int(primitive[:, 2].max()) for primitive in runs)
     margin = WORD * math.ceil(farthest / WORD)
-    wide = widened(_packed(plane, margin, masks.shape[2], outside))
-    for primitive, slot, primitive_runs in zip(found, slots_of(found), runs, strict=True):
+    wide = widen_bits(_pack_bits(plane, margin, masks.shape[2], outside))
+    for primitive, slot, primitive_runs in zip(motion_primitives, compute_slots(motion_primitives), runs, strict=True):
         add_runs(masks, wide, primitive_runs, np.array([primitive.source, slot]), margin)
 
 
-def _packed(plane: Array, margin: int, words: int, outside: bool) -> Array:
+def _pack_bits(plane: Array, margin: int, words: int, outside: bool) -> Array:
     """The bits of a plane with a margin [cells] around the map, (rows, words)."""
     rows, columns = plane.shape
     wide = np.full((rows + 2 * margin, 64 * (words + 1) + 2 * margin), outside)
@@ -363,66 +363,66 @@ class LatticeSearch:
     """A search of one path on a costmap, for its robot."""
 
     def __init__(
-        self, costs: Costmap, headings: int, span: int, prices: Prices, until: float = math.inf
+        self, costs: Costmap, headings: int, span: int, prices: MotionPrices, until: float = math.inf
     ) -> None:
         grid, robot = costs.grid, costs.robot
-        self._costs, self._angles, self._until = costs, angles_of(headings), until
+        self._costs, self._angles, self._until = costs, compute_heading_angles(headings), until
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
-        all_primitives = primitives(headings, radius, kinematics.drive == "omnidirectional", span)
-        self._primitives = tuple(primitive for primitive in all_primitives if not _leads_off(primitive, grid.shape))
+        all_primitives = make_primitives(headings, radius, kinematics.drive == "omnidirectional", span)
+        self._primitives = tuple(primitive for primitive in all_primitives if not _leaves_grid(primitive, grid.shape))
         ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
-        moves, self._made = moves_of(self._primitives, kinematics, prices, costs)
+        moves, self._motions = make_moves(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
-        terms = kernels.Terms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
-        self.graph = kernels.Graph(ground, moves, terms)
+        terms = kernels.LatticeTerms(1.0 / ground.cheapest, change, 2 if change else 1, np.inf, 0)
+        self.graph = kernels.StateGraph(ground, moves, terms)
         reversible = len(costs.density_of_heading) == 1 and _is_reversible(robot)
         self._between_cells = self.graph._replace(moves=_between_cells(moves, reversible))
         self._size = grid.shape[0] * grid.shape[1]
 
-    def found(self, start: Position, goal: Position) -> Found:
+    def find_path(self, start: Position, goal: Position) -> Found:
         """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
-        robot, near = self._costs.robot, self._near(goal)
+        robot, near = self._costs.robot, self._find_tolerated_cells(goal)
         try:
-            found, may_come_near = self._found_to([self._cell(goal)], start, goal, near)
-            if found.status != "infeasible" or robot is None or len(near) < 2:
-                return found
-            nearly = self._found_to(near, start, goal)[0] if may_come_near else found
+            planner_result, may_come_near = self._search_targets([self._cell(goal)], start, goal, near)
+            if planner_result.status != "infeasible" or robot is None or len(near) < 2:
+                return planner_result
+            nearly = self._search_targets(near, start, goal)[0] if may_come_near else planner_result
         except OutOfTimeError as out:
             note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
             return Found(status="timeout", note=note)
         tolerance = f"the robot's goal tolerance, {robot.goal_tolerance:g} m"
         if nearly.path is None:
-            return dataclasses.replace(found, note=f"{found.note}, nor into {tolerance}")
-        away = math.dist(nearly.path.xy[-1], goal[:2])
-        note = f"ends {away:.2f} m from the goal, within {tolerance}: none leads into its cell"
+            return dataclasses.replace(planner_result, note=f"{planner_result.note}, nor into {tolerance}")
+        distance = math.dist(nearly.path.xy[-1], goal[:2])
+        note = f"ends {distance:.2f} m from the goal, within {tolerance}: none leads into its cell"
         return dataclasses.replace(nearly, note=note)
 
-    def _found_to(
-        self, targets: list[int], start: Position, goal: Position, others: Sequence[int] = ()
+    def _search_targets(
+        self, targets: list[int], start: Position, goal: Position, near_cells: Sequence[int] = ()
     ) -> tuple[Found, bool]:
         """The path from start to one of the cells `targets`, in the goal's heading, or why none.
 
-        The second value is False if surely none leads to any of the `others`, either.
+        The second value is False if surely none leads to any of the `near_cells`, either.
         """
-        bound = self.bound_to(targets, self._cell(start))
+        bound = self.compute_bounds(targets, self._cell(start))
         cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
         if math.isinf(cap):
-            return self._none(start, goal, 0), True
+            return self._explain_failure(start, goal, 0), True
         goal_headings = sum(1 << heading for heading in self._headings(goal))
         terms = self.graph.terms._replace(cap=cap, goal_headings=goal_headings)
         graph = self.graph._replace(terms=terms)
-        cost, last, expanded = self.costs_from(start, bound, graph)
+        cost, last, expanded = self.explore_costs(start, bound, graph)
         if last < 0:
             # All that can be reached was, but for cells from which none leads to the targets.
-            of_others = cost.reshape(self._size, -1, len(self._angles))[others]
+            of_others = cost.reshape(self._size, -1, len(self._angles))[near_cells]
             reached = of_others[:, :, self._headings(goal)].any(axis=(1, 2))
-            reached |= np.isinf(bound[others])
-            return self._none(start, goal, expanded), bool(reached.any())
-        moves = kernels.traced(graph, cost, last)
+            reached |= np.isinf(bound[near_cells])
+            return self._explain_failure(start, goal, expanded), bool(reached.any())
+        moves = kernels.trace_motions(graph, cost, last)
         return Found(self._path(moves), expanded=expanded), True
 
-    def _near(self, goal: Position) -> list[int]:
+    def _find_tolerated_cells(self, goal: Position) -> list[int]:
         """The cells whose centres lie within the robot's goal tolerance of the goal."""
         grid, robot = self._costs.grid, self._costs.robot
         tolerance = (robot.goal_tolerance if robot else 0.0) / grid.resolution
@@ -432,18 +432,18 @@ class LatticeSearch:
         free = np.isfinite(self._costs.density)
         return np.flatnonzero((np.hypot(rows, columns) <= tolerance) & free).tolist()
 
-    def bound_to(self, targets: list[int], source: int) -> Array:
+    def compute_bounds(self, targets: list[int], source: int) -> Array:
         """Bound of the cost to any target of each cell, final up to that of the cell `source`."""
         bound, graph = np.full(self._size, np.inf, np.float32), self._between_cells
         queue = kernels.new_queue(self._buckets(1.0), 0)
         for target in targets:
             bound[target] = 0.0
-            kernels.put(queue, target, 0)
-        self._run(lambda queue, most: kernels.project(queue, graph, bound, source, most), queue)
+            kernels.put_state(queue, target, 0)
+        self._run(lambda queue, max_expansions: kernels.project_cells(queue, graph, bound, source, max_expansions), queue)
         return bound
 
-    def costs_from(
-        self, start: Position, bound: Array, graph: kernels.Graph
+    def explore_costs(
+        self, start: Position, bound: Array, graph: kernels.StateGraph
     ) -> tuple[Array, int, int]:
         """The costs of the search over states, the last state or -1, and the expansions."""
         terms, source = graph.terms, self._cell(start)
@@ -455,22 +455,22 @@ class LatticeSearch:
             for heading in self._headings(start):
                 state = source * layers + gear * len(self._angles) + heading
                 cost[state] = 1.0
-                kernels.put(queue, state, lowest)
+                kernels.put_state(queue, state, lowest)
                 if bound[source] == 0 and (terms.goal_headings >> heading) & 1:
                     queue.state[kernels.BEST] = state  # the start is the goal
         queue = self._run(
-            lambda queue, most: kernels.explore(queue, graph, bound, cost, most), queue
+            lambda queue, max_expansions: kernels.explore_states(queue, graph, bound, cost, max_expansions), queue
         )
         numbers = queue.state
         return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])
 
     def _run(
-        self, step: Callable[[kernels.Queue, int], int], queue: kernels.Queue
-    ) -> kernels.Queue:
+        self, step: Callable[[kernels.StateQueue, int], int], queue: kernels.StateQueue
+    ) -> kernels.StateQueue:
         """Run a kernel until it has finished, giving it room and looking at the clock."""
         while (status := step(queue, STRETCH)) != kernels.FINISHED:
             if status == kernels.OUT_OF_ROOM:
-                queue = kernels.grown(queue)
+                queue = kernels.grow_queue(queue)
             elif time.perf_counter() > self._until:
                 reached = queue.state[kernels.LOWEST] / self.graph.terms.per_cost
                 raise OutOfTimeError(reached * self._costs.grid.resolution)
@@ -488,7 +488,7 @@ class LatticeSearch:
 
     def _cell(self, pose: Position) -> int:
         """The number of the cell of a pose."""
-        row, col = self._costs.cell_of(pose[:2])
+        row, col = self._costs.find_cell(pose[:2])
         return row * self.graph.ground.columns + col
 
     def _headings(self, pose: Position) -> list[int]:
@@ -506,7 +506,7 @@ class LatticeSearch:
         heading = self._angles[layer % len(self._angles)]
         pieces: list[Floats] = [np.array([(col + 0.5, row + 0.5, heading)])]
         for move in moves[1:].tolist():
-            number, back = self._made[move]
+            number, back = self._motions[move]
             poses = np.array(self._primitives[number].poses)
             poses = poses[::-1] if back else poses
             begin = pieces[-1][-1] - poses[0]
@@ -518,10 +518,10 @@ class LatticeSearch:
         x, y = grid.grid_to_world(poses[:, 1], poses[:, 0])
         return Path(np.column_stack([x, y]), poses[:, 2] + grid.origin[2])
 
-    def _none(self, start: Position, goal: Position, expanded: int) -> Found:
+    def _explain_failure(self, start: Position, goal: Position, expanded: int) -> Found:
         """Why there is no path, after all states were searched."""
         ends = start[:2], goal[:2]
-        cells, _ = cheapest_cells(self._costs, *ends, allow_corner_cutting=False)
+        cells, _ = find_cheapest_cells(self._costs, *ends, allow_corner_cutting=False)
         if cells is None:
             return Found(status="unreachable", expanded=expanded)
         headings, edge = len(self._angles), self._costs.grid.resolution
@@ -530,7 +530,7 @@ class LatticeSearch:
         return Found(status="infeasible", note=note, expanded=expanded)
 
 
-def _leads_off(motion: Primitive, shape: tuple[int, ...]) -> bool:
+def _leaves_grid(motion: Primitive, shape: tuple[int, ...]) -> bool:
     """Whether a motion is a turn too wide for a map of a shape, from wherever it begins."""
     turns = motion.source != motion.target
     return turns and any(abs(n) >= size for n, size in zip(motion.end, shape, strict=True))
@@ -545,7 +545,7 @@ def _is_reversible(robot: Robot | None) -> bool:
     return bool((distance.min(axis=0) < TOUCH).all())
 
 
-def _between_cells(moves: kernels.Moves, reversible: bool) -> kernels.Moves:
+def _between_cells(moves: kernels.LatticeMoves, reversible: bool) -> kernels.LatticeMoves:
     """The motions that lead to another cell at least cost, of which `begin` means nothing.
 
     In reverse a robot that is `reversible` goes where it does ahead the other way round, but at a
@@ -554,4 +554,4 @@ def _between_cells(moves: kernels.Moves, reversible: bool) -> kernels.Moves:
     is_kept = (moves.row != 0) | (moves.col != 0)
     if reversible:
         is_kept &= moves.gear != kernels.BACKWARD
-    return kernels.Moves(moves.begin, *(array[is_kept] for array in moves[1:]))
+    return kernels.LatticeMoves(moves.begin, *(array[is_kept] for array in moves[1:]))

@@ -12,7 +12,7 @@ from typing import Any, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import number, one_of, poses_from, position, shown
+from locplan._support.checks import check_number, check_choice, parse_poses, check_position, short_repr
 from locplan._support.kernels.arrays import Array, Floats, Singles
 from locplan._support.public import Pictured
 from locplan.errors import ConfigError, PoseError
@@ -42,7 +42,7 @@ def check_criterion(criterion: str, config: FieldConfig) -> None:
         If they have none of this name.
     """
     layers = [layer.name for layer in config.estimator.layers]
-    one_of("criterion", criterion, [*SCALARS, *layers])
+    check_choice("criterion", criterion, [*SCALARS, *layers])
 
 
 def degeneracy(
@@ -51,7 +51,7 @@ def degeneracy(
     """u and e of a field, (H, W), or without `headings` of each one, (n, H, W)."""
     check_criterion(criterion, field.config)
     if not np.less(*field.anchors(criterion)):
-        raise ConfigError(f"criterion {shown(criterion)} says nothing in a field without rotation")
+        raise ConfigError(f"criterion {short_repr(criterion)} says nothing in a field without rotation")
     values, of_e = field.scalar(criterion, with_q=True), field.scalar("e")
     if values.ndim == 2:
         return _degeneracy(field, criterion, law, values, of_e)
@@ -126,12 +126,12 @@ class CostLayers(Pictured):
         for name in LAYERS:
             layer = getattr(self, name)
             if layer.flags.writeable:
-                object.__setattr__(self, name, sealed(layer.copy()))
+                object.__setattr__(self, name, make_readonly(layer.copy()))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         for name in LAYERS:
-            sealed(state[name])
+            make_readonly(state[name])
 
     def copy(self) -> Self:
         """Copy of the costmap that shares nothing with it, not even the map."""
@@ -139,9 +139,9 @@ class CostLayers(Pictured):
 
     def __repr__(self) -> str:
         is_custom = math.isnan(self.weight)
-        made = "a density of one's own" if is_custom else f"weight {self.weight:g}"
+        source_text = "a density of one's own" if is_custom else f"weight {self.weight:g}"
         grid = repr(self.grid).removeprefix("OccupancyGrid(").partition(", origin")[0]
-        return f"{type(self).__name__}({grid}, robot radius {self.robot_radius:g} m, {made})"
+        return f"{type(self).__name__}({grid}, robot radius {self.robot_radius:g} m, {source_text})"
 
     @property
     def u_of_heading(self) -> Singles | None:
@@ -158,7 +158,7 @@ class CostLayers(Pictured):
         """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
         if self.u_of_heading is None:
             return self.density[None]
-        density = density_of(self.u_of_heading.astype(np.float64), self.weight)
+        density = compute_density(self.u_of_heading.astype(np.float64), self.weight)
         density += self.zones.charge(self.grid)
         return np.where(np.isfinite(self.density), density, np.inf)
 
@@ -167,7 +167,7 @@ class CostLayers(Pictured):
         """`density` also where only the robot's radius blocks a cell, if there is a field."""
         if math.isnan(self.weight):
             return self.density
-        return with_zones(density_of(self.u, self.weight), self.grid, self.zones)
+        return with_zones(compute_density(self.u, self.weight), self.grid, self.zones)
 
     @property
     def max_excess(self) -> float:
@@ -223,25 +223,25 @@ class CostLayers(Pictured):
         >>> costs.at([[0.2, 0.1], [0.7, 0.1], [1.2, 0.1], [9.0, 0.1]], "density").tolist()
         [1.0, 3.0, inf, inf]
         """
-        array, is_single = poses_from(poses)
-        there = self.grid.cell(array)
-        inside = self.grid.contains(*there)
-        cells = tuple(np.where(inside, index, 0) for index in there)
+        array, is_single = parse_poses(poses)
+        cell_indices = self.grid.cell(array)
+        inside = self.grid.contains(*cell_indices)
+        cells = tuple(np.where(inside, index, 0) for index in cell_indices)
         values: dict[str, Floats] = {layer: getattr(self, layer)[cells] for layer in LAYERS}
         if array.shape[1] == 3 and self.of_heading is not None:
             count = len(self.of_heading.both[0])
             nearest = np.floor(array[:, 2] / (2 * np.pi) * count + 0.5).astype(int) % count
             u, e = (layer[nearest, *cells].astype(float) for layer in self.of_heading.both)
             charge = np.broadcast_to(self.zones.charge(self.grid), self.grid.shape)[cells]
-            density = density_of(u, self.weight) + charge
+            density = compute_density(u, self.weight) + charge
             density = np.where(np.isfinite(values["density"]), density, np.inf)
             values = {"density": density, "u": u, "e": e}
         for layer in LAYERS:
             values[layer][~inside] = np.inf if layer == "density" else np.nan
         values = {layer: value[0] if is_single else value for layer, value in values.items()}
-        return values if name is None else values[str(one_of("name", name, LAYERS))]
+        return values if name is None else values[str(check_choice("name", name, LAYERS))]
 
-    def cell_of(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
+    def find_cell(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
         """Row and column of the cell at a world position where the robot can stand.
 
         Parameters
@@ -257,7 +257,7 @@ class CostLayers(Pictured):
             If the robot cannot stand there. The error says why, and names the nearest position
             where it can.
         """
-        x, y = position(xy, name=role)
+        x, y = check_position(xy, name=role)
         row, col = self.grid.cell((x, y))
         fault = self._fault(row, col)
         if fault is None:
@@ -271,8 +271,8 @@ class CostLayers(Pictured):
             decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
             remedy = "the nearest free position is "
             remedy += ",".join(f"{v:.{decimals}f}" for v in nearest)
-        where = "locplan info MAP -o PICTURE shows coordinates"
-        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {where}")
+        hint = "locplan info MAP -o PICTURE shows coordinates"
+        raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {hint}")
 
     def _fault(self, row: int, col: int) -> str | None:
         """Why a robot cannot stand in a cell; None if it can."""
@@ -325,7 +325,7 @@ class HeadingLayers:
     """It returns u, 0..1, and e [m^2 rad] for n headings, (n, H, W) each."""
 
     @classmethod
-    def of(cls, field: CovarianceField, settings: CostSettings) -> HeadingLayers | None:
+    def from_field(cls, field: CovarianceField, settings: CostSettings) -> HeadingLayers | None:
         """Layers of the headings that a field has; None if they are alike."""
         if field.config.headings == 1:
             return None
@@ -335,7 +335,7 @@ class HeadingLayers:
     def both(self) -> tuple[Singles, Singles]:
         """u and e, (n, H, W) each, read-only."""
         u, e = (np.array(layer, np.float32) for layer in self.read())
-        return sealed(u), sealed(e)
+        return make_readonly(u), make_readonly(e)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, HeadingLayers):
@@ -363,10 +363,10 @@ class HeadingLayers:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         for layer in state.get("both", ()):
-            sealed(layer)
+            make_readonly(layer)
 
 
-def density_of(u: Floats, weight: float) -> Floats:
+def compute_density(u: Floats, weight: float) -> Floats:
     """1 + weight u; infinite where u is NaN."""
     density = u * weight
     density += 1
@@ -383,7 +383,7 @@ def with_zones(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
     return density
 
 
-def shaped(name: str, layer: ArrayLike, grid: OccupancyGrid) -> Floats:
+def copy_layer(name: str, layer: ArrayLike, grid: OccupancyGrid) -> Floats:
     """A copy of a layer of one's own; a ConfigError if it has another shape than the map."""
     values = np.array(layer, dtype=np.float64)
     if values.shape != grid.shape:
@@ -391,7 +391,7 @@ def shaped(name: str, layer: ArrayLike, grid: OccupancyGrid) -> Floats:
     return values
 
 
-def checked_layer(name: str, layer: ArrayLike, grid: OccupancyGrid, highest: float) -> Floats:
+def copy_checked_layer(name: str, layer: ArrayLike, grid: OccupancyGrid, highest: float) -> Floats:
     """A read-only copy of a layer of one's own, (H, W), NaN where the map is not free.
 
     Raises
@@ -400,20 +400,20 @@ def checked_layer(name: str, layer: ArrayLike, grid: OccupancyGrid, highest: flo
         If it has another shape than the map, or values below 0, above the highest or not finite
         in a free cell.
     """
-    values = shaped(name, layer, grid)
+    values = copy_layer(name, layer, grid)
     values[~grid.free] = np.nan
     free = values[grid.free]
     if not (np.isfinite(free) & (free >= 0) & (free <= highest)).all():
         bounds = "finite and at least 0" if math.isinf(highest) else f"from 0 to {highest:g}"
         raise ConfigError(f"{name} must be {bounds} in every free cell")
-    return sealed(values)
+    return make_readonly(values)
 
 
-def blocked_near(density: Array, grid: OccupancyGrid, robot_radius: float) -> Array:
+def block_near_walls(density: Array, grid: OccupancyGrid, robot_radius: float) -> Array:
     """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
     density = density if density.flags.writeable else density.copy()
     np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
-    return sealed(density)
+    return make_readonly(density)
 
 
 def check_weight(weight: float) -> None:
@@ -429,7 +429,7 @@ def check_weight(weight: float) -> None:
     ConfigError
         If it is no number, or not from 0 to 1e9.
     """
-    number("weight", weight, 0, MAX_DENSITY)
+    check_number("weight", weight, 0, MAX_DENSITY)
 
 
 def whole_robot(robot: Robot | float) -> Robot | None:
@@ -437,7 +437,7 @@ def whole_robot(robot: Robot | float) -> Robot | None:
     return robot if isinstance(robot, Robot) else None
 
 
-def sealed(layer: Array) -> Array:
+def make_readonly(layer: Array) -> Array:
     """Make an array read-only, and return it."""
     layer.setflags(write=False)
     return layer

@@ -9,20 +9,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._support.checks import positive
-from locplan._support.tables import rounded_up
+from locplan._support.checks import check_positive
+from locplan._support.tables import format_rounded_up
 from locplan.errors import ConfigError
 from locplan.planning.cost_to_go import plan_field
 from locplan.planning.costmap import Costmap
 from locplan.planning.lattice import Lattice
 from locplan.planning.path import Path
-from locplan.planning.protocol import CURVED, LATTICE, Found, Planner, Position, Wrapper
+from locplan.planning.protocol import CURVED, LATTICE, Found, Planner, Position, PlannerWrapper
 from locplan.robots.parts import Footprint
 from locplan.robots.robot import Robot
 
 
 @dataclass(frozen=True)
-class Limited(Wrapper):
+class LimitedPlanner(PlannerWrapper):
     """A planner whose paths keep limits; see `locplan.plan`."""
 
     via: tuple[Position, ...] = ()
@@ -36,41 +36,41 @@ class Limited(Wrapper):
         """Raise a ConfigError unless the limit of e is a positive number."""
         super().check()
         if self.max_e is not None:
-            positive("max_e", self.max_e, "m^2 rad")
+            check_positive("max_e", self.max_e, "m^2 rad")
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan within all limits."""
         stops = start, *self.via, goal
-        return self._clear(costs, stops) if self.max_e is None else self._below(costs, stops)
+        return self._plan_clear(costs, stops) if self.max_e is None else self._plan_below_max_e(costs, stops)
 
-    def _below(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+    def _plan_below_max_e(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan where e allows it; if nothing joins the stops there, find the least e that does."""
         assert self.max_e is not None
-        allowed, planner_result = _allowed(costs, self.max_e), None
-        if _free(allowed, stops):
-            planner_result = self._clear(allowed, stops)
+        allowed, planner_result = _block_high_e(costs, self.max_e), None
+        if _are_free(allowed, stops):
+            planner_result = self._plan_clear(allowed, stops)
             if planner_result.path is not None:
                 return planner_result
-        least = self._min_max_e(self._thin(costs), stops)
-        if least is None or least <= self.max_e:  # max_e is not the reason
-            return planner_result or self._clear(costs, stops)
+        lowest_max_e = self._min_max_e(self._thin_costmap(costs), stops)
+        if lowest_max_e is None or lowest_max_e <= self.max_e:  # max_e is not the reason
+            return planner_result or self._plan_clear(costs, stops)
         any_will_do = self.outline is None and self.space not in CURVED
         verdict = "would do" if any_will_do else "is needed at least"
         note = f"every path enters cells with e above {self.max_e:g};"
-        note += f" max_e {rounded_up(least)} {verdict}"
-        return Found(status="infeasible", feasible_from=least, note=note)
+        note += f" max_e {format_rounded_up(lowest_max_e)} {verdict}"
+        return Found(status="infeasible", feasible_from=lowest_max_e, note=note)
 
-    def _clear(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+    def _plan_clear(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan for the outline's inscribed circle, the circumscribed one, or the outline itself."""
         if self.outline is None:
-            return self._over(costs, stops)
+            return self._plan_legs(costs, stops)
         if self.space == LATTICE:
-            return self._exactly(costs, stops, self.planner)
-        planner_result, gave_up, meets = self._of_circles(costs, stops)
+            return self._plan_exactly(costs, stops, self.planner)
+        planner_result, gave_up, meets = self._try_circles(costs, stops)
         if planner_result is not None:
             return planner_result
-        if not self._joins(self._thin(costs), stops):
-            without = self._over(costs, stops)
+        if not self._joins(self._thin_costmap(costs), stops):
+            without = self._plan_legs(costs, stops)
             if without.path is None:
                 return without
             inner = f"radius {self.outline.inscribed_radius:.3g} m"
@@ -78,16 +78,16 @@ class Limited(Wrapper):
             return Found(status="infeasible", note=note)
         if self.space == "R2" and gave_up is None:
             limit = getattr(self.planner, "time_limit", None)
-            planner_result = self._exactly(costs, stops, Lattice(time_limit=limit))
+            planner_result = self._plan_exactly(costs, stops, Lattice(time_limit=limit))
             if planner_result.path is not None:
                 note = "planned by the lattice for the footprint itself: no path of its inner or"
                 note += " outer circle is clear of walls"
                 return dataclasses.replace(planner_result, note="; ".join(filter(None, [note, planner_result.note])))
             if planner_result.status == "timeout":
                 return planner_result
-        return gave_up or self._not_searched(costs, meets)
+        return gave_up or self._describe_search(costs, meets)
 
-    def _of_circles(
+    def _try_circles(
         self, costs: Costmap, stops: Sequence[Position]
     ) -> tuple[Found | None, Found | None, tuple[float, float] | None]:
         """A circle's path that is clear for the outline, if there is one; beside it the last search
@@ -99,9 +99,9 @@ class Limited(Wrapper):
         wider += " wall on the path of the inner one: there may be a better path between"
         for radius in (inner, outer):
             wide = costs.with_robot(max(radius, costs.robot_radius))
-            if not _free(wide, stops):
+            if not _are_free(wide, stops):
                 continue
-            planner_result = self._over(wide, stops)
+            planner_result = self._plan_legs(wide, stops)
             if planner_result.status in ("timeout", "not found"):
                 gave_up = planner_result
             if planner_result.path is None:
@@ -113,14 +113,14 @@ class Limited(Wrapper):
             meets = meets or collision
         return None, gave_up, meets
 
-    def _exactly(self, costs: Costmap, stops: Sequence[Position], planner: Planner) -> Found:
+    def _plan_exactly(self, costs: Costmap, stops: Sequence[Position], planner: Planner) -> Found:
         """Plan for the outline itself, by a lattice."""
         assert self.outline is not None
         robot = dataclasses.replace(costs.robot or Robot(), footprint=self.outline)
         outline_costs = dataclasses.replace(costs, robot=robot)
-        return dataclasses.replace(self, planner=planner)._over(outline_costs, stops)
+        return dataclasses.replace(self, planner=planner)._plan_legs(outline_costs, stops)
 
-    def _not_searched(self, costs: Costmap, meets: tuple[float, float] | None) -> Found:
+    def _describe_search(self, costs: Costmap, meets: tuple[float, float] | None) -> Found:
         """What was searched where the outline meets a wall on both circles' paths."""
         assert self.outline is not None
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
@@ -131,40 +131,40 @@ class Limited(Wrapper):
             note += f", and the lattice's motions between {Lattice().headings} headings and {edge}"
         note += ": there may be another path"
         if meets:
-            where = f"{meets[0]:.2f},{meets[1]:.2f}"
-            note += f"; the footprint meets a wall on that of the inner circle (near {where})"
+            place_text = f"{meets[0]:.2f},{meets[1]:.2f}"
+            note += f"; the footprint meets a wall on that of the inner circle (near {place_text})"
         return Found(note=note)
 
-    def _over(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+    def _plan_legs(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan each leg from one stop to the next separately."""
         legs: list[Path] = []
         notes: list[str] = []
         expanded: int | None = 0
         begin = stops[0]
         for number, end in enumerate(stops[1:], 1):
-            found = self.planner.solve(costs, begin, end)
+            planner_result = self.planner.solve(costs, begin, end)
             if not self.via:
-                return found
+                return planner_result
             if expanded is not None:
-                expanded = None if found.expanded is None else expanded + found.expanded
-            if found.path is None:
-                if number > 1 and found.status == "infeasible":
-                    found = dataclasses.replace(found, status="not found")  # in another heading?
+                expanded = None if planner_result.expanded is None else expanded + planner_result.expanded
+            if planner_result.path is None:
+                if number > 1 and planner_result.status == "infeasible":
+                    planner_result = dataclasses.replace(planner_result, status="not found")  # in another heading?
                 if number == len(stops) - 1:
-                    return found
-                because = f": {found.note}" if found.note else ""
-                said = "leads" if found.status == "unreachable" else "was found"
-                note = f"no path {said} to waypoint {number}{because}"
-                return dataclasses.replace(found, note=note, expanded=expanded)
+                    return planner_result
+                because = f": {planner_result.note}" if planner_result.note else ""
+                verb = "leads" if planner_result.status == "unreachable" else "was found"
+                note = f"no path {verb} to waypoint {number}{because}"
+                return dataclasses.replace(planner_result, note=note, expanded=expanded)
             begin = end
-            if self.space == LATTICE and found.path.heading is not None:
-                x, y, heading = found.path.poses[-1].tolist()
+            if self.space == LATTICE and planner_result.path.heading is not None:
+                x, y, heading = planner_result.path.poses[-1].tolist()
                 begin = (x, y, heading)  # goes on as this leg ends
-            legs.append(found.path)
-            notes += [f"leg {number} {found.note}"] if found.note else []
-        return Found(Path.joined(legs), note="; ".join(notes), expanded=expanded)
+            legs.append(planner_result.path)
+            notes += [f"leg {number} {planner_result.note}"] if planner_result.note else []
+        return Found(Path.join(legs), note="; ".join(notes), expanded=expanded)
 
-    def _thin(self, costs: Costmap) -> Costmap:
+    def _thin_costmap(self, costs: Costmap) -> Costmap:
         """The costmap of a robot that fits wherever the outline does, for proofs.
 
         The centre of a cell may be half a cell's diagonal nearer to a wall than the robot's is. A
@@ -180,7 +180,7 @@ class Limited(Wrapper):
 
     def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
         """Whether a path over the grid joins the stops: where none does, no other one does."""
-        if not _free(costs, stops):
+        if not _are_free(costs, stops):
             return False
         cutting = getattr(self.planner, "allow_corner_cutting", False)
         cost = plan_field(costs, stops[0][:2], allow_corner_cutting=cutting).cost
@@ -194,17 +194,17 @@ class Limited(Wrapper):
         low, high = 0, len(levels) - 1
         while low < high:
             middle = (low + high) // 2
-            joins = self._joins(_allowed(costs, float(levels[middle])), stops)
+            joins = self._joins(_block_high_e(costs, float(levels[middle])), stops)
             low, high = (low, middle) if joins else (middle + 1, high)
         return float(levels[low])
 
 
-def _free(costs: Costmap, stops: Sequence[Position]) -> bool:
+def _are_free(costs: Costmap, stops: Sequence[Position]) -> bool:
     """Return whether the robot can stand at all stops."""
     return all(np.isfinite(costs.density[costs.grid.cell(stop[:2])]) for stop in stops)
 
 
-def _allowed(costs: Costmap, max_e: float) -> Costmap:
+def _block_high_e(costs: Costmap, max_e: float) -> Costmap:
     """A copy of the costmap in which the cells with e above a limit are blocked."""
     if not np.isfinite(costs.e[np.isfinite(costs.density)]).all():
         raise ConfigError("a costmap without a field has no e to limit")

@@ -14,7 +14,7 @@ import numpy as np
 from locplan._support.kernels.arrays import Array, Bools
 from locplan._support.public import Pictured
 from locplan._support.records import POSITION, Column, Table
-from locplan._support.tables import in_square_metres, table
+from locplan._support.tables import format_area, format_table
 from locplan.maps import environments
 from locplan.maps.files import MapSource, read_map
 from locplan.maps.grid import OccupancyGrid, check_grid
@@ -22,8 +22,8 @@ from locplan.maps.map_faults import faults
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.planning.cost_to_go import NamedPlace, PlacePair, farthest_pairs
 from locplan.planning.costmap import ROBOT_RADIUS
-from locplan.planning.grid import bands, parts_of_map
-from locplan.robots.robot import Robot, format_radius, radius_of
+from locplan.planning.grid import iterate_bands, find_map_parts
+from locplan.robots.robot import Robot, format_radius, planning_radius
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,7 +89,7 @@ def _is_between_walls(grid: OccupancyGrid) -> Bools:
     return between
 
 
-LISTED = 8
+MAX_LISTED_ROOMS = 8
 """Number of rooms in the table; the others are summed up."""
 LIDAR = "turtlebot4"
 """Preset that stands for the user's lidar in command lines."""
@@ -106,7 +106,7 @@ class Room:
 
 
 @dataclass(frozen=True)
-class Level:
+class LevelArea:
     """The cells of one level."""
 
     area: float
@@ -127,11 +127,11 @@ class MapInfo(Pictured):
     """Minimum distance from the robot's centre to an occupied cell [m]."""
     robot_size: str
     """The same with the robot's margin apart, for people."""
-    free: Level
+    free: LevelArea
     """The free cells."""
-    occupied: Level
+    occupied: LevelArea
     """The occupied cells."""
-    unknown: Level
+    unknown: LevelArea
     """The unknown cells."""
     rooms: tuple[Room, ...]
     """The rooms, largest first, without the specks."""
@@ -198,11 +198,11 @@ class MapInfo(Pictured):
     def table(self) -> Table:
         """The named places."""
         columns = Column("name", title="place"), *POSITION, Column("room", title="room", digits=0)
-        return Table.of(columns, self.places)
+        return Table.from_records(columns, self.places)
 
     def report(self) -> str:
         """The information for people, with command lines to copy."""
-        parts = [table([], self._facts()), self._rooms_table()]
+        parts = [format_table([], self._facts()), self._rooms_table()]
         for pair in self.pairs:
             ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
             digits = 0 if pair.distance >= 9.95 else 1
@@ -230,7 +230,7 @@ class MapInfo(Pictured):
         ]
         for name in ("free", "occupied", "unknown"):
             level = getattr(self, name)
-            facts.append([name, f"{in_square_metres(level.area)} ({level.share:.1%})"])
+            facts.append([name, f"{format_area(level.area)} ({level.share:.1%})"])
         if source := self.source:
             mode = f"mode {source.mode}{', negate' if source.negate else ''}"
             free, occupied = f"{source.free_thresh:g}", f"{source.occupied_thresh:g}"
@@ -240,20 +240,20 @@ class MapInfo(Pictured):
 
     def _rooms_table(self) -> str:
         """The rooms, with the small ones summed up."""
-        where = f"for a robot of radius {self.robot_size}"
+        robot_text = f"for a robot of radius {self.robot_size}"
         if not self.rooms:
-            return f"no room {where}"
+            return f"no room {robot_text}"
         rows = []
-        for room in self.rooms[:LISTED]:
+        for room in self.rooms[:MAX_LISTED_ROOMS]:
             places = ", ".join(place.name for place in self.places if place.room == room.number)
-            rows.append([str(room.number), in_square_metres(room.area), places or "–"])
-        if more := self.rooms[LISTED:]:
-            area = sum(room.area for room in more)
-            rows.append([f"{len(more)} more", in_square_metres(area), "–"])
+            rows.append([str(room.number), format_area(room.area), places or "–"])
+        if further_rooms := self.rooms[MAX_LISTED_ROOMS:]:
+            area = sum(room.area for room in further_rooms)
+            rows.append([f"{len(further_rooms)} more", format_area(area), "–"])
         if self.specks:
             name = "1 speck" if self.specks == 1 else f"{self.specks} specks"
-            rows.append([name, in_square_metres(self.specks_area), "–"])
-        return table([f"room {where}", "area for its centre", "places"], rows)
+            rows.append([name, format_area(self.specks_area), "–"])
+        return format_table([f"room {robot_text}", "area for its centre", "places"], rows)
 
     def summary(self) -> dict[str, object]:
         """The information, fit for JSON: lengths in metres, areas in square metres."""
@@ -322,8 +322,8 @@ def describe_map(
     if isinstance(grid, (str, os.PathLike)):
         grid, source = read_map(grid)
     check_grid(grid)
-    cell, radius = grid.resolution**2, radius_of(robot)
-    cells, room_of_cell = parts_of_map(grid, radius)
+    cell, radius = grid.resolution**2, planning_radius(robot)
+    cells, room_of_cell = find_map_parts(grid, radius)
     areas = cells * cell
     order = np.argsort(-areas, kind="stable")
     greatest = float(areas.max(initial=0.0))
@@ -331,12 +331,12 @@ def describe_map(
     large = [int(label) for label in order if counted[label]]
     number_of = np.zeros(len(areas) + 1, room_of_cell.dtype)
     number_of[np.array(large, int) + 1] = np.arange(1, len(large) + 1)
-    for band, _, _ in bands(*grid.shape, 0):  # an index takes 8 bytes for each cell
+    for band, _, _ in iterate_bands(*grid.shape, 0):  # an index takes 8 bytes for each cell
         room_of_cell[band] = number_of[room_of_cell[band]]
     room_of_cell.setflags(write=False)
     rooms = tuple(Room(n, float(areas[label])) for n, label in enumerate(large, 1))
     free, occupied, unknown = (
-        Level(int(number) * cell, int(number) / grid.cells.size)
+        LevelArea(int(number) * cell, int(number) / grid.cells.size)
         for number in (np.count_nonzero(grid.cells == fault) for fault in (FREE, OCCUPIED, UNKNOWN))
     )
     return MapInfo(
@@ -354,7 +354,7 @@ def describe_map(
         pairs=_choose_routes(grid, room_of_cell, rooms, radius),
         warnings=(
             *(fault.sentence for fault in faults(grid, source)),
-            *_of_robot(grid, radius, bool(rooms)),
+            *_list_robot_warnings(grid, radius, bool(rooms)),
         ),
     )
 
@@ -382,11 +382,11 @@ def _choose_routes(
     return tuple(pairs)
 
 
-def _of_robot(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
+def _list_robot_warnings(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
     """What misleads about the robot on this map."""
     if not fits and grid.free.any():
         widest, near = 0.0, math.ceil(radius / grid.resolution) + 1
-        for band, around, inner in bands(*grid.shape, near):  # nowhere is it farther to a wall
+        for band, around, inner in iterate_bands(*grid.shape, near):  # nowhere is it farther to a wall
             clearance = OccupancyGrid(grid.cells[around], grid.resolution).clearance[inner]
             widest = max(widest, float(clearance[grid.cells[band] == FREE].max(initial=0.0)))
         return [

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Array, Bools, Floats, Ints
-from locplan._support.progress import ProgressCallback, in_turn
+from locplan._support.progress import ProgressCallback, chain_progress
 from locplan._support.records import Column, Table
-from locplan._support.saved import Valued
+from locplan._support.saved import EqualByValue
 from locplan.errors import LocplanError
 from locplan.field.config import COARSE_STRIDE, FieldConfig
 from locplan.field.covariance import DEGENERATE
@@ -21,7 +21,7 @@ from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
 from locplan.planning.costmap import ROBOT_RADIUS, Costmap
-from locplan.planning.path import AnyPath, Path, path_from, poses_of_paths
+from locplan.planning.path import AnyPath, Path, as_path, stack_poses
 from locplan.robots.lidar import Lidar
 from locplan.robots.robot import Robot, format_radius
 
@@ -41,7 +41,7 @@ def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Ar
     headings : int, default 1
         Number of headings, evenly spaced from 0 on; over 1e7 cells are a LocplanError.
     """
-    poses, sizes, _ = poses_of_paths(path)
+    poses, sizes, _ = stack_poses(path)
     return crossed_by_paths(grid, poses, sizes, headings)[:4]
 
 
@@ -126,7 +126,7 @@ def _split_by_heading(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PathMetrics(Valued):
+class PathMetrics(EqualByValue):
     """Metrics of a path, by the exact line integral over the map's cells.
 
     Metrics that depend on a field are NaN for a costmap without one.
@@ -191,13 +191,13 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
     LocplanError
         If it is no path, or crosses over 1e7 cells.
     """
-    path = path_from(path)
+    path = as_path(path)
     layers: list[Any] = [costs.e[None], costs.u[None], costs.density[None]]
     if path.heading is not None and costs.u_of_heading is not None:
         layers = [costs.e_of_heading, costs.u_of_heading, costs.density_of_heading]
     *at, lengths = crossed_cells(costs.grid, path, len(layers[0]))
-    e, u = (_along(layer, at, np.nan) for layer in layers[:2])
-    density, clearance = _along(layers[2], at, np.inf), costs.grid.clearance[None]
+    e, u = (_sample_layers(layer, at, np.nan) for layer in layers[:2])
+    density, clearance = _sample_layers(layers[2], at, np.inf), costs.grid.clearance[None]
     integrated_e, share, longest = float(e @ lengths), np.nan, np.nan
     if np.isfinite(u).all():
         share, longest = _stretches(u > DEGENERATE, lengths)
@@ -210,7 +210,7 @@ def path_metrics(costs: Costmap, path: AnyPath) -> PathMetrics:
         max_e=float(e.max()),
         degenerate_share=share,
         longest_degenerate=longest,
-        clearance=float(_along(clearance, [0 * at[0], *at[1:]], 0.0).min()),
+        clearance=float(_sample_layers(clearance, [0 * at[0], *at[1:]], 0.0).min()),
     )
 
 
@@ -229,7 +229,7 @@ def crosses_no_go(zones: Zones, grid: OccupancyGrid, path: Path) -> bool:
     if not zones.has("no-go"):
         return False
     *at, _ = crossed_cells(grid, path, 1)
-    return bool(_along(zones.cells(grid, "no-go")[None], at, 0.0).any())
+    return bool(_sample_layers(zones.cells(grid, "no-go")[None], at, 0.0).any())
 
 
 def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
@@ -262,7 +262,7 @@ def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
     >>> path_cost(costs, lines).tolist()
     [0.5, inf]
     """
-    poses, sizes, is_single = poses_of_paths(path)
+    poses, sizes, is_single = stack_poses(path)
     values = np.empty(len(sizes))
     has_heading = ~np.isnan(poses[np.cumsum(sizes) - sizes, 2]) & (costs.u_of_heading is not None)
     for headed in np.unique(has_heading):
@@ -270,7 +270,7 @@ def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
         density = costs.density_of_heading if headed else costs.density[None]
         part = poses[np.repeat(selection, sizes)]
         *at, lengths, number = crossed_by_paths(costs.grid, part, sizes[selection], len(density))
-        values[selection] = _integrals(_along(density, at, np.inf), lengths, number)
+        values[selection] = _integrals(_sample_layers(density, at, np.inf), lengths, number)
     return float(values[0]) if is_single else values
 
 
@@ -284,7 +284,7 @@ def _integrals(density: Floats, lengths: Floats, number: Ints) -> Floats:
     return np.where(np.bincount(number, is_blocked) > 0, np.inf, sums)
 
 
-def profile(costs: Costmap, path: AnyPath, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
+def compute_profile(costs: Costmap, path: AnyPath, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
     """Steps of a layer along a path.
 
     Parameters
@@ -310,11 +310,11 @@ def profile(costs: Costmap, path: AnyPath, layer: NDArray[np.floating]) -> tuple
         If the path crosses over 1e7 cells.
     """
     layers = layer.reshape(-1, *layer.shape[-2:])
-    *at, lengths = crossed_cells(costs.grid, path_from(path), len(layers))
-    return np.concatenate([[0.0], np.cumsum(lengths)]), _along(layers, at, np.nan)
+    *at, lengths = crossed_cells(costs.grid, as_path(path), len(layers))
+    return np.concatenate([[0.0], np.cumsum(lengths)]), _sample_layers(layers, at, np.nan)
 
 
-def _along(layers: Array, at: Sequence[Array], outside: float) -> Floats:
+def _sample_layers(layers: Array, at: Sequence[Array], outside: float) -> Floats:
     """Values of layers at headings, rows and columns; `outside` outside the map."""
     heading, row, col = at
     rows, cols = layers.shape[1:]
@@ -323,12 +323,12 @@ def _along(layers: Array, at: Sequence[Array], outside: float) -> Floats:
     return np.where(inside, layers[heading, row, col], outside)
 
 
-def _stretches(where: Bools, lengths: Array) -> tuple[float, float]:
+def _stretches(is_inside: Bools, lengths: Array) -> tuple[float, float]:
     """The share of the length where something holds, and the longest stretch of it [m]."""
     total = lengths.sum()
-    share = float(lengths[where].sum() / total) if total > 0 else 0.0
+    share = float(lengths[is_inside].sum() / total) if total > 0 else 0.0
     longest = stretch = 0.0
-    for inside, length in zip(where, lengths, strict=True):
+    for inside, length in zip(is_inside, lengths, strict=True):
         stretch = stretch + length if inside else 0.0
         longest = max(longest, stretch)
     return share, float(longest)
@@ -374,7 +374,7 @@ def compare_lidars(
     LocplanError
         If an argument is out of its range.
     """
-    shares, report_progress = [], in_turn(progress, len(lidars)) if progress else None
+    shares, report_progress = [], chain_progress(progress, len(lidars)) if progress else None
     for lidar in lidars:
         config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
         field = load_or_compute(grid, config, progress=report_progress)
@@ -393,9 +393,9 @@ def lidars_table(shares: Sequence[LidarShare]) -> Table:
         What `compare_lidars` returned.
     """
     columns = (
-        Column("title", title="lidar", value=lambda each: each.lidar.title),
-        Column("lidar", value=lambda each: each.lidar.model),
-        Column("range", "m", value=lambda each: each.lidar.range),
+        Column("title", title="lidar", value=lambda lidar_share: lidar_share.lidar.title),
+        Column("lidar", value=lambda lidar_share: lidar_share.lidar.model),
+        Column("range", "m", value=lambda lidar_share: lidar_share.lidar.range),
         Column(
             "degenerate_share",
             title=f"floor where the robot may get lost (u > {DEGENERATE:g})",
@@ -403,7 +403,7 @@ def lidars_table(shares: Sequence[LidarShare]) -> Table:
             people="%",
         ),
     )
-    return Table.of(columns, shares)
+    return Table.from_records(columns, shares)
 
 
 def costs_caption(costs: Costmap) -> str:

@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path as File
 from typing import Any
 
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan.errors import ConfigError
 from locplan.maps.files import find_maps, load_map
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
 
 
-def named_maps(
+def name_maps(
     maps: Any, read: Callable[[File], OccupancyGrid] = load_map
 ) -> dict[str, OccupancyGrid | Costmap]:
     """Read maps in any form that functions of many maps accept, and name them.
@@ -37,20 +37,20 @@ def named_maps(
         If there is none, one is something else, or two have one name.
     """
     if isinstance(maps, Mapping) and maps:
-        return {str(name): _map(one, read) for name, one in maps.items()}
+        return {str(name): _load_map(map_source, read) for name, map_source in maps.items()}
     if isinstance(maps, (str, os.PathLike, OccupancyGrid, Costmap)):
         maps = [maps]
     maps_by_name: dict[str, OccupancyGrid | Costmap] = {}
     for n, argument in enumerate(maps, 1):
-        for one in find_maps(argument) if isinstance(argument, (str, os.PathLike)) else [argument]:
-            loaded = _map(one, read)
+        for map_source in find_maps(argument) if isinstance(argument, (str, os.PathLike)) else [argument]:
+            loaded = _load_map(map_source, read)
             grid = loaded.grid if isinstance(loaded, Costmap) else loaded
             name = grid.name or f"map {n}"
-            if name in maps_by_name and isinstance(one, File):
-                name = f"{one.resolve().parent.name}/{name}"
+            if name in maps_by_name and isinstance(map_source, File):
+                name = f"{map_source.resolve().parent.name}/{name}"
             if name in maps_by_name:
                 raise ConfigError(
-                    f"two maps are called {shown(name)}; give a mapping of names to maps"
+                    f"two maps are called {short_repr(name)}; give a mapping of names to maps"
                 )
             maps_by_name[name] = loaded
     if not maps_by_name:
@@ -58,9 +58,9 @@ def named_maps(
     return maps_by_name
 
 
-def _map(given: Any, read: Callable[[File], OccupancyGrid]) -> OccupancyGrid | Costmap:
-    if isinstance(given, (OccupancyGrid, Costmap)):
-        return given
-    if isinstance(given, (str, os.PathLike)):
-        return read(File(given))
-    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {shown(given)}")
+def _load_map(map_source: Any, read: Callable[[File], OccupancyGrid]) -> OccupancyGrid | Costmap:
+    if isinstance(map_source, (OccupancyGrid, Costmap)):
+        return map_source
+    if isinstance(map_source, (str, os.PathLike)):
+        return read(File(map_source))
+    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {short_repr(map_source)}")

@@ -13,17 +13,17 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import number, one_of, positive
+from locplan._support.checks import check_number, check_choice, check_positive
 from locplan._support.kernels.arrays import Array, Floats, Ints
-from locplan._support.tables import rounded_up
+from locplan._support.tables import format_rounded_up
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap, check_costs
 from locplan.planning.grid import (
     blank_costs,
     bordered_ends,
-    cells_of,
+    cells_from_flat,
     straight_line,
-    through_centres,
+    path_through_centres,
 )
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
@@ -41,12 +41,12 @@ STRETCH = 200_000
 """Number of expansions between two looks at the clock."""
 
 
-class OutOfTime(Exception):
+class FrontTimeoutError(Exception):
     """A search over the grid was given up at its time limit."""
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class StraightLine:
     """The straight line from start to goal, which is the shortest of all grid paths."""
 
     path: Path
@@ -58,7 +58,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class FrontProblem:
     """Two costs on the bordered grid, in whole units as `locplan.planning.kernels.pareto` wants
     them.
 
@@ -84,13 +84,13 @@ class Problem:
     """Both costs of the ways from the ends to their cells' centres: [m], and the integral."""
     allow_corner_cutting: bool
     """True lets a diagonal step pass the corner of a blocked cell."""
-    line: Line | None
+    line: StraightLine | None
     """The straight line, which the search over cells does not know; None if it is no grid path."""
     until: float = np.inf
     """Time of `time.perf_counter` at which searches over the grid are given up [s]."""
 
     @classmethod
-    def between(
+    def for_route(
         cls,
         costs: Costmap,
         start: Position,
@@ -98,7 +98,7 @@ class Problem:
         objective: str,
         cutting: bool,
         until: float = np.inf,
-    ) -> Problem:
+    ) -> FrontProblem:
         """The problem of a costmap between two positions; without a field it is a ConfigError."""
         from locplan.planning.kernels.pareto import SCALE
 
@@ -115,7 +115,7 @@ class Problem:
         source, target = bordered_ends(costs, start, goal)
         ends_length = ends_integral = 0.0
         for xy in (start, goal):
-            cell = costs.cell_of(xy)
+            cell = costs.find_cell(xy)
             offset = float(np.hypot(*np.subtract(xy, costs.grid.position(*cell))))
             ends_length += offset
             ends_integral += offset * float(layer[cell])
@@ -127,7 +127,7 @@ class Problem:
             integral = metrics.integrated_e if objective == "e" else metrics.integrated_u
             first = np.ceil((metrics.length - ends_length) * per_metre)
             second = np.floor((integral - ends_integral) * per_integral)
-            line = Line(path, (metrics.length, integral), (float(first), float(second)))
+            line = StraightLine(path, (metrics.length, integral), (float(first), float(second)))
         return cls(
             costs=costs,
             half=half.reshape(-1),
@@ -151,10 +151,10 @@ class Problem:
         """Minimum weighted sums of both costs to the goal, and the start's path over flat indices.
 
         No sum is overstated, but that of the integral alone, by the ties. Once `until` is over, it
-        is `OutOfTime`.
+        is `FrontTimeoutError`.
         """
-        from locplan._support.kernels.search import scale_of, search
-        from locplan._support.kernels.ways import trace
+        from locplan._support.kernels.search import measure_costs, search_grid
+        from locplan._support.kernels.ways import trace_path
         from locplan.planning.kernels.pareto import SCALE
 
         half = self.half * (integral or 1.0)
@@ -164,17 +164,17 @@ class Problem:
         # a third of a unit a cell, and 53 bits still hold each step beside a sum over 10^5 cells.
         half += (length or 2e-11) * SCALE / 2
         way = half, self.columns, self.target, -1, self.allow_corner_cutting
-        cost, _, finished = search(*way, scale_of(half), until=self.until)
+        cost, _, finished = search_grid(*way, measure_costs(half), until=self.until)
         if not finished:
-            raise OutOfTime
+            raise FrontTimeoutError
         np.abs(cost, out=cost)
         if not np.isfinite(cost[self.source]):
             return cost, None
-        flat = trace(half, self.columns, cost, self.source, self.allow_corner_cutting)
+        flat = trace_path(half, self.columns, cost, self.source, self.allow_corner_cutting)
         cost *= 1 - 1e-12  # by which sums of floats over a path may overstate its cost
         return cost, flat[::-1]
 
-    def measured(self, flat: Ints) -> tuple[float, float]:
+    def measure_units(self, flat: Ints) -> tuple[float, float]:
         """Both costs of a path over cells, given by flat indices, in whole units."""
         from locplan.planning.kernels.pareto import SCALE
 
@@ -185,7 +185,7 @@ class Problem:
         first = np.where(diagonal, np.ceil(np.sqrt(2.0) * SCALE), SCALE).sum()
         return float(first), float(second)
 
-    def unrounded(self, cells: Ints) -> tuple[float, float]:
+    def measure_metres(self, cells: Ints) -> tuple[float, float]:
         """The length [m] of a path over cells (n, 2) with its ends, and the integral along it.
 
         Without cells they are those of the line.
@@ -203,7 +203,7 @@ class Problem:
 
     def tolerance(self, frugal: Ints) -> float:
         """Units by which integrals may differ, from the path of least integral (`TOLERANCE`)."""
-        first, second = self.measured(frugal)
+        first, second = self.measure_units(frugal)
         if self.line is not None and self.line.units[1] <= second:
             first = self.line.units[0]
         return TOLERANCE * (first + self.ends[0] * self.per_metre)
@@ -222,21 +222,21 @@ def check_front_limits(objective: str, time_limit: float, max_labels: int = 1) -
     ConfigError
         If one is out of its range.
     """
-    one_of("objective", objective, ("u", "e"))
-    positive("time_limit", time_limit, "s")
-    positive("max_labels", max_labels)
+    check_choice("objective", objective, ("u", "e"))
+    check_positive("time_limit", time_limit, "s")
+    check_positive("max_labels", max_labels)
 
 
 def prepare() -> None:
     """Compile the kernels, so that no time limit is spent on that."""
     costs = dataclasses.replace(blank_costs(2, 3), u=np.ones((2, 3)))
-    problem = Problem.between(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
-    search = Search(problem, problem.to_go(1, 0)[0], problem.to_go(0, 1)[0], max_labels=100)
+    problem = FrontProblem.for_route(costs, (0.5, 0.5), (2.5, 1.5), "u", False)
+    search = ParetoSearch(problem, problem.to_go(1, 0)[0], problem.to_go(0, 1)[0], max_labels=100)
     labels, _ = search.run(1, np.inf)
-    search.cells_of(int(labels[0]))
+    search.trace_cells(int(labels[0]))
 
 
-class Search:
+class ParetoSearch:
     """A bi-objective search that can be paused, with its labels, which are partial paths.
 
     It looks for second costs of at most `within`. Lower bounds to the goal are those that
@@ -245,7 +245,7 @@ class Search:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: FrontProblem,
         first_to_go: Floats,
         second_to_go: Floats,
         max_labels: int,
@@ -258,7 +258,7 @@ class Search:
         self._max_labels = max(max_labels, 9)
         grid = problem.half, problem.columns, problem.target, problem.allow_corner_cutting
         joint = joint or (first_to_go, 0.0, np.inf)
-        self._terms = pareto.Terms(*grid, first_to_go, second_to_go, *joint)
+        self._terms = pareto.ParetoTerms(*grid, first_to_go, second_to_go, *joint)
         room = min(1 << 16, self._max_labels)  # at first
         lowest = int(first_to_go[problem.source] * pareto.BUCKETS_A_CELL / pareto.SCALE)
         state = np.zeros(7, np.int64)
@@ -298,22 +298,22 @@ class Search:
 
         solution_labels = np.zeros(solutions, np.int32)
         while True:
-            bound = pareto.search(self._labels, self._terms, STRETCH, solution_labels)
+            bound = pareto.search_labels(self._labels, self._terms, STRETCH, solution_labels)
             status, count = (int(self._labels.state[i]) for i in (pareto.STATUS, pareto.SOLUTIONS))
             full = status == pareto.OUT_OF_LABELS and not self._grow()
             late = time.perf_counter() > until
             if status == pareto.FINISHED or count == solutions or full or late:
                 return solution_labels[:count], bound
 
-    def costs_of(self, labels: NDArray[np.int32]) -> tuple[Array, Array]:
+    def read_costs(self, labels: NDArray[np.int32]) -> tuple[Array, Array]:
         """Both costs of labels in whole units."""
         return self._labels.first[labels], self._labels.second[labels]
 
-    def cells_of(self, label: int) -> Ints:
+    def trace_cells(self, label: int) -> Ints:
         """The cells (n, 2) of the path to a label, as (row, col)."""
-        from locplan.planning.kernels.pareto import path_of
+        from locplan.planning.kernels.pareto import trace_label
 
-        return cells_of(path_of(self._labels, label), self.problem.columns)
+        return cells_from_flat(trace_label(self._labels, label), self.problem.columns)
 
     def _grow(self) -> bool:
         """Double the room as far as it is allowed; return False if it is full."""
@@ -358,7 +358,7 @@ class BudgetPlanner:
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
-        number("budget", self.budget, 0)
+        check_number("budget", self.budget, 0)
         check_front_limits(self.objective, self.time_limit, self.max_labels)
 
     def prepare(self) -> None:
@@ -380,11 +380,11 @@ class BudgetPlanner:
         """
         began = time.perf_counter()
         cutting, until = self.allow_corner_cutting, began + self.time_limit
-        problem = Problem.between(costs, start, goal, self.objective, cutting, until)
+        problem = FrontProblem.for_route(costs, start, goal, self.objective, cutting, until)
         try:
             second_to_go, frugal = problem.to_go(0, 1)
             first_to_go, short = problem.to_go(1, 0)
-        except OutOfTime:
+        except FrontTimeoutError:
             note = f"the bounds of the search take longer than {self.time_limit:g} s on this map"
             return Found(status="timeout", note=note)
         if frugal is None:
@@ -393,28 +393,28 @@ class BudgetPlanner:
         within, line = np.floor(allowed + problem.tolerance(frugal)), problem.line
         if line is not None and line.units[1] <= within:
             return Found(line.path, bound=line.path.length)
-        if problem.measured(frugal)[1] > within:
-            needed = problem.unrounded(cells_of(frugal, problem.columns))[1]
+        if problem.measure_units(frugal)[1] > within:
+            min_integral = problem.measure_metres(cells_from_flat(frugal, problem.columns))[1]
             if line is not None:
-                needed = min(needed, line.measures[1])
+                min_integral = min(min_integral, line.measures[1])
             note = (
                 f"no path over the grid has an integral of {self.objective} within {self.budget:g};"
-                f" the least is {rounded_up(needed)}"
+                f" the least is {format_rounded_up(min_integral)}"
             )
-            return Found(status="infeasible", feasible_from=needed, note=note)
+            return Found(status="infeasible", feasible_from=min_integral, note=note)
         assert short is not None  # because there is a frugal one
         bounds = _lagrangian(problem, first_to_go, short, frugal, within)
         lower = bounds.upper
         if bounds.upper > bounds.lower:
-            search = Search(
+            search = ParetoSearch(
                 problem, first_to_go, second_to_go, self.max_labels, within, bounds.joint
             )
             solution_labels, to_come = search.run(1, until)
             if solution_labels.size:
-                path = through_centres(costs, search.cells_of(int(solution_labels[0])), start, goal)
+                path = path_through_centres(costs, search.trace_cells(int(solution_labels[0])), start, goal)
                 return Found(path, bound=path.length)
             lower = min(max(to_come, bounds.lower), bounds.upper)
-        best = through_centres(costs, cells_of(bounds.best, problem.columns), start, goal)
+        best = path_through_centres(costs, cells_from_flat(bounds.best, problem.columns), start, goal)
         return Found(best, bound=min(problem.length(lower), best.length))
 
 
@@ -433,23 +433,23 @@ class _Bounds:
 
 
 def _lagrangian(
-    problem: Problem, first_to_go: Floats, short: Ints, frugal: Ints, within: float
+    problem: FrontProblem, first_to_go: Floats, short: Ints, frugal: Ints, within: float
 ) -> _Bounds:
     """Raise the multiplier to where the bound is greatest (Handler and Zang, 1980)."""
-    outer_first, outer_second = problem.measured(short)
+    outer_first, outer_second = problem.measure_units(short)
     if outer_second <= within:
         return _Bounds(short, outer_first, outer_first, (first_to_go, 0.0, np.inf))
-    best, (best_first, best_second) = frugal, problem.measured(frugal)
+    best, (best_first, best_second) = frugal, problem.measure_units(frugal)
     lower, joint = outer_first, (first_to_go, 0.0, np.inf)
     while True:
         multiplier = (best_first - outer_first) / (outer_second - best_second)
         try:
             joint_to_go, cells = problem.to_go(1, multiplier)
-        except OutOfTime:
+        except FrontTimeoutError:
             return _Bounds(best, best_first, lower, joint)
         assert cells is not None
         lower = max(lower, joint_to_go[problem.source] - multiplier * within)
-        first, second = problem.measured(cells)
+        first, second = problem.measure_units(cells)
         line = outer_first + multiplier * outer_second
         closer = line - (first + multiplier * second) > GAIN * line
         if second <= within and first < best_first:
@@ -530,7 +530,7 @@ def pareto_front(
     prepare()
     began = time.perf_counter()
     until = began + time_limit
-    problem = Problem.between(costs, start, goal, objective, allow_corner_cutting, until)
+    problem = FrontProblem.for_route(costs, start, goal, objective, allow_corner_cutting, until)
     searching = time.perf_counter()
     points: list[Point] = []
     epsilon, labels = 0.0, 0
@@ -538,24 +538,24 @@ def pareto_front(
     try:
         second_to_go, frugal = problem.to_go(0, 1)
         first_to_go, short = problem.to_go(1, 0)
-    except OutOfTime:
+    except FrontTimeoutError:
         epsilon = math.inf
     if short is not None and frugal is not None:
-        search = Search(problem, first_to_go, second_to_go, max_labels=max_labels)
+        search = ParetoSearch(problem, first_to_go, second_to_go, max_labels=max_labels)
         completing = SUPPORTED * (time.perf_counter() - searching) / 2
         completing = min(completing, time_limit / 4)
         solution_labels, to_come = search.run(100_000, until - completing)
         labels = search.labels
-        for label, first, second in zip(solution_labels, *search.costs_of(solution_labels), strict=True):
-            points.append((float(first), float(second), search.cells_of(int(label))))
+        for label, first, second in zip(solution_labels, *search.read_costs(solution_labels), strict=True):
+            points.append((float(first), float(second), search.trace_cells(int(label))))
         if problem.line is not None:
             points.append((*problem.line.units, np.empty((0, 2), np.int64)))
         exact = math.isinf(to_come)
         bounds = [] if exact else _weighted_sums(problem, points, short, frugal)
-        longest = problem.measured(frugal)[0]
-        points = _undominated(points, longest, problem.tolerance(frugal))
+        longest = problem.measure_units(frugal)[0]
+        points = _drop_dominated(points, longest, problem.tolerance(frugal))
         epsilon = 0.0 if exact else _epsilon(points, to_come, second_to_go[problem.source], bounds)
-    measures = np.reshape([problem.unrounded(cells) for *_, cells in points], (-1, 2))
+    measures = np.reshape([problem.measure_metres(cells) for *_, cells in points], (-1, 2))
     return ParetoFront(
         costs=costs,
         start=start,
@@ -570,7 +570,7 @@ def pareto_front(
     )
 
 
-def _undominated(points: list[Point], longest: float, tolerance: float) -> list[Point]:
+def _drop_dominated(points: list[Point], longest: float, tolerance: float) -> list[Point]:
     """The points that no other dominates, by rising first cost up to `longest`.
 
     A second cost must be less than that of every shorter path by more than the tolerance, so that
@@ -606,7 +606,7 @@ def _epsilon(
 
 
 def _weighted_sums(
-    problem: Problem, points: list[Point], short: Ints, frugal: Ints
+    problem: FrontProblem, points: list[Point], short: Ints, frugal: Ints
 ) -> list[tuple[float, float]]:
     """Add paths of least weighted sums to the points, the widest gaps first.
 
@@ -614,9 +614,9 @@ def _weighted_sums(
     least value.
     """
     bounds: list[tuple[float, float]] = []
-    left, right = problem.measured(short), problem.measured(frugal)
-    points.append((*left, cells_of(short, problem.columns)))
-    points.append((*right, cells_of(frugal, problem.columns)))
+    left, right = problem.measure_units(short), problem.measure_units(frugal)
+    points.append((*left, cells_from_flat(short, problem.columns)))
+    points.append((*right, cells_from_flat(frugal, problem.columns)))
     gaps = [(left, right)]
     while gaps and len(bounds) < SUPPORTED and not (bounds and time.perf_counter() > problem.until):
         gaps.sort(key=lambda gap: (gap[1][0] - gap[0][0]) * (gap[0][1] - gap[1][1]))
@@ -626,13 +626,13 @@ def _weighted_sums(
         multiplier = (right[0] - left[0]) / (left[1] - right[1])
         try:
             to_go, flat = problem.to_go(1, multiplier)
-        except OutOfTime:
+        except FrontTimeoutError:
             break
         assert flat is not None
         bounds.append((multiplier, float(to_go[problem.source])))
-        middle = problem.measured(flat)
+        middle = problem.measure_units(flat)
         line = left[0] + multiplier * left[1]
         if line - (middle[0] + multiplier * middle[1]) > GAIN * line:
-            points.append((*middle, cells_of(flat, problem.columns)))
+            points.append((*middle, cells_from_flat(flat, problem.columns)))
             gaps += [(left, middle), (middle, right)]
     return bounds

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from locplan._support.checks import FARTHEST, file_path, positive
+from locplan._support.checks import FARTHEST, check_file_path, check_positive
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.poses import way_along
+from locplan._support.poses import compute_travel_distances
 from locplan._support.reading import read_text
-from locplan._support.saved import Valued
-from locplan._support.tables import collection, feature, write_csv
+from locplan._support.saved import EqualByValue
+from locplan._support.tables import make_collection, make_feature, write_csv
 from locplan.errors import LocplanError
 
 COLUMNS = ("x", "y", "heading")
@@ -26,7 +26,7 @@ COLUMNS = ("x", "y", "heading")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Path(Valued):
+class Path(EqualByValue):
     """A polyline in the world.
 
     Parameters
@@ -60,7 +60,7 @@ class Path(Valued):
         def __init__(self, xy: ArrayLike, heading: ArrayLike | None = None) -> None: ...
 
     def __post_init__(self) -> None:
-        xy = numbers_of(self.xy, "a path needs an (n, 2) array of metres")
+        xy = parse_number_array(self.xy, "a path needs an (n, 2) array of metres")
         if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) == 0 or not np.isfinite(xy).all():
             raise LocplanError(f"a path needs an (n, 2) array of finite metres, not {xy.shape}")
         if np.abs(xy).max() > FARTHEST:
@@ -69,7 +69,7 @@ class Path(Valued):
         object.__setattr__(self, "xy", xy)
         if self.heading is not None:
             fault = f"headings must be {len(xy)} angles within ±1e+06 rad, one a position"
-            heading = numbers_of(self.heading, fault)
+            heading = parse_number_array(self.heading, fault)
             if heading.shape != xy.shape[:1] or not (np.abs(heading) <= 1e6).all():
                 raise LocplanError(fault)
             heading.setflags(write=False)
@@ -108,13 +108,13 @@ class Path(Valued):
         LocplanError
             If the file cannot be written, or its name does not end in .csv.
         """
-        file = file_path("a path file", path)
+        file = check_file_path("a path file", path)
         check_target(file, ".csv")
         # The shortest text of just this number: `load` gives the path back as it was.
         write_csv(file, self.poses, ",".join(COLUMNS[: self.poses.shape[1]]), "%s")
 
     @classmethod
-    def joined(cls, paths: Sequence[Path]) -> Path:
+    def join(cls, paths: Sequence[Path]) -> Path:
         """Join paths of which each begins where the one before ends.
 
         Parameters
@@ -142,7 +142,7 @@ class Path(Valued):
         LocplanError
             If the file cannot be read, or does not hold a path.
         """
-        file = file_path("a path file", path)
+        file = check_file_path("a path file", path)
         names, *lines = read_text(file).splitlines() or [""]
         columns = [name.strip() for name in names.split(",")]
         if "x_m" in columns:
@@ -183,8 +183,8 @@ class Path(Valued):
         if self.heading is not None:
             properties["heading"] = self.heading.tolist()
         xy = self.xy.tolist()
-        return collection(
-            "path", [feature("LineString", xy * (2 if len(xy) == 1 else 1), properties)]
+        return make_collection(
+            "path", [make_feature("LineString", xy * (2 if len(xy) == 1 else 1), properties)]
         )
 
     def to_nav_msgs(self, *, frame: str = "map") -> dict[str, Any]:
@@ -214,7 +214,7 @@ class Path(Valued):
     @cached_property
     def distance(self) -> Floats:
         """Distance travelled at each position, (n,) [m]."""
-        return way_along(self.xy)
+        return compute_travel_distances(self.xy)
 
     @property
     def length(self) -> float:
@@ -222,7 +222,7 @@ class Path(Valued):
         return float(self.distance[-1])
 
     @property
-    def driven(self) -> Floats:
+    def drive_poses(self) -> Floats:
         """Poses (n, 3) as a robot takes them: without `heading` along each line, and turned where
         two lines meet [m, m, rad]."""
         if self.heading is not None or len(self) == 1:
@@ -244,7 +244,7 @@ class Path(Valued):
         x, y = steps[moving[np.minimum(ahead, len(moving) - 1)]].T
         return np.asarray(np.arctan2(y, x))
 
-    def resampled(self, spacing: float, *, even: bool = False) -> Path:
+    def resample(self, spacing: float, *, even: bool = False) -> Path:
         """Path with positions at most a spacing apart: the same line, whose corners are kept.
 
         Parameters
@@ -260,7 +260,7 @@ class Path(Valued):
         LocplanError
             If the spacing is not positive, or gives more than 1e7 positions.
         """
-        positive("spacing", spacing, "metres")
+        check_positive("spacing", spacing, "metres")
         if self.length / spacing > 10**7:
             raise LocplanError(
                 f"a path of {self.length:.3g} m cannot have a position every {spacing:g} m; take a"
@@ -273,11 +273,11 @@ class Path(Valued):
             at = np.linspace(0.0, self.length, count + 1)
             poses = np.column_stack([np.interp(at, self.distance, v) for v in poses.T])
         else:
-            poses = divided_poses(poses, np.diff(self.distance) / spacing - 1e-9)
+            poses = divide_poses(poses, np.diff(self.distance) / spacing - 1e-9)
         return Path(poses[:, :2], None if self.heading is None else poses[:, 2])
 
 
-def numbers_of(values: object, fault: str) -> Floats:
+def parse_number_array(values: object, fault: str) -> Floats:
     """Array of numbers, copied; a LocplanError of this fault if they are none."""
     try:
         return np.array(values, dtype=np.float64)
@@ -285,7 +285,7 @@ def numbers_of(values: object, fault: str) -> Floats:
         raise LocplanError(fault) from None
 
 
-def divided_poses(poses: Floats, parts: Floats) -> Floats:
+def divide_poses(poses: Floats, parts: Floats) -> Floats:
     """Put further poses between poses, evenly on each step.
 
     Parameters
@@ -318,12 +318,12 @@ AnyPath = Path | HasPath | ArrayLike
 """A path, a plan that has one, or an (n, 2) or (n, 3) array of positions or poses [m, m, rad]."""
 
 
-def path_from(given: AnyPath) -> Path:
+def as_path(path_like: AnyPath) -> Path:
     """Return the path that a path, a plan or an array is.
 
     Parameters
     ----------
-    given : Path, Plan, or (n, 2) or (n, 3) array
+    path_like : Path, Plan, or (n, 2) or (n, 3) array
         The path; the third column of an array has headings [rad].
 
     Raises
@@ -331,25 +331,25 @@ def path_from(given: AnyPath) -> Path:
     LocplanError
         If it is none of them, or a plan without a path.
     """
-    path = getattr(given, "path", given)
+    path = getattr(path_like, "path", path_like)
     if isinstance(path, Path):
         return path
-    if path is None and given is not None:
+    if path is None and path_like is not None:
         raise LocplanError("the plan has no path; its status and note tell why")
     fault = "a path must be a Path, a plan, or an (n, 2) or (n, 3) array [m, m, rad]"
-    poses = numbers_of(path, fault)
+    poses = parse_number_array(path, fault)
     if poses.ndim != 2 or poses.shape[1] not in (2, 3):
         raise LocplanError(f"{fault}, not {poses.shape}")
     return Path(poses[:, :2], poses[:, 2] if poses.shape[1] == 3 else None)
 
 
-def poses_of_paths(given: AnyPath | Sequence[AnyPath]) -> tuple[Floats, Ints, bool]:
+def stack_poses(path_like: AnyPath | Sequence[AnyPath]) -> tuple[Floats, Ints, bool]:
     """Return the poses of one path or several, their numbers, and whether it is a single path.
 
     Parameters
     ----------
-    given : Path, Plan, or (n, 2) or (n, 3) array, or several of them
-        One path as of `path_from`; a list of such paths, or an array (m, n, 2) or (m, n, 3).
+    path_like : Path, Plan, or (n, 2) or (n, 3) array, or several of them
+        One path as of `as_path`; a list of such paths, or an array (m, n, 2) or (m, n, 3).
 
     Returns
     -------
@@ -360,29 +360,29 @@ def poses_of_paths(given: AnyPath | Sequence[AnyPath]) -> tuple[Floats, Ints, bo
     is_single : bool
         Whether the caller gave one path and not several.
     """
-    is_single = not _are_several(given)
-    several: Any = [given] if is_single else given
+    is_single = not _are_several(path_like)
+    several: Any = [path_like] if is_single else path_like
     if isinstance(several, np.ndarray) and several.size:  # checked as one, for speed
         sizes = np.full(len(several), several.shape[1])
-        return _poses_of(path_from(several.reshape(-1, several.shape[2]))), sizes, False
-    poses = [_poses_of(path_from(path)) for path in several]
+        return _poses_from_path(as_path(several.reshape(-1, several.shape[2]))), sizes, False
+    poses = [_poses_from_path(as_path(path)) for path in several]
     sizes = np.array([len(part) for part in poses], np.int64)
     return np.concatenate([np.empty((0, 3)), *poses]), sizes, is_single
 
 
-def _poses_of(path: Path) -> Floats:
+def _poses_from_path(path: Path) -> Floats:
     return np.column_stack(
         [path.xy, np.nan * path.xy[:, 0] if path.heading is None else path.heading]
     )
 
 
-def _are_several(given: object) -> bool:
+def _are_several(path_like: object) -> bool:
     """True if these are paths, and not the positions of one."""
-    if isinstance(given, np.ndarray):
-        return given.ndim == 3
-    if not isinstance(given, (list, tuple)) or not given:
+    if isinstance(path_like, np.ndarray):
+        return path_like.ndim == 3
+    if not isinstance(path_like, (list, tuple)) or not path_like:
         return False
-    first = given[0]
+    first = path_like[0]
     if isinstance(first, (list, tuple)):
         return bool(first) and isinstance(first[0], (list, tuple, np.ndarray))
     return isinstance(first, Path) or hasattr(first, "path") or np.ndim(first) == 2

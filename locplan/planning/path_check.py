@@ -12,14 +12,14 @@ import numpy as np
 from locplan._support.kernels.arrays import Array, Bools, Floats
 from locplan._support.output import Results
 from locplan._support.records import POSE, Column, Result, Table
-from locplan._support.saved import Valued
-from locplan._support.tables import finite
+from locplan._support.saved import EqualByValue
+from locplan._support.tables import nan_to_none
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.costmap import Costmap
 from locplan.planning.metrics import path_cost
-from locplan.planning.path import AnyPath, Path, path_from
+from locplan.planning.path import AnyPath, Path, as_path
 from locplan.robots.parts import Footprint
 from locplan.robots.robot import Robot
 
@@ -53,7 +53,7 @@ class PathFault:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PathCheck(Result, Valued):
+class PathCheck(Result, EqualByValue):
     """What a robot's outline meets along a path, and whether the robot can drive it.
 
     `save` writes path-check.json, a picture, and path-check.csv with the faults.
@@ -89,7 +89,7 @@ class PathCheck(Result, Valued):
     """Stretches that the robot cannot drive, in their order along the path; none where it can."""
 
     def __repr__(self) -> str:
-        return f"PathCheck({self._summed()})"
+        return f"PathCheck({self._format_totals()})"
 
     @property
     def drivable(self) -> bool:
@@ -101,17 +101,17 @@ class PathCheck(Result, Valued):
         names = "drivable", "length", "cost", "least_radius", "clearance"
         record: dict[str, object] = {name: getattr(self, name) for name in names}
         record["swept_area"] = float(self.swept.sum()) * self.grid.resolution**2
-        return finite({**record, "faults": self.table().records()})
+        return nan_to_none({**record, "faults": self.table().records()})
 
     def table(self) -> Table:
         """The faults, a row each."""
-        return Table.of(self.columns, self.faults)
+        return Table.from_records(self.columns, self.faults)
 
     def report(self) -> str:
         """The figures as text, and the faults below them."""
-        return f"{self._summed()}\n{self.table()}" if self.faults else self._summed()
+        return f"{self._format_totals()}\n{self.table()}" if self.faults else self._format_totals()
 
-    def _summed(self) -> str:
+    def _format_totals(self) -> str:
         kinds = [fault.kind for fault in self.faults]
         counted = ", ".join(f"{kind} {kinds.count(kind)}x" for kind in dict.fromkeys(kinds))
         cost = "" if math.isnan(self.cost) else f", cost {self.cost:.2f} m"
@@ -177,10 +177,10 @@ def check_path(
         raise ConfigError(f"robot must be a locplan.Robot, not {type(robot).__name__}")
     if costs is not None and costs.grid != grid:
         raise ConfigError("the costmap is of another map than the one that is given")
-    path = path_from(path)
-    poses = path.driven
+    path = as_path(path)
+    poses = path.drive_poses
     drive_path = Path(poses[:, :2], poses[:, 2])
-    outline = outline_of(robot)
+    outline = make_outline(robot)
     faults = path_faults(grid, drive_path, robot)
     collides = any(fault.kind == "collision" for fault in faults)
     return PathCheck(
@@ -191,7 +191,7 @@ def check_path(
         cost=math.nan if costs is None else path_cost(costs, path),
         least_radius=float(_turning_radii(poses).min(initial=math.inf)),
         clearance=0.0 if collides else _clearance(grid, outline, poses),
-        swept=_swept(grid, outline, poses),
+        swept=_sweep_outline(grid, outline, poses),
         faults=faults,
     )
 
@@ -213,24 +213,24 @@ def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFaul
     tuple of PathFault
         In their order along the path; none where it can be driven.
     """
-    poses, kinematics = path.driven, robot.kinematics
+    poses, kinematics = path.drive_poses, robot.kinematics
     drive_path = Path(poses[:, :2], poses[:, 2])
     tight = _turning_radii(poses) < kinematics.turning_radius * (1 - TIGHT)
     backward = (_ahead(poses) < -0.5) & (not kinematics.reverse)
     faults = [
-        *_stretches("collision", outline_of(robot).collisions(grid, poses), drive_path),
+        *_stretches("collision", make_outline(robot).collisions(grid, poses), drive_path),
         *_stretches("tight turn", np.flatnonzero(tight), drive_path),
         *_stretches("reverse", np.flatnonzero(backward), drive_path),
     ]
-    return tuple(sorted(faults, key=lambda each: (each.along, each.kind)))
+    return tuple(sorted(faults, key=lambda fault: (fault.along, fault.kind)))
 
 
-def outline_of(robot: Robot) -> Footprint:
+def make_outline(robot: Robot) -> Footprint:
     """The outline without a margin; of a circle a polygon around it, of a point a tiny one."""
-    return robot.outline or grown(np.zeros((1, 2)), max(1e-6, robot.radius - robot.margin))
+    return robot.outline or grow_outline(np.zeros((1, 2)), max(1e-6, robot.radius - robot.margin))
 
 
-def grown(corners: Floats, by: float) -> Footprint:
+def grow_outline(corners: Floats, by: float) -> Footprint:
     """The outline of all that lies within a distance [m] of a convex one, or a little more."""
     angles = 2 * math.pi * np.arange(CORNERS) / CORNERS
     circle = np.column_stack([np.cos(angles), np.sin(angles)]) / math.cos(math.pi / CORNERS)
@@ -275,7 +275,7 @@ def _clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
         return math.inf
 
     def meets(by: float) -> bool:
-        return grown(outline.vertices, by).first_collision(grid, poses) is not None
+        return grow_outline(outline.vertices, by).first_collision(grid, poses) is not None
 
     doubled = itertools.accumulate(itertools.repeat(2.0), lambda by, two: by * two, initial=0.1)
     high = next(by for by in doubled if by > 1e6 or meets(by))
@@ -286,9 +286,9 @@ def _clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
     return low
 
 
-def _swept(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> Bools:
+def _sweep_outline(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> Bools:
     """Cells of the map that an outline sweeps, (H, W)."""
-    from locplan._support.kernels.outlines import swept
+    from locplan._support.kernels.outlines import find_swept_cells
 
     row, col = grid.world_to_grid(*poses[:, :2].T)
     local = np.column_stack([col, row, poses[:, 2] - grid.origin[2]])
@@ -296,7 +296,7 @@ def _swept(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> Bools:
     local[:, :2] -= middle
     body = outline.circumscribed_radius / grid.resolution
     reach = math.ceil(np.abs(local[:, :2]).max() + body) + 2
-    met = np.argwhere(swept(outline.vertices / grid.resolution, local, reach))
+    met = np.argwhere(find_swept_cells(outline.vertices / grid.resolution, local, reach))
     row, col = (met - reach + middle[::-1].astype(int)).T
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
     is_swept = np.zeros(grid.shape, bool)

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from locplan._support.kernels.arrays import Bools
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
-from locplan.field.lattice import every_second_point, points_near
+from locplan.field.lattice import select_second_points, find_near_points
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, check_costs
 from locplan.planning.path import Path
 from locplan.planning.protocol import LATTICE, Planner, Position, check_pose
-from locplan.planning.requests import AnyPlanner, outline_of, planner_for, takes
-from locplan.planning.results import Plan, finished
+from locplan.planning.requests import AnyPlanner, parse_footprint, make_planner, has_option
+from locplan.planning.results import Plan, make_plan
 from locplan.planning.robot_fit import robot_note
 from locplan.robots.parts import Footprint
 
@@ -135,12 +135,12 @@ def plan(
     3.606
     """
     check_costs(costs)
-    outline = outline_of(footprint)
+    outline = parse_footprint(footprint)
     limits: dict[str, Any] = {"max_e": max_e, "budget": budget, "footprint": outline}
     limits["robot"] = costs.robot
-    space = planner_for(planner, options, via=via, **limits).space
+    space = make_planner(planner, options, via=via, **limits).space
     start, *over, goal = check_ends(costs, start, goal, via, space=space)
-    limited_planner = planner_for(planner, options, via=over, **limits)
+    limited_planner = make_planner(planner, options, via=over, **limits)
     limited_planner.prepare()
     corners = None if outline is None else tuple((x, y) for x, y in outline.vertices.tolist())
     return dataclasses.replace(
@@ -174,11 +174,11 @@ def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Positio
     elapsed = time.perf_counter() - began if planner_result.solve_time is None else planner_result.solve_time
     if planner_result.path is not None and (note := robot_note(planner, costs, planner_result.path)):
         planner_result = dataclasses.replace(planner_result, note="; ".join(filter(None, [planner_result.note, note])))
-    timed_plan = finished(planner.name, costs, start, goal, planner_result, elapsed)
+    timed_plan = make_plan(planner.name, costs, start, goal, planner_result, elapsed)
     return dataclasses.replace(timed_plan, minimises=planner.minimises is not None)
 
 
-def plan_beside_shortest(
+def plan_with_shortest(
     costs: Costmap,
     start: Position,
     goal: Position,
@@ -223,12 +223,12 @@ def plan_beside_shortest(
         planner = planner or "grid"
     request: dict[str, Any] = {"planner": planner, "via": via, "footprint": footprint, **options}
     # Of the many shortest paths on a grid this is the one that sees most: the comparison is fair.
-    shortest = plan(costs.for_shortest, start, goal, **request).measured_on(costs)
+    shortest = plan(costs.for_shortest, start, goal, **request).with_costs(costs)
     aware = plan(costs, start, goal, max_e=max_e, budget=budget, **request)
     solved_plans = [candidate for candidate in (shortest, aware) if candidate.metrics]
     free = max_e is None and budget is None
-    aware_planner = planner_for(planner, options, robot=costs.robot)
-    if free and len(solved_plans) == 2 and not takes(aware_planner, "seed"):
+    aware_planner = make_planner(planner, options, robot=costs.robot)
+    if free and len(solved_plans) == 2 and not has_option(aware_planner, "seed"):
         shortest, aware = (
             min(solved_plans, key=lambda one: getattr(one.metrics, measure))
             for measure in ("length", "cost")
@@ -239,12 +239,12 @@ def plan_beside_shortest(
 T = TypeVar("T")
 
 
-def planned_near_paths(
+def plan_with_adaptive_field(
     grid: OccupancyGrid,
     config: FieldConfig,
-    field_of: Callable[[Bools], CovarianceField],
-    planned: Callable[[CovarianceField], T],
-    paths_of: Callable[[T], Iterable[Path]],
+    make_field: Callable[[Bools], CovarianceField],
+    plan_on_field: Callable[[CovarianceField], T],
+    get_paths: Callable[[T], Iterable[Path]],
 ) -> tuple[CovarianceField, T]:
     """Plan on every second lattice point, then on all points near the paths, until they stay there.
 
@@ -256,12 +256,12 @@ def planned_near_paths(
         The map.
     config : FieldConfig
         Settings of the field.
-    field_of : callable
+    make_field : callable
         Function of a mask (h, w) of lattice points that returns the field with values at those.
-    planned : callable
+    plan_on_field : callable
         Function of a field that plans on it, and returns what it planned.
-    paths_of : callable
-        Function of what `planned` returned that returns the paths in it.
+    get_paths : callable
+        Function of what `plan_on_field` returned that returns the paths in it.
 
     Returns
     -------
@@ -272,21 +272,21 @@ def planned_near_paths(
     """
     required = config.lattice_points(grid)
     resolution, stride = grid.resolution, config.stride_cells(grid.resolution)
-    points = every_second_point(required)
+    points = select_second_points(required)
     for _ in range(3):  # at last there is a fourth field, whose paths may leave what is fine
-        field = field_of(points)
-        points = points | field.evaluated
-        plans = planned(field)
+        field = make_field(points)
+        points = points | field.is_evaluated
+        plans = plan_on_field(field)
         spacing = max(resolution, stride * resolution / 2)
-        along = [path.resampled(spacing).xy for path in paths_of(plans)]
+        along = [path.resample(spacing).xy for path in get_paths(plans)]
         xy = np.concatenate([*along, np.empty((0, 2))])
         cells = np.stack(grid.world_to_grid(*xy.T), axis=1) - 0.5  # from the first cell's centre
         # Within 0.3 m of a path, or one and a half strides, the field must be fine, ...
-        close = points_near(required, stride, cells, max(0.3 / resolution, 1.5 * stride))
+        close = find_near_points(required, stride, cells, max(0.3 / resolution, 1.5 * stride))
         if not (close & ~points).any():
             return field, plans
         # ... and is made so within 1 m, so that the next paths have room to move.
-        points = points | points_near(required, stride, cells, 1.0 / resolution)
+        points = points | find_near_points(required, stride, cells, 1.0 / resolution)
         del field, plans  # saves memory on a large map
-    field = field_of(points)
-    return field, planned(field)
+    field = make_field(points)
+    return field, plan_on_field(field)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
-from locplan._support.checks import one_of, positive, shown
+from locplan._support.checks import check_choice, check_positive, short_repr
 from locplan.errors import ConfigError, PoseError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Found:
         if self.path is not None:
             if self.status not in ("not found", "solved"):
                 raise ConfigError(
-                    f"a path is found: its status is solved, not {shown(self.status)}"
+                    f"a path is found: its status is solved, not {short_repr(self.status)}"
                 )
             object.__setattr__(self, "status", "solved")
 
@@ -105,7 +105,7 @@ class Planner(Protocol):
 
 
 @dataclass(frozen=True)
-class Wrapper(Planner):
+class PlannerWrapper(Planner):
     """A planner that adds something to another one, and takes all else from it."""
 
     planner: Planner
@@ -132,14 +132,14 @@ class Wrapper(Planner):
 
 def check_space(space: str, turning_radius: float | None) -> None:
     """Raise a ConfigError unless the space and the turning radius go together."""
-    one_of("space", space, SPACES)
+    check_choice("space", space, SPACES)
     if space not in CURVED:
         if turning_radius is not None:
             raise ConfigError(f"a turning radius is for the spaces {', '.join(CURVED)}")
     elif turning_radius is None:
-        raise ConfigError(f"space {shown(space)} needs a turning radius, in metres")
+        raise ConfigError(f"space {short_repr(space)} needs a turning radius, in metres")
     else:
-        positive("turning_radius", turning_radius, "m")
+        check_positive("turning_radius", turning_radius, "m")
 
 
 def check_pose(
@@ -156,18 +156,18 @@ def check_pose(
     if headed is None:
         headed = len(numbers) == 3
     if headed and not (len(numbers) == 3 and math.isfinite(numbers[2])):
-        raise PoseError(f"{role} must be x, y [m] and a heading, not {shown(pose)}")
+        raise PoseError(f"{role} must be x, y [m] and a heading, not {short_repr(pose)}")
     if not headed and len(numbers) == 3:
         raise PoseError(
             f"{role} must be x, y [m]; only plans in SE2, Dubins or ReedsShepp have a heading"
         )
-    costs.cell_of(numbers[:2] if headed else pose, role)
+    costs.find_cell(numbers[:2] if headed else pose, role)
     if headed:
-        return (*numbers[:2], wrapped(numbers[2]))
+        return (*numbers[:2], wrap_heading(numbers[2]))
     return numbers
 
 
-def wrapped(heading: float) -> float:
+def wrap_heading(heading: float) -> float:
     """A heading wrapped to -pi..pi [rad]; pi becomes -pi, since OMPL's spaces do not take it."""
     if -math.pi <= heading < math.pi:
         return heading

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import file_path, is_whole, number, position, shown, whole
+from locplan._support.checks import check_file_path, is_integer, check_number, check_position, short_repr, check_integer
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.reading import read_text
 from locplan._support.tables import from_csv_cell
@@ -42,7 +42,7 @@ class Station:
     """World y [m]."""
 
     def __post_init__(self) -> None:
-        position(self.x, self.y, f"station {self.name}")
+        check_position(self.x, self.y, f"station {self.name}")
 
 
 @dataclass(frozen=True)
@@ -74,12 +74,12 @@ def check_random(count: int, seed: int, min_distance: float) -> None:
         Minimum distance between start and goal in a straight line [m], >= 0.
     """
     # The time to spread them over a map grows with the square of their number.
-    whole("the number of random queries", count, 1, 10_000)
-    whole("the seed of random queries", seed, 0)
-    number("min_distance", min_distance, 0)
+    check_integer("the number of random queries", count, 1, 10_000)
+    check_integer("the seed of random queries", seed, 0)
+    check_number("min_distance", min_distance, 0)
 
 
-def queries_of(
+def normalize_queries(
     costs: Costmap, queries: Any, min_distance: float, seed: int, headed: bool = False
 ) -> tuple[Query, ...]:
     """Make queries in any form that functions of many queries accept.
@@ -102,7 +102,7 @@ def queries_of(
     ConfigError
         If it is none of these.
     """
-    if is_whole(queries):
+    if is_integer(queries):
         return tuple(random_queries(costs, queries, seed, min_distance=min_distance, headed=headed))
     if isinstance(queries, (str, os.PathLike)):
         return tuple(read_queries(queries))
@@ -116,7 +116,7 @@ def queries_of(
     except (TypeError, ValueError):
         raise ConfigError(
             "queries must be a number, a file, or a sequence of Query or (start, goal),"
-            f" not {shown(queries)}"
+            f" not {short_repr(queries)}"
         ) from None
 
 
@@ -171,25 +171,25 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     if len(rows) < 2:
         raise LocplanError(f"{path}: has one station; add a row for each, at least two")
     return [
-        Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
-        for one, other in combinations(read_stations(path), 2)
+        Query(f"{start.name} to {goal.name}", (start.x, start.y), (goal.x, goal.y))
+        for start, goal in combinations(read_stations(path), 2)
     ]
 
 
-def _pose(where: str, values: Mapping[str, str], end: str) -> Position:
+def _pose(place: str, values: Mapping[str, str], end: str) -> Position:
     """The position in the columns of an end, and its heading if there is one."""
     heading = f"{end}heading_deg"
     columns = [f"{end}x", f"{end}y", *([heading] if values.get(heading) else [])]
-    pose = [_number(where, column, values[column]) for column in columns]
+    pose = [_number(place, column, values[column]) for column in columns]
     return (*pose[:2], *map(math.radians, pose[2:]))
 
 
-def _number(where: str, column: str, text: str) -> float:
+def _number(place: str, column: str, text: str) -> float:
     """The finite number in a column of a row."""
     with contextlib.suppress(ValueError):
         if math.isfinite(value := float(text)):
             return value
-    raise LocplanError(f"{where}: {column} must be a finite number, not {shown(text)}")
+    raise LocplanError(f"{place}: {column} must be a finite number, not {short_repr(text)}")
 
 
 def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dict[str, str]]]:
@@ -197,34 +197,34 @@ def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dic
 
     An apostrophe that keeps a name from being a formula in a spreadsheet is no part of the name.
     """
-    path = file_path(f"a file of {kinds[0]}", file)
+    path = check_file_path(f"a file of {kinds[0]}", file)
     lines = _lines(path)
     _, header = next(lines, ("", []))
-    known = []
+    headers = []
     for kind in kinds:
-        first, more = COLUMNS[kind]
-        columns, optional_columns = first.split(","), set(filter(None, more.split(",")))
+        first, optional = COLUMNS[kind]
+        columns, optional_columns = first.split(","), set(filter(None, optional.split(",")))
         if header[: len(columns)] == columns and set(header[len(columns) :]) <= optional_columns:
             break
-        known.append(f"{first}, and if wanted {more}" if more else first)
+        headers.append(f"{first}, and if wanted {optional}" if optional else first)
     else:
-        text = f"{'; or '.join(known)}, not {shown(','.join(header))}"
+        text = f"{'; or '.join(headers)}, not {short_repr(','.join(header))}"
         raise LocplanError(f"{path}: its header must be {text}")
     rows = {}
-    for where, line in lines:
+    for place, line in lines:
         if not any(line):
             continue
         if len(line) != len(header):
             raise LocplanError(
-                f"{where}: has {len(line)} values, but the header {len(header)} columns"
+                f"{place}: has {len(line)} values, but the header {len(header)} columns"
             )
         values = dict(zip(header, line, strict=True))
         name = values["name"] = from_csv_cell(values["name"])
         if not name:
-            raise LocplanError(f"{where}: name is empty; give each row one")
+            raise LocplanError(f"{place}: name is empty; give each row one")
         if name in rows:
-            raise LocplanError(f"{where}: another row is named {shown(name)}; name each otherwise")
-        rows[name] = where, values
+            raise LocplanError(f"{place}: another row is named {short_repr(name)}; name each otherwise")
+        rows[name] = place, values
     if not rows:
         raise LocplanError(f"{path}: has no {kind}; add a row for each below the header")
     return rows
@@ -304,7 +304,7 @@ class _Parts:
             raise ConfigError(f"{costs.grid.name or 'the map'}: has no cell where the robot fits")
         self._min = min_distance / costs.grid.resolution - 1e-9
         ends = [_farthest_apart(part) for part in part_cells]
-        widths = [_apart(*pair) for pair in ends]
+        widths = [_compute_distances(*pair) for pair in ends]
         if max(widths) < self._min:
             raise ConfigError(
                 f"{costs.grid.name or 'the map'}: no two positions that are joined lie"
@@ -320,18 +320,18 @@ class _Parts:
         part_index = random.choice(len(self._cells), p=pairs / pairs.sum())
         part = self._cells[part_index]
         starts, goals = (part[random.integers(0, len(part), 4096)] for _ in range(2))
-        fit = np.flatnonzero(_apart(starts, goals) >= self._min)
+        fit = np.flatnonzero(_compute_distances(starts, goals) >= self._min)
         if fit.size:
             return np.concatenate([starts[fit[0]], goals[fit[0]]])
         ends = [self._ends[part_index][random.integers(2)]]
         for _ in range(2):  # the goal is far from an end of the part, and the start from the goal
-            ends.append(random.choice(part[_apart(part, ends[-1]) >= self._min]))
+            ends.append(random.choice(part[_compute_distances(part, ends[-1]) >= self._min]))
         return np.concatenate(ends[:0:-1])
 
 
-def _apart(one: Array, other: Array) -> Floats:
+def _compute_distances(first: Array, second: Array) -> Floats:
     """The distances between cells (..., 2)."""
-    return np.asarray(np.hypot(*np.moveaxis(one - other, -1, 0)))
+    return np.asarray(np.hypot(*np.moveaxis(first - second, -1, 0)))
 
 
 def _farthest_apart(cells: Ints) -> Ints:
@@ -339,7 +339,7 @@ def _farthest_apart(cells: Ints) -> Ints:
     import cv2
 
     hull = cv2.convexHull(cells.astype(np.int32)).reshape(-1, 2).astype(np.int64)
-    distance = _apart(hull[:, None], hull[None])
+    distance = _compute_distances(hull[:, None], hull[None])
     return np.asarray(hull[list(np.unravel_index(int(np.argmax(distance)), distance.shape))])
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from locplan._support.checks import shown, suggestion
+from locplan._support.checks import short_repr, suggestion
 from locplan.errors import ConfigError
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.grid import AStar, Dijkstra, GridPlanner
@@ -26,7 +26,7 @@ DEFAULT = "any-angle"
 
 
 @dataclass(frozen=True)
-class Entry:
+class PlannerEntry:
     """A planner that is known by a name."""
 
     kind: type[Any]
@@ -38,33 +38,33 @@ class Entry:
 
     def options(self) -> dict[str, Any]:
         """The names of the planner's options with their defaults."""
-        return defaults_of(self.kind)
+        return read_option_defaults(self.kind)
 
     def typed_options(self) -> list[str]:
         """Return the names of the options that can be typed in a text."""
         return [name for name in self.options() if name not in ("settings", "progress")]
 
 
-PLANNERS: dict[str, Entry] = {
-    "grid": Entry(GridPlanner),
-    "astar": Entry(AStar),
-    "dijkstra": Entry(Dijkstra),
-    "any-angle": Entry(AnyAngle),
-    "lattice": Entry(Lattice, spaces=(LATTICE,)),
+PLANNERS: dict[str, PlannerEntry] = {
+    "grid": PlannerEntry(GridPlanner),
+    "astar": PlannerEntry(AStar),
+    "dijkstra": PlannerEntry(Dijkstra),
+    "any-angle": PlannerEntry(AnyAngle),
+    "lattice": PlannerEntry(Lattice, spaces=(LATTICE,)),
     **{
-        name: Entry(Ompl, "J" if kind.minimises else None, kind.spaces)
+        name: PlannerEntry(Ompl, "J" if kind.minimises else None, kind.spaces)
         for name, kind in KINDS.items()
     },
 }
 
 
-def names() -> tuple[str, ...]:
+def list_planner_names() -> tuple[str, ...]:
     """The names of the planners that `locplan.plan` knows."""
     return tuple(PLANNERS)
 
 
-def named_planner(
-    name: str, options: Mapping[str, Any], entries: Mapping[str, Entry] | None = None
+def planner_from_name(
+    name: str, options: Mapping[str, Any], planners: Mapping[str, PlannerEntry] | None = None
 ) -> Planner:
     """Make a planner by its name.
 
@@ -75,7 +75,7 @@ def named_planner(
     options : mapping of str to object
         The planner's options by name; those that are left out have their defaults. OMPL's planners
         take OMPL's own settings as well, such as range.
-    entries : mapping of str to Entry, optional
+    planners : mapping of str to Entry, optional
         The planners to choose from; by default `PLANNERS`.
 
     Raises
@@ -83,30 +83,30 @@ def named_planner(
     ConfigError
         If none has this name, or it does not take the options.
     """
-    entries = PLANNERS if entries is None else entries
-    name = known_name(name, entries)
-    planner_entry, kind = entries[name], entries[name].kind
+    planners = PLANNERS if planners is None else planners
+    name = normalize_planner_name(name, planners)
+    planner_entry, kind = planners[name], planners[name].kind
     list_settings = getattr(kind, "setting_names", None)
     other = {option: options[option] for option in options if option not in planner_entry.options()}
     if other and list_settings:
-        check_names(f"planner {shown(name)}", other, [*planner_entry.typed_options(), *list_settings(name)])
+        check_names(f"planner {short_repr(name)}", other, [*planner_entry.typed_options(), *list_settings(name)])
         plain_options = {option: value for option, value in options.items() if option not in other}
         options = {**plain_options, "settings": {**plain_options.get("settings", {}), **other}}
-    check_names(f"planner {shown(name)}", options, planner_entry.options())
+    check_names(f"planner {short_repr(name)}", options, planner_entry.options())
     several = "name" in inspect.signature(kind).parameters
     planner: Planner = kind(name, **options) if several else kind(**options)
     planner.check()
     return planner
 
 
-def known_name(name: str, entries: Iterable[str]) -> str:
+def normalize_planner_name(name: str, valid_names: Iterable[str]) -> str:
     """Return the known spelling of a planner's name; a ConfigError if no planner has the name.
 
     Parameters
     ----------
     name : str
         The name; case does not count, and RRT* is RRTstar.
-    entries : iterable of str
+    valid_names : iterable of str
         The known names.
 
     Examples
@@ -114,11 +114,11 @@ def known_name(name: str, entries: Iterable[str]) -> str:
     >>> known_name("rrt*", PLANNERS), known_name("AnyAngle", PLANNERS)
     ('RRTstar', 'any-angle')
     """
-    spellings = {_plain_name(planner_name): planner_name for planner_name in entries}
+    spellings = {_plain_name(planner_name): planner_name for planner_name in valid_names}
     plain = _plain_name(name)
     if plain not in spellings:
         names_known, guess = ", ".join(spellings.values()), suggestion(name, spellings.values())
-        raise ConfigError(f"planner must be one of {names_known}, not {shown(name)}{guess}")
+        raise ConfigError(f"planner must be one of {names_known}, not {short_repr(name)}{guess}")
     return spellings[plain]
 
 
@@ -126,7 +126,7 @@ def _plain_name(name: str) -> str:
     return re.sub(r"[\s_-]", "", name.casefold().replace("*", "star"))
 
 
-def defaults_of(kind: type) -> dict[str, Any]:
+def read_option_defaults(kind: type) -> dict[str, Any]:
     """The names of the options of a planner's class with their defaults: a dataclass's fields."""
     if not dataclasses.is_dataclass(kind):
         return {}
@@ -137,10 +137,10 @@ def defaults_of(kind: type) -> dict[str, Any]:
     }
 
 
-def check_names(whose: str, options: Iterable[str], known: Iterable[str]) -> None:
+def check_names(whose: str, options: Iterable[str], valid_names: Iterable[str]) -> None:
     """Raise a ConfigError unless all options are known."""
     for name in options:
-        if name not in known:
-            names_known = ", ".join(known) or "none"
-            guess = suggestion(name, known)
-            raise ConfigError(f"{whose} has no option {shown(name)}; it has: {names_known}{guess}")
+        if name not in valid_names:
+            names_known = ", ".join(valid_names) or "none"
+            guess = suggestion(name, valid_names)
+            raise ConfigError(f"{whose} has no option {short_repr(name)}; it has: {names_known}{guess}")

@@ -15,15 +15,15 @@ from typing import Any, ClassVar, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import is_whole, shown
+from locplan._support.checks import is_integer, short_repr
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
-from locplan.planning.limits import Limited
+from locplan.planning.limits import LimitedPlanner
 from locplan.planning.metrics import path_metrics
 from locplan.planning.pareto import BudgetPlanner
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Planner, Position, Status, Wrapper
-from locplan.planning.registry import check_names, defaults_of, named_planner
+from locplan.planning.protocol import Found, Planner, Position, Status, PlannerWrapper
+from locplan.planning.registry import check_names, read_option_defaults, planner_from_name
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import default_planner
 from locplan.robots.parts import Footprint
@@ -71,7 +71,7 @@ class FunctionPlanner:
         """Raise a ConfigError unless the function takes the options."""
         arguments = inspect.signature(self.function).parameters.values()
         if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in arguments):
-            check_names(f"planner {shown(self.name)}", self.options, self.parameters)
+            check_names(f"planner {short_repr(self.name)}", self.options, self.parameters)
 
     def prepare(self) -> None:
         """Call the function's own ``prepare``, if it has one."""
@@ -81,7 +81,7 @@ class FunctionPlanner:
         """Call the function and return what it found. See `locplan.planning.Planner.solve`."""
         result = self.function(costs, start, goal, **self.options)
         if isinstance(result, np.ndarray | list):
-            result = _path_of(result)
+            result = _path_from_array(result)
         if isinstance(result, Path):
             return Found(result)
         if isinstance(result, Plan):
@@ -90,14 +90,14 @@ class FunctionPlanner:
         return result
 
 
-def _path_of(positions: ArrayLike) -> Path:
+def _path_from_array(positions: ArrayLike) -> Path:
     """Return the path of an (n, 2) array of positions, or (n, 3) of poses."""
     array = np.asarray(positions)
     has_headings = array.ndim == 2 and array.shape[1] == 3
     return Path(array[:, :2], array[:, 2]) if has_headings else Path(array)
 
 
-class Guarded(Wrapper):
+class CheckedPlanner(PlannerWrapper):
     """A user's planner that gets a costmap of its own, and whose path is checked."""
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
@@ -121,30 +121,30 @@ class Guarded(Wrapper):
         return planner_result if plausible else dataclasses.replace(planner_result, solve_time=elapsed)
 
 
-def _check_sound(found: object, costs: Costmap, start: Position, goal: Position) -> None:
+def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: Position) -> None:
     """Raise a LocplanError unless what a planner returned can be driven."""
     statuses = get_args(Status)
-    if not isinstance(found, Found) or found.status not in statuses:
+    if not isinstance(planner_result, Found) or planner_result.status not in statuses:
         raise LocplanError(
             "the planner must return a locplan.Path, an array of positions, a Plan or a"
-            f" planners.Found with a status of {', '.join(statuses)}, not {type(found).__name__}"
+            f" planners.Found with a status of {', '.join(statuses)}, not {type(planner_result).__name__}"
         )
-    if found.expanded is not None and not is_whole(found.expanded):
+    if planner_result.expanded is not None and not is_integer(planner_result.expanded):
         raise LocplanError(
-            f"the planner's number of expanded cells must be whole, not {shown(found.expanded)}"
+            f"the planner's number of expanded cells must be whole, not {short_repr(planner_result.expanded)}"
         )
-    if found.path is None:
-        if found.status == "solved":
+    if planner_result.path is None:
+        if planner_result.status == "solved":
             raise LocplanError("the planner says it has solved the query, but returned no path")
         return
-    end_offsets = np.hypot(*(found.path.xy[[0, -1]] - np.array([start[:2], goal[:2]])).T)
+    end_offsets = np.hypot(*(planner_result.path.xy[[0, -1]] - np.array([start[:2], goal[:2]])).T)
     if end_offsets.max() > 1.5 * costs.grid.resolution:
         raise LocplanError("the planner's path does not lead from start to goal")
-    if not np.isfinite(path_metrics(costs, found.path).cost):
+    if not np.isfinite(path_metrics(costs, planner_result.path).cost):
         raise LocplanError("the planner's path enters cells where the robot cannot be")
 
 
-def planner_for(
+def make_planner(
     planner: AnyPlanner | None = None,
     options: Mapping[str, Any] | None = None,
     *,
@@ -183,29 +183,29 @@ def planner_for(
     >>> planner_for("any-angle", {"accuracy": "high"})
     AnyAngle(accuracy='high', allow_corner_cutting=False)
     """
-    options, stops, outline = options or {}, tuple(via), outline_of(footprint)
+    options, stops, outline = options or {}, tuple(via), parse_footprint(footprint)
     if budget is None:
-        new_planner = _unlimited(default_planner(robot) if planner is None else planner, options)
+        new_planner = _resolve_planner(default_planner(robot) if planner is None else planner, options)
     else:
         if planner not in (None, "grid") or stops or outline is not None or max_e is not None:
             raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
-        budget_options = [name for name in defaults_of(BudgetPlanner) if name != "budget"]
+        budget_options = [name for name in read_option_defaults(BudgetPlanner) if name != "budget"]
         check_names("a budget", options, budget_options)
         new_planner = BudgetPlanner(budget, **options)
     if stops or outline is not None or max_e is not None:
-        new_planner = Limited(new_planner, stops, outline, max_e)
+        new_planner = LimitedPlanner(new_planner, stops, outline, max_e)
     new_planner.check()
     return new_planner
 
 
-def outline_of(footprint: Footprint | ArrayLike | None) -> Footprint | None:
+def parse_footprint(footprint: Footprint | ArrayLike | None) -> Footprint | None:
     """Return a footprint that is given as one or by its corners."""
     if footprint is None or isinstance(footprint, Footprint):
         return footprint
     return Footprint(np.asarray(footprint))
 
 
-def takes(planner: Planner, option: str) -> bool:
+def has_option(planner: Planner, option: str) -> bool:
     """Return whether a planner has an option of this name.
 
     Parameters
@@ -215,12 +215,12 @@ def takes(planner: Planner, option: str) -> bool:
     option : str
         Name of an option, such as "seed".
     """
-    inner = innermost(planner)
-    option_names = inner.parameters if isinstance(inner, FunctionPlanner) else defaults_of(type(inner))
+    inner = unwrap_planner(planner)
+    option_names = inner.parameters if isinstance(inner, FunctionPlanner) else read_option_defaults(type(inner))
     return option in option_names
 
 
-def innermost(planner: Planner) -> Planner:
+def unwrap_planner(planner: Planner) -> Planner:
     """The planner without its limits.
 
     Parameters
@@ -228,7 +228,7 @@ def innermost(planner: Planner) -> Planner:
     planner : Planner
         A planner as `planner_for` makes it.
     """
-    while isinstance(planner, Wrapper):
+    while isinstance(planner, PlannerWrapper):
         planner = planner.planner
     return planner
 
@@ -241,12 +241,12 @@ def own_planner(planner: Planner) -> Planner | None:
     planner : Planner
         A planner as `planner_for` makes it.
     """
-    while isinstance(planner, Wrapper) and not isinstance(planner, Guarded):
+    while isinstance(planner, PlannerWrapper) and not isinstance(planner, CheckedPlanner):
         planner = planner.planner
-    return planner.planner if isinstance(planner, Guarded) else None
+    return planner.planner if isinstance(planner, CheckedPlanner) else None
 
 
-def options_of(planner: Planner) -> dict[str, Any]:
+def find_changed_options(planner: Planner) -> dict[str, Any]:
     """The options and limits of a planner that differ from their defaults.
 
     Parameters
@@ -261,8 +261,8 @@ def options_of(planner: Planner) -> dict[str, Any]:
     """
     if isinstance(planner, FunctionPlanner):
         return dict(planner.options)
-    inner = options_of(planner.planner) if isinstance(planner, Wrapper) else {}
-    defaults = defaults_of(type(planner))
+    inner = find_changed_options(planner.planner) if isinstance(planner, PlannerWrapper) else {}
+    defaults = read_option_defaults(type(planner))
     differences = {name: getattr(planner, name) for name in defaults if getattr(planner, name) != defaults[name]}
     return inner | differences
 
@@ -282,18 +282,18 @@ def with_options(planner: Planner, **options: Any) -> Planner:
     ConfigError
         If the planner does not have one of them.
     """
-    if isinstance(planner, Wrapper):
+    if isinstance(planner, PlannerWrapper):
         return dataclasses.replace(planner, planner=with_options(planner.planner, **options))
     if isinstance(planner, FunctionPlanner):
         return dataclasses.replace(planner, options={**planner.options, **options})
-    check_names(f"planner {shown(planner.name)}", options, defaults_of(type(planner)))
+    check_names(f"planner {short_repr(planner.name)}", options, read_option_defaults(type(planner)))
     return dataclasses.replace(planner, **options) if options else planner  # type: ignore[type-var]
 
 
-def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
+def _resolve_planner(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
     """A planner by its name, or the user's own, which gets a costmap of its own."""
     if isinstance(planner, str):
-        return named_planner(planner, options)
+        return planner_from_name(planner, options)
     if isinstance(planner, Planner) and not isinstance(planner, type):
         new_planner = with_options(planner, **options)
     elif callable(planner) and not isinstance(planner, type):
@@ -301,7 +301,7 @@ def _unlimited(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
     else:
         raise ConfigError(
             "planner must be a name, a function f(costs, start, goal), or an object with name,"
-            f" minimises, space, check, prepare and solve, not {shown(planner)}"
+            f" minimises, space, check, prepare and solve, not {short_repr(planner)}"
         )
     is_shipped = type(new_planner).__module__.startswith("locplan.") and not isinstance(new_planner, FunctionPlanner)
-    return new_planner if is_shipped else Guarded(new_planner)
+    return new_planner if is_shipped else CheckedPlanner(new_planner)

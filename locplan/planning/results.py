@@ -14,10 +14,10 @@ from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.output import Results
 from locplan._support.records import Column, Result, Table
 from locplan._support.saved import Stored
-from locplan._support.tables import finite, rounded_up, table, write_csv
+from locplan._support.tables import nan_to_none, format_rounded_up, format_table, write_csv
 from locplan.errors import ConfigError
-from locplan.planning.costmap import Costmap, about_costs
-from locplan.planning.grid import through_centres
+from locplan.planning.costmap import Costmap, summarize_costs
+from locplan.planning.grid import path_through_centres
 from locplan.planning.metrics import METRICS, PathMetrics, path_metrics
 from locplan.planning.path import Path
 from locplan.planning.protocol import Found, Position, Status
@@ -96,7 +96,7 @@ class Plan(Result, Stored):
 
     def table(self) -> Table:
         """The metrics of the path; no row without one."""
-        return Table.of(METRICS, [self.metrics] if self.metrics else [])
+        return Table.from_records(METRICS, [self.metrics] if self.metrics else [])
 
     def report(self) -> str:
         """The metrics of the path as text, or why there is none."""
@@ -112,7 +112,7 @@ class Plan(Result, Stored):
         if self.path is not None:
             self.path.save(folder / "path.csv")
 
-    def measured_on(self, costs: Costmap) -> Plan:
+    def with_costs(self, costs: Costmap) -> Plan:
         """A copy with the metrics on another costmap of the same map, without history.
 
         Parameters
@@ -132,19 +132,19 @@ class Plan(Result, Stored):
         return path_figure(self)
 
 
-def finished(
-    planner: str, costs: Costmap, start: Position, goal: Position, found: Found, elapsed: float
+def make_plan(
+    planner: str, costs: Costmap, start: Position, goal: Position, planner_result: Found, elapsed: float
 ) -> Plan:
     """Make a plan of what a planner found, with the metrics of its path on a costmap."""
-    note = found.note
-    if found.status == "unreachable" and not note:
+    note = planner_result.note
+    if planner_result.status == "unreachable" and not note:
         radius = format_radius(costs.robot, costs.robot_radius)
         note = f"no path joins start and goal for a robot of radius {radius}"
-    attributes = {attribute.name: getattr(found, attribute.name) for attribute in dataclasses.fields(found)}
-    if found.path is not None:
+    attributes = {attribute.name: getattr(planner_result, attribute.name) for attribute in dataclasses.fields(planner_result)}
+    if planner_result.path is not None:
         note = "; ".join(filter(None, [note, costs.note]))
     attributes |= {"note": note, "solve_time": elapsed, "costs": costs}
-    metrics = None if found.path is None else path_metrics(costs, found.path)
+    metrics = None if planner_result.path is None else path_metrics(costs, planner_result.path)
     return Plan(planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **attributes)
 
 
@@ -237,9 +237,9 @@ class ParetoFront(Result, Stored):
         self._check_paths()
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
-        path = through_centres(self.costs, self.cells[index], self.start, self.goal)
+        path = path_through_centres(self.costs, self.cells[index], self.start, self.goal)
         planner_result = Found(path, note=unfit_note("pareto", self.costs.robot))
-        return finished("pareto", self.costs, self.start, self.goal, planner_result, self.solve_time)
+        return make_plan("pareto", self.costs, self.start, self.goal, planner_result, self.solve_time)
 
     def summary(self) -> dict[str, object]:
         """The front without its cells, fit for JSON."""
@@ -247,9 +247,9 @@ class ParetoFront(Result, Stored):
         record = {name: getattr(self, name) for name in names}
         record["knee"] = self.knee if len(self) else None
         record |= {column.name: getattr(self, column.name).tolist() for column in POINT}
-        costs = about_costs(self.costs)
+        costs = summarize_costs(self.costs)
         del costs["weight"]  # it does not matter
-        return {**costs, **finite(record)}
+        return {**costs, **nan_to_none(record)}
 
     def table(self) -> Table:
         """Length and integral of each path."""
@@ -270,12 +270,12 @@ class ParetoFront(Result, Stored):
             longer = self.length[index] / self.length[0] - 1
             texts = [str(index), f"{self.length[index]:.2f} m", f"+{longer:.1%}"]
             knee = "knee" if index == self.knee > 0 else ""
-            rows.append([*texts, f"{rounded_up(self.integral[index])} {unit}", knee])
-        how = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%} of every path"
+            rows.append([*texts, f"{format_rounded_up(self.integral[index])} {unit}", knee])
+        precision = "exact" if self.epsilon == 0 else f"within {self.epsilon:.2%} of every path"
         count = f"{len(self)} path{'' if len(self) == 1 else 's'}"
-        last = f"{count}, {how}; {self.labels:,} labels, {self.solve_time:.2f} s"
+        last = f"{count}, {precision}; {self.labels:,} labels, {self.solve_time:.2f} s"
         integral = "degenerate metres (∫u ds)" if self.objective == "u" else "∫e ds"
-        lines = [str(table(["path", "length", "longer", integral, ""], rows)), last]
+        lines = [str(format_table(["path", "length", "longer", integral, ""], rows)), last]
         return "\n".join(filter(None, [*lines, self._no_knee]))
 
     @property

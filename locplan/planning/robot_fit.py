@@ -69,8 +69,8 @@ def robot_note(planner: Planner, costs: Costmap, path: Path) -> str:
         inner = inner_planner
     if not type(inner).__module__.startswith("locplan.planning.") or _is_function(inner):
         faults = path_faults(costs.grid, path, robot)
-        where = f"{faults[0].kind} near {faults[0].x:.2f},{faults[0].y:.2f}" if faults else ""
-        return f"the robot cannot drive this path: {where}" if faults else ""
+        fault_text = f"{faults[0].kind} near {faults[0].x:.2f},{faults[0].y:.2f}" if faults else ""
+        return f"the robot cannot drive this path: {fault_text}" if faults else ""
     if inner.space == LATTICE:
         return ""
     keeps_outline |= inner.space != "R2"
@@ -110,8 +110,8 @@ def unfit_note(
     ignored += [] if reverse else ["lack of a reverse gear"]
     if not ignored:
         return ""
-    what = " and ".join(ignored)
-    return f"{name} ignores the robot's {what}: check the path with check_path, or plan by lattice"
+    ignored_text = " and ".join(ignored)
+    return f"{name} ignores the robot's {ignored_text}: check the path with check_path, or plan by lattice"
 
 
 def _is_function(planner: object) -> bool:

@@ -17,7 +17,7 @@ from locplan.robots.parts import Kinematics
 from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from locplan.planning.kernels.smoothing import Drive
+    from locplan.planning.kernels.smoothing import MotionModel
 
 REVERSE, GEAR_CHANGE, TURN = 2.0, 0.5, 0.3
 """Default prices: factor on the cost in reverse and sideways, a change of the gear [m], and a turn
@@ -67,7 +67,7 @@ def smoothed(
     """
     check_costs(costs)
     smoother = Smoother(costs, robot or costs.robot, reverse, gear_change, turn_cost)
-    return smoother.smoothed(path, None, None)
+    return smoother.smooth(path, None, None)
 
 
 class Smoother:
@@ -81,19 +81,19 @@ class Smoother:
         gear_change: float,
         turn_cost: float,
     ) -> None:
-        from locplan._support.kernels.outlines import Body, sums_of
+        from locplan._support.kernels.outlines import CollisionMap, sum_rows
         from locplan._support.kernels.search import bordered_half
         from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP
-        from locplan.planning.kernels.motions import Ground
-        from locplan.planning.kernels.smoothing import Drive
+        from locplan.planning.kernels.motions import MotionGround
+        from locplan.planning.kernels.smoothing import MotionModel
 
         grid, self._costs = costs.grid, costs
         kinematics = robot.kinematics if robot else Kinematics()
         self._outline = robot.outline if robot else None
         half = np.array([bordered_half(layer, 1) for layer in costs.density_of_heading])
-        self._ground = Ground(half, grid.shape[1] + 2, -grid.origin[2], False)
+        self._ground = MotionGround(half, grid.shape[1] + 2, -grid.origin[2], False)
         on_spot = kinematics.turning_radius == 0
-        self._drive: Drive = Drive(
+        self._drive: MotionModel = MotionModel(
             REEDS_SHEPP if kinematics.reverse else DUBINS,
             SPOT if on_spot else kinematics.turning_radius / grid.resolution,
             kinematics.drive == "omnidirectional",
@@ -102,14 +102,14 @@ class Smoother:
             turn_cost / grid.resolution if on_spot else 0.0,
         )
         corners = self._outline.vertices / grid.resolution if self._outline else np.empty((0, 2))
-        self._body: Body = Body(sums_of(grid.cells == OCCUPIED), corners)
+        self._body: CollisionMap = CollisionMap(sum_rows(grid.cells == OCCUPIED), corners)
 
-    def smoothed(self, path: Path, start: Position | None, goal: Position | None) -> Path:
+    def smooth(self, path: Path, start: Position | None, goal: Position | None) -> Path:
         """A path smoothed, or itself; its ends become start and goal where curves lead there."""
         poses = self._on_grid(path)
-        improved_poses = self._improved(self._with_ends(poses, start, goal))
+        improved_poses = self._improve(self._with_ends(poses, start, goal))
         if improved_poses is None and (start or goal):
-            improved_poses = self._improved(poses)
+            improved_poses = self._improve(poses)
         if improved_poses is None:
             return path
         world_path = self._in_world(improved_poses)
@@ -119,35 +119,35 @@ class Smoother:
 
     def cost(self, poses: Floats) -> float:
         """Cost of poses (n, 3) on the bordered grid, with all prices [cells]."""
-        from locplan.planning.kernels.smoothing import own_costs
+        from locplan.planning.kernels.smoothing import compute_step_costs
 
-        return float(own_costs(self._ground, self._drive, poses).sum())
+        return float(compute_step_costs(self._ground, self._drive, poses).sum())
 
-    def _improved(self, poses: Floats) -> Floats | None:
+    def _improve(self, poses: Floats) -> Floats | None:
         """Better poses, or None where none are."""
         best, lowest_cost = None, self.cost(poses)
         step, turn = 1.5, 0.2
-        poses = self._straightened(poses)
+        poses = self._straighten(poses)
         for _ in range(ROUNDS + 1):
             if len(poses) < 2:
                 break
             cost = self.cost(poses)
             if cost < lowest_cost * (1 - 1e-9):
                 best, lowest_cost = poses, cost
-            shifted = self._shifted(poses, (step, turn))
-            poses = poses if shifted is poses else self._straightened(shifted)
+            shifted = self._shift(poses, (step, turn))
+            poses = poses if shifted is poses else self._straighten(shifted)
             step, turn = 0.6 * step, 0.6 * turn
         return best
 
-    def _straightened(self, poses: Floats) -> Floats:
+    def _straighten(self, poses: Floats) -> Floats:
         """Poses along the cheapest chain of curves; none where there is none."""
-        from locplan.planning.kernels.smoothing import straightest
+        from locplan.planning.kernels.smoothing import find_cheapest_chain
 
         if len(poses) < 2:
             return poses
         at = self._knots(poses, max(2.0, 0.25 * self._drive.radius))
-        step_costs = np.add.reduceat(self._own(poses), at[:-1])
-        chain = straightest(self._ground, self._drive, self._body, poses[at], step_costs, LOOKAHEAD)
+        step_costs = np.add.reduceat(self._compute_step_costs(poses), at[:-1])
+        chain = find_cheapest_chain(self._ground, self._drive, self._body, poses[at], step_costs, LOOKAHEAD)
         pieces, last = [], len(at) - 1
         while last > 0:
             before = int(chain[last])
@@ -161,12 +161,12 @@ class Smoother:
             last = before
         return np.concatenate([poses[:1], *pieces[::-1]])
 
-    def _shifted(self, poses: Floats, steps: tuple[float, float]) -> Floats:
+    def _shift(self, poses: Floats, steps: tuple[float, float]) -> Floats:
         """Poses with knots shifted to where they cost less, or themselves where that is nowhere."""
         from locplan.planning.kernels.smoothing import shift_knots
 
         at = self._knots(poses, max(3.0, 0.75 * self._drive.radius))
-        step_costs = np.add.reduceat(self._own(poses), at[:-1])
+        step_costs = np.add.reduceat(self._compute_step_costs(poses), at[:-1])
         knots, curved = poses[at].copy(), np.zeros(len(step_costs), bool)
         shift_knots(self._ground, self._drive, self._body, knots, step_costs, curved, steps)
         if not curved.any():
@@ -177,10 +177,10 @@ class Smoother:
         ]
         return np.concatenate([poses[:1], *pieces])
 
-    def _own(self, poses: Floats) -> Floats:
-        from locplan.planning.kernels.smoothing import own_costs
+    def _compute_step_costs(self, poses: Floats) -> Floats:
+        from locplan.planning.kernels.smoothing import compute_step_costs
 
-        return np.asarray(own_costs(self._ground, self._drive, poses))
+        return np.asarray(compute_step_costs(self._ground, self._drive, poses))
 
     def _knots(self, poses: Floats, spacing: float) -> Ints:
         """Places of poses at least a spacing [cells], or a quarter of a radian, apart."""
@@ -212,7 +212,7 @@ class Smoother:
 
     def _on_grid(self, path: Path) -> Floats:
         """Poses on the bordered grid; without headings with turns where lines meet."""
-        x, y, heading = path.driven.T
+        x, y, heading = path.drive_poses.T
         row, col = self._costs.grid.world_to_grid(x, y)
         return np.column_stack([col + 1, row + 1, heading - self._costs.grid.origin[2]])
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._support.checks import check_threads, positive
+from locplan._support.checks import check_threads, check_positive
 from locplan._support.kernels.arrays import Bools, Floats, Ints
-from locplan._support.poses import wrapped
+from locplan._support.poses import wrap_angles
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
-from locplan.field.config import equipped
+from locplan.field.config import equip_robot
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.recordings.matching import (
     APART,
@@ -147,9 +147,9 @@ def find_ambiguous_places(
     True
     """
     check_grid(grid)
-    robot = equipped(robot)
+    robot = equip_robot(robot)
     lidar = robot.known_lidar
-    positive("spacing", spacing, "m")
+    check_positive("spacing", spacing, "m")
     if spacing < grid.resolution:
         raise ConfigError(
             f"spacing must be at least a cell of the map, {grid.resolution:g} m, not {spacing:g}"
@@ -185,7 +185,7 @@ def _compare_elsewhere(database: Database, ranges: Floats, home: Floats) -> tupl
     if modes.returns < MIN_RETURNS:
         return 0.0, 1.0
     distances = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
-    turn = np.abs(wrapped(modes.poses[:, 2] - home[2]))
+    turn = np.abs(wrap_angles(modes.poses[:, 2] - home[2]))
     home_modes = np.flatnonzero((distances < APART) & (turn < TURNED))
     if not home_modes.size:  # the robot does not fit quite there
         return 0.0, 1.0

@@ -24,22 +24,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support import reading
-from locplan._support.files import keep_input
+from locplan._support.files import protect_input
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import (
     IDENTITY,
     FrameTree,
     Track,
     Transform,
-    after_way,
+    apply_motions,
     frame_name,
-    in_plane,
-    upward,
-    way_between,
-    wrapped,
+    project_to_plane,
+    compute_uprightness,
+    compute_motions,
+    wrap_angles,
 )
 from locplan._support.progress import ProgressCallback
-from locplan._support.public import needed
+from locplan._support.public import require_extra
 from locplan.errors import LocplanError, RecordingError
 from locplan.recordings.logs import Options, ScanRows, Source
 from locplan.recordings.recording import Recording
@@ -396,10 +396,10 @@ class Heard:
     def leave_out_others(self) -> None:
         """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
         tree = self.tree
-        if tree.connected(self.map_frame, self.lidar_frame):
+        if tree.has_chain(self.map_frame, self.lidar_frame):
             robot_frames = {frame for frame in tree.frames if frame.rpartition("/")[2] in (*BASES, "odom")}
             base = (self.options.base_frame or "").lstrip("/")
-            tree.keep_between(self.map_frame, {self.lidar_frame, base, *robot_frames})
+            tree.drop_unrelated_tracks(self.map_frame, {self.lidar_frame, base, *robot_frames})
 
     def _base_frame(self) -> str:
         """Frame of the robot: the one that is named, that of odometry, or one of a usual name."""
@@ -415,7 +415,7 @@ class Heard:
         standard_frames = [frame for base in BASES for frame in frames if frame.rpartition("/")[2] == base]
         candidates = [frame for frame in dict.fromkeys(reported + standard_frames) if frame in frames]
         for frame in candidates:
-            if self.tree.connected(frame, self.lidar_frame):
+            if self.tree.has_chain(frame, self.lidar_frame):
                 return frame
         if candidates:
             return candidates[0]
@@ -442,17 +442,17 @@ class Heard:
         if pose is None or not len(pose):
             raise RecordingError(
                 f"TF does not connect the lidar's frame {lidar!r} with the robot's {base!r};"
-                f" connected are: {self.tree.described()}, though not at each time; give"
+                f" connected are: {self.tree.describe_groups()}, though not at each time; give"
                 " mount=(x, y, yaw), or another base_frame="
             )
-        up, flat = upward(pose), in_plane(pose)
+        up, flat = compute_uprightness(pose), project_to_plane(pose)
         tilt = math.degrees(math.acos(min(1.0, float(np.abs(up).min()))))
         if tilt > 10:
             raise RecordingError(
                 f"the lidar {lidar!r} is tilted by {tilt:.0f} deg on {base!r}; a plane map cannot"
                 " explain such scans; choose another scan_topic="
             )
-        flat[:, 2] = flat[0, 2] + wrapped(flat[:, 2] - flat[0, 2])
+        flat[:, 2] = flat[0, 2] + wrap_angles(flat[:, 2] - flat[0, 2])
         if np.ptp(flat, axis=0).max() > 0.005:  # metres and radians
             raise RecordingError(
                 f"the lidar {lidar!r} moves on {base!r}, which looks like the robot's motion;"
@@ -472,7 +472,7 @@ class Heard:
         if topic is None:
             pose = tree.pose(frame, base) if {frame, base} <= set(tree.frames) else None
             if pose is not None:
-                return in_plane(pose)[self.at_scans], f"TF {frame} -> {base}", frame
+                return project_to_plane(pose)[self.at_scans], f"TF {frame} -> {base}", frame
             topic = self._only_topic()
         if topic is None and not self.options.needs_poses:
             return np.full((len(self.times), 3), np.nan), "", ""
@@ -496,7 +496,7 @@ class Heard:
             self.notes.append(
                 f"the poses of {topic} are in {found.frame!r}, which is taken for the map's"
             )
-        poses = in_plane(found.track.at_times())
+        poses = project_to_plane(found.track.at_times())
         poses = poses[self.at_scans] if found.kind == Kind.ODOMETRY else poses
         if reported is not None and found.kind == Kind.POSE_WITH_COVARIANCE:
             carried = _carried_poses(self.times, found.track, tree.times, reported)
@@ -530,7 +530,7 @@ class Heard:
             )
         return RecordingError(
             f"has no poses: TF does not connect {self.map_frame!r} with {base!r}; connected are:"
-            f" {self.tree.described()}; name others with map_frame= and base_frame={other}"
+            f" {self.tree.describe_groups()}; name others with map_frame= and base_frame={other}"
         )
 
     def _odometry(self, base: str) -> tuple[Floats | None, str]:
@@ -547,10 +547,10 @@ class Heard:
             for frame in frames:
                 pose = self.tree.pose(frame, base) if frame != base else None
                 if pose is not None:
-                    return in_plane(pose), f"TF {frame} -> {base}"
+                    return project_to_plane(pose), f"TF {frame} -> {base}"
         topics = topics if requested_topic is None else [requested_topic]
         if len(topics) == 1:
-            return in_plane(self.topics[topics[0]].track.at_times()), topics[0]
+            return project_to_plane(self.topics[topics[0]].track.at_times()), topics[0]
         if topics:
             self.notes.append(
                 f"odometry is on {' and '.join(topics)}, and none was taken; choose by odom_topic="
@@ -587,9 +587,9 @@ def _carried_poses(
     for samples in track.samples():
         then = samples[:, 0]
         index = np.searchsorted(knots, np.where(np.isfinite(then), then, knots[0]))
-        way = way_between(reported[index], now)
+        way = compute_motions(reported[index], now)
         near = np.isfinite(then) & (np.hypot(way[:, 0], way[:, 1]) < 1.0)
-        guesses.append(after_way(in_plane(samples[:, 1:]), way))
+        guesses.append(apply_motions(project_to_plane(samples[:, 1:]), way))
         # The nearer sample in time counts for more; one that is too far for nothing.
         weights.append(np.where(near, 1.0 / np.maximum(np.abs(at - then), 1e-9), 0.0))
     (earlier, later), (first, second) = guesses, weights
@@ -597,7 +597,7 @@ def _carried_poses(
     total = first + second
     share = np.divide(second, total, out=np.full(len(at), np.nan), where=total > 0)
     step = later - earlier
-    step[:, 2] = wrapped(step[:, 2])
+    step[:, 2] = wrap_angles(step[:, 2])
     carried: Floats = earlier + share[:, None] * step
     return carried
 
@@ -697,7 +697,7 @@ def _opened(path: Path) -> Iterator[Bag]:
     RecordingError
         If the bag cannot be read.
     """
-    needed("rosbags", "ros", "reading a bag")
+    require_extra("rosbags", "ros", "reading a bag")
     from rosbags.rosbag1 import Reader as Reader1, reader as reader1
     from rosbags.rosbag2 import Reader as Reader2, reader as reader2, storage_mcap
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -707,8 +707,8 @@ def _opened(path: Path) -> Iterator[Bag]:
     try:
         for bag_file in file.iterdir() if file.is_dir() else (file,):
             if not bag_file.is_dir():
-                reading.opened(bag_file).close()  # rosbags would wait for a pipe
-                keep_input(bag_file)
+                reading.open_file(bag_file).close()  # rosbags would wait for a pipe
+                protect_input(bag_file)
         _bound_unpacking(reader1, reader2, storage_mcap)
         with warnings.catch_warnings(action="ignore"):  # ruamel has some for odd metadata.yaml
             reader: Any = Reader1(file) if ros1 else Reader2(file)

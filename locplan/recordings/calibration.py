@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_threads, instance
-from locplan._support.intervals import Interval, blocks_along, intervals
+from locplan._support.checks import check_threads, check_instance
+from locplan._support.intervals import Interval, assign_blocks, bootstrap_statistics
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import updates_of, way_along, way_between, wrapped
+from locplan._support.poses import find_update_poses, compute_travel_distances, compute_motions, wrap_angles
 from locplan._support.progress import ProgressCallback
-from locplan._support.tables import table
+from locplan._support.tables import format_table
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.recordings.evaluation import check_enough
@@ -117,7 +117,7 @@ def odometry_noise(
     """
     if recording.odometry is None:
         return None
-    updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
+    updates = find_update_poses(recording.odometry, amcl.update_min_d, amcl.update_min_a)
     if len(updates) - 1 < MIN_UPDATES:
         return None
     poses, odometry, jumps = without_jumps(recording.poses, recording.odometry, faulty)
@@ -125,15 +125,15 @@ def odometry_noise(
     spans = SMOOTHED_SPANS if smoothed else SPANS
     needed = SMOOTHED_MIN_STRETCHES if smoothed else MIN_STRETCHES
     stretches = _Stretches.of(poses, odometry, spans)
-    blocks = blocks_along(poses, spans[-1])
+    blocks = assign_blocks(poses, spans[-1])
     increments = _Increments.of(poses[updates], odometry[updates])
-    drifts = intervals(stretches.fitted, blocks[stretches.begin], RESAMPLES)
+    drifts = bootstrap_statistics(stretches.fitted, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one is hardly apart from odometry's.
     position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
     pose_noise = position, math.radians(heading)
-    alphas = intervals(lambda w: increments.fitted(w, *pose_noise), blocks[updates[:-1]], RESAMPLES)
-    turns = np.diff(poses[updates_of(poses, math.inf, TURN), 2])
-    total_turn = float(np.abs(wrapped(turns)).sum())
+    alphas = bootstrap_statistics(lambda w: increments.fitted(w, *pose_noise), blocks[updates[:-1]], RESAMPLES)
+    turns = np.diff(poses[find_update_poses(poses, math.inf, TURN), 2])
+    total_turn = float(np.abs(wrap_angles(turns)).sum())
     notes = _notes(increments, np.array([each.value for each in alphas]), pose_noise, total_turn)
     if jumps:
         notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
@@ -175,8 +175,8 @@ def _notes(
 
 def _ways(poses: Floats, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Floats:
     """Poses at the end as seen from those at the begin, (n, 3) [m, m, rad]."""
-    ways = way_between(poses[begin], poses[end])
-    return np.column_stack([ways[:, :2], wrapped(ways[:, 2])])
+    ways = compute_motions(poses[begin], poses[end])
+    return np.column_stack([ways[:, :2], wrap_angles(ways[:, 2])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +200,8 @@ class _Stretches:
     @classmethod
     def of(cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]) -> _Stretches:
         """Stretches of each length [m], one after the other."""
-        turns = np.abs(wrapped(np.diff(odometry[:, 2])))
-        way, turn_sums = way_along(odometry), np.concatenate([[0.0], np.cumsum(turns)])
+        turns = np.abs(wrap_angles(np.diff(odometry[:, 2])))
+        way, turn_sums = compute_travel_distances(odometry), np.concatenate([[0.0], np.cumsum(turns)])
         progress = way + 0.3 * turn_sums  # a turn of 1 rad counts as 0.3 m of way
         begins, ends = [], []
         for span in spans:
@@ -223,7 +223,7 @@ class _Stretches:
             chord,
             true[:, 2],
             np.where(straight, along - chord, np.nan),
-            np.asarray(wrapped(reported[:, 2] - true[:, 2])),
+            np.asarray(wrap_angles(reported[:, 2] - true[:, 2])),
         )
 
     def fitted(self, weights: Floats) -> Floats:
@@ -282,9 +282,9 @@ class _Increments:
         first = np.where(way >= STILL, np.arctan2(reported[:, 1], reported[:, 0]), 0.0)
         # The true end in the direction of the reported way.
         ahead = np.cos(first) * true[:, 0] + np.sin(first) * true[:, 1]
-        second, turn = reported[:, 2] - first, wrapped(true[:, 2] - reported[:, 2])
+        second, turn = reported[:, 2] - first, wrap_angles(true[:, 2] - reported[:, 2])
         turn_squares = sum(
-            np.minimum(abs(wrapped(t)), abs(wrapped(t - np.pi))) ** 2 for t in (first, second)
+            np.minimum(abs(wrap_angles(t)), abs(wrap_angles(t - np.pi))) ** 2 for t in (first, second)
         )
         zeros, twos, square = np.zeros(len(way)), np.full(len(way), 2.0), way**2
         return cls(
@@ -420,8 +420,8 @@ def scan_noise(
     of_scans = residual, walls_at, near, np.isfinite(measured)
     residual, walls_at, near, returned = (column[fits] for column in of_scans)
     scans = _Scans.of(residual, walls_at, near, returned, recording.lidar, grid.resolution)
-    blocks = blocks_along(recording.poses)[scan_numbers][fits]
-    estimates = intervals(scans.statistics, blocks, 200)
+    blocks = assign_blocks(recording.poses)[scan_numbers][fits]
+    estimates = bootstrap_statistics(scans.statistics, blocks, 200)
     n_unmatched = len(scan_numbers) - int(fits.sum())
     values: list[Any] = [*estimates, float(np.median(moves[fits])), int(fits.sum()), n_unmatched]
     return ScanNoise(*values)
@@ -604,7 +604,7 @@ class DriveCalibration:
             if self.odometry is not None
         ]
         rows += [["note", note, ""] for note in self.notes]
-        return str(table(["", "value", "95 %"], rows))
+        return str(format_table(["", "value", "95 %"], rows))
 
 
 def _texts(interval: Interval, unit: str) -> tuple[str, str]:
@@ -672,7 +672,7 @@ def calibrate_drive(
     >>> 0.02 < found.robot.disturbances.outliers < 0.06
     True
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     robot = recording.robot(robot)
     scans = scan_noise(recording, grid, threads=threads, progress=progress)
@@ -700,4 +700,4 @@ def calibrate_drive(
             f"the drive has fewer than {MIN_UPDATES} updates of the filter, too few for the noise"
             " of odometry, which stays as it was"
         )
-    return DriveCalibration(recording, scans, odometry, robot.changed(changes), tuple(notes))
+    return DriveCalibration(recording, scans, odometry, robot.with_settings(changes), tuple(notes))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from locplan._support.checks import MAX_AMOUNT, MAX_RANGE
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import after_way, way_between, wrapped
+from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan._support.reading import numbered_lines
 from locplan.errors import RecordingError
 from locplan.recordings.logs import Options, ScanRows, Source
@@ -140,8 +140,8 @@ def _poses(
     one was corrected, and the second is odometry.
     """
     first, second = scans[:, :3], scans[:, 3:6]
-    mounts = way_between(second, first)
-    mounts[:, 2] = wrapped(mounts[:, 2])
+    mounts = compute_motions(second, first)
+    mounts[:, 2] = wrap_angles(mounts[:, 2])
     mount = np.median(mounts, axis=0)
     if np.abs(mounts - mount).max() < 0.02:  # metres and radians
         poses, reported = second, None
@@ -237,7 +237,7 @@ def odometry_at(
     at = np.clip(before, 0, len(lines) - 1)
     after = np.clip(np.asarray(before) + 1, 0, len(lines) - 1)
     off = lines[after, :3] - poses
-    off[:, 2] = wrapped(off[:, 2])
+    off[:, 2] = wrap_angles(off[:, 2])
     repeated = (np.abs(off) < 1e-5).all(1)
     if repeated.mean() > 0.5:  # odometry begins anew at most scans
         has_later_line = at[1:] > after[:-1]
@@ -249,12 +249,12 @@ def odometry_at(
         odometry[0] = lines[at[0], :3]
         for n in range(1, len(at)):
             begin = min(begins[n - 1], at[n])
-            odometry[n] = after_way(odometry[n - 1], way_between(lines[begin, :3], lines[at[n], :3]))
+            odometry[n] = apply_motions(odometry[n - 1], compute_motions(lines[begin, :3], lines[at[n], :3]))
         return odometry
     # Between the lines around each scan if their stamps tell where, else at the former.
     gap = lines[after, 3] - lines[at, 3]
     inside = (gap > 0) & (stamps >= lines[at, 3]) & (stamps <= lines[after, 3])
     share = np.where(inside, (stamps - lines[at, 3]) / np.where(gap > 0, gap, 1.0), 0.0)
     step = lines[after, :3] - lines[at, :3]
-    step[:, 2] = wrapped(step[:, 2])
+    step[:, 2] = wrap_angles(step[:, 2])
     return np.asarray(lines[at, :3] + share[:, None] * step)

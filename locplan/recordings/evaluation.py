@@ -12,24 +12,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_threads, instance
+from locplan._support.checks import check_threads, check_instance
 from locplan._support.intervals import (
     Interval,
     Rank,
     Resamples,
-    blocks_along,
-    draws_of,
+    assign_blocks,
+    draw_blocks,
     mean_interval,
-    plain,
+    format_decimal,
     rank,
-    short,
+    format_ratio,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import ends_in_map
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import Pictured
 from locplan._support.records import POSE, Column, Table
-from locplan._support.tables import REPORT_WIDTH, table
+from locplan._support.tables import REPORT_WIDTH, format_table
 from locplan.errors import RecordingError
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import position_axes, scalar
@@ -176,7 +176,7 @@ def match_scans(
     RecordingError
         If no scan with enough returns was taken on the map.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     workers = check_threads(threads)
     matcher = Matcher(grid, settings) if settings else Matcher.of(grid, recording.lidar)
@@ -249,7 +249,7 @@ class Agreement:
     def texts(self) -> list[str]:
         """The columns of a table: rank correlation, AUC, direction, and factor."""
         aligned = "-" if math.isnan(self.aligned.value) else f"{self.aligned.value:.0%}"
-        return [short(self.rank.spearman), short(self.rank.auc), aligned, short(self.factor)]
+        return [format_ratio(self.rank.spearman), format_ratio(self.rank.auc), aligned, format_ratio(self.factor)]
 
 
 def agreement(
@@ -266,7 +266,7 @@ def agreement(
     blocks : (n,) array of int
         The block of the drive that each scan belongs to.
     """
-    resamples = draws_of(blocks)
+    resamples = draw_blocks(blocks)
     major, minor, direction = position_axes(measured)
     predicted_major, _, towards = position_axes(predicted)
     direction_error = np.abs((towards - direction + np.pi / 2) % np.pi - np.pi / 2)
@@ -327,7 +327,7 @@ class DriveEvaluation(Pictured):
     @cached_property
     def blocks(self) -> NDArray[np.int64]:
         """The block of the drive that each scan belongs to, (n,)."""
-        return blocks_along(self.matches.recording.poses)
+        return assign_blocks(self.matches.recording.poses)
 
     @cached_property
     def agreements(self) -> dict[str, Agreement]:
@@ -414,7 +414,7 @@ class DriveEvaluation(Pictured):
         columns = ["", "rank correlation", "AUC", "direction", "factor"]
         estimators = [[name, *agreement.texts] for name, agreement in self.agreements.items()]
         verdict = textwrap.fill(" ".join(self.verdict), REPORT_WIDTH, break_on_hyphens=False)
-        return "\n".join([table([], rows), table(columns, estimators), LEGEND, verdict])
+        return "\n".join([format_table([], rows), format_table(columns, estimators), LEGEND, verdict])
 
     def table(self) -> Table:
         """A row per scan: its pose, its measured deviations, and those of each estimator."""
@@ -496,7 +496,7 @@ def evaluate_drive(
     RecordingError
         If too few scans were taken where the map is known and fits.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_enough(len(recording), len(recording))
     if estimators is None:
         estimators = estimators_for(recording.lidar)
@@ -537,25 +537,25 @@ def _about_fields(agreements: Mapping[str, Agreement]) -> str:
         if rank.spearman.value >= 0.5:  # good enough to plan by
             return (
                 f"On this drive `{name}` says where the scans fix the pose badly: rank correlation"
-                f" {short(rank.spearman)}, AUC {short(rank.auc)} for the worst fifth, and its"
-                f" deviations are {plain(factor.value)} times the measured ones."
+                f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)} for the worst fifth, and its"
+                f" deviations are {format_decimal(factor.value)} times the measured ones."
             )
     best = max(names, key=lambda name: ranks[name].spearman.value)
     rank = ranks[best]
     if math.isnan(rank.spearman.low):
         return (
             f"The drive is too short to tell whether a field is right: `{best}` has a rank"
-            f" correlation of {plain(rank.spearman.value)}, but less than 50 m were compared."
+            f" correlation of {format_decimal(rank.spearman.value)}, but less than 50 m were compared."
         )
     if best in significant:
         return (
             f"The fields rank the scans of this drive only a little better than chance (`{best}`"
-            f" {short(rank.spearman)}, AUC {short(rank.auc)}): look at the picture before you plan"
+            f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)}): look at the picture before you plan"
             " by one."
         )
     return (
         f"No field ranks the scans of this drive better than chance (`{best}`"
-        f" {short(rank.spearman)}): do not plan by a field here before you know why."
+        f" {format_ratio(rank.spearman)}): do not plan by a field here before you know why."
     )
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import instance
+from locplan._support.checks import check_instance
 from locplan._support.kernels.arrays import Array, Bools, Floats, Ints, Octets
-from locplan._support.poses import ends_in_map, way_along, way_between, wrapped
+from locplan._support.poses import ends_in_map, compute_travel_distances, compute_motions, wrap_angles
 from locplan.errors import RecordingError
 from locplan.field.scan import Scan, likelihood_field
 from locplan.field.search_window import SearchWindow
@@ -98,8 +98,8 @@ def measure_steps(recording: Recording) -> ScanSteps:
     odometry = recording.odometry
     assert odometry is not None
     scans = step_ends(odometry, recording.times)
-    reported = way_between(odometry[scans[:-1]], odometry[scans[1:]])
-    reported[:, 2] = wrapped(reported[:, 2])
+    reported = compute_motions(odometry[scans[:-1]], odometry[scans[1:]])
+    reported[:, 2] = wrap_angles(reported[:, 2])
     outlines, ends = _outlines(recording, scans), _compared_ends(recording, scans)
     lattice = make_lattice(HALF_STEPS, np.radians(np.arange(-HALF_TURNS, HALF_TURNS + 1.0)))
     measured = np.full_like(reported, np.nan)
@@ -123,8 +123,8 @@ def measure_steps(recording: Recording) -> ScanSteps:
 
 def step_ends(odometry: Floats, times: Floats | None) -> Ints:
     """Scans at which steps end: after so much way or turn, and of a robot that stands, of time."""
-    way = way_along(odometry)
-    turn_sums = np.append(0.0, np.cumsum(np.abs(wrapped(np.diff(odometry[:, 2])))))
+    way = compute_travel_distances(odometry)
+    turn_sums = np.append(0.0, np.cumsum(np.abs(wrap_angles(np.diff(odometry[:, 2])))))
     passed = np.arange(len(way)) / SCANS if times is None else (times - times[0]) / SECONDS
     progress, scans = np.column_stack([way / WAY, turn_sums / TURN, passed]), [0]
     for n, step_progress in enumerate(progress):
@@ -165,7 +165,7 @@ def _scores_around(
 ) -> Array:
     """Mean scores of a scan at the motions about one by odometry, (turn, left, ahead)."""
     from locplan._support.kernels.likelihood import TOP
-    from locplan._support.kernels.posterior import score
+    from locplan._support.kernels.posterior import score_scan
 
     low = outline.min(axis=0) - CELL
     field = likelihood_field(_drawn(outline, joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE)
@@ -174,7 +174,7 @@ def _scores_around(
     cos, sin = math.cos(motion[2]), math.sin(motion[2])
     rotated_ends = ends @ np.array([[cos, sin], [-sin, cos]]) / CELL + (position - cell - 0.5)
     costs = np.empty_like(lattice.empty)
-    score(field, lattice, int(cell[1]), int(cell[0]), rotated_ends, costs)
+    score_scan(field, lattice, int(cell[1]), int(cell[0]), rotated_ends, costs)
     rows, side = lattice.plane // lattice.width, lattice.offsets
     values = costs.reshape(-1, rows, lattice.width)[:, :side, :side]
     return np.asarray(1.0 - values / (TOP * len(ends)))
@@ -226,7 +226,7 @@ def longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
         The map.
     """
     check_grid(grid)
-    way = way_along(recording.poses)
+    way = compute_travel_distances(recording.poses)
     scans = np.unique(np.searchsorted(way, [*np.arange(0.0, way[-1], SPACING), way[-1]]))
     scan_subset, way = recording[scans], way[scans]
     distances = _mean_distances(scan_subset, scan_subset.poses, grid)
@@ -460,7 +460,7 @@ def find_recording_faults(
     >>> find_recording_faults(drive, grid).is_sound
     True
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     # Poses count for the map alone: odometry and scans are compared with each other.
     stretch = longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
     odometry, count = recording.odometry, len(recording)
@@ -527,7 +527,7 @@ def _places(recording: Recording, steps: ScanSteps, disagree: Bools) -> tuple[Di
     """The disagreements; those of steps near each other along the way are one."""
     odometry = recording.odometry
     assert odometry is not None
-    numbers, way = np.flatnonzero(disagree), way_along(odometry)[steps.scans]
+    numbers, way = np.flatnonzero(disagree), compute_travel_distances(odometry)[steps.scans]
     poses = recording.poses if recording.has_poses else odometry
     if not len(numbers):
         return ()
@@ -544,7 +544,7 @@ def _wrong_signs(recording: Recording) -> tuple[WrongSigns, ...]:
     odometry, speeds = recording.odometry, recording.speeds
     if odometry is None or speeds is None:
         return ()
-    ahead, faults = way_between(odometry[:-1], odometry[1:])[:, 0], []
+    ahead, faults = compute_motions(odometry[:-1], odometry[1:])[:, 0], []
     for sign in (-1.0, 1.0):
         # Of both ends, or the step may be that of another velocity.
         is_clear = (sign * speeds[:-1] > MOVING) & (sign * speeds[1:] > MOVING)

@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 from locplan._support import drawing as style
 from locplan._support.drawing import FIELD_COLOURS, Picture, draw_number, label_plainly
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import ends_in_map, way_along
+from locplan._support.poses import ends_in_map, compute_travel_distances
 from locplan.field.covariance import position_axes
-from locplan.maps.figures import draw_map, map_around, map_size, zoomed_to
+from locplan.maps.figures import draw_map, crop_map, map_size, zoom_map
 from locplan.maps.grid import OccupancyGrid
-from locplan.planning.figures import along_norm, draw_along, draw_along_bar, draw_inset
+from locplan.planning.figures import along_norm, draw_coloured_line, draw_along_bar, draw_inset
 from locplan.planning.path import Path
 from locplan.recordings.evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings.location import LocatedDrive, Location
@@ -87,7 +87,7 @@ def _map_over_profile(
 ) -> tuple[Picture, Axes, Axes]:
     """A figure with the map around a drive's poses, and axes for what changes along it."""
     drive_paths = [Path(poses[:, :2])]
-    part = map_around(grid, drive_paths)
+    part = crop_map(grid, drive_paths)
     width, height = map_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
@@ -170,7 +170,7 @@ def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
 
 def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Floats]) -> None:
     """Draw deviations along the way, and where scans are unlike the map."""
-    way = way_along(found.matches.recording.poses)
+    way = compute_travel_distances(found.matches.recording.poses)
     for (label, deviations), colour, line in zip(
         values.items(), (MEASURED, PREDICTED), (1.2, 2.0), strict=True
     ):
@@ -237,7 +237,7 @@ def trajectory_figure(found: Trajectory) -> Figure:
     figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, scan_count)
     look: dict[str, Any] = {"cmap": FIELD_COLOURS, "capstyle": "round"}
     means = (deviation[:-1] + deviation[1:]) / 2
-    drive_line = draw_along(upper, xy, means, norm=along_norm(deviation), **look)
+    drive_line = draw_coloured_line(upper, xy, means, norm=along_norm(deviation), **look)
     draw_along_bar(figure, drive_line, upper, "std. dev. of the position [cm]", 0.8)
     limits = upper.get_xlim(), upper.get_ylim()
     upper.plot(*found.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
@@ -245,7 +245,7 @@ def trajectory_figure(found: Trajectory) -> Figure:
     jumps = np.array([(jump.x, jump.y) for jump in found.jumps]).reshape(-1, 2)
     upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
     upper.set(xlim=limits[0], ylim=limits[1])
-    way = way_along(found.poses)
+    way = compute_travel_distances(found.poses)
     lower.plot(way, 100 * found.off, color=RECORDED, linewidth=0.8)
     lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
     lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
@@ -390,7 +390,7 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
     if not found.recording.has_poses:  # then the best places are drawn by themselves
         drive, right = np.where(is_located[:, None], poses, 0.0), is_located
     drive_paths = [Path(np.concatenate([drive[is_located | found.recording.has_poses], poses[is_located]]))]
-    part = zoomed_to(grid, drive_paths)
+    part = zoom_map(grid, drive_paths)
     figure, axes = _on_map(part, 1.4)
     draw_inset(axes, grid, part, drive_paths)
     wrong = is_located & ~right

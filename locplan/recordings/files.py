@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.arrays import read_arrays, write_arrays
-from locplan._support.checks import file_path, shown
-from locplan._support.files import keep_input
+from locplan._support.checks import check_file_path, short_repr
+from locplan._support.files import protect_input
 from locplan._support.output import replacing
 from locplan._support.progress import ProgressCallback
-from locplan._support.reading import NO_FILE, parsed_json
-from locplan._support.saved import made
+from locplan._support.reading import NO_FILE, parse_json
+from locplan._support.saved import decode_tree
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings.bags import SUFFIXES as BAGS, read_bag
 from locplan.recordings.carmen import SUFFIXES as CARMEN, read_carmen
@@ -116,7 +116,7 @@ def read_recording(
     limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
     limits["needs_poses"] = needs_poses
     options = Options(every=every, **vars(topics or Topics()), **limits)
-    path = file_path("a recorded drive", file)
+    path = check_file_path("a recorded drive", file)
     try:
         return _read(path, options, progress)
     except ConfigError as error:
@@ -134,7 +134,7 @@ def _read(path: Path, options: Options, progress: ProgressCallback | None) -> Re
         fault, remedy = NO_FILE
         names = ", ".join(BUILT_IN)
         raise RecordingError(f"{fault}; {remedy}, or give a built-in recording: {names}")
-    keep_input(path)
+    protect_input(path)
     if path.is_dir() or name.endswith(BAGS):
         return read_bag(path, options, progress)
     if name.endswith(CARMEN):
@@ -152,7 +152,7 @@ def _is_built_in(path: Path) -> bool:
 
 def save(recording: Recording, target: str | os.PathLike[str]) -> None:
     """Write a recording as .npz, whole or not at all."""
-    path = file_path("a file to write", target)
+    path = check_file_path("a file to write", target)
     if path.suffix != ".npz":
         raise RecordingError(f"{path}: must end in .npz")
     with replacing(path) as temporary:
@@ -184,7 +184,7 @@ def _read_npz(path: Path, options: Options) -> Recording:
     if "source" in arrays:
         source_fields = _entries("source", arrays["source"])
         try:
-            source = made(Source, source_fields)
+            source = decode_tree(Source, source_fields)
         except (LookupError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"its source is not as Recording.save writes it: {error}"
@@ -200,12 +200,12 @@ def _read_npz(path: Path, options: Options) -> Recording:
 def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
     """The entries of a text of JSON in an array."""
     try:
-        values = parsed_json(str(text))
+        values = parse_json(str(text))
     except ValueError:
         values = None
     if not isinstance(values, dict):
         raise RecordingError(
-            f"its {name} must be JSON with entries by name, not {shown(str(text))}"
+            f"its {name} must be JSON with entries by name, not {short_repr(str(text))}"
         )
     return values
 

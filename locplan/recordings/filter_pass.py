@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from locplan._support.arrays import read_arrays, write_arrays
 from locplan._support.files import make_folder
-from locplan._support.intervals import random_of
+from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Floats, Singles
 from locplan._support.output import replacing
 from locplan._support.progress import ProgressCallback
@@ -121,7 +121,7 @@ class FilterPass:
             n_poor = n_poor + 1 if best_fits[k] < _poor_fit(best_fits[:k]) else 0
             progress(k + 1, count)
         samples = np.empty((TRAJECTORIES, count, 3))
-        random = random_of(self.seed, SMOOTH, self.number, count)
+        random = make_generator(self.seed, SMOOTH, self.number, count)
         kidnapped = self.walls.kidnapped
         sample_backwards(random, clouds, self.ways, self.deviations, kidnapped, samples)
         return samples
@@ -137,7 +137,7 @@ class FilterPass:
         """
         from locplan.recordings.kernels.trajectory import draw_evenly
 
-        random, poor = random_of(self.seed, SMOOTH, self.number, k), _poor_fit(earlier_fits)
+        random, poor = make_generator(self.seed, SMOOTH, self.number, k), _poor_fit(earlier_fits)
         for size in (PARTICLES, 4 * PARTICLES, MAX_PARTICLES):
             poses = self._predict(random, k, cloud, size)
             fits = self._compute_fits(k, poses)

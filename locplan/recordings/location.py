@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import check_threads, instance, number, shown, whole
+from locplan._support.checks import check_threads, check_instance, check_number, short_repr, check_integer
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Singles
 from locplan._support.output import Results
-from locplan._support.poses import wrapped
+from locplan._support.poses import wrap_angles
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import Pictured
 from locplan._support.records import Column, Result, Table
-from locplan._support.tables import REPORT_WIDTH, finite
+from locplan._support.tables import REPORT_WIDTH, nan_to_none
 from locplan.errors import ConfigError, RecordingError
 from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid, check_grid
@@ -207,7 +207,7 @@ class Location(Pictured):
 
     def table(self) -> Table:
         """The poses that explain the scan, the best first."""
-        return Table.of(MODES, self.modes, number="place")
+        return Table.from_records(MODES, self.modes, number="place")
 
     def figure(self, *, recorded: ArrayLike | None = None) -> Figure:
         """The map with the scan at the best mode, and the other modes, numbered, with their
@@ -296,7 +296,7 @@ class LocatedDrive(Result):
     @property
     def turn(self) -> Floats:
         """Angle of each best pose from the recorded one, (n,) [rad]."""
-        return np.abs(wrapped(self.poses[:, 2] - self.recording.poses[:, 2]))
+        return np.abs(wrap_angles(self.poses[:, 2] - self.recording.poses[:, 2]))
 
     @property
     def right(self) -> Bools:
@@ -375,7 +375,7 @@ class LocatedDrive(Result):
             names = ("x", "y", "heading", "distance", "turn")
             values = (*self.recording.poses[0].tolist(), self.distance[0], self.turn[0])
             recorded = dict(zip(names, map(float, values), strict=True))
-            return finite(
+            return nan_to_none(
                 {
                     **header,
                     "sentence": self.alone.sentence,
@@ -387,7 +387,7 @@ class LocatedDrive(Result):
                     "recorded": recorded,
                 }
             )
-        return finite(
+        return nan_to_none(
             {
                 **header,
                 "sentence": self.sentence,
@@ -500,7 +500,7 @@ def locate(
     """
     check_grid(grid)
     ranges, lidar = _checked(scan, lidar)
-    whole("count", count)
+    check_integer("count", count)
     database = checked_database(grid, lidar, clearance, database)
     places = places_of(database, near, within)
     return located(database, ranges, places, count, restricted=near is not None)
@@ -517,9 +517,9 @@ def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: flo
     if near is None:
         return database.everywhere
     # Least such distance, a little more than that of the places that scans are compared with [m].
-    radius, places = number("within", within, 0.5), near
+    radius, places = check_number("within", within, 0.5), near
     if isinstance(places, Path):
-        places = places.resampled(database.grid.resolution).xy
+        places = places.resample(database.grid.resolution).xy
     return database.near(Path(np.asarray(places)).xy, radius)
 
 
@@ -604,11 +604,11 @@ def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, 
         return scan.ranges[0].astype(np.float64), scan.lidar
     if lidar is None:
         raise ConfigError("name the lidar that took the scan; only a recording knows its own")
-    instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+    check_instance("lidar", lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
     try:
         ranges = np.array(scan, np.float64)
     except (TypeError, ValueError):
-        raise ConfigError(f"a scan must be an array of ranges [m], not {shown(scan)}") from None
+        raise ConfigError(f"a scan must be an array of ranges [m], not {short_repr(scan)}") from None
     if ranges.shape != (lidar.beams,):
         raise ConfigError(
             f"a scan must be the ranges of the lidar's {lidar.beams} beams, not an array of shape"
@@ -668,9 +668,9 @@ def locate_drive(
         If a value is out of its range, no scan has enough returns, or there is no place for the
         robot.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
-    whole("count", count)
+    check_integer("count", count)
     workers = check_threads(threads)
     database = checked_database(grid, recording.lidar, clearance, database)
     places = places_of(database, near, within)

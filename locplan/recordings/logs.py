@@ -14,14 +14,14 @@ from locplan._support.checks import (
     FARTHEST,
     MAX_RANGE,
     Settings,
-    finite_numbers,
-    keep,
-    shown,
+    parse_finite_numbers,
+    set_frozen_fields,
+    short_repr,
     suggestion,
-    whole,
+    check_integer,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import wrapped
+from locplan._support.poses import wrap_angles
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.robots.lidar import MAX_BEAMS, Lidar
 
@@ -63,7 +63,7 @@ class Topics(Settings):
         for each in fields(Topics):
             value = getattr(self, each.name)
             if value != each.default and not (isinstance(value, str) and value):
-                raise ConfigError(f"{each.name} must be a name, not {shown(value)}")
+                raise ConfigError(f"{each.name} must be a name, not {short_repr(value)}")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -78,17 +78,17 @@ class Options(Topics):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep(self, every=whole("every", self.every))
+        set_frozen_fields(self, every=check_integer("every", self.every))
         for name in ("window", "range_limits"):
-            keep(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
-        keep(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
+            set_frozen_fields(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
+        set_frozen_fields(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
         for name, upper_limit, what in (
             ("window", math.inf, "two times from the start on, the first one earlier [s]"),
             ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
         ):
             ends = getattr(self, name)
             if ends and not 0 <= ends[0] < ends[1] <= upper_limit:
-                raise ConfigError(f"{name} must be {what}, not {shown(ends)}")
+                raise ConfigError(f"{name} must be {what}, not {short_repr(ends)}")
 
     def refuse_others(self, what: str, *, of_robot: bool) -> None:
         """Raise a ConfigError if an option is set that this kind of file cannot follow.
@@ -108,7 +108,7 @@ class Options(Topics):
         for name in values:
             if name not in known:
                 raise RecordingError(
-                    f"its lidar has no {shown(name)}; known are {', '.join(known)}"
+                    f"its lidar has no {short_repr(name)}; known are {', '.join(known)}"
                     f"{suggestion(name, known)}"
                 )
         try:
@@ -128,9 +128,9 @@ def _numbers(name: str, values: Any, count: int, what: str) -> tuple[float, ...]
     """A number of numbers, or None."""
     if values is None:
         return None
-    numbers = finite_numbers(values)
+    numbers = parse_finite_numbers(values)
     if len(numbers) != count:
-        raise ConfigError(f"{name} must be {what}, not {shown(values)}")
+        raise ConfigError(f"{name} must be {what}, not {short_repr(values)}")
     return numbers
 
 
@@ -300,7 +300,7 @@ def poses_of(name: str, values: object) -> Floats:
             f" {x:g}, {y:g}, {heading:g}; leave such scans out"
         )
     inside = (np.abs(poses[:, 2]) <= np.pi).all()
-    return poses if inside else frozen(np.column_stack([poses[:, :2], wrapped(poses[:, 2])]))
+    return poses if inside else frozen(np.column_stack([poses[:, :2], wrap_angles(poses[:, 2])]))
 
 
 def array_of(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
@@ -309,7 +309,7 @@ def array_of(name: str, values: object, kind: np.dtype[Any], dimensions: int) ->
         with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
             array = np.asarray(values, kind)
     except (TypeError, ValueError, OverflowError):
-        raise RecordingError(f"{name} must be an array of numbers, not {shown(values)}") from None
+        raise RecordingError(f"{name} must be an array of numbers, not {short_repr(values)}") from None
     if array.ndim != dimensions:
         raise RecordingError(f"{name} must have {dimensions} dimensions, not {array.ndim}")
     return frozen(array.copy() if array.flags.writeable else array)

@@ -11,15 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import instance, printable
-from locplan._support.intervals import Interval, blocks_along, intervals
+from locplan._support.checks import check_instance, make_printable
+from locplan._support.intervals import Interval, assign_blocks, bootstrap_statistics
 from locplan._support.kernels.arrays import Bools, Floats, Ints
-from locplan._support.poses import after_way, ends_in_map, moved, way_between, wrapped
-from locplan._support.progress import ProgressCallback, parts
+from locplan._support.poses import apply_motions, ends_in_map, move_poses, compute_motions, wrap_angles
+from locplan._support.progress import ProgressCallback, split_progress
 from locplan.errors import RecordingError
 from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid, check_grid
-from locplan.maps.map_faults import MapFault, boxes_of
+from locplan.maps.map_faults import MapFault, find_bounding_boxes
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.recordings.calibration import MAD, SeenWalls
 from locplan.recordings.evaluation import FITS, at_walls, looked_up, match_scans
@@ -107,7 +107,7 @@ def range_fit(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit:
     # What a pose took for its own error, it no longer does where the ranges are nearly right.
     first = 1 + float(_solved(once, np.ones(len(once)))[0])
     scan_equations, blocks = _compared(grid, recordings, first)
-    factor, depth = intervals(lambda weights: _solved(scan_equations, weights), blocks, 200)
+    factor, depth = bootstrap_statistics(lambda weights: _solved(scan_equations, weights), blocks, 200)
     return RangeFit(Interval(*(first * (1 + value) for value in factor)), depth)
 
 
@@ -163,7 +163,7 @@ def _equations(
             of_beams = np.column_stack([expected, steep, off, ways])[good]
             rows.append(of_beams / steep[good, None])
             used.append(scan)
-    return rows, blocks_along(recording.poses)[np.array(used, np.int64)]
+    return rows, assign_blocks(recording.poses)[np.array(used, np.int64)]
 
 
 def _projected(parts: list[Floats]) -> list[Floats]:
@@ -311,7 +311,7 @@ def fit_to_map(
     >>> print(fit_to_map(drive, grid).sentence)
     The map fits: 100% of the beams end within 0.2 m of a wall.
     """
-    instance("recording", recording, Recording)
+    check_instance("recording", recording, Recording)
     check_grid(grid)
     if not (grid.cells == OCCUPIED).any():
         raise RecordingError(
@@ -325,7 +325,7 @@ def fit_to_map(
     if share < FITS:
         starts += search.everywhere(progress)
     move = search.nearby(starts)
-    best = _share(grid, near, sample._replace(poses=moved(sample.poses, move)).ends())
+    best = _share(grid, near, sample._replace(poses=move_poses(sample.poses, move)).ends())
     if best <= share:
         move, best = (0.0, 0.0, 0.0), share
     mount = _mount(grid, near, sample, best) if best < FITS else ""
@@ -363,14 +363,14 @@ def check_place(
     >>> recording = read_recording("two_corridors")
     >>> check_place(recording, load_map("two_corridors"))
     """
-    instance("recording", recording, Recording)
+    check_instance("recording", recording, Recording)
     check_grid(grid)
     if not (grid.cells == OCCUPIED).any():
         return  # all that take the recording refuse this map
     share = _measure_agreement(recording, grid, database)
     if not share < SAME_PLACE:
         return
-    name = printable(recording.source.file) or "the recording"
+    name = make_printable(recording.source.file) or "the recording"
     fault = _find_lidar_fault(recording, grid) if recording.has_poses else ""
     raise RecordingError(
         f"{name} does not fit {grid.name or 'the map'}: "
@@ -416,7 +416,7 @@ def _measure_agreement(
         for side in (steps, -steps) if way[-1] else ():
             pose, before = first, scan
             for next_scan in np.searchsorted(way, np.clip(way[scan] + side, 0.0, way[-1])):
-                pose = after_way(pose, way_between(motion[before], motion[next_scan]))
+                pose = apply_motions(pose, compute_motions(motion[before], motion[next_scan]))
                 pose, share = _compare_ranges(walls, recording, next_scan, pose)
                 along.append(share)
                 before = next_scan
@@ -486,7 +486,7 @@ def _origin(grid: OccupancyGrid, move: Move) -> Move:
     (x, y, yaw), (dx, dy, turn) = grid.origin, move
     cos, sin = math.cos(turn), math.sin(turn)
     u, v = x - dx, y - dy
-    return cos * u + sin * v, cos * v - sin * u, float(wrapped(yaw - turn))
+    return cos * u + sin * v, cos * v - sin * u, float(wrap_angles(yaw - turn))
 
 
 def _mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: float) -> str:
@@ -534,7 +534,7 @@ class _Search:
         shape = tuple(next_fast_len(layer + 2 * half + 1, real=True) for layer in walls.shape)
         of_walls, of_free = (np.conj(rfft2(layer, shape)) for layer in (walls, free))
         turns = 4 * max(1, min(math.ceil(2 * math.pi * self.radius / cell / 4), 180))
-        (tell,) = parts(progress, [turns])
+        (tell,) = split_progress(progress, [turns])
         peaks: list[tuple[float, float, float, float]] = []
         for n in range(turns):
             turn = 2 * math.pi * n / turns
@@ -674,11 +674,11 @@ class Misfits:
         remedy = "here the scans do not fit the map: see what stands there, and map it again"
         if self.seen_through > SEEN_THROUGH:
             description = f"{self.seen_through:.1%} of the walls in view are seen through"
-            boxes = boxes_of(grid, self.false)
+            boxes = find_bounding_boxes(grid, self.false)
             yield MapFault("false walls", description, remedy, sure=True, boxes=boxes)
         if self.missing.sum() * grid.resolution > LENGTH:
             description = f"{1 - self.at_walls:.0%} of the beams end at no wall"
-            boxes = boxes_of(grid, self.missing)
+            boxes = find_bounding_boxes(grid, self.missing)
             yield MapFault("missing walls", description, remedy, sure=True, boxes=boxes)
 
 
@@ -714,7 +714,7 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         If the poses are off by so much that walls would seem to be wrong.
     """
     for recording in recordings:
-        instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+        check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     deviation = max(_pose_deviation(grid, recording) for recording in recordings)
     name = grid.name or "the map"
     if math.isinf(deviation):

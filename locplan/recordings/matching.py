@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import Settings, instance, keep, number, positive, setting
+from locplan._support.checks import Settings, check_instance, set_frozen_fields, check_number, check_positive, setting
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
-from locplan._support.poses import ends_in_map, turning, wrapped
+from locplan._support.poses import ends_in_map, make_rotation_matrix, wrap_angles
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.field.beams import wall_cells
@@ -48,12 +48,12 @@ class Matching(Settings):
 
     lidar: Lidar
     """The lidar: its range, field of view and mount; its number of beams does not matter."""
-    global_effective_beams: float = setting(GLOBAL_EFFECTIVE_BEAMS, positive, "beams")
+    global_effective_beams: float = setting(GLOBAL_EFFECTIVE_BEAMS, check_positive, "beams")
     """Number of independent beams that count as much as 96 all round, above 0."""
-    sigma_hit: float = setting(0.1, positive, "m")
+    sigma_hit: float = setting(0.1, check_positive, "m")
     """Standard deviation of the distance of a beam's end from a wall [m], above 0; it counts as at
     least a cell."""
-    z_rand: float = setting(0.05, positive)
+    z_rand: float = setting(0.05, check_positive)
     """Share of the beams that end anywhere, above 0 and below 1."""
     robot_radius: float = setting(0.25, 0.0)
     """Distance from walls at which a pose is possible [m], >= 0."""
@@ -62,7 +62,7 @@ class Matching(Settings):
     100,000."""
 
     def __post_init__(self) -> None:
-        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        check_instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
         super().__post_init__()
         if self.z_rand >= 1:
             raise ConfigError(f"z_rand must be below 1, not {self.z_rand:g}")
@@ -267,7 +267,7 @@ class Matcher:
         posterior_arrays = mean, covariance, best, summary
         field, lattice = self.prepared
         recorded_posteriors(field, lattice, cells, from_cell, self.settings.temperature, *posterior_arrays)
-        turn, steps = turning(self.grid.origin[2]), self.window.steps
+        turn, steps = make_rotation_matrix(self.grid.origin[2]), self.window.steps
         return Posteriors(
             mean * steps @ turn.T,
             turn @ (covariance * np.outer(steps, steps)) @ turn.T,
@@ -345,7 +345,7 @@ class Database:
             x, y and heading on the map [cells, cells, rad].
         """
         x, y = self.grid.grid_to_world(poses[:, 1], poses[:, 0])
-        heading = wrapped(poses[:, 2] + self.grid.origin[2])
+        heading = wrap_angles(poses[:, 2] + self.grid.origin[2])
         return np.column_stack([x, y, heading])
 
 
@@ -507,8 +507,8 @@ class ScanDatabase:
 
     def __post_init__(self) -> None:
         check_grid(self.grid)
-        instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        keep(self, clearance=number("clearance", self.clearance, 0.0))
+        check_instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
+        set_frozen_fields(self, clearance=check_number("clearance", self.clearance, 0.0))
 
     def __repr__(self) -> str:
         return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"
@@ -600,8 +600,8 @@ def checked_database(
         If it is of another map or lidar, or the clearance is out of its range.
     """
     if database is None:
-        database = database_of(grid, lidar, number("clearance", clearance, 0.0))
-    instance("database", database, ScanDatabase)
+        database = database_of(grid, lidar, check_number("clearance", clearance, 0.0))
+    check_instance("database", database, ScanDatabase)
     if database.grid != grid or database.lidar != lidar:
         raise ConfigError(
             "the database is of another map or lidar; make ScanDatabase(grid, lidar) of these"

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import instance, keep, number, printable, shown, whole
+from locplan._support.checks import check_instance, set_frozen_fields, check_number, make_printable, short_repr, check_integer
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import ends_in_map, moved, way_between, way_length, wrapped
-from locplan._support.tables import finite, table
+from locplan._support.poses import ends_in_map, move_poses, compute_motions, compute_path_length, wrap_angles
+from locplan._support.tables import nan_to_none, format_table
 from locplan.errors import RecordingError
 from locplan.recordings.logs import Source, array_of, frozen, poses_of
 from locplan.robots.lidar import Lidar
@@ -77,8 +77,8 @@ class Recording:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        instance("lidar", self.lidar, Lidar)
-        instance("source", self.source, Source)
+        check_instance("lidar", self.lidar, Lidar)
+        check_instance("source", self.source, Source)
         poses = array_of("poses", self.poses, np.dtype(np.float64), 2)
         if not len(poses) or not np.isnan(poses).all():
             poses = poses_of("pose", poses)
@@ -98,7 +98,7 @@ class Recording:
             )
         if not (returns | (ranges == np.inf)).all():
             ranges = frozen(np.where(returns, ranges, np.float32(np.inf)))
-        keep(self, ranges=ranges, poses=poses)
+        set_frozen_fields(self, ranges=ranges, poses=poses)
         if self.times is not None:
             times = array_of("times", self.times, np.dtype(np.float64), 1)
             if times.shape != (len(poses),) or not np.isfinite(times).all():
@@ -106,24 +106,24 @@ class Recording:
             if (np.diff(times) < 0).any():
                 scan = int(np.argmax(np.diff(times) < 0)) + 1
                 raise RecordingError(f"times go back at scan {scan}; give None if they are wrong")
-            keep(self, times=times)
+            set_frozen_fields(self, times=times)
         if self.odometry is not None:
             odometry = poses_of("odometry", self.odometry)
             if len(odometry) != len(poses):
                 raise RecordingError(
                     f"odometry must be a pose for each of {len(poses)} scans, not {len(odometry)}"
                 )
-            keep(self, odometry=odometry)
+            set_frozen_fields(self, odometry=odometry)
         if self.speeds is not None:
             speeds = array_of("speeds", self.speeds, np.dtype(np.float64), 1)
             if speeds.shape != (len(poses),):
                 raise RecordingError(
                     f"speeds must be {len(poses)} numbers, one of each scan, not {speeds.shape}"
                 )
-            keep(self, speeds=speeds)
+            set_frozen_fields(self, speeds=speeds)
 
     def __repr__(self) -> str:
-        name = f"{printable(self.source.file)}, " if self.source.file else ""
+        name = f"{make_printable(self.source.file)}, " if self.source.file else ""
         without = "" if self.odometry is None else ", with odometry"
         scans, beams = self.ranges.shape
         length = f"{self.length:.4g} m" if self.has_poses else "no poses"
@@ -146,7 +146,7 @@ class Recording:
             index = np.asarray(chosen)
             if index.ndim != 1 or index.dtype.kind not in "biu":
                 raise RecordingError(
-                    f"scans are chosen by a slice, indices or a mask, not {shown(chosen)}; take"
+                    f"scans are chosen by a slice, indices or a mask, not {short_repr(chosen)}; take"
                     " drive[n : n + 1] for one"
                 )
         try:
@@ -174,7 +174,7 @@ class Recording:
         count : int
             The number n, at least 1.
         """
-        return self[:: whole("every", count)]
+        return self[:: check_integer("every", count)]
 
     def window(self, start: float, end: float) -> Recording:
         """Recording of the scans of a part of the drive.
@@ -189,7 +189,7 @@ class Recording:
         RecordingError
             If the recording has no times, or no scan lies in the window.
         """
-        start, end = number("start", start), number("end", end)
+        start, end = check_number("start", start), check_number("end", end)
         if self.times is None:
             raise RecordingError("the recording has no times; choose scans by their indices")
         after = self.times - self.times[0]
@@ -213,8 +213,8 @@ class Recording:
         turn : float
             Turn about the frame's origin, counter-clockwise [rad].
         """
-        x, y, turn = number("x", x), number("y", y), number("turn", turn)
-        return replace(self, poses=moved(self.poses, (x, y, turn)))
+        x, y, turn = check_number("x", x), check_number("y", y), check_number("turn", turn)
+        return replace(self, poses=move_poses(self.poses, (x, y, turn)))
 
     @property
     def has_poses(self) -> bool:
@@ -224,7 +224,7 @@ class Recording:
     @property
     def length(self) -> float:
         """Length of the way from scan to scan [m]."""
-        return way_length(self.poses)
+        return compute_path_length(self.poses)
 
     def ends_on_robot(self) -> Floats:
         """Ends of the beams ahead and to the left of the robot, (n, beams, 2) [m]; NaN for none."""
@@ -254,7 +254,7 @@ class Recording:
         Kinematics(speed=0.25)
         """
         known = Robot() if known is None else known
-        instance("robot", known, Robot, 'such as locplan.Robot("turtlebot4")')
+        check_instance("robot", known, Robot, 'such as locplan.Robot("turtlebot4")')
         robot = replace(known, lidar=self.lidar)
         if robot.kinematics != Kinematics():
             return robot
@@ -267,8 +267,8 @@ class Recording:
             if moving.size:
                 kinematics_settings["speed"] = round(float(np.median(moving)), 2)
         if self.odometry is not None:
-            ahead, left, turn = way_between(self.odometry[:-1], self.odometry[1:]).T
-            straight = np.abs(wrapped(turn)) < 0.02  # an arc leads aside, too
+            ahead, left, turn = compute_motions(self.odometry[:-1], self.odometry[1:]).T
+            straight = np.abs(wrap_angles(turn)) < 0.02  # an arc leads aside, too
             way = np.hypot(ahead, left)[straight].sum()
             if np.abs(left)[straight].sum() > 0.2 * way:
                 kinematics_settings["drive"] = "omnidirectional"
@@ -279,14 +279,14 @@ class Recording:
         finite_ranges = self.ranges[np.isfinite(self.ranges)]
         steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
         source, has_odometry = self.source, self.odometry is not None
-        return finite(
+        return nan_to_none(
             {
                 "file": source.file,
                 "scans": len(self.poses),
                 "beams": self.lidar.beams,
                 "lidar": self.lidar.title,
                 "length": float(steps.sum()),
-                "turned": float(np.abs(wrapped(np.diff(self.poses[:, 2]))).sum()),
+                "turned": float(np.abs(wrap_angles(np.diff(self.poses[:, 2]))).sum()),
                 "seconds": None if self.times is None else float(self.times[-1] - self.times[0]),
                 "spacing": float(np.median(steps)) if len(steps) else 0.0,
                 "returns": finite_ranges.size / self.ranges.size,
@@ -315,7 +315,7 @@ class Recording:
 
     def report(self) -> str:
         """Return the summary as a table for people."""
-        return table([], self.rows())
+        return format_table([], self.rows())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the recording without loss; `read_recording` describes the file.

@@ -11,24 +11,24 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_memory, check_threads, instance, whole
+from locplan._support.checks import check_memory, check_threads, check_instance, check_integer
 from locplan._support.intervals import (
     Interval,
-    blocks_along,
-    in_metres,
-    in_percent,
+    assign_blocks,
+    format_metres,
+    format_percent,
     mean_interval,
-    random_of,
+    make_generator,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
-from locplan._support.poses import turning, updates_of, way_between, way_length, wrapped
+from locplan._support.poses import make_rotation_matrix, find_update_poses, compute_motions, compute_path_length, wrap_angles
 from locplan._support.progress import ProgressCallback
-from locplan._support.records import Column, Result, Table, values_of
-from locplan._support.tables import REPORT_WIDTH, finite, table
+from locplan._support.records import Column, Result, Table, extract_values
+from locplan._support.tables import REPORT_WIDTH, nan_to_none, format_table
 from locplan.errors import RecordingError
 from locplan.field.covariance import scalar
-from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, own_axes
+from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, world_to_map_frame
 from locplan.recordings.matching import in_batches
 from locplan.recordings.recording import Recording
 from locplan.robots.amcl import Amcl
@@ -67,7 +67,7 @@ def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
         The filter's settings.
     """
     assert recording.odometry is not None
-    updates = updates_of(recording.odometry, amcl.update_min_d, amcl.update_min_a)
+    updates = find_update_poses(recording.odometry, amcl.update_min_d, amcl.update_min_a)
     at = recording.odometry[updates, :2]
     steps = np.hypot(*np.diff(at, axis=0).T)
     spacing = float(np.median(steps)) if len(steps) else 0.0
@@ -95,7 +95,7 @@ class Tracks:
                 f"{recording.source.file or 'the recording'} has no odometry, which a replay needs;"
                 " record it, too, or name its topic with odom_topic="
             )
-        moved, reported = recording.length, way_length(recording.odometry)
+        moved, reported = recording.length, compute_path_length(recording.odometry)
         if reported < 0.1 * moved:
             raise RecordingError(
                 f"the odometry moves by {reported:.1f} m, but the poses by {moved:.1f} m; is it the"
@@ -109,8 +109,8 @@ class Tracks:
                 " locplan.recordings.fit_to_map"
             )
         self.odometry: Floats = recording.odometry
-        self.truth = own_axes(grid, recording.poses)
-        self._turn = turning(grid.origin[2])
+        self.truth = world_to_map_frame(grid, recording.poses)
+        self._turn = make_rotation_matrix(grid.origin[2])
 
     def arguments(self, robot: Robot, scores: NDArray[np.float32] | None = None) -> DriveArguments:
         """The arguments of the kernels; of the disturbances those of the start are read."""
@@ -129,7 +129,7 @@ class Tracks:
         arguments: DriveArguments,
     ) -> tuple[Floats, Floats]:
         """Errors (n, 3) and covariances (n, 3, 3) of one run, in the world."""
-        from locplan._support.kernels.drives import replay as kernel
+        from locplan._support.kernels.drives import replay_filter as kernel
 
         truth = self.truth
         poses, covariances = np.empty_like(truth), np.empty((len(truth), 3, 3))
@@ -137,7 +137,7 @@ class Tracks:
         settings = arguments.scores, arguments.start, arguments.filter
         kernel(random, *drive, *settings, poses, covariances)
         errors = poses - truth
-        errors[:, 2] = wrapped(errors[:, 2])
+        errors[:, 2] = wrap_angles(errors[:, 2])
         return errors @ self._turn.T, self._turn @ covariances @ self._turn.T
 
 
@@ -163,12 +163,12 @@ def without_jumps(
     >>> still[:, 0].tolist(), odometry[:, 0].tolist(), jumps
     ([0.0, 1.0, 1.0], [5.0, 6.0, 6.0], 1)
     """
-    true, reported = (way_between(motions[:-1], motions[1:]) for motions in (poses, odometry))
+    true, reported = (compute_motions(motions[:-1], motions[1:]) for motions in (poses, odometry))
     off = reported - true
     step_error, true_way, way = (np.hypot(motions[:, 0], motions[:, 1]) for motions in (off, true, reported))
     # Half a metre or half a radian, and three tenths of the step, are no jump yet.
     far = step_error > 0.5 + 0.3 * np.minimum(true_way, way)
-    far |= np.abs(wrapped(off[:, 2])) > 0.5 + 0.3 * np.abs(wrapped(true[:, 2]))
+    far |= np.abs(wrap_angles(off[:, 2])) > 0.5 + 0.3 * np.abs(wrap_angles(true[:, 2]))
     left_out = far if faulty is None else far | faulty
     if not left_out.any():
         return poses, odometry, 0
@@ -183,7 +183,7 @@ def _joined(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> Floats:
     cos, sin = np.cos(heading[:-1]), np.sin(heading[:-1])
     x = first[0] + np.append(0.0, np.cumsum(cos * ahead - sin * left))
     y = first[1] + np.append(0.0, np.cumsum(sin * ahead + cos * left))
-    return np.column_stack([x, y, wrapped(heading)])
+    return np.column_stack([x, y, wrap_angles(heading)])
 
 
 @dataclass(frozen=True)
@@ -304,7 +304,7 @@ class Replay(Result):
         squares = self.squares[:, at]
         inside = (squares <= -2 * math.log(0.05)).mean(axis=0)
         return Consistency(
-            mean_interval(inside, blocks_along(self.recording.poses)[at]),
+            mean_interval(inside, assign_blocks(self.recording.poses)[at]),
             math.sqrt(float(np.median(squares)) / (2 * math.log(2))),
             float(np.median(scalar(self.covariances[:, at], "position_rms"))),
             float(np.median(self.drives.position_error[:, at])),
@@ -358,7 +358,7 @@ class Replay(Result):
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "runs": len(self.errors),
             "updates": consistency.updates,
-            "errors": values_of(DRIVEN, self.drives),
+            "errors": extract_values(DRIVEN, self.drives),
             "consistency": {
                 "within_95_ellipse": list(consistency.within),
                 "wider_by": consistency.wider,
@@ -371,7 +371,7 @@ class Replay(Result):
             "robot": self.robot.summary(),
             **about_filter(self.filter_map),
         }
-        return finite(content)
+        return nan_to_none(content)
 
     def table(self) -> Table:
         """A row per scan: the recorded pose, the errors there, and the filter's own deviation."""
@@ -452,11 +452,11 @@ def replay(
     >>> replay(drive, grid, runs=2).errors.shape
     (2, 9, 3)
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     robot = recording.robot(robot)
-    whole("runs", runs, 1, 10_000)
-    whole("seed", seed, 0)
+    check_integer("runs", runs, 1, 10_000)
+    check_integer("seed", seed, 0)
     workers = check_threads(threads)
     check_memory(f"{runs} runs of {len(recording)} scans", 12 * 8 * runs * len(recording), "fewer")
     tracks = Tracks(recording, check_filter_map(filter_map, grid))
@@ -468,7 +468,7 @@ def replay(
     def run(some: NDArray[np.int64]) -> list[int]:
         numbers: list[int] = some.tolist()
         for n in numbers:
-            errors[n], covariances[n] = tracks.track(random_of(seed, REPLAY, n), ends, arguments)
+            errors[n], covariances[n] = tracks.track(make_generator(seed, REPLAY, n), ends, arguments)
         return numbers
 
     in_batches(run, runs, workers, progress, batch=1)
@@ -478,18 +478,18 @@ def replay(
 def replay_report(replay: Replay) -> str:
     """Table of the errors against the recorded poses, and of the filter's consistency."""
     found, within = replay.consistency, replay.consistency.within
-    share = f"{within.value:.0%}" if np.isnan(within.low) else in_percent(within)
+    share = f"{within.value:.0%}" if np.isnan(within.low) else format_percent(within)
     # A rate of losses would be that of the log's lack of scans, not of the filter.
     columns = [column for column in DRIVEN if column not in RATES or not replay.is_sparse]
     of_filter = [
         ("within the 95% ellipse", share),
-        ("rms deviation by the filter", in_metres(found.filter_std)),
+        ("rms deviation by the filter", format_metres(found.filter_std)),
     ]
     rows = [
         ("map", replay.grid.name),
         ("drive", repr(replay.recording)),
         ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
-        *Table.of(columns, [replay.drives]).turned(),
+        *Table.from_records(columns, [replay.drives]).format_transposed(),
         *(of_filter if found.updates and not replay.is_sparse else ()),
     ]
     caption = (
@@ -497,7 +497,7 @@ def replay_report(replay: Replay) -> str:
         f" stretches of\n10 m]; with {replay.robot.title}"
     )
     verdict_text = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
-    lines = [verdict_text, table([], rows), caption] if replay.is_sparse else [table([], rows), caption, verdict_text]
+    lines = [verdict_text, format_table([], rows), caption] if replay.is_sparse else [format_table([], rows), caption, verdict_text]
     return "\n".join(lines)
 
 
@@ -567,7 +567,7 @@ def find_replay_limit(recording: Recording) -> str:
     """
     if recording.odometry is None:
         return "it has no odometry, so that the filter cannot be run on it"
-    length = way_length(recording.poses)
+    length = compute_path_length(recording.poses)
     if length < SHORTEST:
         return (
             f"it is {length:.2g} m long, too short to judge settings by; {SHORTEST:g} m are needed"

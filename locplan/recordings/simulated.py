@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from locplan._support.checks import positive
-from locplan._support.poses import way_along
+from locplan._support.checks import check_positive
+from locplan._support.poses import compute_travel_distances
 from locplan.errors import ConfigError, LocplanError
-from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan.maps.grid import OccupancyGrid, world_to_map_frame
 from locplan.recordings.logs import Source
 from locplan.recordings.recording import Recording
 from locplan.robots.robot import Robot
@@ -64,15 +64,15 @@ def record_drive(
     >>> record_drive(grid, path, locplan.Robot(locplan.Lidar(range=6.0, beams=90)), spacing=0.5)
     Recording(simulated, 37 scans of 90 beams, 18 m, with odometry)
     """
-    from locplan._support.kernels.drives import odometry_along
-    from locplan._support.kernels.lidar import measured_ends
-    from locplan.planning.path import path_from
+    from locplan._support.kernels.drives import simulate_odometry
+    from locplan._support.kernels.lidar import measure_ends
+    from locplan.planning.path import as_path
     from locplan.simulation.simulator import Simulator
     from locplan.simulation.worlds import POSE_SPACING, poses_along
 
-    path = path_from(path)
-    pose_step = max(1, round(positive("spacing", spacing, "m") / POSE_SPACING))
-    positive("speed", speed, "m/s")
+    path = as_path(path)
+    pose_step = max(1, round(check_positive("spacing", spacing, "m") / POSE_SPACING))
+    check_positive("speed", speed, "m/s")
     simulator = Simulator(grid, robot, seed=seed, threads=1)
     lidar = simulator.robot.known_lidar
     try:
@@ -81,7 +81,7 @@ def record_drive(
         raise ConfigError(f"the path {error}") from None
     random = np.random.default_rng(seed)
     arguments = simulator.arguments
-    reported = odometry_along(random, own_axes(grid, line), arguments.odometry)[::pose_step]
+    reported = simulate_odometry(random, world_to_map_frame(grid, line), arguments.odometry)[::pose_step]
     poses = line[::pose_step]
     sensor = arguments.lidar._replace(angles=lidar.angles)
     rows, cols = grid.world_to_grid(*poses[:, :2].T)
@@ -89,11 +89,11 @@ def record_drive(
     ranges, ends = np.empty((len(poses), lidar.beams)), np.empty((lidar.beams, 2))
     for n, pose in enumerate(np.column_stack([rows, cols, headings])):
         world, size = simulator.worlds[0], grid.resolution
-        measured_ends(random, world, size, pose, sensor, arguments.disturbances, ends)
+        measure_ends(random, world, size, pose, sensor, arguments.disturbances, ends)
         beam_vectors = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
         ranges[n] = np.hypot(*beam_vectors.T)
     # A hundredth of a second a scan beside the way's time, so that turns on the spot take some.
-    times = way_along(line)[::pose_step] / speed + 0.01 * np.arange(len(poses), dtype=float)
+    times = compute_travel_distances(line)[::pose_step] / speed + 0.01 * np.arange(len(poses), dtype=float)
     return Recording(
         (np.rint(ranges * 1000) / 1000).astype(np.float32),
         lidar,

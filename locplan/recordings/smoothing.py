@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import instance, one_of, shown, whole
+from locplan._support.checks import check_instance, check_choice, short_repr, check_integer
 from locplan._support.kernels.arrays import Bools, Floats, Ints
-from locplan._support.poses import after_way, turning, way_between, wrapped
-from locplan._support.progress import ProgressCallback, parts, scaled
+from locplan._support.poses import apply_motions, make_rotation_matrix, compute_motions, wrap_angles
+from locplan._support.progress import ProgressCallback, split_progress, scale_progress
 from locplan.errors import ConfigError, RecordingError
 from locplan.field.cache import load_or_compute_result
 from locplan.field.covariance import position_axes
-from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, own_axes
+from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
 from locplan.recordings.filter_pass import BEAMS, SIGMA, UNEXPLAINED, FilterPass, Walls, beam_model
 from locplan.recordings.matching import CLEARANCE, ScanDatabase, checked_database
@@ -148,9 +148,9 @@ def smooth(
 
 def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
     """Raise an error if a drive cannot be smoothed."""
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
-    whole("seed", seed, 0)
+    check_integer("seed", seed, 0)
     if len(recording) < 10:
         raise RecordingError(f"the drive has {len(recording)} scans, too few: 10 are needed")
     if not (grid.cells == OCCUPIED).any():
@@ -169,8 +169,8 @@ def _first_pose(
     except (TypeError, ValueError):
         pose = np.empty(0)
     if pose.shape != (3,) or not np.isfinite(pose).all():
-        raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {shown(start)}')
-    on_map = np.asarray(own_axes(grid, pose[None])[0])
+        raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {short_repr(start)}')
+    on_map = np.asarray(world_to_map_frame(grid, pose[None])[0])
     if not grid.contains(*(int(on_map[axis] // grid.resolution) for axis in (1, 0))):
         raise ConfigError(
             f"start {pose[0]:g},{pose[1]:g} lies outside {grid.name or 'the map'}, which reaches"
@@ -236,7 +236,7 @@ class _Drive:
         ways, deviations = keys.model.expected(keys.moves), keys.model.deviations(keys.moves)
         if is_backwards:
             ends, ranges = ends[::-1], ranges[::-1]
-            ways[1:] = way_between(ways[1:], np.zeros_like(ways[1:]))[::-1]
+            ways[1:] = compute_motions(ways[1:], np.zeros_like(ways[1:]))[::-1]
             deviations[1:] = deviations[:0:-1].copy()
         filter_pass = FilterPass(
             self.walls, self.database, ranges, ends, ways, deviations, first_pose, seed, number
@@ -257,7 +257,7 @@ def _propose_trajectories(
 
     Returns the key scans with what they tell of odometry, and the trajectories (32, k, 3).
     """
-    report_forth, report_back = (scaled(part, 500) for part in parts(progress, [500, 500]))
+    report_forth, report_back = (scale_progress(part, 500) for part in split_progress(progress, [500, 500]))
     samples = drive.run_filter(keys, first_pose, seed, folder, report_forth, number=0)
     forth = keys.refine_samples(samples)
     learned = keys.learn_odometry(keys.find_likeliest(forth))
@@ -294,7 +294,7 @@ def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Cha
     before = np.searchsorted(keys.scans, scans, side="right") - 1
     after = np.searchsorted(keys.scans, scans)
     forth, back = (
-        after_way(key_poses[key], way_between(drive.odometry[keys.scans[key]], drive.odometry))
+        apply_motions(key_poses[key], compute_motions(drive.odometry[keys.scans[key]], drive.odometry))
         for key in (before, after)
     )
     gains, jumps = np.nan_to_num(chain.compute_fits(np.array([forth, back]))), []
@@ -372,8 +372,8 @@ def _make_trajectory(
     """Return the trajectory in the world."""
     grid, recording = drive.grid, drive.recording
     x, y = grid.grid_to_world(poses[:, 1] / grid.resolution, poses[:, 0] / grid.resolution)
-    world = np.column_stack([x, y, wrapped(poses[:, 2] + grid.origin[2])])
-    turn, errors = turning(grid.origin[2]), chain.compute_errors(poses)
+    world = np.column_stack([x, y, wrap_angles(poses[:, 2] + grid.origin[2])])
+    turn, errors = make_rotation_matrix(grid.origin[2]), chain.compute_errors(poses)
     return Trajectory(
         poses=world,
         covariances=turn @ covariances @ turn.T,
@@ -473,8 +473,8 @@ class Chain:
     def compute_errors(self, poses: Floats) -> Floats:
         """Compute the error of odometry from each pose to the next, (n, 3) [m, m, rad]."""
         errors = np.zeros((len(poses), 3))
-        errors[1:] = way_between(poses[:-1], poses[1:]) - self.model.expected(self.moves)[1:]
-        errors[:, 2] = wrapped(errors[:, 2])
+        errors[1:] = compute_motions(poses[:-1], poses[1:]) - self.model.expected(self.moves)[1:]
+        errors[:, 2] = wrap_angles(errors[:, 2])
         return errors
 
     def find_jumps(self, poses: Floats) -> tuple[int, ...]:
@@ -496,9 +496,9 @@ class Chain:
         for begin, end in itertools.combinations(far, 2):
             across = poses[begin - 1 : end + 1].copy()
             for n in range(begin, end + 1):
-                across[n - begin + 1] = after_way(across[n - begin], ways[n])
+                across[n - begin + 1] = apply_motions(across[n - begin], ways[n])
             closing = poses[end] - across[-1]
-            closing[2] = wrapped(closing[2])
+            closing[2] = wrap_angles(closing[2])
             is_closed = np.hypot(*closing[:2]) < CARRIED / 2
             if is_closed and not is_bridged[begin - 1 : end + 1].any():
                 share = np.arange(1, end - begin + 1) / (end - begin + 1)
@@ -530,7 +530,7 @@ class Chain:
         """Find stretches of up to 4 m without jumps at which odometry is clearly shifted."""
         before = np.zeros((len(poses), 3))
         before[1:, 2] = poses[:-1, 2]
-        errors = after_way(before, self.compute_errors(poses))[:, :2]
+        errors = apply_motions(before, self.compute_errors(poses))[:, :2]
         errors[list(self.jumps)] = 0.0
         squares = self.model.deviations(self.moves)[:, :2] ** 2
         sums, variances = np.cumsum(errors, axis=0), np.cumsum(squares.mean(axis=1))
@@ -599,7 +599,7 @@ def trajectory_of(
     LocplanError
         As for `smooth`.
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
 
     def compute(parts: Path | None) -> Trajectory:
@@ -645,7 +645,7 @@ def referenced(
         As for `trajectory_of`.
     """
     if reference is not None:
-        one_of("reference", reference, ("log", SMOOTHED))
+        check_choice("reference", reference, ("log", SMOOTHED))
     of_bag = bool(recording.source.lidar_frame)  # other files name none
     if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
         return recording

@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import check_threads, file_path, instance, whole
+from locplan._support.checks import check_threads, check_file_path, check_instance, check_integer
 from locplan._support.output import Output, Results
-from locplan._support.progress import ProgressCallback, parts
+from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Result, Table
-from locplan._support.saved import plain
-from locplan._support.tables import finite, table, wrapped
+from locplan._support.saved import to_plain_data
+from locplan._support.tables import nan_to_none, format_table, wrap_lines
 from locplan.errors import LocplanError
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.map_faults import MapFault
@@ -96,7 +96,7 @@ class RecordingReport(Result):
 
     def summary(self) -> dict[str, object]:
         """Return all results in numbers, fit for JSON."""
-        return finite(
+        return nan_to_none(
             {
                 "recording": self.recording.summary(),
                 "faults": list(self.faults.sentences),
@@ -109,8 +109,8 @@ class RecordingReport(Result):
                 ],
                 "noise": self.calibration
                 and {
-                    "scans": plain(self.calibration.scans),
-                    "odometry": self.calibration.odometry and plain(self.calibration.odometry),
+                    "scans": to_plain_data(self.calibration.scans),
+                    "odometry": self.calibration.odometry and to_plain_data(self.calibration.odometry),
                     "notes": self.calibration.notes,
                 },
                 "replay": self.replay and self.replay.summary(),
@@ -142,7 +142,7 @@ class RecordingReport(Result):
         LocplanError
             If a file cannot be written, or is in the way.
         """
-        target = file_path("a recording's file or folder", folder)
+        target = check_file_path("a recording's file or folder", folder)
         if target.suffix == ".npz":
             with recording_output(target, force=force).writing() as file:
                 self.recording.save(file)
@@ -237,14 +237,14 @@ def study_recording(
     >>> study_recording(drive).faults.is_sound
     True
     """
-    instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
-    whole("seed", seed, 0)
+    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_integer("seed", seed, 0)
     check_threads(threads)
     if grid is None:
         return RecordingReport(recording, find_recording_faults(recording), seed)
     check_grid(grid)
     check_place(recording, grid)
-    smoothing, calibrating, replaying = parts(progress, [700, 200, 100])
+    smoothing, calibrating, replaying = split_progress(progress, [700, 200, 100])
     trajectory = trajectory_of(recording, grid, robot, start=start, seed=seed, progress=smoothing)
     ground_truth = trajectory.of(recording)
     faults = find_recording_faults(ground_truth, grid)
@@ -286,7 +286,7 @@ def recording_report(report: RecordingReport) -> str:
         lost = f"lost in {drives.lost.sum()}, off at the end in {drives.off_at_end.sum()}"
         rows.append(("filter, replayed", f"{runs}, {lost}"))
     notes = [SCAN_NUMBERS] if report.trajectory and report.recording.times is None else []
-    return "\n".join([*wrapped([answer, *report.faults.sentences, *notes]), "", table([], rows)])
+    return "\n".join([*wrap_lines([answer, *report.faults.sentences, *notes]), "", format_table([], rows)])
 
 
 def _answer(faults: RecordingFaults) -> str:

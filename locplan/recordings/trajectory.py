@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
-from locplan._support.poses import after_way, way_between, wrapped
+from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan._support.records import POSE, Column, Result, Table
-from locplan._support.saved import Stored, Valued
-from locplan._support.tables import finite, table
+from locplan._support.saved import Stored, EqualByValue
+from locplan._support.tables import nan_to_none, format_table
 from locplan.errors import RecordingError
 from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid
@@ -48,13 +48,13 @@ class Moves:
     @classmethod
     def of(cls, odometry: Floats, scans: NDArray[np.int64]) -> Moves:
         """Moves between some scans of a drive."""
-        steps = way_between(odometry[:-1], odometry[1:])
+        steps = compute_motions(odometry[:-1], odometry[1:])
         sums = np.zeros((len(odometry), 2))
         sums[1:, 0] = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))
-        sums[1:, 1] = np.cumsum(np.abs(wrapped(steps[:, 2])))
+        sums[1:, 1] = np.cumsum(np.abs(wrap_angles(steps[:, 2])))
         ways = np.zeros((len(scans), 3))
-        ways[1:] = way_between(odometry[scans[:-1]], odometry[scans[1:]])
-        ways[:, 2] = wrapped(ways[:, 2])
+        ways[1:] = compute_motions(odometry[scans[:-1]], odometry[scans[1:]])
+        ways[:, 2] = wrap_angles(ways[:, 2])
         return cls(ways, *np.diff(sums[scans], axis=0, prepend=sums[scans[:1]]).T)
 
     @property
@@ -64,7 +64,7 @@ class Moves:
 
 
 @dataclass(frozen=True, eq=False)
-class OdometryModel(Valued):
+class OdometryModel(EqualByValue):
     """Odometry of one drive: the true ways are the reported ones, corrected, with an error.
 
     The errors are Student's with 4 degrees of freedom, and independent from scan to scan.
@@ -112,7 +112,7 @@ class OdometryModel(Valued):
         turn = turn * (1 + self.turn_scale) + self.bend * moves.lengths
         robot = np.column_stack([ahead * (1 + self.scale), left * (1 + self.scale), turn])
         lidar = np.broadcast_to(np.array(self.mount), robot.shape)
-        return way_between(lidar, after_way(robot, lidar))
+        return compute_motions(lidar, apply_motions(robot, lidar))
 
     def deviations(self, moves: Moves) -> Floats:
         """Scales of the errors, (n, 3) [m, m, rad].
@@ -142,7 +142,7 @@ class OdometryModel(Valued):
         for _ in range(3):
             model = model._unbiased(moves, true, used)
             errors = true - model.expected(moves)
-            errors[:, TURN] = wrapped(errors[:, TURN])
+            errors[:, TURN] = wrap_angles(errors[:, TURN])
             variances = np.empty((3, 3))
             for axis in range(3):
                 square, scale = errors[:, axis] ** 2, model.deviations(moves)[:, axis] ** 2
@@ -161,7 +161,7 @@ class OdometryModel(Valued):
         cos, sin = np.cos(turn) - 1, np.sin(turn)
         deviations = self.deviations(moves)
         off = true - moves.ways
-        off[:, TURN] = wrapped(off[:, TURN])
+        off[:, TURN] = wrap_angles(off[:, TURN])
         # A lidar that is mounted elsewhere swings about the robot in turns.
         features = [
             np.column_stack([ahead, left, cos, -sin]),
@@ -198,8 +198,8 @@ def ways_of(poses: Floats, own: Floats, across: Floats) -> tuple[Floats, Floats]
         Covariances of each, and of each with the one before.
     """
     ways, variances = np.zeros((len(poses), 3)), np.zeros((len(poses), 3))
-    ways[1:] = way_between(poses[:-1], poses[1:])
-    ways[:, TURN] = wrapped(ways[:, TURN])
+    ways[1:] = compute_motions(poses[:-1], poses[1:])
+    ways[:, TURN] = wrap_angles(ways[:, TURN])
     cos, sin = np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
     after = np.zeros((len(cos), 3, 3))
     after[:, 0, 0], after[:, 0, 1], after[:, 1, 0], after[:, 1, 1] = cos, sin, -sin, cos
@@ -439,7 +439,7 @@ class Trajectory(Result, Stored):
             "variances": model.variances.tolist(),
         }
         off = self.off[self.trusted]
-        return finite(
+        return nan_to_none(
             {
                 "map": self.map,
                 "drive": self.drive,
@@ -524,4 +524,4 @@ def trajectory_report(found: Trajectory) -> str:
         odometry_text = f"reports ways {ways} and turns {turns}; its straight ways bend by {bend}"
         mount = f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"
         rows += [("odometry", odometry_text), ("lidar's mount", mount)]
-    return "\n".join([" ".join(found.sentences), table([], rows)])
+    return "\n".join([" ".join(found.sentences), format_table([], rows)])

@@ -5,7 +5,7 @@ from locplan.robots.lidar import LIDARS, Lidar
 from locplan.robots.parameters import read_parameters
 from locplan.robots.parts import Disturbances, Footprint, Kinematics, Odometry
 from locplan.robots.presets import PRECISE, SAFE, with_preset
-from locplan.robots.robot import Robot, radius_of
+from locplan.robots.robot import Robot, planning_radius
 
 __all__ = [
     "LIDARS",
@@ -19,7 +19,7 @@ __all__ = [
     "Lidar",
     "Odometry",
     "Robot",
-    "radius_of",
+    "planning_radius",
     "read_parameters",
     "with_preset",
 ]

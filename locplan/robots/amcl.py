@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
-from locplan._support.checks import Settings, differing, positive, setting
+from locplan._support.checks import Settings, describe_changed_settings, check_positive, setting
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class Amcl(Settings):
         "likelihood_field", *MODELS
     )
     """Sensor model: a weight is 1 plus the sum of cubed likelihoods, or (`_prob`) their product."""
-    laser_likelihood_max_dist: float = setting(2.0, positive)
+    laser_likelihood_max_dist: float = setting(2.0, check_positive)
     """Maximum distance of a beam's end from a wall, above 0; larger ones count as this [m]."""
     laser_min_range: float = setting(-1.0)
     """Range below which a beam counts as without a return [m]; 0 or less takes the lidar's own."""
@@ -155,9 +155,9 @@ class Amcl(Settings):
     constant."""
     min_particles: int = setting(500, 1, 1_000_000)
     """Minimum number of particles, at least 1."""
-    pf_err: float = setting(0.05, positive)
+    pf_err: float = setting(0.05, check_positive)
     """Maximum error that KLD sampling allows, above 0; a smaller one takes more particles."""
-    pf_z: float = setting(0.99, positive)
+    pf_z: float = setting(0.99, check_positive)
     """Quantile of the normal distribution for KLD sampling, above 0, as in AMCL: not the
     probability."""
     recovery_alpha_fast: float = setting(0.0, 0.0, 1.0)
@@ -167,7 +167,7 @@ class Amcl(Settings):
     """Share by which the slow average of the particles' weights follows them, 0..1."""
     resample_interval: int = setting(1)
     """Number of updates per resampling, at least 1."""
-    sigma_hit: float = setting(0.2, positive)
+    sigma_hit: float = setting(0.2, check_positive)
     """Standard deviation of the distance of a beam's end from a wall, above 0 [m]."""
     update_min_a: float = setting(0.2, 0.0)
     """Turn after which the filter updates, >= 0 [rad]."""
@@ -202,11 +202,11 @@ class Amcl(Settings):
         >>> Amcl(alpha1=0.05, laser_model_type="likelihood_field_prob").title
         "AMCL's alpha1 0.05, laser_model_type likelihood_field_prob"
         """
-        own = differing(self)
-        if not own:
+        differences = describe_changed_settings(self)
+        if not differences:
             return "Nav2's defaults"
-        more = f" and {len(own) - 5} more" if len(own) > 5 else ""
-        return f"AMCL's {', '.join(own[:5])}{more}"
+        rest_text = f" and {len(differences) - 5} more" if len(differences) > 5 else ""
+        return f"AMCL's {', '.join(differences[:5])}{rest_text}"
 
     @property
     def multiplies(self) -> bool:
@@ -266,7 +266,7 @@ class Amcl(Settings):
         return max(1, (beams - 1) // (self.max_beams - 1))
 
 
-SIMULATED = {each.name for each in fields(Amcl)} - {"half_cell"}
+SIMULATED = {parameter.name for parameter in fields(Amcl)} - {"half_cell"}
 """Nav2's parameters of AMCL that are simulated: all settings but `half_cell`, which Nav2 lacks."""
 NOT_SIMULATED: dict[str, float | str | bool | None] = {
     "allow_parameter_qos_overrides": None,

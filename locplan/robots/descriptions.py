@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import FARTHEST, finite_numbers, shown
+from locplan._support.checks import FARTHEST, parse_finite_numbers, short_repr
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import composed, in_plane, inverse, is_transform, upward
+from locplan._support.poses import compose_transforms, project_to_plane, invert_transforms, is_transform, compute_uprightness
 from locplan._support.reading import MAX_BYTES, read_bytes
 from locplan.errors import ConfigError
 from locplan.robots.lidar import Lidar
-from locplan.robots.nav2 import ParameterWarning, errors_at
+from locplan.robots.nav2 import ParameterWarning, name_file_in_errors
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -48,7 +48,7 @@ class Links:
     def __init__(self, root: Element, file: Path) -> None:
         self.root, self.file = root, file
         self._parents = {child: parent for parent in root.iter() for child in parent}
-        self._joints = {_link_of(joint, "child"): joint for joint in root.findall("joint")}
+        self._joints = {_find_joint_link(joint, "child"): joint for joint in root.findall("joint")}
 
     def warn(self, fault: str) -> None:
         """Warn that the file does not have the mount."""
@@ -57,18 +57,18 @@ class Links:
 
     def pose_of_sensor(self, sensor: Element) -> Floats:
         """Return the pose of a sensor on the base link; with a warning if the file lacks it."""
-        pose = _pose_of(sensor, "the lidar's pose")
+        pose = _parse_pose(sensor, "the lidar's pose")
         carrier = self._parents.get(sensor)
         if carrier is None:
             return pose
         try:
             if carrier.tag == "link":
-                frame, model = _relative_to(sensor), self._parents.get(carrier)
+                frame, model = _find_reference_frame(sensor), self._parents.get(carrier)
                 if frame and model is not None:
-                    return composed(self._on_base(model, _frame_in_model(model, frame)), pose)
-                return composed(self._on_robot(carrier), pose)
+                    return compose_transforms(self._on_base(model, _frame_in_model(model, frame)), pose)
+                return compose_transforms(self._on_robot(carrier), pose)
             if carrier.tag == "gazebo" and (name := carrier.get("reference")):
-                return composed(self._by_joints(name), pose)
+                return compose_transforms(self._pose_from_joints(name), pose)
         except _UnknownFrame as frame_name:
             self._warn_of_frame(frame_name)
         return pose
@@ -89,19 +89,19 @@ class Links:
             if any(map(SCANNERS.fullmatch, re.findall("[a-z]+", name.lower()))):
                 links[name] = link
         carriers = {
-            _link_of(self._joints[name], "parent") for name in links if name in self._joints
+            _find_joint_link(self._joints[name], "parent") for name in links if name in self._joints
         }
         return [link for name, link in links.items() if name not in carriers]
 
     def _warn_of_frame(self, name: _UnknownFrame) -> None:
-        self.warn(f"has no pose of {shown(str(name))}, which carries the lidar")
+        self.warn(f"has no pose of {short_repr(str(name))}, which carries the lidar")
 
     def _on_robot(self, link: Element) -> Floats:
         """Return the pose of a link of a URDF or SDF on the base link."""
         model = self._parents.get(link)
         if model is not None and model.tag == "model":
             return self._on_base(model, _pose_in_model(model, link))
-        return self._by_joints(link.get("name") or "")
+        return self._pose_from_joints(link.get("name") or "")
 
     def _on_base(self, model: Element, pose: Floats) -> Floats:
         """Return a pose in an SDF model on the base link, or in the outermost model without one."""
@@ -109,13 +109,13 @@ class Links:
             links = {_last_part(link.get("name")): link for link in model.findall("link")}
             for base in BASES:
                 if base in links:
-                    return composed(inverse(_pose_in_model(model, links[base])), pose)
+                    return compose_transforms(invert_transforms(_pose_in_model(model, links[base])), pose)
             outer = self._parents.get(model)
             if outer is None or outer.tag != "model":
                 return pose
-            pose, model = composed(_pose_in_model(outer, model), pose), outer
+            pose, model = compose_transforms(_pose_in_model(outer, model), pose), outer
 
-    def _by_joints(self, name: str) -> Floats:
+    def _pose_from_joints(self, name: str) -> Floats:
         """Return the pose of a URDF's link on the base link: the topmost of a usual name, or the
         root of the chain."""
         if name not in self._joints and all(
@@ -129,22 +129,22 @@ class Links:
             if joint is None:
                 bases = [link_name for link_name in poses if _last_part(link_name) in BASES]
                 return poses[bases[-1] if bases else name]
-            pose, name = composed(_origin(joint), pose), _link_of(joint, "parent")
-        raise ConfigError(f"its joints form a circle at {shown(name)}; give each link one parent")
+            pose, name = compose_transforms(_read_joint_origin(joint), pose), _find_joint_link(joint, "parent")
+        raise ConfigError(f"its joints form a circle at {short_repr(name)}; give each link one parent")
 
 
 def _pose_in_model(model: Element, part: Element, depth: int = 0) -> Floats:
     """Return the pose of a link, joint, frame or nested model in its SDF model."""
     if depth > MAX_DEPTH:
         raise ConfigError(f"its frames form a circle, or a chain of over {MAX_DEPTH}")
-    pose = _pose_of(part, f"the pose of {shown(part.get('name'))}")
+    pose = _parse_pose(part, f"the pose of {short_repr(part.get('name'))}")
     default = {"frame": part.get("attached_to"), "joint": part.findtext("child")}.get(part.tag)
-    frame = (_relative_to(part) or default or "").strip()
+    frame = (_find_reference_frame(part) or default or "").strip()
     if frame:
-        pose = composed(_frame_in_model(model, frame, depth + 1), pose)
+        pose = compose_transforms(_frame_in_model(model, frame, depth + 1), pose)
     placed = part.get("placement_frame") if part.tag == "model" else None
     if placed:
-        pose = composed(pose, inverse(_frame_in_model(part, placed, depth + 1)))
+        pose = compose_transforms(pose, invert_transforms(_frame_in_model(part, placed, depth + 1)))
     return pose
 
 
@@ -157,16 +157,16 @@ def _frame_in_model(model: Element, name: str, depth: int = 0) -> Floats:
         for part in model.findall(tag):
             if part.get("name") == first:
                 pose = _pose_in_model(model, part, depth)
-                return composed(pose, _frame_in_model(part, inner, depth + 1)) if inner else pose
+                return compose_transforms(pose, _frame_in_model(part, inner, depth + 1)) if inner else pose
     raise _UnknownFrame(name)
 
 
-def _relative_to(part: Element) -> str:
+def _find_reference_frame(part: Element) -> str:
     pose = part.find("pose")
     return "" if pose is None else (pose.get("relative_to") or "").strip()
 
 
-def _link_of(joint: Element, role: str) -> str:
+def _find_joint_link(joint: Element, role: str) -> str:
     """Return the parent or child link of a URDF's joint; empty without one."""
     link = joint.find(role)
     return "" if link is None else link.get("link") or ""
@@ -176,37 +176,37 @@ def _last_part(name: str | None) -> str:
     return (name or "").rpartition("/")[2]
 
 
-def _origin(joint: Element) -> Floats:
+def _read_joint_origin(joint: Element) -> Floats:
     """Return the pose of a URDF's joint in its parent link."""
     origin = joint.find("origin")
     attributes = {} if origin is None else origin.attrib
     texts = [attributes.get(name) or "0 0 0" for name in ("xyz", "rpy")]
-    subject = f"the origin of joint {shown(joint.get('name'))}"
-    return _transform(_six(" ".join(texts), subject))
+    subject = f"the origin of joint {short_repr(joint.get('name'))}"
+    return _transform(_parse_six_numbers(" ".join(texts), subject))
 
 
-def _pose_of(part: Element, what: str) -> Floats:
+def _parse_pose(part: Element, subject: str) -> Floats:
     """Return the pose in an SDF element, the identity without one."""
     pose = part.find("pose")
     text = "" if pose is None else (pose.text or "").strip()
     if pose is None or not text:
         return IDENTITY
     if pose.get("rotation_format") == "quat_xyzw":
-        values = finite_numbers(text.split())
+        values = parse_finite_numbers(text.split())
         if len(values) != 7 or not is_transform(values):
-            raise ConfigError(f"{what} must be x y z and a quaternion, not {shown(text)}")
+            raise ConfigError(f"{subject} must be x y z and a quaternion, not {short_repr(text)}")
         return np.array([values])
-    values = _six(text, what)
+    values = _parse_six_numbers(text, subject)
     if pose.get("degrees") in ("true", "1"):
         values = (*values[:3], *map(math.radians, values[3:]))
     return _transform(values)
 
 
-def _six(text: str, what: str) -> tuple[float, ...]:
-    values = finite_numbers(text.split())
+def _parse_six_numbers(text: str, subject: str) -> tuple[float, ...]:
+    values = parse_finite_numbers(text.split())
     if len(values) != 6 or max(map(abs, values)) > FARTHEST:
         macro = "; run xacro on a .xacro file first" if "$" in text else ""
-        raise ConfigError(f"{what} must be six numbers [m, rad], not {shown(text)}{macro}")
+        raise ConfigError(f"{subject} must be six numbers [m, rad], not {short_repr(text)}{macro}")
     return values
 
 
@@ -216,7 +216,7 @@ def _transform(pose: tuple[float, ...]) -> Floats:
     for axis in (2, 1, 0):  # the yaw first, about the axes of what it has turned
         turn = np.zeros(7)
         turn[[3 + axis, 6]] = math.sin(pose[3 + axis] / 2), math.cos(pose[3 + axis] / 2)
-        place = composed(place, turn[None])
+        place = compose_transforms(place, turn[None])
     return place
 
 
@@ -246,7 +246,7 @@ def lidar_in(file: Path, lidar: Lidar | None = None) -> Lidar:
         The lidar, if it is known. Then the file needs no sensor: the only link that is named as a
         scanner's frame has the mount. A lidar with a mount keeps it.
     """
-    with errors_at(file):
+    with name_file_in_errors(file):
         if file.suffix.lower() in (".yaml", ".yml"):
             raise ConfigError(
                 "parameters name no lidar, their ranges only limit one; name a lidar of"
@@ -263,7 +263,7 @@ def _only_sensor(sensors: list[Element], root: Element) -> Element:
     if len(sensors) == 1:
         return sensors[0]
     if sensors:
-        names = ", ".join(shown(sensor.get("name")) for sensor in sensors[:5])
+        names = ", ".join(short_repr(sensor.get("name")) for sensor in sensors[:5])
         raise ConfigError(
             f"has {len(sensors)} planar lidars ({names}); leave one sensor of type ray or lidar in"
             " the file"
@@ -283,10 +283,10 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: Links) -> Lidar:
         return dataclasses.replace(lidar, **{name: getattr(described, name) for name in mounts})
     links = [] if sensors else tree.scanner_links()
     if len(links) == 1:
-        mount = _horizontal(tree.pose_of_link(links[0]))
+        mount = _mount_from_pose(tree.pose_of_link(links[0]))
         yaw = math.degrees(mount.yaw)
         return dataclasses.replace(lidar, mount_x=mount.x, mount_y=mount.y, mount_yaw_deg=yaw)
-    names = ", ".join(shown(part.get("name")) for part in (sensors or links)[:5])
+    names = ", ".join(short_repr(part.get("name")) for part in (sensors or links)[:5])
     if sensors or links:
         several = "planar lidars" if sensors else "links named like a scanner"
         tree.warn(f"has {len(sensors or links)} {several} ({names})")
@@ -297,16 +297,16 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: Links) -> Lidar:
 
 def _planar_sensors(root: Element) -> list[Element]:
     sensors = [sensor for sensor in root.iter("sensor") if sensor.get("type") in SENSOR_TYPES]
-    return [sensor for sensor in sensors if _number(sensor, ".//vertical/samples", 1.0) <= 1]
+    return [sensor for sensor in sensors if _read_number(sensor, ".//vertical/samples", 1.0) <= 1]
 
 
 def _lidar_of_sensor(sensor: Element, tree: Links) -> Lidar:
-    value = partial(_number, sensor)
+    value = partial(_read_number, sensor)
     first, last = value(".//horizontal/min_angle"), value(".//horizontal/max_angle")
     beams = int(value(".//horizontal/samples") * value(".//horizontal/resolution", 1.0))
     if beams < 2:
         raise ConfigError(f"its lidar has {beams} beams, but needs at least 2")
-    mount = _horizontal(tree.pose_of_sensor(sensor))
+    mount = _mount_from_pose(tree.pose_of_sensor(sensor))
     if mount.upside_down:
         first, last = -last, -first
     noise = sensor.find(".//noise")
@@ -326,12 +326,12 @@ def _lidar_of_sensor(sensor: Element, tree: Links) -> Lidar:
     return dataclasses.replace(lidar, beams=beams)
 
 
-def _horizontal(pose: Floats) -> Mount:
+def _mount_from_pose(pose: Floats) -> Mount:
     """Return the mount that a pose is; a ConfigError if the lidar is tilted."""
-    up = float(upward(pose)[0])
+    up = float(compute_uprightness(pose)[0])
     if abs(up) < math.cos(math.radians(10)):
         raise ConfigError("its lidar is tilted; locplan supports horizontal lidars only")
-    x, y, yaw = in_plane(pose)[0].tolist()
+    x, y, yaw = project_to_plane(pose)[0].tolist()
     return Mount(round(x, 9), round(y, 9), round(yaw, 9), up < 0)
 
 
@@ -380,12 +380,12 @@ def _declaration(content: bytes) -> int:
     return begin if content.startswith(b"<?xml", begin) else 0
 
 
-def _number(sensor: Element, where: str, default: float | None = None) -> float:
-    text, name = sensor.findtext(where), where.removeprefix(".//")
+def _read_number(sensor: Element, tag_path: str, default: float | None = None) -> float:
+    text, name = sensor.findtext(tag_path), tag_path.removeprefix(".//")
     if text is None and default is None:
         raise ConfigError(f"its lidar has no {name}")
-    values = finite_numbers(default if text is None else text)
+    values = parse_finite_numbers(default if text is None else text)
     if not values:
-        what = f"{name} must be a number, not {shown(text)}"
-        raise ConfigError(f"{what}; run xacro on a .xacro file first")
+        fault = f"{name} must be a number, not {short_repr(text)}"
+        raise ConfigError(f"{fault}; run xacro on a .xacro file first")
     return values[0]

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import file_path, shown, suggestion
+from locplan._support.checks import check_file_path, short_repr, suggestion
 from locplan._support.reading import check_stamp, read_content
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, NamedFilter
 from locplan.robots.descriptions import SUFFIXES as DESCRIPTIONS, lidar_in
 from locplan.robots.lidar import Lidar
-from locplan.robots.nav2 import ParameterWarning, errors_at, parameter_notes, read_settings
+from locplan.robots.nav2 import ParameterWarning, name_file_in_errors, parameter_notes, read_settings
 from locplan.robots.parameters import (
     MAX_BYTES,
     PARAMETERS,
     ParameterFile,
     file_and_robot,
-    parameters_of,
+    resolve_parameters,
     values_in,
 )
 from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
@@ -30,7 +30,7 @@ from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics,
 REMEDY = "give a robot's file, Nav2's parameters, or a URDF or SDF"
 VERSION = 1
 """Version of a robot's file."""
-OWN = ("footprint", "margin", "goal_tolerance")
+ROBOT_SETTINGS = ("footprint", "margin", "goal_tolerance")
 """Settings of the robot itself."""
 PARTS: dict[str, type] = {
     "lidar": Lidar,
@@ -43,12 +43,12 @@ PARTS: dict[str, type] = {
 """The parts with settings of their own, in the order in which settings are looked up."""
 
 
-def names_of(kind: type) -> list[str]:
+def list_setting_names(kind: type) -> list[str]:
     """Names of the settings of a part."""
     return [setting.name for setting in dataclasses.fields(kind)]
 
 
-def outline_of(value: Any) -> Any:
+def footprint_from_corners(value: Any) -> Any:
     """A footprint of a list of corners; anything else as it is."""
     return Footprint(np.asarray(value)) if isinstance(value, (list, tuple)) else value
 
@@ -62,7 +62,7 @@ def read_parts(
     parts have the names of `Robot`'s fields. A lidar that is known gets its mount from a URDF or
     SDF, and replaces that of any file. The drive is that of the planner that is named, if one is.
     """
-    contents = [_content_of(path, lidar) for path in paths]
+    contents = [_read_robot_file(path, lidar) for path in paths]
     parts: dict[str, Any] = {"lidar": lidar}
     nav2: list[tuple[ParameterFile, str | None]] = []
     before: dict[str, Any] = {}
@@ -71,23 +71,23 @@ def read_parts(
             nav2.append(content)
             if at + 1 < len(paths) and isinstance(contents[at + 1], tuple):
                 continue
-            now = read_settings(parameters_of(*zip(*nav2, strict=True)), planner)
+            now = read_settings(resolve_parameters(*zip(*nav2, strict=True)), planner)
             content, before = _changes(before, now), now
-        with errors_at(path):
+        with name_file_in_errors(path):
             parts = _with_settings(parts, content)
         yield path, parts
     if planner is not None and not nav2:
-        raise ConfigError(f"no file has the planner {shown(planner)}; give Nav2's parameters")
+        raise ConfigError(f"no file has the planner {short_repr(planner)}; give Nav2's parameters")
     if nav2:
-        for note in parameter_notes(parameters_of(*zip(*nav2, strict=True)), planner):
+        for note in parameter_notes(resolve_parameters(*zip(*nav2, strict=True)), planner):
             warnings.warn(ParameterWarning(note), stacklevel=3)
 
 
-def _content_of(
+def _read_robot_file(
     path: str | os.PathLike[str], lidar: Lidar | None
 ) -> dict[str, Any] | tuple[ParameterFile, str | None]:
     """Settings by the names of `Robot`'s fields, or a file of Nav2 and the robot named in it."""
-    file = file_path("a robot's file", path)
+    file = check_file_path("a robot's file", path)
     suffix = file.suffix.lower()
     if suffix in DESCRIPTIONS:
         return {"lidar": lidar_in(file, lidar)}
@@ -96,8 +96,8 @@ def _content_of(
     if isinstance(content.get("robot"), dict) and not _has_nodes(content["robot"]):
         if "version" in content:  # older files have settings of a field besides
             check_stamp(path, content, "robot", VERSION)
-        with errors_at(path):
-            settings = _known_settings(content["robot"])
+        with name_file_in_errors(path):
+            settings = _check_settings(content["robot"])
         return {name: setting for name, setting in settings.items() if not (lidar and name == "lidar")}
     if suffix == ".json":  # a calibration that is older, or one of a field alone
         raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or write it anew')
@@ -141,26 +141,26 @@ def _with_settings(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dic
                 raise ConfigError(f"{name}: {error}") from None
         if name == "lidar" and isinstance(value, str):
             value = Lidar.preset(value)
-        changed |= made({name: value})
+        changed |= build_parts({name: value})
     return changed
 
 
-def made(about: Mapping[str, Any]) -> dict[str, Any]:
+def build_parts(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Parts of a robot that plain data describe."""
-    _known_settings(about)
-    parts = {name: _part(name, value) if name in PARTS else value for name, value in about.items()}
+    _check_settings(settings)
+    parts = {name: _part(name, value) if name in PARTS else value for name, value in settings.items()}
     if "footprint" in parts:
-        parts["footprint"] = outline_of(parts["footprint"])
+        parts["footprint"] = footprint_from_corners(parts["footprint"])
     return parts
 
 
-def _known_settings(about: Mapping[str, Any]) -> dict[str, Any]:
+def _check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Plain data of a robot, of which all names are known."""
-    _check_known("a robot", about, [*PARTS, *OWN])
-    for name, value in about.items():
+    _check_setting_names("a robot", settings, [*PARTS, *ROBOT_SETTINGS])
+    for name, value in settings.items():
         if name in PARTS and isinstance(value, Mapping) and not _is_named_filter(name, value):
-            _check_known(name, value, names_of(PARTS[name]))
-    return dict(about)
+            _check_setting_names(name, value, list_setting_names(PARTS[name]))
+    return dict(settings)
 
 
 def _is_named_filter(name: str, value: Mapping[str, Any]) -> bool:
@@ -174,7 +174,7 @@ def _part(name: str, value: Any) -> Any:
     if isinstance(value, kind):
         return value
     if not isinstance(value, Mapping):
-        raise ConfigError(f"{name} must hold settings by name, not {shown(value)}")
+        raise ConfigError(f"{name} must hold settings by name, not {short_repr(value)}")
     if _is_named_filter(name, value):
         return NamedFilter(**value)
     try:
@@ -183,8 +183,8 @@ def _part(name: str, value: Any) -> Any:
         raise ConfigError(f"{name}: {error}") from None
 
 
-def _check_known(what: str, given: Mapping[str, Any], known: list[str]) -> None:
-    for each in given:
-        if each not in known:
-            names = f"{', '.join(known)}{suggestion(each, known)}"
-            raise ConfigError(f"{what} has no {shown(each)}; it has {names}")
+def _check_setting_names(owner: str, settings: Mapping[str, Any], allowed_names: list[str]) -> None:
+    for name in settings:
+        if name not in allowed_names:
+            names = f"{', '.join(allowed_names)}{suggestion(name, allowed_names)}"
+            raise ConfigError(f"{owner} has no {short_repr(name)}; it has {names}")

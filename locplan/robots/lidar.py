@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan._support.checks import (
     Settings,
-    file_path,
-    number,
-    one_of,
-    positive,
-    reach,
+    check_file_path,
+    check_number,
+    check_choice,
+    check_positive,
+    check_range,
     setting,
-    shown,
+    short_repr,
 )
 from locplan.errors import ConfigError
 
@@ -113,11 +113,11 @@ class Lidar(Settings):
     30.0
     """
 
-    range: float = setting(12.0, reach)
+    range: float = setting(12.0, check_range)
     """Maximum distance that is measured [m], above 0 up to 10,000: that of bright walls."""
     min_range: float = setting(0.0, 0.0)
     """Distance below which a return counts as none [m], from 0 to below `range`."""
-    field_of_view_deg: float = setting(360.0, positive, "deg")
+    field_of_view_deg: float = setting(360.0, check_positive, "deg")
     """Angle that the beams cover, centred on `mount_yaw_deg` [deg], above 0 up to 360.
 
     Less than 360 makes what the lidar sees depend on the robot's heading.
@@ -147,7 +147,7 @@ class Lidar(Settings):
             )
         if self.field_of_view_deg > 360:
             raise ConfigError(
-                f"field_of_view_deg must be at most 360 deg, not {shown(self.field_of_view_deg)}"
+                f"field_of_view_deg must be at most 360 deg, not {short_repr(self.field_of_view_deg)}"
             )
 
     @classmethod
@@ -165,7 +165,7 @@ class Lidar(Settings):
         ConfigError
             If the name is unknown.
         """
-        one_of("lidar", name, LIDARS)
+        check_choice("lidar", name, LIDARS)
         sheet = LIDARS[name]._asdict()
         del sheet["source"]
         return cls(**sheet, model=name)
@@ -206,9 +206,9 @@ class Lidar(Settings):
             If a value is out of its range.
         """
         for name, value in {"angle_min": angle_min, "angle_max": angle_max}.items():
-            number(name, value)
-        x, y, yaw = (number("mount", coordinate) for coordinate in mount)
-        step = number("angle_increment", angle_increment)
+            check_number(name, value)
+        x, y, yaw = (check_number("mount", coordinate) for coordinate in mount)
+        step = check_number("angle_increment", angle_increment)
         if step == 0 or not 0 <= (angle_max - angle_min) / step < MAX_BEAMS:
             raise ConfigError(
                 "angle_increment must lead from angle_min to angle_max in fewer than"
@@ -261,7 +261,7 @@ class Lidar(Settings):
         """
         from locplan.robots.descriptions import lidar_in
 
-        return lidar_in(file_path("a robot's description", path))
+        return lidar_in(check_file_path("a robot's description", path))
 
     @property
     def title(self) -> str:
@@ -287,7 +287,7 @@ class Lidar(Settings):
 
     def for_kernels(self) -> Any:
         """The lidar in the form that the kernels take."""
-        from locplan._support.kernels.lidar import Lidar as Beams
+        from locplan._support.kernels.lidar import LidarBeams as Beams
 
         mount = self.mount_x, self.mount_y, self.mount_yaw
         return Beams(self.angles, *mount, self.range_sigma, self.min_range, self.range)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import number, positive, shown
+from locplan._support.checks import check_number, check_positive, short_repr
 from locplan._support.reading import read_text
 from locplan.errors import ConfigError, LocplanError, one_line
 from locplan.robots.amcl import (
@@ -44,7 +44,7 @@ DEFAULT_TYPES = {
 (costmap_2d_ros.cpp, from humble on)."""
 
 
-class Layer(NamedTuple):
+class CostmapLayer(NamedTuple):
     """A layer of a costmap."""
 
     name: str
@@ -61,7 +61,7 @@ class Layer(NamedTuple):
         return self.enabled is not False and self.plugin.rpartition("::")[2] == kind
 
 
-def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Layer]:
+def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[CostmapLayer]:
     """Return the layers of a costmap, those in containers included; none without the costmap.
 
     Parameters
@@ -71,16 +71,16 @@ def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[Layer]:
     costmap : str
         Name of the costmap's node.
     """
-    costmap_parameters = parameters.of(costmap)
+    costmap_parameters = parameters.node_parameters(costmap)
     is_named = any(not section.is_shared for _, section in parameters.entries(costmap))
     if "plugins" not in costmap_parameters and not is_named:
         return []
     names = parameters.names(costmap, "plugins", () if "plugins" in costmap_parameters else (*DEFAULT_TYPES,))
     types = DEFAULT_TYPES if names == [*DEFAULT_TYPES] else {}
 
-    def layer(name: str, container: str = "") -> Layer:
+    def layer(name: str, container: str = "") -> CostmapLayer:
         plugin = str(costmap_parameters.get(f"{name}.plugin", types.get(name, ""))).replace("/", "::")
-        return Layer(name, plugin, costmap_parameters.get(f"{name}.enabled", True), container)
+        return CostmapLayer(name, plugin, costmap_parameters.get(f"{name}.enabled", True), container)
 
     layers = []
     for outer in map(layer, names):
@@ -109,7 +109,7 @@ def inflating_layer(parameters: Nav2Parameters) -> str | None:
     return None
 
 
-def _misses_walls(layers: list[Layer], at: int) -> bool:
+def _misses_walls(layers: list[CostmapLayer], at: int) -> bool:
     """True if the map's layer is not before a layer, or not in its container.
 
     Outside of containers, a costmap without a StaticLayer may have walls of a layer of another
@@ -132,9 +132,9 @@ def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """
     layers = costmap_layers(parameters, GLOBAL_COSTMAP)
     if missing := [costmap_layer.name for costmap_layer in layers if not costmap_layer.plugin]:
-        listed = ", ".join(costmap_layer.name for costmap_layer in layers if not costmap_layer.container)
+        plugin_names = ", ".join(costmap_layer.name for costmap_layer in layers if not costmap_layer.container)
         yield (
-            f"Nav2 refuses the plugins of global_costmap ({listed}), since {', '.join(missing)}"
+            f"Nav2 refuses the plugins of global_costmap ({plugin_names}), since {', '.join(missing)}"
             f" {'has' if len(missing) == 1 else 'have'} no plugin type; add it, or list just Nav2's"
             " default layers"
         )
@@ -170,23 +170,23 @@ def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
     }
     reported = set()
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        costmap_parameters = parameters.of(costmap)
-        for name in (name for key in ("filters", "plugins") for name in _listed(costmap_parameters.get(key))):
+        costmap_parameters = parameters.node_parameters(costmap)
+        for name in (name for key in ("filters", "plugins") for name in _list_strings(costmap_parameters.get(key))):
             kind = str(costmap_parameters.get(f"{name}.plugin")).replace("/", "::").rpartition("::")[2]
             enabled = costmap_parameters.get(f"{name}.enabled", True)
             is_locplan_filter = name.startswith("localizability_")
             if kind in kinds and kind not in reported and enabled is not False and not is_locplan_filter:
                 reported.add(kind)
-                what = f"{name} {kinds[kind]} that `plan` and `check` do not know"
+                sentence = f"{name} {kinds[kind]} that `plan` and `check` do not know"
                 if kind == "KeepoutFilter":
-                    what += "; give its mask to `plan` with --zones"
+                    sentence += "; give its mask to `plan` with --zones"
                 if isinstance(enabled, str):
-                    yield f"If your launch enables it (enabled: {shown(enabled)}), {what}"
+                    yield f"If your launch enables it (enabled: {short_repr(enabled)}), {sentence}"
                 else:
-                    yield f"{costmap.partition('/')[0]}: {what}"
+                    yield f"{costmap.partition('/')[0]}: {sentence}"
 
 
-def _listed(value: Any) -> list[str]:
+def _list_strings(value: Any) -> list[str]:
     return [text for text in value if isinstance(text, str)] if isinstance(value, list) else []
 
 
@@ -210,7 +210,7 @@ def planner_types(parameters: Nav2Parameters) -> dict[str, str]:
     parameters : Nav2Parameters
         The parameters.
     """
-    server = parameters.of(PLANNER_SERVER)
+    server = parameters.node_parameters(PLANNER_SERVER)
     has_default = any(name.startswith(f"{DEFAULT_PLANNER}.") for name in server)
     default = (DEFAULT_PLANNER,) if has_default and "planner_plugins" not in server else ()
     names = parameters.names(PLANNER_SERVER, "planner_plugins", default)
@@ -234,14 +234,14 @@ def planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
     return {name: _drive(parameters, name) for name in planner_types(parameters)}
 
 
-def planner_in_use(parameters: Nav2Parameters, named: str | None = None) -> str | None:
+def planner_in_use(parameters: Nav2Parameters, requested_name: str | None = None) -> str | None:
     """Return the planner that the user names, else GridBased, else the first one; None without any.
 
     Parameters
     ----------
     parameters : Nav2Parameters
         The parameters.
-    named : str, optional
+    requested_name : str, optional
         The planner's name in them.
 
     Raises
@@ -250,11 +250,11 @@ def planner_in_use(parameters: Nav2Parameters, named: str | None = None) -> str 
         If there is no planner of this name.
     """
     names = [*planner_types(parameters)]
-    if named is not None and named not in names:
-        known = f"its planners are {', '.join(names)}" if names else "they list no planner"
-        raise ConfigError(f"Nav2's parameters have no planner {shown(named)}; {known}")
+    if requested_name is not None and requested_name not in names:
+        planner_list = f"its planners are {', '.join(names)}" if names else "they list no planner"
+        raise ConfigError(f"Nav2's parameters have no planner {short_repr(requested_name)}; {planner_list}")
     default_name = DEFAULT_PLANNER if DEFAULT_PLANNER in names else next(iter(names), None)
-    return default_name if named is None else named
+    return default_name if requested_name is None else requested_name
 
 
 def describe_drive(drive: Kinematics) -> str:
@@ -281,7 +281,7 @@ def unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
     planner : str
         The planner's name.
     """
-    is_lattice = _kind(parameters.of(PLANNER_SERVER), planner) == "SmacPlannerLattice"
+    is_lattice = _kind(parameters.node_parameters(PLANNER_SERVER), planner) == "SmacPlannerLattice"
     return (
         _lattice_path(parameters, planner)
         if is_lattice and not _lattice(parameters, planner)
@@ -289,13 +289,13 @@ def unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
     )
 
 
-def _kind(own: dict[str, Any], planner: str) -> str:
+def _kind(server_parameters: dict[str, Any], planner: str) -> str:
     """Type of a planner, of both spellings, without its package."""
-    return str(own.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
+    return str(server_parameters.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
 
 
 def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
-    server_parameters = parameters.of(PLANNER_SERVER)
+    server_parameters = parameters.node_parameters(PLANNER_SERVER)
     kind = _kind(server_parameters, planner)
     if kind in ("SmacPlannerHybrid", "SmacPlanner"):  # the latter up to foxy
         model = server_parameters.get(f"{planner}.motion_model_for_search", "DUBIN")
@@ -313,7 +313,7 @@ def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
 
 
 def _lattice_path(parameters: Nav2Parameters, planner: str) -> str:
-    return str(parameters.of(PLANNER_SERVER).get(f"{planner}.lattice_filepath", DEFAULT_LATTICE))
+    return str(parameters.node_parameters(PLANNER_SERVER).get(f"{planner}.lattice_filepath", DEFAULT_LATTICE))
 
 
 def _lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
@@ -327,7 +327,7 @@ def _lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | No
             metadata = json.loads(read_text(path, MAX_LATTICE_BYTES))["lattice_metadata"]
             model, radius = metadata["motion_model"], metadata["turning_radius"]
             if model in ("ackermann", "diff", "omni"):
-                return str(model), number("turning_radius", radius, 0.0)
+                return str(model), check_number("turning_radius", radius, 0.0)
         except (LocplanError, OSError, ValueError, KeyError, TypeError, RecursionError):
             continue
     name_match = re.search(r"(\d+(?:\.\d+)?)m_turning_radius/(ackermann|diff|omni)\b", text)
@@ -440,7 +440,7 @@ def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] |
 
 def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     """Settings of AMCL, or None without any."""
-    amcl_parameters = parameters.of(AMCL)
+    amcl_parameters = parameters.node_parameters(AMCL)
     settings = {name: value for name, value in amcl_parameters.items() if name in SIMULATED}
     if not settings and all(section.is_shared for _, section in parameters.entries(AMCL)):
         return None
@@ -450,21 +450,21 @@ def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     laser = settings.get("laser_model_type")
     if isinstance(laser, str) and laser not in MODELS:  # as amcl_node.cpp has it, except "beam"
         settings["laser_model_type"] = MODELS[0]
-    with errors_in(parameters, AMCL):
+    with name_parameter_in_errors(parameters, AMCL):
         Amcl(**settings)
     return settings
 
 
 def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """A note on AMCL's parameters that are not simulated."""
-    amcl_parameters, unshared_parameters = parameters.of(AMCL), parameters.of(AMCL, shared=False)
+    amcl_parameters, unshared_parameters = parameters.node_parameters(AMCL), parameters.node_parameters(AMCL, shared=False)
     laser = amcl_parameters.get("laser_model_type")
     if isinstance(laser, str) and laser not in MODELS:
         file = parameters.files[parameters.values(AMCL)["laser_model_type"].file].path
         yield (
             f"{file}: AMCL's beam model is not simulated; {MODELS[0]} is used instead"
             if laser == "beam"
-            else f"{file}: AMCL has no laser_model_type {shown(laser)}; Nav2 takes {MODELS[0]}"
+            else f"{file}: AMCL has no laser_model_type {short_repr(laser)}; Nav2 takes {MODELS[0]}"
         )
     model = _motion_model(str(amcl_parameters.get("robot_model_type", DIFFERENTIAL)))
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
@@ -472,8 +472,8 @@ def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
     if left_out := (*_not_simulated(amcl_parameters), *["robot_model_type"] * foreign, *unknown):
         values = parameters.values(AMCL)
         files = {parameter.file for name, parameter in values.items() if name.partition(".")[0] in left_out}
-        where = ", ".join(str(parameters.files[at].path) for at in sorted(files))
-        yield one_line(f"{where}: not simulated: {', '.join(left_out)}")
+        file_names = ", ".join(str(parameters.files[at].path) for at in sorted(files))
+        yield one_line(f"{file_names}: not simulated: {', '.join(left_out)}")
 
 
 def _conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
@@ -490,18 +490,18 @@ def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
     As in Nav2, `footprint` counts where it is not "[]", and else `robot_radius`.
     """
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        costmap_parameters = parameters.of(costmap)
+        costmap_parameters = parameters.node_parameters(costmap)
         footprint, radius = str(costmap_parameters.get("footprint") or "[]"), costmap_parameters.get("robot_radius")
         if footprint == "[]" and radius is None:
             continue
-        with errors_in(parameters, costmap):
+        with name_parameter_in_errors(parameters, costmap):
             outline: Footprint | float = (
-                positive("robot_radius", radius, "m")
+                check_positive("robot_radius", radius, "m")
                 if footprint == "[]"
                 else Footprint.from_text(footprint)
             )
             padding = costmap_parameters.get("footprint_padding", 0.01)  # as Nav2 has it
-            return {"footprint": outline, "margin": number("footprint_padding", padding, 0.0)}
+            return {"footprint": outline, "margin": check_number("footprint_padding", padding, 0.0)}
     return {}
 
 
@@ -510,10 +510,10 @@ def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
     layer = inflating_layer(parameters)
     if layer is None:
         return None
-    costmap_parameters = parameters.of(GLOBAL_COSTMAP)
+    costmap_parameters = parameters.node_parameters(GLOBAL_COSTMAP)
     names = [setting.name for setting in dataclasses.fields(Inflation)]
     settings = {name: costmap_parameters[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in costmap_parameters}
-    with errors_in(parameters, GLOBAL_COSTMAP, layer):
+    with name_parameter_in_errors(parameters, GLOBAL_COSTMAP, layer):
         Inflation(**settings)
     return layer, settings
 
@@ -521,7 +521,7 @@ def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
 def _kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
     """Kinematics of the planner in use, or of AMCL's motion model if the planner has none."""
     used = planner_in_use(parameters, planner)
-    with errors_in(parameters, PLANNER_SERVER, used or ""):
+    with name_parameter_in_errors(parameters, PLANNER_SERVER, used or ""):
         drive = planner_drives(parameters)[used] if used else None
     if drive is None and _amcl_drive(parameters) == Kinematics(drive="omnidirectional"):
         return _amcl_drive(parameters)
@@ -529,7 +529,7 @@ def _kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics |
 
 
 def _amcl_drive(parameters: Nav2Parameters) -> Kinematics:
-    model = _motion_model(str(parameters.of(AMCL).get("robot_model_type")))
+    model = _motion_model(str(parameters.node_parameters(AMCL).get("robot_model_type")))
     return Kinematics(drive="omnidirectional" if model == OMNIDIRECTIONAL else "differential")
 
 
@@ -545,14 +545,14 @@ def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[st
     texts = {name: describe_drive(drive or _amcl_drive(parameters)) for name, drive in drives.items()}
     if file := unread_lattice(parameters, used):
         yield (
-            f"the motion model of {used} is in {shown(file)}, which cannot be read; locplan takes"
+            f"the motion model of {used} is in {short_repr(file)}, which cannot be read; locplan takes"
             f" {texts[used]} from AMCL; otherwise set drive and turning_radius by --set"
         )
-    others = [f"{name} is {text}" for name, text in texts.items() if text != texts[used]]
-    if planner is None and others:
+    alternatives = [f"{name} is {text}" for name, text in texts.items() if text != texts[used]]
+    if planner is None and alternatives:
         yield (
             f"if {used} plans, the robot is {texts[used]}, which locplan assumes;"
-            f" {', '.join(others)}; to choose another planner, add --set planner=NAME"
+            f" {', '.join(alternatives)}; to choose another planner, add --set planner=NAME"
         )
 
 
@@ -563,16 +563,16 @@ def _motion_model(name: str) -> str:
 
 
 @contextmanager
-def errors_at(path: str | os.PathLike[str], where: str = "") -> Iterator[None]:
+def name_file_in_errors(path: str | os.PathLike[str], place: str = "") -> Iterator[None]:
     """Name the file, and the place in it, in an error of the block."""
     try:
         yield
     except ConfigError as error:
-        raise ConfigError(f"{path}: {where}{': ' if where else ''}{error}") from None
+        raise ConfigError(f"{path}: {place}{': ' if place else ''}{error}") from None
 
 
 @contextmanager
-def errors_in(parameters: Nav2Parameters, node: str, plugin: str = "") -> Iterator[None]:
+def name_parameter_in_errors(parameters: Nav2Parameters, node: str, plugin: str = "") -> Iterator[None]:
     """Name the file of a parameter, the node and the plugin in an error of the block.
 
     It is the file that has the parameter with which the error begins.
@@ -583,12 +583,12 @@ def errors_in(parameters: Nav2Parameters, node: str, plugin: str = "") -> Iterat
         values = parameters.values(node)
         name = str(error).partition(" ")[0]
         value = values.get(f"{plugin}.{name}" if plugin else name)
-        at = value.file if value else parameters.file_of(node) or 0
-        where = ": ".join(filter(None, (node.partition("/")[0], plugin)))
-        raise ConfigError(f"{parameters.files[at].path}: {where}: {error}") from None
+        at = value.file if value else parameters.find_file_index(node) or 0
+        place = ": ".join(filter(None, (node.partition("/")[0], plugin)))
+        raise ConfigError(f"{parameters.files[at].path}: {place}: {error}") from None
 
 
-def _not_simulated(given: Mapping[str, object]) -> Iterator[str]:
+def _not_simulated(amcl_parameters: Mapping[str, object]) -> Iterator[str]:
     """Names of parameters in `NOT_SIMULATED` that matter with the values given."""
-    if given.get("do_beamskip") and given.get("laser_model_type") == "likelihood_field_prob":
+    if amcl_parameters.get("do_beamskip") and amcl_parameters.get("laser_model_type") == "likelihood_field_prob":
         yield "do_beamskip"

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from locplan._support.reading import compose, flow_text, read_content
+from locplan._support.reading import compose_yaml, flow_text, read_content
 from locplan.errors import LocplanError
 from locplan.robots.parameters import (
     MAX_BYTES,
@@ -44,8 +44,8 @@ def edited_parameters(
         several, so that it cannot be changed alone.
     """
     before = read_parameters(path)
-    after = before.changed(node, values)
-    return _edited(before.files[0], after.files[0])
+    after = before.with_values(node, values)
+    return _edit_content(before.files[0], after.files[0])
 
 
 def edited_files(before: Nav2Parameters, after: Nav2Parameters) -> dict[Path, bytes]:
@@ -63,26 +63,26 @@ def edited_files(before: Nav2Parameters, after: Nav2Parameters) -> dict[Path, by
     """
     pairs = zip(before.files, after.files, strict=True)
     return {
-        was.path: _edited(was, now)
+        was.path: _edit_content(was, now)
         for was, now in pairs
         if was.path is not None and was.content != now.content
     }
 
 
-def _edited(before: ParameterFile, after: ParameterFile) -> bytes:
+def _edit_content(before: ParameterFile, after: ParameterFile) -> bytes:
     """Content of a file whose values have become others."""
     file = before.path
     assert file is not None
     content = read_content(file, MAX_BYTES, REMEDY)
     text = content.decode("utf-8-sig")
-    root = compose(file, content, REMEDY)
+    root = compose_yaml(file, content, REMEDY)
     fault = LocplanError(
         f"{file}: its values cannot be changed alone; write out its anchors and aliases"
     )
     edits = []
     missing: dict[tuple[str, ...], Any] = {}
     for keys, value in _changes(before.content, after.content):
-        node_pair = _found(root, keys)
+        node_pair = _find_last_pair(root, keys)
         if node_pair is None:
             missing.setdefault(keys[:-1], {})[keys[-1]] = value
         else:
@@ -113,14 +113,14 @@ def _changes(
             yield keys, value
 
 
-def _found(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
+def _find_last_pair(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None:
     """Key and value at the end of keys, the last ones where a key stands several times."""
     if not (keys and mapping is not None and mapping.id == "mapping"):
         return None
     first, *inner = keys
     for key, value in reversed(mapping.value):
         if key.value == first:
-            node_pair = _found(value, inner) if inner else (key, value)
+            node_pair = _find_last_pair(value, inner) if inner else (key, value)
             if node_pair is not None:
                 return node_pair
     return None
@@ -151,7 +151,7 @@ def _insertion(
 ) -> tuple[int, int, str]:
     """Where missing parameters are inserted, twice, and their text."""
     lines = [f"{name}: {flow_text(value)}" for name, value in values.items()]
-    node_pair = _found(root, keys)
+    node_pair = _find_last_pair(root, keys)
     mapping: Any = node_pair[1] if node_pair else root
     if mapping.flow_style:
         at = text.index("{", mapping.start_mark.index) + 1
@@ -159,4 +159,4 @@ def _insertion(
     first = mapping.value[0][0].start_mark
     indent = text[first.index - first.column : first.index]
     newline = "\r\n" if "\r\n" in text else "\n"
-    return first.index, first.index, "".join(f"{entry}{newline}{indent}" for entry in lines)
+    return first.index, first.index, "".join(f"{line}{newline}{indent}" for line in lines)

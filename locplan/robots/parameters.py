@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from locplan._support.checks import file_path, shown
+from locplan._support.checks import check_file_path, short_repr
 from locplan._support.reading import (
     ROS_BOOLEANS,
     ROS_NUMBER,
-    compose,
-    fault_of,
+    compose_yaml,
+    make_map_error,
     read_content,
-    scalar,
+    parse_scalar,
 )
 from locplan.errors import LocplanError
 
@@ -45,24 +45,24 @@ class ParameterFile:
         return self.path.name if self.path else "the parameters"
 
     @property
-    def entries(self) -> Iterator[Entry]:
+    def sections(self) -> Iterator[NodeSection]:
         """All entries in the order in which they stand."""
-        return walked_entries(self.content, ())
+        return iterate_sections(self.content, ())
 
-    def is_for_robot(self, entry: Entry) -> bool:
+    def is_for_robot(self, section: NodeSection) -> bool:
         """Return whether an entry can be for nodes in the robot's namespace."""
         namespace = self.namespace.strip("/")
-        inside = f"{entry.name.strip('/')}/".startswith(f"{namespace}/")
-        return not namespace or inside or "*" in entry.name
+        inside = f"{section.name.strip('/')}/".startswith(f"{namespace}/")
+        return not namespace or inside or "*" in section.name
 
-    def relative_name(self, entry: Entry) -> str:
+    def relative_name(self, section: NodeSection) -> str:
         """Name of an entry as seen from the robot's namespace."""
-        slash = "/" if entry.name.startswith("/") else ""
-        inner = f"{entry.name.strip('/')}/".removeprefix(f"{self.namespace.strip('/')}/")
+        slash = "/" if section.name.startswith("/") else ""
+        inner = f"{section.name.strip('/')}/".removeprefix(f"{self.namespace.strip('/')}/")
         return slash + inner.strip("/")
 
 
-class Entry(NamedTuple):
+class NodeSection(NamedTuple):
     """The parameters that a file has for the nodes of a name."""
 
     keys: tuple[str, ...]
@@ -76,7 +76,7 @@ class Entry(NamedTuple):
         """Whether they are for nodes of any name."""
         return self.name.endswith("*")
 
-    def is_for(self, node: str) -> bool:
+    def matches_node(self, node: str) -> bool:
         """Whether a node has them: * stands for one name, ** for any number of them."""
         names = node.strip("/").split("/")
         reached = {0}
@@ -91,46 +91,46 @@ class Entry(NamedTuple):
         return len(names) in reached
 
 
-class Value(NamedTuple):
+class ParameterValue(NamedTuple):
     """A value of a parameter, and its place in the files."""
 
     value: Any
     file: int
     """Index of the file in `Nav2Parameters.files`."""
-    entry: Entry
+    section: NodeSection
     path: tuple[str, ...]
     """The keys that lead from the entry to the value."""
 
     @property
     def keys(self) -> tuple[str, ...]:
         """All keys that lead to the value in its file."""
-        return (*self.entry.keys, PARAMETERS, *self.path)
+        return (*self.section.keys, PARAMETERS, *self.path)
 
 
-def walked_entries(content: Parameters, keys: tuple[str, ...]) -> Iterator[Entry]:
+def iterate_sections(content: Parameters, keys: tuple[str, ...]) -> Iterator[NodeSection]:
     for key, value in content.items():
         if key == PARAMETERS and keys:
-            yield Entry(keys, "/".join(key_part.removesuffix("/") for key_part in keys), value)
+            yield NodeSection(keys, "/".join(key_part.removesuffix("/") for key_part in keys), value)
         elif isinstance(value, dict):
-            yield from walked_entries(value, (*keys, key))
+            yield from iterate_sections(value, (*keys, key))
 
 
-def values_in_entry(at: int, entry: Entry) -> Iterator[Value]:
+def values_in_section(at: int, section: NodeSection) -> Iterator[ParameterValue]:
     """All values in an entry."""
-    for path, value in leaves(entry.parameters):
-        yield Value(value, at, entry, path)
+    for path, value in leaves(section.parameters):
+        yield ParameterValue(value, at, section, path)
 
 
-def merged_values(entries: Sequence[tuple[int, Entry]]) -> list[Value]:
+def merged_values(sections: Sequence[tuple[int, NodeSection]]) -> list[ParameterValue]:
     """The values of entries of one name, in the order in which later ones replace earlier ones.
 
     rcl_yaml_param_parser replaces the first value of a plain name, but appends that of a name in
     a mapping (find_parameter in parse.c looks for the mapping's name).
     """
-    values: list[Value] = []
+    values: list[ParameterValue] = []
     first: dict[str, int] = {}
-    for at, section in entries:
-        for parameter in values_in_entry(at, section):
+    for at, section in sections:
+        for parameter in values_in_section(at, section):
             name = ".".join(parameter.path)
             if len(parameter.path) == 1 and name in first:
                 values[first[name]] = parameter
@@ -140,17 +140,17 @@ def merged_values(entries: Sequence[tuple[int, Entry]]) -> list[Value]:
     return values
 
 
-def component_values(at: int, file: ParameterFile, node: str) -> dict[str, Value]:
+def component_values(at: int, file: ParameterFile, node: str) -> dict[str, ParameterValue]:
     """The values that launch_ros takes from a file for a node in a component container.
 
     Those of its name replace whole parts of those of "/**", such as all settings of a plugin.
     """
-    sections = {"/".join(key.lstrip("/") for key in parameter.keys): parameter for parameter in file.entries}
-    parts: dict[str, list[Value]] = {}
+    sections = {"/".join(key.lstrip("/") for key in parameter.keys): parameter for parameter in file.sections}
+    parts: dict[str, list[ParameterValue]] = {}
     for name in ("**", f"{file.namespace}/{node}".strip("/")):
         if name in sections:
-            section_values: dict[str, list[Value]] = {}
-            for parameter in values_in_entry(at, sections[name]):
+            section_values: dict[str, list[ParameterValue]] = {}
+            for parameter in values_in_section(at, sections[name]):
                 section_values.setdefault(parameter.path[0], []).append(parameter)
             parts |= section_values
     return {".".join(parameter.path): parameter for values in parts.values() for parameter in values}
@@ -168,12 +168,12 @@ def leaves(
 
 
 AMCL, PLANNER_SERVER = "amcl", "planner_server"
-GLOBAL_COSTMAP, LOCAL_COSTMAP = (f"{each}_costmap/{each}_costmap" for each in ("global", "local"))
+GLOBAL_COSTMAP, LOCAL_COSTMAP = (f"{costmap_name}_costmap/{costmap_name}_costmap" for costmap_name in ("global", "local"))
 NODES = (AMCL, PLANNER_SERVER, "controller_server", GLOBAL_COSTMAP, LOCAL_COSTMAP)
 """Nodes of Nav2; the parameter files have parameters of at least one of them."""
 
 
-class Conflict(NamedTuple):
+class ParameterConflict(NamedTuple):
     """A parameter whose value depends on the place of a wildcard."""
 
     name: str
@@ -204,7 +204,7 @@ class Nav2Parameters:
         """Namespace of the robot, such as "/robot1"."""
         return next((file.namespace for file in self.files if file.namespace), "")
 
-    def entries(self, node: str) -> list[tuple[int, Entry]]:
+    def entries(self, node: str) -> list[tuple[int, NodeSection]]:
         """The entries for a node and the indices of their files, in the order in which they count.
 
         Parameters
@@ -213,14 +213,14 @@ class Nav2Parameters:
             Name of the node, such as amcl or global_costmap/global_costmap.
         """
         fits = [
-            [(at, section) for at, section in sections if section.is_for(f"{self._space(at)}/{node}")]
-            for sections in self._by_name()
+            [(at, section) for at, section in sections if section.matches_node(f"{self._space(at)}/{node}")]
+            for sections in self._group_sections()
         ]
         return [section for sections in fits for section in sections]
 
     def values(
         self, node: str, *, shared: bool = True, component: bool = False
-    ) -> dict[str, Value]:
+    ) -> dict[str, ParameterValue]:
         """Values in force of a node's parameters, with their places.
 
         Parameters
@@ -233,18 +233,18 @@ class Nav2Parameters:
             Whether a component container loads the node. The costmaps, which their servers start,
             are merged in the same way in either case.
         """
-        values: dict[str, Value] = {}
-        for sections in self._by_name():
-            for each in merged_values(sections):
-                fits = each.entry.is_for(f"{self._space(each.file)}/{node}")
-                if fits and (shared or not each.entry.is_shared):
-                    values[".".join(each.path)] = each
+        values: dict[str, ParameterValue] = {}
+        for sections in self._group_sections():
+            for parameter in merged_values(sections):
+                fits = parameter.section.matches_node(f"{self._space(parameter.file)}/{node}")
+                if fits and (shared or not parameter.section.is_shared):
+                    values[".".join(parameter.path)] = parameter
         if component and node not in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
             for at, file in enumerate(self.files):
                 values |= component_values(at, file, node)
         return values
 
-    def of(self, node: str, *, shared: bool = True, component: bool = False) -> Parameters:
+    def node_parameters(self, node: str, *, shared: bool = True, component: bool = False) -> Parameters:
         """Parameters of a node by their names in ROS, such as GridBased.plugin.
 
         Parameters
@@ -255,7 +255,7 @@ class Nav2Parameters:
         values = self.values(node, shared=shared, component=component)
         return {name: parameter.value for name, parameter in values.items()}
 
-    def conflicts(self, node: str) -> list[Conflict]:
+    def conflicts(self, node: str) -> list[ParameterConflict]:
         """Parameters of a node of which a wildcard and a name have different values.
 
         They are those that a component container gives another value, and those of which a later
@@ -269,11 +269,11 @@ class Nav2Parameters:
         standalone, loaded = self.values(node), self.values(node, component=True)
         conflicts = []
         for name, winner in standalone.items():
-            rivals = [rival for rival in self._stands(node, name) if rival.value != winner.value]
-            specific_rivals = [rival for rival in rivals if not rival.entry.is_shared]
-            hidden = winner.entry.is_shared and any(rival.file < winner.file for rival in specific_rivals)
+            rivals = [rival for rival in self._find_values(node, name) if rival.value != winner.value]
+            specific_rivals = [rival for rival in rivals if not rival.section.is_shared]
+            hidden = winner.section.is_shared and any(rival.file < winner.file for rival in specific_rivals)
             if loaded[name].value != winner.value or hidden:
-                conflicts.append(Conflict(name, self._conflict_text(node, name, loaded[name])))
+                conflicts.append(ParameterConflict(name, self._conflict_text(node, name, loaded[name])))
         return conflicts
 
     def place(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
@@ -286,14 +286,14 @@ class Nav2Parameters:
         """
         if value := self.values(node).get(name):
             return value.file, value.keys
-        at = self.file_of(node) or 0
+        at = self.find_file_index(node) or 0
         sections = [section for index, section in self.entries(node) if index == at]
         unshared_keys = [section.keys for section in sections if not section.is_shared]
         exact_keys = [section.keys for section in sections if "*" not in section.name]
         new = tuple(filter(None, f"{self._space(at)}/{node}".split("/")))
         return at, (*(exact_keys or unshared_keys or [new])[-1], PARAMETERS, *name.split("."))
 
-    def file_of(self, node: str) -> int | None:
+    def find_file_index(self, node: str) -> int | None:
         """Index of the file that has most parameters of a node, or None if no file names the node.
 
         Parameters
@@ -322,12 +322,12 @@ class Nav2Parameters:
         LocplanError
             If the parameter is no list of names.
         """
-        listed = self.of(node).get(name) or list(default)
-        if not isinstance(listed, list) or not all(isinstance(text, str) for text in listed):
-            raise LocplanError(f"{name} must be a list of names, not {shown(listed)}")
-        return list(listed)
+        name_list = self.node_parameters(node).get(name) or list(default)
+        if not isinstance(name_list, list) or not all(isinstance(text, str) for text in name_list):
+            raise LocplanError(f"{name} must be a list of names, not {short_repr(name_list)}")
+        return list(name_list)
 
-    def changed(self, node: str, values: Mapping[str, Any]) -> Nav2Parameters:
+    def with_values(self, node: str, values: Mapping[str, Any]) -> Nav2Parameters:
         """Parameters with other values for a node, which stand where those in force stood.
 
         Parameters
@@ -338,7 +338,7 @@ class Nav2Parameters:
             Values by the names of the parameters.
         """
         if not self.files:
-            return Nav2Parameters((ParameterFile(),)).changed(node, values)
+            return Nav2Parameters((ParameterFile(),)).with_values(node, values)
         files = [replace(file, content=copy.deepcopy(file.content)) for file in self.files]
         for name, value in values.items():
             at, (*path, last) = self.place(node, name)
@@ -350,7 +350,7 @@ class Nav2Parameters:
             inner[last] = value
         return Nav2Parameters(tuple(files))
 
-    def merged(self) -> Nav2Parameters:
+    def merge_files(self) -> Nav2Parameters:
         """The same parameters in one file, which no path names."""
         if len(self.files) == 1:
             return self
@@ -358,7 +358,7 @@ class Nav2Parameters:
 
     def _merged_content(self) -> Parameters:
         content: Parameters = {}
-        for sections in self._by_name():
+        for sections in self._group_sections():
             keys = sections[0][1].keys
             for parameter in {".".join(value.path): value for value in merged_values(sections)}.values():
                 path: tuple[str, ...] = (*keys, PARAMETERS, *parameter.path)
@@ -371,36 +371,36 @@ class Nav2Parameters:
     def _space(self, at: int) -> str:
         return self.files[at].namespace if self.files else ""
 
-    def _by_name(self) -> list[list[tuple[int, Entry]]]:
+    def _group_sections(self) -> list[list[tuple[int, NodeSection]]]:
         """All entries with the indices of their files, those of the same name together.
 
         A name counts where it first stands in any file, as in rcl_yaml_param_parser.
         """
-        groups: dict[str, list[tuple[int, Entry]]] = {}
+        groups: dict[str, list[tuple[int, NodeSection]]] = {}
         for at, file in enumerate(self.files):
-            for section in filter(file.is_for_robot, file.entries):
+            for section in filter(file.is_for_robot, file.sections):
                 groups.setdefault(file.relative_name(section), []).append((at, section))
         return list(groups.values())
 
-    def _stands(self, node: str, name: str) -> list[Value]:
+    def _find_values(self, node: str, name: str) -> list[ParameterValue]:
         """All values of a node's parameter that stand in the files."""
         return [
             parameter
             for at, section in self.entries(node)
-            for parameter in values_in_entry(at, section)
+            for parameter in values_in_section(at, section)
             if ".".join(parameter.path) == name
         ]
 
-    def _conflict_text(self, node: str, name: str, loaded: Value) -> str:
+    def _conflict_text(self, node: str, name: str, loaded: ParameterValue) -> str:
         stands = [
-            f"{shown(each.value)} for {each.entry.name} ({self.files[each.file].title})"
-            for each in sorted(self._stands(node, name), key=lambda each: each.file)
+            f"{short_repr(parameter.value)} for {parameter.section.name} ({self.files[parameter.file].title})"
+            for parameter in sorted(self._find_values(node, name), key=lambda parameter: parameter.file)
         ]
-        own = self.values(node)[name]
-        taken = f"ROS takes {shown(own.value)}"
-        if loaded.value != own.value:
-            taken += f", or {shown(loaded.value)} in a component container"
-        return f"{node}: {name} is {', '.join(stands)}; {taken}"
+        winner = self.values(node)[name]
+        choice_text = f"ROS takes {short_repr(winner.value)}"
+        if loaded.value != winner.value:
+            choice_text += f", or {short_repr(loaded.value)} in a component container"
+        return f"{node}: {name} is {', '.join(stands)}; {choice_text}"
 
 
 MAX_BYTES = 2**17
@@ -441,7 +441,7 @@ def read_parameters(*paths: str | os.PathLike[str] | None) -> Nav2Parameters:
             content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
             files.append(ParameterFile(file, content))
             robots.append(robot)
-    return parameters_of(files, robots) if files else Nav2Parameters()
+    return resolve_parameters(files, robots) if files else Nav2Parameters()
 
 
 def file_and_robot(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
@@ -457,38 +457,38 @@ def file_and_robot(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
     LocplanError
         If the path can name no file.
     """
-    file = file_path("a file of Nav2's parameters", path)
+    file = check_file_path("a file of Nav2's parameters", path)
     name, colon, robot = str(file).rpartition(":")
     if colon and not file.exists() and Path(name).is_file():
         return Path(name), robot
     return file, None
 
 
-def parameters_of(
+def resolve_parameters(
     files: Sequence[ParameterFile], robots: Sequence[str | None] = (None,)
 ) -> Nav2Parameters:
     """Parameters in files, with the robots that their paths name; see `read_parameters`."""
     for file in files:
         remedy = f"{REMEDY} of ROS 2, or single values by --set, as --set alpha1=0.1"
         if (key := _ros1_key(file)) is not None:
-            fault = f"holds parameters of ROS 1 ({shown(key)}), which has no {PARAMETERS}"
+            fault = f"holds parameters of ROS 1 ({short_repr(key)}), which has no {PARAMETERS}"
             raise LocplanError(f"{file.path}: {fault}; {remedy}")
         if (node := _bare_node(file)) is not None:
-            fault = f"{shown(node)} holds no {PARAMETERS}, as in ROS 1"
+            fault = f"{short_repr(node)} holds no {PARAMETERS}, as in ROS 1"
             raise LocplanError(f"{file.path}: {fault}; {remedy}")
-        for entry in file.entries:
-            if not isinstance(entry.parameters, dict):
+        for section in file.sections:
+            if not isinstance(section.parameters, dict):
                 raise LocplanError(
-                    f"{file.path}: {shown(entry.name)} holds no {PARAMETERS}; {REMEDY}"
+                    f"{file.path}: {short_repr(section.name)} holds no {PARAMETERS}; {REMEDY}"
                 )
     spaces = _namespaces(files, robots)
     robot_files = (replace(file, namespace=space) for file, space in zip(files, spaces, strict=True))
     parameters = Nav2Parameters(tuple(robot_files))
     first = files[0].path if len(files) == 1 else ", ".join(str(parameter_file.path) for parameter_file in files)
     if not any(parameters.entries(node) for node in NODES):
-        where = f" in {parameters.namespace}" if parameters.namespace else ""
+        namespace_text = f" in {parameters.namespace}" if parameters.namespace else ""
         raise LocplanError(
-            f"{first}: has no parameters of Nav2's nodes{where}; {REMEDY} (as FILE:NAMESPACE where"
+            f"{first}: has no parameters of Nav2's nodes{namespace_text}; {REMEDY} (as FILE:NAMESPACE where"
             " the robot has one), or a robot's file, which has an entry 'robot'"
         )
     for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
@@ -512,7 +512,7 @@ ROS1_NAMES = {
 
 def _ros1_key(file: ParameterFile) -> str | None:
     """A name by which a file is one of ROS 1, or None."""
-    if next(file.entries, None) is not None:
+    if next(file.sections, None) is not None:
         return None
     contents = [file.content]
     while contents:
@@ -526,7 +526,7 @@ def _ros1_key(file: ParameterFile) -> str | None:
 
 def _bare_node(file: ParameterFile) -> str | None:
     """A node of Nav2 in a file without any `ros__parameters`, or None."""
-    if next(file.entries, None) is not None:
+    if next(file.sections, None) is not None:
         return None
     names = {node.partition("/")[0] for node in NODES}
     return next((name for name in file.content if name.strip("/") in names), None)
@@ -542,19 +542,19 @@ def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) ->
     for file, robot, names in zip(files, requested, robots_in_files, strict=True):
         fits = [namespace for namespace in names if namespace in accepted]
         if robot is None and len(names) > 1 and len(fits) != 1:
-            listed = ", ".join(shown(namespace or "/") for namespace in names[:5])
+            robot_list = ", ".join(short_repr(namespace or "/") for namespace in names[:5])
             raise LocplanError(
-                f"{file.path}: has several robots, {listed}; name one, as FILE:NAMESPACE"
+                f"{file.path}: has several robots, {robot_list}; name one, as FILE:NAMESPACE"
             )
         if robot is not None and names and robot not in names:
-            listed = ", ".join(shown(namespace or "/") for namespace in names[:5])
-            raise LocplanError(f"{file.path}: has no robot {shown(robot or '/')}; it has {listed}")
+            robot_list = ", ".join(short_repr(namespace or "/") for namespace in names[:5])
+            raise LocplanError(f"{file.path}: has no robot {short_repr(robot or '/')}; it has {robot_list}")
         detected_space = fits[0] if len(names) > 1 else names[0] if names else None
         spaces.append(detected_space if robot is None else robot)
     different = {namespace for namespace in spaces if namespace is not None}
     if len(different) > 1 and None in requested:
         texts = (
-            f"{file.path} has {shown(space or '/')}"
+            f"{file.path} has {short_repr(space or '/')}"
             for file, space in zip(files, spaces, strict=True)
             if space is not None
         )
@@ -568,7 +568,7 @@ def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) ->
 
 def _robots_in(file: ParameterFile) -> list[str]:
     """Namespaces of the robots that a file names."""
-    names = {robot.name for robot in file.entries}
+    names = {robot.name for robot in file.sections}
     nodes = {(f"/{name.strip('/')}", f"/{node}") for name in names for node in NODES}
     robots = sorted({name.removesuffix(node) for name, node in nodes if name.endswith(node)})
     return [robot for robot in robots if "*" not in robot]
@@ -576,12 +576,12 @@ def _robots_in(file: ParameterFile) -> list[str]:
 
 def values_in(file: Path, content: bytes, remedy: str) -> Parameters:
     """Values of a file's YAML by name, as ROS reads them; none if it holds others."""
-    root = compose(file, content, remedy)
+    root = compose_yaml(file, content, remedy)
     try:
-        values = None if root is None else _PlainValues().of(root)
+        values = None if root is None else _PlainValues().read_node(root)
     except (OverflowError, RecursionError):
         fault = f"its aliases stand for over {MAX_VALUES} values"
-        raise fault_of(file, fault, "write out what they stand for") from None
+        raise make_map_error(file, fault, "write out what they stand for") from None
     return values if isinstance(values, dict) else {}
 
 
@@ -591,13 +591,13 @@ class _PlainValues:
     def __init__(self) -> None:
         self.count = 0
 
-    def of(self, node: Any) -> Any:
+    def read_node(self, node: Any) -> Any:
         """Value of a node, and of all in it."""
         self.count += 1
         if self.count > MAX_VALUES:
             raise OverflowError
         if node.id == "sequence":
-            return [self.of(child) for child in node.value]
+            return [self.read_node(child) for child in node.value]
         if node.id == "mapping":
             return self._mapping(node)
         if node.tag == "tag:yaml.org,2002:null":
@@ -606,7 +606,7 @@ class _PlainValues:
             return ROS_BOOLEANS[node.value]
         if node.style is None and ROS_NUMBER.fullmatch(node.value):
             return float(node.value)
-        value = scalar(node)
+        value = parse_scalar(node)
         too_long = isinstance(value, int) and not -(2**63) <= value < 2**63
         return str(node.value) if too_long else value
 
@@ -616,16 +616,16 @@ class _PlainValues:
         for key, value in node.value:
             if key.tag == "tag:yaml.org,2002:merge":
                 for source in reversed(value.value if value.id == "sequence" else [value]):
-                    content = self.of(source)  # of several the first one counts
+                    content = self.read_node(source)  # of several the first one counts
                     merged |= content if isinstance(content, dict) else {}
             else:
                 name = str(key.value) if key.id == "scalar" else "?"
-                direct_values[name] = _joined(direct_values.get(name), self.of(value))
+                direct_values[name] = _merge_values(direct_values.get(name), self.read_node(value))
         return merged | direct_values
 
 
-def _joined(first: Any, then: Any) -> Any:
+def _merge_values(first: Any, then: Any) -> Any:
     """The later of two values of a name, or what both hold: ROS reads all of them."""
     if not (isinstance(first, dict) and isinstance(then, dict)):
         return then
-    return first | {name: _joined(first.get(name), value) for name, value in then.items()}
+    return first | {name: _merge_values(first.get(name), value) for name, value in then.items()}

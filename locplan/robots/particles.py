@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import turning
-from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan._support.poses import make_rotation_matrix
+from locplan.maps.grid import OccupancyGrid, world_to_map_frame
 from locplan.maps.occupancy import FREE, OCCUPIED
 
 if TYPE_CHECKING:
-    from locplan._support.kernels.particles import BeamScores, Filter
+    from locplan._support.kernels.particles import BeamScores, FilterSettings
     from locplan.robots.amcl import Amcl, Deviation
     from locplan.robots.lidar import Lidar
 
@@ -42,21 +42,21 @@ class Particles:
         deviation: Deviation,
         random: np.random.Generator,
     ) -> None:
-        from locplan._support.kernels.drives import AT, Start, begin
+        from locplan._support.kernels.drives import AT, Start, start_filter
 
         self._amcl, self._grid, self._lidar, self._random = amcl, grid, lidar, random
         self._scores, self._settings = beam_scores(grid, amcl, lidar), filter_settings(amcl)
-        first = own_axes(grid, np.asarray(pose, np.float64)[None])[0]
-        self._tracker = begin(random, first, Start(*deviation), self._settings)
+        first = world_to_map_frame(grid, np.asarray(pose, np.float64)[None])[0]
+        self._tracker = start_filter(random, first, Start(*deviation), self._settings)
         self._tracker.state[AT] = RESAMPLED
         self._odometry = np.zeros((3, 3))
-        self._begun = False
+        self._has_started = False
         self._covariance = np.full((3, 3), np.nan)
 
     def motion(self, odometry: Floats) -> None:
         """Take the pose that odometry has added up; see `Tracker.motion`."""
         self._odometry[NOW] = odometry
-        if not self._begun:
+        if not self._has_started:
             self._odometry[:] = odometry
 
     def scan(self, ranges: NDArray[np.float32]) -> None:
@@ -68,32 +68,32 @@ class Particles:
         if due:
             drives.advance(random, self._tracker, self._odometry, NOW, self._settings)
         self._covariance[:] = np.nan
-        if not due and self._begun:
+        if not due and self._has_started:
             return
-        self._begun = True
+        self._has_started = True
         ends = compared_ends(self._amcl, self._lidar, np.asarray(ranges)[None])[0]
         cells = np.ascontiguousarray(ends / self._grid.resolution)
         if drives.correct(random, self._tracker, self._scores, cells, NOW, self._settings):
-            drives.covariance_of(self._tracker, self._covariance)
+            drives.write_cloud_covariance(self._tracker, self._covariance)
             self._odometry[RESAMPLED], state[drives.AT] = self._odometry[NOW], RESAMPLED
         self._odometry[UPDATED], state[drives.UPDATED] = self._odometry[NOW], UPDATED
 
     def estimate(self) -> Floats:
         """Mean of the heaviest cluster, moved on with odometry; see `Tracker.estimate`."""
-        from locplan._support.kernels.drives import estimate
+        from locplan._support.kernels.drives import estimate_pose
 
-        x, y, heading = estimate(self._tracker, self._odometry, NOW)
+        x, y, heading = estimate_pose(self._tracker, self._odometry, NOW)
         resolution = self._grid.resolution
         at = self._grid.grid_to_world(np.float64(y / resolution), np.float64(x / resolution))
         return np.array([*map(float, at), heading + self._grid.origin[2]])
 
     def covariance(self) -> Floats:
         """Covariance of all particles, as AMCL publishes it where it has just resampled them."""
-        turn = turning(self._grid.origin[2])
+        turn = make_rotation_matrix(self._grid.origin[2])
         return np.asarray(turn @ self._covariance @ turn.T)
 
 
-def filter_settings(amcl: Amcl) -> Filter:
+def filter_settings(amcl: Amcl) -> FilterSettings:
     """AMCL's parameters as the kernels take them.
 
     Parameters
@@ -101,11 +101,11 @@ def filter_settings(amcl: Amcl) -> Filter:
     amcl : Amcl
         The parameters.
     """
-    from locplan._support.kernels.particles import Filter
+    from locplan._support.kernels.particles import FilterSettings
 
-    names = [name for name in Filter._fields if name != "omnidirectional"]
+    names = [name for name in FilterSettings._fields if name != "omnidirectional"]
     parameters = {name: getattr(amcl, name) for name in names}
-    return Filter(**parameters, omnidirectional=amcl.is_omnidirectional)
+    return FilterSettings(**parameters, omnidirectional=amcl.is_omnidirectional)
 
 
 def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:

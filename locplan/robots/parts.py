@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import Settings, positive, setting, shown
+from locplan._support.checks import Settings, check_positive, setting, short_repr
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid
@@ -42,7 +42,7 @@ class Kinematics(Settings):
     """Minimum turning radius, above 0 for a car-like robot and else 0 [m]."""
     reverse: bool = setting(True)
     """Whether the robot drives in reverse, too."""
-    speed: float = setting(0.5, positive)
+    speed: float = setting(0.5, check_positive)
     """Usual speed, above 0 [m/s]."""
 
     def __post_init__(self) -> None:
@@ -71,7 +71,7 @@ class Inflation(Settings):
 
     inflation_radius: float = setting(0.55, 0.0)
     """Distance from walls up to which cells cost more, >= 0 [m]."""
-    cost_scaling_factor: float = setting(10.0, positive)
+    cost_scaling_factor: float = setting(10.0, check_positive)
     """Decay of the cost with the distance, above 0 [1/m]."""
 
 
@@ -115,9 +115,9 @@ class Odometry(Settings):
 
     def for_kernels(self) -> Any:
         """The errors in the form that the kernels take."""
-        from locplan._support.kernels.drives import Odometry
+        from locplan._support.kernels.drives import OdometryErrors
 
-        return Odometry(
+        return OdometryErrors(
             distance_drift=self.distance_drift,
             heading_drift=math.radians(self.heading_drift_deg),
             turn_drift=math.radians(self.turn_drift_deg),
@@ -227,7 +227,7 @@ class Footprint:
         except ValueError:
             raise ConfigError(
                 "footprint must be corners such as [[0.3,0.2],[0.3,-0.2],[-0.3,0]], not"
-                f" {shown(text)}"
+                f" {short_repr(text)}"
             ) from None
 
     def __repr__(self) -> str:
@@ -297,9 +297,9 @@ class Footprint:
 
     def _hits(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
         """Indices of the colliding lines between poses (n, 3) of (col, row, heading)."""
-        from locplan._support.kernels.outlines import first_hit, sums_of
+        from locplan._support.kernels.outlines import first_hit, sum_rows
 
-        sums, corners, begin = sums_of(grid.cells == OCCUPIED), self.vertices / grid.resolution, 0
+        sums, corners, begin = sum_rows(grid.cells == OCCUPIED), self.vertices / grid.resolution, 0
         while (hit := int(first_hit(sums, corners, moves[begin:]))) >= 0:
             yield begin + hit
             begin += hit + 1

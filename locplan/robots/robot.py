@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._support.checks import (
     Settings,
-    differing,
-    file_path,
-    instance,
-    keep,
-    number,
+    describe_changed_settings,
+    check_file_path,
+    check_instance,
+    set_frozen_fields,
+    check_number,
     setting,
-    shown,
+    short_repr,
     suggestion,
 )
 from locplan._support.files import check_target
 from locplan._support.output import replacing
 from locplan._support.public import field_docs
-from locplan._support.reading import dumped, stamp
+from locplan._support.reading import dump_yaml, stamp
 from locplan._support.records import Column, Table
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, Filter
-from locplan.robots.files import OWN, PARTS, VERSION, made, names_of, outline_of, read_parts
+from locplan.robots.files import ROBOT_SETTINGS, PARTS, VERSION, build_parts, list_setting_names, footprint_from_corners, read_parts
 from locplan.robots.lidar import Lidar
-from locplan.robots.nav2 import errors_at
+from locplan.robots.nav2 import name_file_in_errors
 from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
 
@@ -92,14 +92,14 @@ class Robot(Settings):
 
     def __post_init__(self) -> None:
         if isinstance(self.lidar, str):
-            keep(self, lidar=Lidar.preset(self.lidar))
+            set_frozen_fields(self, lidar=Lidar.preset(self.lidar))
         for name, kind in PARTS.items():
             part = getattr(self, name)
             follows = hasattr(part, "start") and name == "filter"  # the protocol of filters
             if not follows and (part is not None or name not in ("lidar", "inflation")):
-                instance(name, part, kind)
+                check_instance(name, part, kind)
         if not isinstance(self.footprint, Footprint):
-            keep(self, footprint=number("footprint", self.footprint, 0.0))
+            set_frozen_fields(self, footprint=check_number("footprint", self.footprint, 0.0))
         super().__post_init__()
 
     @classmethod
@@ -166,7 +166,7 @@ class Robot(Settings):
         """
         robot = cls(lidar)
         for path, parts in read_parts(*paths, lidar=robot.lidar, planner=planner):
-            with errors_at(path):
+            with name_file_in_errors(path):
                 robot = cls(**parts)
         return robot
 
@@ -183,12 +183,12 @@ class Robot(Settings):
         LocplanError
             If the file cannot be written, or its name does not end in .yaml.
         """
-        target = file_path("a robot's file", path)
+        target = check_file_path("a robot's file", path)
         check_target(target, ".yaml")
         _ = self.amcl  # a file cannot hold the code of another filter
         content = {**stamp("robot", VERSION), "robot": self.summary()}
         with replacing(target) as temporary:
-            temporary.write_text(dumped(content, default_flow_style=None), encoding="utf-8")
+            temporary.write_text(dump_yaml(content, default_flow_style=None), encoding="utf-8")
 
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
@@ -201,12 +201,12 @@ class Robot(Settings):
         return settings
 
     @classmethod
-    def from_summary(cls, about: Mapping[str, Any]) -> Robot:
+    def from_summary(cls, settings: Mapping[str, Any]) -> Robot:
         """Robot of what `summary` gave; what is missing has its default.
 
         Parameters
         ----------
-        about : mapping
+        settings : mapping
             Settings by the names of the fields.
 
         Raises
@@ -214,7 +214,7 @@ class Robot(Settings):
         ConfigError
             If there is no such setting, or a value is out of its range.
         """
-        return cls(**made(about))
+        return cls(**build_parts(settings))
 
     @property
     def digest(self) -> str:
@@ -229,8 +229,8 @@ class Robot(Settings):
         lidar = self.lidar.title if self.lidar else "no lidar named"
         outline = self.outline
         size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
-        others = [*differing(self.odometry), *differing(self.disturbances)]
-        changed = f", {', '.join(others)}" if others else ""
+        differences = [*describe_changed_settings(self.odometry), *describe_changed_settings(self.disturbances)]
+        changed = f", {', '.join(differences)}" if differences else ""
         margin = f", margin {self.margin:g} m" if self.margin else ""
         return f"{lidar}; {size}{margin}; {self.filter.title}{changed}"
 
@@ -259,7 +259,7 @@ class Robot(Settings):
         inner = self.footprint
         return (inner.inscribed_radius if isinstance(inner, Footprint) else inner) + self.margin
 
-    def changed(self, changes: Mapping[str, Any]) -> Robot:
+    def with_settings(self, changes: Mapping[str, Any]) -> Robot:
         """Robot with other settings, whichever part they belong to.
 
         A setting of a lidar that is not known makes one, of 12 m that sees all round by default.
@@ -274,25 +274,25 @@ class Robot(Settings):
         ConfigError
             If there is no such setting, or a value is out of its range.
         """
-        of_part = {name: part for part, kind in PARTS.items() for name in names_of(kind)}
+        of_part = {name: part for part, kind in PARTS.items() for name in list_setting_names(kind)}
         parts: dict[str, dict[str, Any]] = {}
         robot_settings: dict[str, Any] = {}
         for name, value in changes.items():
             if name in of_part:
                 parts.setdefault(of_part[name], {})[name] = value
-            elif name in OWN:
-                robot_settings[name] = outline_of(value) if name == "footprint" else value
+            elif name in ROBOT_SETTINGS:
+                robot_settings[name] = footprint_from_corners(value) if name == "footprint" else value
             else:
-                known = (*OWN, *of_part)
-                names = f"{', '.join(known)}{suggestion(name, known)}"
-                raise ConfigError(f"a robot has no setting {shown(name)}; it has {names}")
+                setting_names = (*ROBOT_SETTINGS, *of_part)
+                names = f"{', '.join(setting_names)}{suggestion(name, setting_names)}"
+                raise ConfigError(f"a robot has no setting {short_repr(name)}; it has {names}")
         for part, part_changes in parts.items():
             before = self.amcl if part == "filter" else getattr(self, part) or PARTS[part]()
             robot_settings[part] = replace(before, **part_changes)
         return replace(self, **robot_settings)
 
 
-def radius_of(robot: Robot | float) -> float:
+def planning_radius(robot: Robot | float) -> float:
     """Radius that is planned with [m].
 
     Parameters
@@ -305,7 +305,7 @@ def radius_of(robot: Robot | float) -> float:
     ConfigError
         If it is neither.
     """
-    return robot.radius if isinstance(robot, Robot) else number("robot", robot, 0.0, 1e9)
+    return robot.radius if isinstance(robot, Robot) else check_number("robot", robot, 0.0, 1e9)
 
 
 def format_radius(robot: Robot | None, radius: float) -> str:
@@ -344,7 +344,7 @@ def list_settings(robot: Robot) -> Table:
     [('filter', 'update_min_d', 'm', '0.25')]
     """
     docs = field_docs(Robot)
-    rows = [_setting_row("robot", name, robot, docs[name]) for name in OWN]
+    rows = [_setting_row("robot", name, robot, docs[name]) for name in ROBOT_SETTINGS]
     for part, kind in PARTS.items():
         settings = robot.amcl if part == "filter" else getattr(robot, part)
         for name, text in field_docs(kind).items():

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from locplan._support.checks import is_number
-from locplan._support.intervals import random_of
+from locplan._support.intervals import make_generator
 from locplan._support.reading import scalar_text
 from locplan.errors import LocplanError
 from locplan.robots.amcl import MODELS, NOT_SIMULATED, SIMULATED, Amcl
@@ -56,9 +56,9 @@ class BeamsLeft:
         simulator : Simulator
             The map, the lidar, the filter and the disturbances.
         """
-        from locplan._support.kernels.lidar import measured_ends
+        from locplan._support.kernels.lidar import measure_ends
 
-        random = random_of(simulator.seed, BEAMS)
+        random = make_generator(simulator.seed, BEAMS)
         grid, arguments = simulator.grid, simulator.arguments
         cells = np.argwhere(grid.free & (grid.clearance >= simulator.robot.radius))
         cells = cells if len(cells) else np.argwhere(grid.free)
@@ -69,7 +69,7 @@ class BeamsLeft:
             world = simulator.worlds[n % len(simulator.worlds)]
             pose = np.array([*(cell + 0.5), random.uniform(-np.pi, np.pi)])
             sensed = arguments.lidar, arguments.disturbances
-            measured_ends(random, world, grid.resolution, pose, *sensed, ends)
+            measure_ends(random, world, grid.resolution, pose, *sensed, ends)
             returned += int(np.isfinite(ends[:, 0]).sum())
         return cls(len(ends), returned / 200)
 
@@ -208,7 +208,7 @@ def differing_names(one: Amcl, other: Amcl) -> list[str]:
 
 def _edited(params: Path, values: Mapping[str, float | str]) -> bytes:
     """A file with these values, and beams not skipped where they are from now on."""
-    parameters = read_parameters(params).of("amcl")
+    parameters = read_parameters(params).node_parameters("amcl")
     if parameters.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
         values = {"laser_model_type": MODELS[0], **values}
     skips = parameters.get("do_beamskip")

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import Settings, positive
-from locplan._support.intervals import Interval, wilson
+from locplan._support.checks import Settings, check_positive
+from locplan._support.intervals import Interval, compute_wilson_interval
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import Poses, wrapped
+from locplan._support.poses import Poses, wrap_angles
 from locplan._support.records import POSE, Column, Table
-from locplan._support.saved import Valued
+from locplan._support.saved import EqualByValue
 from locplan.planning.path import Path
 from locplan.simulation.drives import check_drives, rate_column
 
@@ -51,7 +51,7 @@ class Closed(Settings):
     def __post_init__(self) -> None:
         check_drives(self.drives)
         if self.replan is not None:
-            positive("replan", self.replan, "s")
+            check_positive("replan", self.replan, "s")
 
 
 APART = 0.5
@@ -65,7 +65,7 @@ Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arrival(Valued):
+class Arrival(EqualByValue):
     """One closed-loop drive."""
 
     outcome: str
@@ -111,7 +111,7 @@ class Arrival(Valued):
 
         from locplan.simulation.kernels.pursuit import TICK
 
-        off = cKDTree(path.resampled(0.1).xy).query(truth[:, :2])[0] > APART
+        off = cKDTree(path.resample(0.1).xy).query(truth[:, :2])[0] > APART
         wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.
         stands = (truth[wait:] == truth[:-wait]).all(axis=1)
         stops: list[Floats] = []
@@ -136,7 +136,7 @@ class Arrival(Valued):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Arrivals(Valued):
+class Arrivals(EqualByValue):
     """Closed-loop drives along one path; the n-th of two paths with the same ends are pairs."""
 
     drives: tuple[Arrival, ...]
@@ -192,7 +192,7 @@ class Arrivals(Valued):
             or "follower" (it fails with perfect localization, too), "world" (no way to the goal).
         """
         n_matching = sum(what in (drive.outcome, drive.fault) for drive in self.drives)
-        return wilson(n_matching / len(self.drives), len(self.drives))
+        return compute_wilson_interval(n_matching / len(self.drives), len(self.drives))
 
     def places(self) -> Table:
         """Where robots stop, end without having arrived, and leave the path."""
@@ -264,4 +264,4 @@ def faults_of(*arrivals: Arrivals) -> str:
 
 def _placed(poses: Any) -> tuple[Place, ...]:
     x, y, heading = np.reshape(poses, (-1, 3)).T
-    return tuple(zip(x.tolist(), y.tolist(), wrapped(heading).tolist(), strict=True))
+    return tuple(zip(x.tolist(), y.tolist(), wrap_angles(heading).tolist(), strict=True))

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import shown
+from locplan._support.checks import short_repr
 from locplan.errors import ConfigError
 from locplan.field.beams import LidarEstimator
 from locplan.field.config import FieldConfig
@@ -27,7 +27,7 @@ from locplan.planning.pareto import pareto_front
 from locplan.planning.path import Path
 from locplan.planning.plans import SHORTEST
 from locplan.planning.protocol import Planner
-from locplan.planning.requests import planner_for
+from locplan.planning.requests import make_planner
 from locplan.planning.results import ParetoFront, Plan
 from locplan.robots.lidar import Lidar
 from locplan.robots.robot import Robot
@@ -78,7 +78,7 @@ class Ground:
 
         off_path = np.ones(self.grid.shape, np.uint8)
         for path in paths:
-            fine = path.resampled(self.grid.resolution / 2) if path.length else path
+            fine = path.resample(self.grid.resolution / 2) if path.length else path
             cells = np.floor(self.grid.world_to_grid(*fine.xy.T)).astype(np.int64)
             off_path[tuple(np.clip(cells, 0, np.array(off_path.shape)[:, None] - 1))] = 0
         cells = cv2.distanceTransform(off_path, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -193,7 +193,7 @@ def density_of(
 
 def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
     """Mean and greatest of the largest position deviation in a field along a path [m]."""
-    deviation = field.at(path.resampled(field.grid.resolution, even=True).xy, "position_std")
+    deviation = field.at(path.resample(field.grid.resolution, even=True).xy, "position_std")
     deviation = deviation[np.isfinite(deviation)]
     if not deviation.size:
         return math.nan, math.nan
@@ -297,9 +297,9 @@ def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]
         if isinstance(path, str):
             left_out[name] = path
         elif twin := twin_of(path, {**accepted, **user_paths}, 0.1, 0.0):
-            left_out[name] = f"the same path as {shown(twin)}"
+            left_out[name] = f"the same path as {short_repr(twin)}"
         elif twin := twin_of(path, _without(accepted, INFLATED), *limits):
-            left_out[name] = f"nearly the same path as {shown(twin)}"
+            left_out[name] = f"nearly the same path as {short_repr(twin)}"
         else:
             accepted[name] = path
     reserved = {*INFLATED, *DENSITIES, *AWARE, *densities}
@@ -313,7 +313,7 @@ def _without(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, Pat
 
 def twin_of(path: Path, others: Mapping[str, Path], distance: float, share: float) -> str:
     """Name of the first path that all but a share of a path's points are near [m], or none."""
-    points = path.resampled(0.25, even=True).xy
+    points = path.resample(0.25, even=True).xy
     for name, other in others.items():
         if float((distances_to(points, other) > distance).mean()) <= share:
             return name
@@ -345,13 +345,13 @@ def own_of(candidates: Candidates) -> Own:
     else:
         raise ConfigError(
             "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
-            f" not {shown(candidates)}"
+            f" not {short_repr(candidates)}"
         )
     user_candidates: Own = {}
     for name, candidate_like in candidates_by_name:
         for label, candidate in _paths_of(name, candidate_like):
             if label in user_candidates:
-                raise ConfigError(f"two candidates are called {shown(label)}; name them")
+                raise ConfigError(f"two candidates are called {short_repr(label)}; name them")
             user_candidates[label] = candidate
     return user_candidates
 
@@ -369,7 +369,7 @@ def _name_of(candidate: AnyCandidate, number: int) -> str:
 def _paths_of(name: str, given: AnyCandidate) -> Iterator[tuple[str, Path | Planner | str]]:
     """The paths of what is given, its planner, or why it has no path."""
     if isinstance(given, (str, Planner)):
-        yield name, planner_for(given)
+        yield name, make_planner(given)
     elif isinstance(given, Plan):
         yield name, given.path or given.note or given.status
     elif not isinstance(given, ParetoFront):
@@ -396,7 +396,7 @@ def check_own(own: Own, ask: Ask) -> None:
         for end, at, (x, y) in (("start", ask.start, path.xy[0]), ("goal", ask.goal, path.xy[-1])):
             if math.hypot(x - at[0], y - at[1]) > NEAR:
                 raise ConfigError(
-                    f"candidate {shown(name)} has its {end} at {x:.2f},{y:.2f}, more than"
+                    f"candidate {short_repr(name)} has its {end} at {x:.2f},{y:.2f}, more than"
                     f" {NEAR:g} m from the {end} that was asked for"
                 )
     for name, path in paths.items():

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.intervals import random_of
+from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets
-from locplan._support.poses import Poses, after_way, way_along, way_between
-from locplan.maps.grid import OccupancyGrid, own_axes
+from locplan._support.poses import Poses, apply_motions, compute_travel_distances, compute_motions
+from locplan.maps.grid import OccupancyGrid, world_to_map_frame
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
@@ -97,7 +97,7 @@ class Replanner:
         detour = Lattice().solve(costs, first, last).path
         if detour is None:
             return way
-        even = detour.resampled(POINTS, even=True)
+        even = detour.resample(POINTS, even=True)
         new = geared(np.column_stack([even.xy + shift, even.facing]))
         return np.concatenate([new, way[join + 1 :]])
 
@@ -108,7 +108,7 @@ class Replanner:
         where no way is found.
         """
         from locplan._support.kernels.search import bordered_half, shortest_costs
-        from locplan._support.kernels.ways import trace
+        from locplan._support.kernels.ways import trace_path
 
         scene = self._scene(truth, believed, world)
         if scene is None:
@@ -121,7 +121,7 @@ class Replanner:
 
         half, columns = bordered_half(density, 1), density.shape[1] + 2
         costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
-        along = way_along(way)
+        along = compute_travel_distances(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
         able = _within(points, density.shape) & (along >= min(JOIN[0], along[-1]))
         flat = (points[able] + 1) @ (columns, 1)
@@ -132,10 +132,10 @@ class Replanner:
         best = int(np.argmin(soon if np.isfinite(soon).any() else cost))
         if not np.isfinite(cost[best]):
             return np.asarray(way)
-        cells = trace(half, columns, costs, (points[best] + 1) @ (columns, 1), False)
+        cells = trace_path(half, columns, costs, (points[best] + 1) @ (columns, 1), False)
         centres = (np.column_stack(np.divmod(cells, columns)[::-1]) - 0.5 + low[::-1]) * resolution
         if len(centres) > 1:
-            centres = Path(centres).resampled(POINTS).xy
+            centres = Path(centres).resample(POINTS).xy
         # The goal stays where it is, and not at the centre of its cell.
         return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
 
@@ -152,7 +152,7 @@ class Replanner:
         if not _within((robot_cell - low)[None], density.shape).all():
             return None
         # Walls are seen from the true pose, and put where the believed one has them.
-        wall_poses = after_way(believed, way_between(truth, self._seen(truth, world)))
+        wall_poses = apply_motions(believed, compute_motions(truth, self._seen(truth, world)))
         walls = np.floor(wall_poses[:, 1::-1] / resolution).astype(int) - low
         walls = walls[_within(walls, density.shape)]
         self._add(walls, density)
@@ -251,7 +251,7 @@ class ClosedLoop:
     @cached_property
     def frame(self) -> Floats:
         """Pose of the filter map's own axes [m, m, rad]."""
-        return np.asarray(own_axes(self.grid, np.array([self.simulator.filter_map.origin]))[0])
+        return np.asarray(world_to_map_frame(self.grid, np.array([self.simulator.filter_map.origin]))[0])
 
     @cached_property
     def body(self) -> Any:
@@ -321,7 +321,7 @@ class ClosedLoop:
         from scipy.ndimage import label
 
         rooms, _ = label(OccupancyGrid(cells, resolution).clearance >= clearance)
-        ends = own_axes(self.grid, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
+        ends = world_to_map_frame(self.grid, at_heading_0(self.paths[name].xy[[0, -1]]))[:, 1::-1]
         reach = self.body.tolerance
         low, high = (
             np.maximum(np.ceil((ends + offset) / resolution), 0).astype(int)
@@ -335,14 +335,14 @@ class ClosedLoop:
         from locplan.simulation.kernels.bodies import margin_at
         from locplan.simulation.kernels.pursuit import MARGIN
 
-        path = path.resampled(POINTS / 2)
-        poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
+        path = path.resample(POINTS / 2)
+        poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         return all(margin_at(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
 
     def _driven(self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool) -> Arrival:
         from locplan.simulation.kernels import follower, pursuit
 
-        random = random_of(self.simulator.seed, CLOSED, *drive)
+        random = make_generator(self.simulator.seed, CLOSED, *drive)
         way, first = self._way(name)
         length = self.paths[name].length
         ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / pursuit.TICK
@@ -364,15 +364,15 @@ class ClosedLoop:
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)
-        truth, believed = (after_way(origin, track[:n]) for track in (trace.truth, trace.believed))
+        truth, believed = (apply_motions(origin, track[:n]) for track in (trace.truth, trace.believed))
         standstills = int(trace.counts[pursuit.STANDSTILLS])
         return Arrival.of(outcome, truth, believed, self.paths[name], standstills)
 
     def _way(self, name: str) -> tuple[Floats, Floats]:
         """The way of a path as the follower takes it, with headings where the robot is a car, and
         the pose that it begins at."""
-        path = self.paths[name].resampled(POINTS, even=True)
-        poses = own_axes(self.grid, np.column_stack([path.xy, path.facing]))
+        path = self.paths[name].resample(POINTS, even=True)
+        poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         if self._is_car:
             return geared(poses), poses[0]
         way = np.insert(poses[:, :2], 2, 1.0, axis=1)
@@ -392,19 +392,19 @@ class ClosedLoop:
 
     def _follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
         """A function that follows a way until a plan is needed, or the drive has ended."""
-        from locplan._support.kernels.drives import begin
+        from locplan._support.kernels.drives import start_filter
         from locplan.simulation.kernels.follower import follow
         from locplan.simulation.kernels.pursuit import TICK
 
         arguments, sensing = self.simulator.arguments, random.spawn(1)[0]
-        first = way_between(self.frame, trace.truth[0])
+        first = compute_motions(self.frame, trace.truth[0])
         # Without one the period is longer than any drive.
         period = max(1, round(self.replan / TICK)) if self.replan else len(trace.truth)
         drive_inputs = world, self.body, period
         if arguments.scores is None:
             custom_loop = OwnLoop(arguments, self.frame, (random, sensing), first, trace)
             return lambda way: custom_loop.follow(way, *drive_inputs, perfect)
-        tracker = begin(sensing, first, arguments.start, arguments.filter)
+        tracker = start_filter(sensing, first, arguments.start, arguments.filter)
         sensor_arguments = (arguments.scores, arguments.lidar, arguments.disturbances, arguments.odometry)
         return lambda way: follow(
             random,

@@ -9,7 +9,7 @@ import numpy as np
 from locplan._support.kernels.arrays import Floats, Octets, Singles
 from locplan._support.poses import Poses
 from locplan.errors import LocplanError
-from locplan.maps.grid import own_axes
+from locplan.maps.grid import world_to_map_frame
 from locplan.robots.amcl import Tracker
 from locplan.simulation.drives import DriveArguments, OwnFilter
 
@@ -58,10 +58,10 @@ def ranges_at(
     disturbances: Any,
 ) -> Singles:
     """A measured scan at a pose (row, col, heading) of a world, inf without a return [m]."""
-    from locplan._support.kernels.lidar import measured_ends
+    from locplan._support.kernels.lidar import measure_ends
 
     ends = np.empty((lidar.angles.size, 2))
-    measured_ends(random, squares, resolution, pose, lidar, disturbances, ends)
+    measure_ends(random, squares, resolution, pose, lidar, disturbances, ends)
     rays = resolution * ends - (lidar.forward, lidar.left)
     ranges = np.nan_to_num(np.hypot(*rays.T), nan=np.inf)
     return np.asarray(ranges, np.float32)
@@ -77,7 +77,7 @@ def updated(tracker: Tracker, own: OwnFilter, odometry: Floats, scan: Singles) -
             f"{own.settings.title}: estimate() must be three finite numbers;"
             " locplan.testing.check_filter checks a filter"
         )
-    return np.asarray(own_axes(own.grid, estimate[None])[0])
+    return np.asarray(world_to_map_frame(own.grid, estimate[None])[0])
 
 
 class OwnLoop:

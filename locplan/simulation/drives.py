@@ -9,17 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import whole
+from locplan._support.checks import check_integer
 from locplan._support.intervals import (
     Interval,
-    of_geometric_mean,
-    of_mean,
-    of_median,
-    of_rms,
-    wilson,
+    estimate_geometric_mean,
+    estimate_mean,
+    estimate_median,
+    estimate_rms,
+    compute_wilson_interval,
 )
 from locplan._support.kernels.arrays import Bools, Floats, Singles
-from locplan._support.poses import Poses, way_along
+from locplan._support.poses import Poses, compute_travel_distances
 from locplan._support.records import POSE, Column, Table
 from locplan.maps.grid import OccupancyGrid
 from locplan.robots.amcl import Amcl, Filter
@@ -90,7 +90,7 @@ def check_drives(drives: int, *, or_none: bool = False) -> None:
         If the number is out of its range.
     """
     if drives or not or_none:
-        whole("drives (0 leaves them out)" if or_none else "drives", drives, 2, MAX_DRIVES)
+        check_integer("drives (0 leaves them out)" if or_none else "drives", drives, 2, MAX_DRIVES)
 
 
 class Rated:
@@ -99,12 +99,12 @@ class Rated:
     @property
     def lost_rate(self: Any) -> Interval:
         """Share of the drives that were lost, 0..1."""
-        return wilson(float(self.lost.mean()), len(self.lost))
+        return compute_wilson_interval(float(self.lost.mean()), len(self.lost))
 
     @property
     def off_at_end_rate(self: Any) -> Interval:
         """Share of the drives that were off at the end, 0..1."""
-        return wilson(float(self.off_at_end.mean()), len(self.off_at_end))
+        return compute_wilson_interval(float(self.off_at_end.mean()), len(self.off_at_end))
 
     @property
     def rmse(self: Any) -> Interval:
@@ -112,12 +112,12 @@ class Rated:
 
         The drives that were lost make most of it; see `kept_rmse`.
         """
-        return of_rms(self.mean_squares)
+        return estimate_rms(self.mean_squares)
 
     @property
     def kept_rmse(self: Any) -> Interval:
         """RMSE of the drives that were not lost at any time [m]; NaN if all of them were."""
-        return of_rms(self.mean_squares[~self.lost])
+        return estimate_rms(self.mean_squares[~self.lost])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -142,7 +142,7 @@ class Drives(Rated):
     @property
     def distance(self) -> Floats:
         """Distance driven up to each pose, (n,) [m]."""
-        return way_along(self.poses)
+        return compute_travel_distances(self.poses)
 
     @property
     def length(self) -> float:
@@ -157,17 +157,17 @@ class Drives(Rated):
     @property
     def median_error(self) -> Interval:
         """Median of the position error over all poses of all drives [m]."""
-        return of_median(self.position_error)
+        return estimate_median(self.position_error)
 
     @property
     def typical_rmse(self) -> Interval:
         """RMSE of a typical drive [m], at least 1 mm: the geometric mean over the drives."""
-        return of_geometric_mean(np.sqrt(self.mean_squares + FLOOR))
+        return estimate_geometric_mean(np.sqrt(self.mean_squares + FLOOR))
 
     @property
     def heading_rmse(self) -> Interval:
         """Root mean square of the heading error along the way [rad]."""
-        return of_rms((self.errors[..., 2] ** 2).mean(axis=1))
+        return estimate_rms((self.errors[..., 2] ** 2).mean(axis=1))
 
     @property
     def mean_squares(self) -> Floats:
@@ -187,7 +187,7 @@ class Drives(Rated):
     @property
     def lost_way(self) -> Interval:
         """Share of the poses at which the robot was lost, 0..1."""
-        return of_mean((self.position_error > LOST).mean(axis=1))
+        return estimate_mean((self.position_error > LOST).mean(axis=1))
 
     @property
     def first_loss(self) -> float:
@@ -199,7 +199,7 @@ class Drives(Rated):
     @property
     def final_rmse(self) -> Interval:
         """Root mean square of the position error where the drive ends [m]."""
-        return of_rms(self.position_error[:, -1] ** 2)
+        return estimate_rms(self.position_error[:, -1] ** 2)
 
     def profile(self) -> Floats:
         """Poses and errors along the way, (n, 9), in the columns of `PROFILE`."""
@@ -218,7 +218,7 @@ def rates_of(drives: Any) -> str:
     drives : Drives, or what has its rates
         The drives.
     """
-    return ", ".join(f"{each.of(drives).value:.0%} {each.title}" for each in RATES)
+    return ", ".join(f"{each.extract_value(drives).value:.0%} {each.title}" for each in RATES)
 
 
 def profiles(drives: Mapping[str, Drives]) -> Table:
@@ -248,7 +248,7 @@ def rmse_ratio(drives: Drives, others: Drives) -> Interval:
         confirms it; below 1 the former are better.
     """
     squares, below = drives.mean_squares + FLOOR, others.mean_squares + FLOOR
-    return of_geometric_mean(np.sqrt(squares / below))
+    return estimate_geometric_mean(np.sqrt(squares / below))
 
 
 def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:

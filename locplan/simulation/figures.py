@@ -19,21 +19,21 @@ from locplan._support.drawing import (
     RECOMMENDED,
     Picture,
     label_plainly,
-    lines_within,
+    break_title,
     make_logarithmic,
 )
-from locplan._support.intervals import Interval, in_metres
+from locplan._support.intervals import Interval, format_metres
 from locplan._support.kernels.arrays import Floats
-from locplan.maps.figures import draw_map, draw_zones, map_around, map_size, zoomed_to
+from locplan.maps.figures import draw_map, draw_zones, crop_map, map_size, zoom_map
 from locplan.planning.figures import (
     along_norm,
-    draw_along,
+    draw_coloured_line,
     draw_along_bar,
     draw_degeneracy,
     draw_ends,
     draw_inset,
     draw_path,
-    draw_u_along,
+    draw_degeneracy_profiles,
     end_handles,
 )
 from locplan.planning.path import Path
@@ -62,7 +62,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     """
     grid = simulation.grid
     paths = list(simulation.paths.values())
-    part = zoomed_to(grid, paths)
+    part = zoom_map(grid, paths)
     width, height = map_size(part)
     figure = Picture(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
@@ -76,15 +76,15 @@ def simulation_figure(simulation: Simulation) -> Figure:
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
         colour, drives = style["color"], simulation.drives[name]
         draw_path(upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[])
-        coloured = draw_along(upper, xy, mean[:-1], norm=norm)
+        coloured = draw_coloured_line(upper, xy, mean[:-1], norm=norm)
         lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
         lower.plot(distance, mean, linewidth=1.8, **style)
         text = (
-            f"{name}: {distance[-1]:.1f} m, median error {in_metres(drives.median_error.value)},"
-            f" {rates_of(drives)}, RMSE {in_metres(drives.rmse.value)}"
+            f"{name}: {distance[-1]:.1f} m, median error {format_metres(drives.median_error.value)},"
+            f" {rates_of(drives)}, RMSE {format_metres(drives.rmse.value)}"
         )
         if 0 < drives.lost_rate.value < 1:
-            text += f" ({in_metres(drives.kept_rmse.value)} of those never lost)"
+            text += f" ({format_metres(drives.kept_rmse.value)} of those never lost)"
         if name in ratios:
             first = next(iter(profiles))
             text += f"; error of a typical drive {_formatted(ratios[name])} times {first}'s"
@@ -92,7 +92,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
             found = simulation.arrivals[name]
             draw_places(upper, found, colour)
             text += f"; steered by the filter, {found.words} arrive{faults_of(found)}"
-        label = "\n".join(lines_within(text, width - 1))
+        label = "\n".join(break_title(text, width - 1))
         handles.append(Line2D([], [], linewidth=2, label=label, **style))
         draw_ends(upper, xy[0], xy[-1])
     draw_along_bar(figure, coloured, upper)
@@ -242,7 +242,7 @@ def choice_figure(choice: Choice) -> Figure:
     paths = [*(candidate.path for candidate in choice.candidates), ends]
     width, height, part = WIDTH, 4.0, None
     if choice.costs is not None:
-        part = map_around(choice.costs.grid, [*paths, *_marked(choice)])
+        part = crop_map(choice.costs.grid, [*paths, *_marked(choice)])
         width, height = map_size(part)
         width = max(width, WIDTH)
     # Height of what is drawn along the paths [inch].
@@ -344,4 +344,4 @@ def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
         for candidate in (choice.candidates if costs else ())
         if np.isfinite(candidate.metrics.integrated_u)
     ]
-    draw_u_along(axes, costs, paths)
+    draw_degeneracy_profiles(axes, costs, paths)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._support.checks import instance, number, positive
+from locplan._support.checks import check_instance, check_number, check_positive
 from locplan._support.kernels.arrays import Bools, Floats, Octets
-from locplan._support.poses import Poses, way_along
+from locplan._support.poses import Poses, compute_travel_distances
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.planning.path import Path
@@ -130,7 +130,7 @@ def find_kink(path: Path, grid: OccupancyGrid) -> Kink | None:
     grid : OccupancyGrid
         The map.
     """
-    fine = path.resampled(SPACING, even=True)
+    fine = path.resample(SPACING, even=True)
     xy, distance = fine.xy, fine.distance
     around = round(STRAIGHT / SPACING)
     places = np.flatnonzero((distance >= SETTLED) & (distance <= LATEST * path.length))
@@ -229,11 +229,11 @@ class Level:
     """Errors that the robot's odometry has at least."""
 
     def __post_init__(self) -> None:
-        number("missing", self.missing, 0.0, 2.0)
-        positive("over", self.over, "m")
-        positive("once_per", self.once_per, "m")
-        number("kink_deg", self.kink_deg, -90.0, 90.0)
-        instance("odometry", self.odometry, Odometry)
+        check_number("missing", self.missing, 0.0, 2.0)
+        check_positive("over", self.over, "m")
+        check_positive("once_per", self.once_per, "m")
+        check_number("kink_deg", self.kink_deg, -90.0, 90.0)
+        check_instance("odometry", self.odometry, Odometry)
 
     def change_odometry(self, odometry: Odometry) -> Odometry:
         """Return the errors of a robot's odometry at this level.
@@ -280,7 +280,7 @@ class Level:
         """
         if not (self.missing or self.is_sign_lost):
             return odometry
-        distance = way_along(poses)
+        distance = compute_travel_distances(poses)
         shares = np.ones(len(poses) - 1)
         if self.missing:
             shares[self._find_missing(distance, random)] = 1 - self.missing
@@ -405,6 +405,6 @@ def _reverses(path: Path) -> bool:
     """Return whether a path with headings leads backwards over more than `REVERSES`."""
     if path.heading is None:
         return False
-    fine = path.resampled(0.05, even=True)
+    fine = path.resample(0.05, even=True)
     steps = np.hypot(*np.diff(fine.xy, axis=0).T)
     return bool(steps[_moves_back(np.column_stack([fine.xy, fine.facing]))].sum() > REVERSES)

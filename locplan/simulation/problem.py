@@ -13,14 +13,14 @@ import numpy as np
 
 from locplan._support.checks import (
     Settings,
-    instance,
-    keep,
-    number,
-    one_of,
-    positive,
-    shown,
+    check_instance,
+    set_frozen_fields,
+    check_number,
+    check_choice,
+    check_positive,
+    short_repr,
     suggestion,
-    whole,
+    check_integer,
 )
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan.errors import ConfigError
@@ -37,11 +37,11 @@ from locplan.planning.plans import (
     SHORTEST,
     check_ends,
     plan,
-    plan_beside_shortest,
-    planned_near_paths,
+    plan_with_shortest,
+    plan_with_adaptive_field,
 )
 from locplan.planning.protocol import Planner, Position
-from locplan.planning.requests import planner_for
+from locplan.planning.requests import make_planner
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import needs_lattice
 from locplan.robots.amcl import Amcl
@@ -125,19 +125,19 @@ class ChoiceSettings(Settings):
         return self.price * (np.log(ratios) - log_excess) + max(self.price, 1.0) * log_excess
 
     def __post_init__(self) -> None:
-        keep(self, via=tuple(self.via), longest=number("longest", self.longest, 1.0))
-        keep(self, price=number("price", self.price, 0.0))
-        one_of("minimise", self.minimise, MINIMISED)
+        set_frozen_fields(self, via=tuple(self.via), longest=check_number("longest", self.longest, 1.0))
+        set_frozen_fields(self, price=check_number("price", self.price, 0.0))
+        check_choice("minimise", self.minimise, MINIMISED)
         for name in ("front", "bold", "thorough"):
-            instance(name, getattr(self, name), bool, "give true or false")
+            check_instance(name, getattr(self, name), bool, "give true or false")
         if self.drives != 0:
-            whole("drives (0 drives no path)", self.drives, 2, LOOKS[-1])
+            check_integer("drives (0 drives no path)", self.drives, 2, LOOKS[-1])
         for name in ("max_e", "time_limit"):
             if getattr(self, name) is not None:
-                positive(name, getattr(self, name))
+                check_positive(name, getattr(self, name))
         for name in ("budget", "weight"):
             if getattr(self, name) is not None:
-                number(name, getattr(self, name), 0.0)
+                check_number(name, getattr(self, name), 0.0)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> ChoiceSettings:
@@ -157,7 +157,7 @@ class ChoiceSettings(Settings):
         for name in settings:
             if name not in known:
                 raise ConfigError(
-                    f"a choice has no setting {shown(name)}; it has {', '.join(known)}"
+                    f"a choice has no setting {short_repr(name)}; it has {', '.join(known)}"
                     f"{suggestion(name, known)}"
                 )
         return cls(**settings)
@@ -225,7 +225,7 @@ class Ask:
         if self.given is None:
             return Costmap.blank(self.grid, robot=self.robot, zones=self.zones)
         density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
-        costs = Costmap.from_density(self.grid, density, zones=self.zones.closed)
+        costs = Costmap.from_density(self.grid, density, zones=self.zones.no_go_zones)
         return dataclasses.replace(costs, robot_radius=self.given.robot_radius)
 
     @property
@@ -262,7 +262,7 @@ class Ask:
         """
         places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
         problem = self._between(places)
-        planner_for(None, **problem._limits(limited=True))
+        make_planner(None, **problem._limits(limited=True))
         if self.given is not None and self.settings.is_limited and math.isnan(self.given.weight):
             raise ConfigError(
                 "a costmap without a field has no e or u to limit; give one of a field, or leave"
@@ -295,7 +295,7 @@ class Ask:
         def computed(points: Bools) -> CovarianceField:
             return self.compute(self.grid, points)
 
-        field, costs = planned_near_paths(self.grid, self.config, computed, costs_of, paths_on)
+        field, costs = plan_with_adaptive_field(self.grid, self.config, computed, costs_of, paths_on)
         return costs, field
 
     def planned(
@@ -319,7 +319,7 @@ class Ask:
         planner = planner if self.settings.budget is None else None
         problem, costs, planner = self._planners(costs, planner)
         limits = problem._limits(limited)
-        return plan_beside_shortest(costs, problem.start, problem.goal, planner=planner, **limits)
+        return plan_with_shortest(costs, problem.start, problem.goal, planner=planner, **limits)
 
     def _limits(self, limited: bool) -> dict[str, Any]:
         settings = self.settings
@@ -353,4 +353,4 @@ def distances_to(points: Floats, path: Path) -> Floats:
     """Distance of each point to a path, to a few centimetres [m]."""
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(path.resampled(0.1).xy).query(points)[0])
+    return np.asarray(cKDTree(path.resample(0.1).xy).query(points)[0])

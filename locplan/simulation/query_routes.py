@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from locplan._support.intervals import Interval, digits_of, of_geometric_mean, of_mean, plain, short
+from locplan._support.intervals import Interval, choose_digits, estimate_geometric_mean, estimate_mean, format_decimal, format_ratio
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
-from locplan._support.progress import ProgressCallback, parts
+from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.public import Pictured
-from locplan._support.records import Column, Result, Table, values_of
-from locplan._support.tables import file_name, finite, table
+from locplan._support.records import Column, Result, Table, extract_values
+from locplan._support.tables import make_file_name, nan_to_none, format_table
 from locplan.errors import ConfigError
-from locplan.field.config import equipped
+from locplan.field.config import equip_robot
 from locplan.maps.grid import OccupancyGrid
-from locplan.planning.costmap import Costmap, about_costs
-from locplan.planning.plans import AWARE, SHORTEST, plan_beside_shortest
+from locplan.planning.costmap import Costmap, summarize_costs
+from locplan.planning.plans import AWARE, SHORTEST, plan_with_shortest
 from locplan.planning.queries import Query
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
@@ -103,12 +103,12 @@ class Routes(Pictured):
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's length: geometric mean over the queries."""
-        return of_geometric_mean(np.divide(*self.pairs("length").T[::-1]))
+        return estimate_geometric_mean(np.divide(*self.pairs("length").T[::-1]))
 
     @property
     def rmse_ratio(self) -> Interval:
         """Ratio of the aware to the shortest path's position RMSE: geometric mean."""
-        return of_geometric_mean(np.divide(*self.pairs("rmse").T[::-1]))
+        return estimate_geometric_mean(np.divide(*self.pairs("rmse").T[::-1]))
 
     @property
     def median(self) -> tuple[float, float]:
@@ -141,7 +141,7 @@ class Routes(Pictured):
     @property
     def lost_difference(self) -> Interval:
         """Difference in the share of lost drives, aware minus shortest: mean over the queries."""
-        return of_mean(np.diff(self.pairs("lost"))[:, 0])
+        return estimate_mean(np.diff(self.pairs("lost"))[:, 0])
 
     @property
     def verdict(self) -> str:
@@ -173,7 +173,7 @@ class Routes(Pictured):
 
     def table(self) -> Table:
         """A row per query: both ends, and the errors along both paths."""
-        return Table.of(COLUMNS, self.routes)
+        return Table.from_records(COLUMNS, self.routes)
 
     def figure(self) -> Figure:
         """RMSE and share of lost drives of both paths of each query, and the mean ratios."""
@@ -219,7 +219,7 @@ class RoutesOnMaps(Result):
             Names of the maps.
         """
         return [
-            f"{number:02}-{file_name(name or 'map')}.png" for number, name in enumerate(maps, 1)
+            f"{number:02}-{make_file_name(name or 'map')}.png" for number, name in enumerate(maps, 1)
         ]
 
     def summary(self) -> dict[str, object]:
@@ -227,7 +227,7 @@ class RoutesOnMaps(Result):
         names = "length_ratio", "rmse_ratio", "lost", "off_at_end", "kept_rmse", "rmse"
         return {
             "maps": [
-                finite(
+                nan_to_none(
                     {
                         **routes.about,
                         "verdict": routes.verdict,
@@ -260,7 +260,7 @@ def routes_report(every: RoutesOnMaps) -> str:
     rows = []
     for routes in every:
         median, tracked_texts, rmse = (
-            [plain(error, digits_of(error)) for error in pair]
+            [format_decimal(error, choose_digits(error)) for error in pair]
             for pair in (routes.median, routes.kept_rmse, routes.rmse)
         )
         rows.append(
@@ -272,7 +272,7 @@ def routes_report(every: RoutesOnMaps) -> str:
                 "{:.0%} -> {:.0%}".format(*routes.off_at_end),
                 " -> ".join(tracked_texts),
                 rmse[0],
-                short(routes.rmse_ratio),
+                format_ratio(routes.rmse_ratio),
                 routes.verdict,
             ]
         )
@@ -289,7 +289,7 @@ def routes_report(every: RoutesOnMaps) -> str:
     counts = sorted({len(routes.routes) for routes in every})
     queries = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     return (
-        f"{table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric means;"
+        f"{format_table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric means;"
         f" errors of the\nposition [m]; lost: {OFF_SHORT} at some time; off at the end: still so;"
         " kept: those\nnever lost; RMSE: of all drives along the shortest; ratio: of the RMSE,"
         " aware over\nshortest [95 %]"
@@ -332,25 +332,25 @@ def simulate_queries(
         If no query has a path, or a number is out of its range.
     """
     check_drives(drives)
-    robot = equipped(robot, costs.settings.config if costs.settings else None)
+    robot = equip_robot(robot, costs.settings.config if costs.settings else None)
     simulator = Simulator(
         costs.grid, robot, filter_map=filter_map, seed=seed, threads=threads, zones=costs.zones
     )
     paths_by_query = {}
     for query in queries:
-        plans = plan_beside_shortest(costs, query.start, query.goal)
+        plans = plan_with_shortest(costs, query.start, query.goal)
         paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
         if len(paths) == 2:
             paths_by_query[query] = paths
     if not paths_by_query:
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
-    callbacks = parts(progress, [2 * drives] * len(paths_by_query))
+    callbacks = split_progress(progress, [2 * drives] * len(paths_by_query))
     routes = [
         _route(query, drive_open(simulator, paths, range(drives), progress=part))
         for (query, paths), part in zip(paths_by_query.items(), callbacks, strict=True)
     ]
     description = {
-        **about_costs(costs),
+        **summarize_costs(costs),
         "drives": drives,
         "seed": seed,
         "robot": simulator.robot.summary(),
@@ -371,5 +371,5 @@ def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
         (getattr(shortest, name).value, getattr(aware, name).value) for name in names
     )
     lengths = shortest.length, aware.length
-    path_summaries = {"paths": {name: values_of(DRIVEN, path_drives) for name, path_drives in drives.items()}}
+    path_summaries = {"paths": {name: extract_values(DRIVEN, path_drives) for name, path_drives in drives.items()}}
     return Route(query, lengths, median, lost, off, tracked_errors, rmse, {**path_summaries, "rmse_ratio": [*ratio]})

@@ -10,13 +10,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import keep
-from locplan._support.intervals import Interval, of_geometric_mean, of_mean, wilson
+from locplan._support.checks import set_frozen_fields
+from locplan._support.intervals import Interval, estimate_geometric_mean, estimate_mean, compute_wilson_interval
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.poses import Poses
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column
-from locplan._support.saved import Valued
+from locplan._support.saved import EqualByValue
 from locplan.planning.metrics import METRICS, PathMetrics
 from locplan.planning.path import Path
 from locplan.simulation.arrivals import ARRIVING, Arrivals
@@ -87,7 +87,7 @@ Drive = Callable[[Sequence[int], range], Scores]
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement(Valued):
+class Judgement(EqualByValue):
     """The path that won the race, and what fresh drives of it and of the shortest say."""
 
     leader: int
@@ -104,7 +104,7 @@ class Judgement(Valued):
 
     def __post_init__(self) -> None:
         if self.verdict not in WORDS:  # of an older file
-            keep(self, verdict=_FORMER_WORDS.get(self.verdict, UNDECIDED))
+            set_frozen_fields(self, verdict=_FORMER_WORDS.get(self.verdict, UNDECIDED))
 
     @property
     def is_worthwhile(self) -> bool:
@@ -265,7 +265,7 @@ def worst_error(shape: tuple[int, int], resolution: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Driven(Valued):
+class Driven(EqualByValue):
     """How the drives went whose figures are shown of a candidate."""
 
     derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_end_rate")
@@ -308,23 +308,23 @@ class Driven(Valued):
     @property
     def error(self) -> Interval:
         """Error of a typical drive: the geometric mean [m, or rad]."""
-        return Interval(*np.exp(of_mean(self.log_error)).tolist())
+        return Interval(*np.exp(estimate_mean(self.log_error)).tolist())
 
     @property
     def lost_rate(self) -> Interval:
         """Share of the drives that were lost."""
-        return wilson(float(self.lost.mean()), len(self.lost))
+        return compute_wilson_interval(float(self.lost.mean()), len(self.lost))
 
     @property
     def off_at_end_rate(self) -> Interval:
         """Share of the drives that were off at the end."""
         if not len(self.off_at_end):  # of a choice that an older locplan saved
             return NOTHING
-        return wilson(float(self.off_at_end.mean()), len(self.off_at_end))
+        return compute_wilson_interval(float(self.off_at_end.mean()), len(self.off_at_end))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Candidate(Valued):
+class Candidate(EqualByValue):
     """A path that may be taken."""
 
     name: str
@@ -373,7 +373,7 @@ def _of_rate(column: Column) -> Column:
 def _of_arrivals(column: Column) -> Column:
     def value(each: Candidate) -> Any:
         missing = NOTHING if column.interval else math.nan
-        return column.of(each.arrivals) if each.arrivals else missing
+        return column.extract_value(each.arrivals) if each.arrivals else missing
 
     return dataclasses.replace(column, title=None, value=value)
 
@@ -470,7 +470,7 @@ class Driver:
         ratio = NOTHING
         if path:
             log_ratios = self._log_errors(path, numbers) - self._log_errors(0, numbers)
-            ratio = found.ratio if leads else of_geometric_mean(np.exp(log_ratios))
+            ratio = found.ratio if leads else estimate_geometric_mean(np.exp(log_ratios))
         errors = self._log_errors(path, numbers)
         return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
 
@@ -497,7 +497,7 @@ class Driver:
         simulator = Simulator(base.grid, robot, **same)
         (drives,) = self._drive(simulator, [0], numbers)
         errors = self._scored(drives)
-        ratio = of_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
+        ratio = estimate_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
         if self._progress:
             self._progress(self._total, self._total)
         return Driven.of(drives, numbers, errors, ratio)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path as File
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from locplan._support.intervals import Interval, digits_of
+from locplan._support.intervals import Interval, choose_digits
 from locplan._support.output import Results
 from locplan._support.records import Column, Result, Table
 from locplan._support.saved import Stored
-from locplan._support.tables import align, file_name, wrapped, write_rows
+from locplan._support.tables import format_aligned, make_file_name, wrap_lines, write_rows
 from locplan.errors import ConfigError
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
@@ -407,7 +407,7 @@ def evidence_table(decision: Decision) -> str:
         off = [f"{driven.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
         cells = [f"{mark} {name}", format_length(candidate), error]
         texts.append((*cells, format_share(driven.lost_rate), *off, str(len(driven.numbers))))
-    return align(heads, texts)
+    return format_aligned(heads, texts)
 
 
 def list_notes(decision: Decision) -> list[str]:
@@ -425,7 +425,7 @@ def _scaled_error(driven: Driven, shortest: Driven) -> Interval:
 
 
 def _format_error(error: Interval, is_angle: bool) -> str:
-    digits = 1 if is_angle else digits_of(error.value)
+    digits = 1 if is_angle else choose_digits(error.value)
     scale = math.degrees(1.0) if is_angle else 1.0
     value, low, high = (f"{scale * each:.{digits}f}" for each in error)
     return value if math.isnan(error.low) else f"{value} [{low}, {high}]"
@@ -649,7 +649,7 @@ class Choice(Result, Stored):
                 for column in columns
             )
         marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
-        return Table.of((marks, *columns) if self.judgement else columns, self.candidates)
+        return Table.from_records((marks, *columns) if self.judgement else columns, self.candidates)
 
     def report(self, *about: Any, **more: Any) -> str:
         """The answer, the table of the drives, and why other paths are no candidates.
@@ -661,7 +661,7 @@ class Choice(Result, Stored):
         """
         if not self.candidates:
             return self.sentence
-        evidence = [*wrapped([f"{self.driven}:"])] if self.judgement else []
+        evidence = [*wrap_lines([f"{self.driven}:"])] if self.judgement else []
         evidence.append(evidence_table(self._decision) or str(self.table()))
         notes = list_notes(self._decision)
         notes += [f"{each.name}: {each.note}" for each in self.candidates if each.note]
@@ -673,7 +673,7 @@ class Choice(Result, Stored):
             notes.append(self.costs.note)
         if self.costs is not None and not self.costs.has_weak_spots:
             notes.append("no weak spot for this lidar: u is 0 throughout the map")
-        return "\n".join([*wrapped(self.answer), "", *evidence, *wrapped(notes)])
+        return "\n".join([*wrap_lines(self.answer), "", *evidence, *wrap_lines(notes)])
 
     def _write(self, folder: File, *about: Any) -> None:
         """Write the paths, the table and the errors along the paths."""
@@ -681,7 +681,7 @@ class Choice(Result, Stored):
         if self.path:
             self.path.save(folder / "chosen.csv")
         for number, each in enumerate(self.candidates, 1):
-            each.path.save(folder / f"{number:02}-{file_name(each.name)[:60]}.csv")
+            each.path.save(folder / f"{number:02}-{make_file_name(each.name)[:60]}.csv")
         columns = ["path", "distance", "error_median", "error_low", "error_high"]
         rows = (
             [each.name, *at]

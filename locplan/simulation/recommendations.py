@@ -15,20 +15,20 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from locplan import __version__
-from locplan._support.checks import check_threads, file_path, is_whole, shown, whole
-from locplan._support.intervals import Interval, of_geometric_mean
+from locplan._support.checks import check_threads, check_file_path, is_integer, short_repr, check_integer
+from locplan._support.intervals import Interval, estimate_geometric_mean
 from locplan._support.output import Results
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column, Table
-from locplan._support.tables import file_name
+from locplan._support.tables import make_file_name
 from locplan.errors import ConfigError, LocplanError
-from locplan.field.config import equipped
+from locplan.field.config import equip_robot
 from locplan.field.fisher import Fused
 from locplan.field.store import load_or_compute
 from locplan.planning.costmap import Costmap
-from locplan.planning.named_maps import named_maps
+from locplan.planning.named_maps import name_maps
 from locplan.planning.plans import check_ends
-from locplan.planning.queries import MIN_DISTANCE, Query, check_random, queries_of
+from locplan.planning.queries import MIN_DISTANCE, Query, check_random, normalize_queries
 from locplan.robots.robot import Robot
 from locplan.simulation.drives import LOST
 from locplan.simulation.problem import ChoiceSettings
@@ -129,12 +129,12 @@ class Choices:
     @property
     def error_ratio(self) -> Interval:
         """Ratio of the chosen paths' error to the shortest's: geometric mean over the queries."""
-        return of_geometric_mean(np.array([e.errors[1] / e.errors[0] for e in self.solved]))
+        return estimate_geometric_mean(np.array([e.errors[1] / e.errors[0] for e in self.solved]))
 
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the chosen paths' length to the shortest's: geometric mean."""
-        return of_geometric_mean(np.array([e.lengths[1] / e.lengths[0] for e in self.solved]))
+        return estimate_geometric_mean(np.array([e.lengths[1] / e.lengths[0] for e in self.solved]))
 
     @property
     def lost(self) -> tuple[float, float]:
@@ -165,7 +165,7 @@ class Choices:
             *_pair("error", "errors"),
             *(map_choice for name in ("lost", "off_at_end") for map_choice in _pair(name, name)),
         )
-        return Table.of(columns, self.choices)
+        return Table.from_records(columns, self.choices)
 
     def report(self) -> str:
         """Text of what the choices bring, one row per map and one of all maps."""
@@ -209,11 +209,11 @@ class Choices:
         LocplanError
             If a file cannot be written, or two queries have the same name.
         """
-        target = file_path("a folder of choices", folder)
+        target = check_file_path("a folder of choices", folder)
         several = len({each.map for each in self}) > 1
         homes: dict[str, MapChoice] = {}
         for each in self:
-            name = file_name(f"{each.map} {each.query.name}" if several else each.query.name)
+            name = make_file_name(f"{each.map} {each.query.name}" if several else each.query.name)
             if name in homes:
                 raise ConfigError(f"two choices would be saved as {name}; rename one")
             homes[name] = each
@@ -239,7 +239,7 @@ def read_choices(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
         If a folder has no choice, a choice cannot be read, or two folders have the same name.
     """
     choices: dict[str, Choice] = {}
-    for path in (file_path("a folder of a choice", path_like) for path_like in paths):
+    for path in (check_file_path("a folder of a choice", path_like) for path_like in paths):
         folders = [path.parent if path.is_file() else path]
         if path.is_dir() and not (path / CHOICE).exists():
             folders = sorted(file.parent for file in path.glob(f"*/{CHOICE}"))
@@ -340,22 +340,22 @@ def choose_many(
     ['undecided', 'undecided']
     """
     check_threads(threads)
-    maps_by_name = named_maps(maps)
+    maps_by_name = name_maps(maps)
     check_of_one_map(ChoiceSettings.of(settings).filter_map, maps_by_name)
-    check_random(queries if is_whole(queries) else 1, query_seed, min_distance)
-    whole("seed", seed, 0)
+    check_random(queries if is_integer(queries) else 1, query_seed, min_distance)
+    check_integer("seed", seed, 0)
     task_settings: dict[str, Any] = {**settings, "robot": robot}
     cases: list[_Case] = []
     for name, map_or_costmap in maps_by_name.items():
         if isinstance(map_or_costmap, Costmap):
             costs = map_or_costmap
         else:
-            field = load_or_compute(map_or_costmap, Fused(equipped(robot).known_lidar), threads=threads)
+            field = load_or_compute(map_or_costmap, Fused(equip_robot(robot).known_lidar), threads=threads)
             costs = Costmap.from_field(map_or_costmap, field, robot=(robot or Robot()).radius)
         if isinstance(queries, Mapping) and name not in queries:
-            raise ConfigError(f"there are no queries for map {shown(name)}")
+            raise ConfigError(f"there are no queries for map {short_repr(name)}")
         map_queries = queries[name] if isinstance(queries, Mapping) else queries
-        for query in queries_of(costs, map_queries, min_distance, query_seed):
+        for query in normalize_queries(costs, map_queries, min_distance, query_seed):
             with _where(name, query):
                 begin, end = check_ends(costs, query.start[:2], query.goal[:2])
                 if begin == end:
@@ -403,7 +403,7 @@ def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
             f"a worker has locplan {__version__}, not {version}; install the same one there"
         )
     costs, ends = case.costs, (case.query.start[:2], case.query.goal[:2])
-    robot = equipped(asked["robot"], costs.settings.config if costs.settings else None)
+    robot = equip_robot(asked["robot"], costs.settings.config if costs.settings else None)
     options = {"threads": 1, **asked, "robot": robot, "seed": case.seed, "costs": costs}
     return dataclasses.replace(choose(costs.grid, *ends, **options), costs=None)
 
@@ -414,5 +414,5 @@ def _where(name: str, query: Query) -> Iterator[None]:
     try:
         yield
     except LocplanError as error:
-        where = f"map {shown(name)}, query {shown(query.name)}"
+        where = f"map {short_repr(name)}, query {short_repr(query.name)}"
         raise type(error)(f"{where}: {error}") from None

@@ -11,17 +11,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_threads, instance, whole
+from locplan._support.checks import check_threads, check_instance, check_integer
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
-from locplan.field.config import FieldConfig, equipped
+from locplan.field.config import FieldConfig, equip_robot
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE
 from locplan.maps.zones import Zones, check_zones
 from locplan.planning.any_angle import AnyAngle
-from locplan.planning.costmap import Costmap, about_costs, check_costs
+from locplan.planning.costmap import Costmap, summarize_costs, check_costs
 from locplan.planning.layers import check_criterion
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
@@ -159,7 +159,7 @@ def choose(
     problem = problem.checked(space)
     check_own(user_candidates, problem)
     check_filter_map(choice_settings.filter_map, grid)
-    whole("seed", seed, 0)
+    check_integer("seed", seed, 0)
     check_threads(threads)
     shortest = problem.planned(problem.blank, limited=False)
     if shortest.path is None:
@@ -220,7 +220,7 @@ def _robot_and_field(
 ) -> tuple[Robot, Costmap | None, FieldConfig]:
     """The robot, with the lidar of the field if it names none, the costmap, and the field."""
     robot = Robot() if robot is None else robot
-    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    check_instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
     user_costmap, config = None, costs
     if costs is not None and not isinstance(costs, FieldConfig):
         check_costs(costs)
@@ -252,7 +252,7 @@ def _made(ask: Ask, seed: int, without: Plan | None, costs: Costmap | None, **pa
     if without is not None:
         parts |= {"status": without.status, "note": without.note}
     return Choice(
-        about={**about_costs(costs or ask.blank), **about_filter(ask.settings.filter_map)},
+        about={**summarize_costs(costs or ask.blank), **about_filter(ask.settings.filter_map)},
         start=ask.start,
         goal=ask.goal,
         settings=ask.settings,
@@ -272,7 +272,7 @@ def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -
 
     costs, field = ask.costs(drafted)
     planner = next((candidate for candidate in own.values() if isinstance(candidate, Planner)), None)
-    plans = {SHORTEST: shortest.measured_on(costs)}
+    plans = {SHORTEST: shortest.with_costs(costs)}
     if not math.isnan(costs.weight):
         plans = ask.beside_shortest(costs, planner)
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
@@ -339,9 +339,9 @@ class SimulatedChoice:
         """Raise a ConfigError unless the options are within their ranges."""
         ChoiceSettings.of(self._settings)
         if self.seed is not None:
-            whole("seed", self.seed, 0)
+            check_integer("seed", self.seed, 0)
         if self.robot is not None:
-            instance("robot", self.robot, Robot)
+            check_instance("robot", self.robot, Robot)
 
     @property
     def _settings(self) -> dict[str, Any]:
@@ -362,7 +362,7 @@ class SimulatedChoice:
         if start[:2] == goal[:2]:
             return AnyAngle().solve(costs, start, goal)
         config = costs.settings.config if costs.settings else None
-        robot = equipped(None if isinstance(self.robot, str) else self.robot, config)
+        robot = equip_robot(None if isinstance(self.robot, str) else self.robot, config)
         options = {**self._settings, "seed": 1 if self.seed is None else self.seed, "threads": 1}
         choice = choose(costs.grid, start[:2], goal[:2], robot, costs=costs, **options)
         return Found(choice.path, choice.status)

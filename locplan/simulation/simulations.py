@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from locplan._support.intervals import Interval
 from locplan._support.output import Results
-from locplan._support.progress import ProgressCallback, parts
-from locplan._support.records import Column, Result, Table, values_of
-from locplan._support.tables import finite, table
+from locplan._support.progress import ProgressCallback, split_progress
+from locplan._support.records import Column, Result, Table, extract_values
+from locplan._support.tables import nan_to_none, format_table
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid
-from locplan.planning.costmap import Costmap, about_costs
+from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import ARRIVING, SHARES, Arrivals, Closed, ends_of
@@ -77,8 +77,8 @@ class Simulation(Result):
         """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
         map_of = {"name": self.grid.name, "digest": self.grid.digest}
         record: dict[str, object] = {
-            **(about_costs(self.costs) if self.costs else {"map": map_of}),
-            "paths": {name: values_of(DRIVEN, path_drives) for name, path_drives in self.drives.items()},
+            **(summarize_costs(self.costs) if self.costs else {"map": map_of}),
+            "paths": {name: extract_values(DRIVEN, path_drives) for name, path_drives in self.drives.items()},
             "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
             "seed": self.seed,
             "robot": self.robot.summary(),
@@ -89,22 +89,22 @@ class Simulation(Result):
                 name: {
                     "drives": len(arrivals.drives),
                     "standstills": arrivals.standstills,
-                    **values_of(SHARES, arrivals),
+                    **extract_values(SHARES, arrivals),
                 }
                 for name, arrivals in self.arrivals.items()
             }
-        return finite(record)
+        return nan_to_none(record)
 
     def table(self) -> Table:
         """Length and errors of each path, and the ratio of its RMSE to the first's."""
         ratios, unit_ratio = contrasts(self.drives), Interval(1.0, math.nan, math.nan)
         ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
         rows = {
-            name: [name, *(column.of(path_drives) for column in DRIVEN), ratios.get(name, unit_ratio)]
+            name: [name, *(column.extract_value(path_drives) for column in DRIVEN), ratios.get(name, unit_ratio)]
             for name, path_drives in self.drives.items()
         }
         for name, path_drives in (self.arrivals or {}).items():
-            rows[name] += [column.of(path_drives) for column in ARRIVING]
+            rows[name] += [column.extract_value(path_drives) for column in ARRIVING]
         columns = (Column("path", title=""), *DRIVEN, ratio, *(ARRIVING if self.arrivals else ()))
         return Table(columns, tuple(map(tuple, rows.values())))
 
@@ -128,7 +128,7 @@ class Simulation(Result):
 
 def simulation_report(simulation: Simulation) -> str:
     """Table of the errors along each path, side by side."""
-    head, *rows = simulation.table().turned()
+    head, *rows = simulation.table().format_transposed()
     if len(head) == 2:  # one path has no ratio
         del rows[sum(column.title is not None for column in DRIVEN)]
     count = len(next(iter(simulation.drives.values())).errors)
@@ -139,10 +139,10 @@ def simulation_report(simulation: Simulation) -> str:
         empty_rows = [
             share.heading
             for share in SHARES[1:]
-            if not any(share.of(path_arrivals).value for path_arrivals in arrivals.values())
+            if not any(share.extract_value(path_arrivals).value for path_arrivals in arrivals.values())
         ]
         rows = [row for row in rows if row[0] not in empty_rows]
-    return f"{table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
+    return f"{format_table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
 
 
 def simulate(
@@ -223,7 +223,7 @@ def simulate(
         for name, path in paths.items()
     }
     steered = closed.drives if closed else 0
-    open_progress, closed_progress = parts(progress, [drives * len(routes), steered * len(routes)])
+    open_progress, closed_progress = split_progress(progress, [drives * len(routes), steered * len(routes)])
     open_drives = drive_open(simulator, routes, range(drives), progress=open_progress)
     arrivals = None
     if closed:

@@ -9,14 +9,14 @@ from functools import cached_property
 
 import numpy as np
 
-from locplan._support.checks import check_memory, check_threads, positive, whole
-from locplan._support.intervals import random_of
+from locplan._support.checks import check_memory, check_threads, check_positive, check_integer
+from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Octets
 from locplan._support.poses import Poses
 from locplan._support.progress import ProgressCallback
-from locplan.field.config import equipped
+from locplan.field.config import equip_robot
 from locplan.maps.environments import boundary_cells, with_boundary_noise
-from locplan.maps.grid import OccupancyGrid, check_grid, own_axes
+from locplan.maps.grid import OccupancyGrid, check_grid, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
 from locplan.maps.zones import Zones, check_zones
 from locplan.planning.path import Path
@@ -74,9 +74,9 @@ class Simulator:
     ) -> None:
         check_grid(grid)
         self.filter_map = check_filter_map(filter_map, grid)
-        whole("seed", seed, 0)
+        check_integer("seed", seed, 0)
         self.grid, self.seed, self.threads = grid, seed, check_threads(threads)
-        self.robot, self.stretch = equipped(robot), positive("stretch", stretch)
+        self.robot, self.stretch = equip_robot(robot), check_positive("stretch", stretch)
         self.zones = check_zones(zones)
 
     def __repr__(self) -> str:
@@ -95,7 +95,7 @@ class Simulator:
         check_memory(f"{count} worlds", 2 * count * self.grid.cells.size, "set fewer worlds")
 
         def make(number: int) -> Octets:
-            seed = int(random_of(self.seed, WORLD, number).integers(2**63))
+            seed = int(make_generator(self.seed, WORLD, number).integers(2**63))
             world = with_boundary_noise(self.grid, noise, seed=seed)
             squares: Octets = empty_squares(world.cells == OCCUPIED)
             return squares
@@ -111,10 +111,10 @@ class Simulator:
         poses : (n, 3) array
             Poses x, y, heading in the world [m, m, rad].
         """
-        x, y, heading = own_axes(self.grid, poses).T
+        x, y, heading = world_to_map_frame(self.grid, poses).T
         resolution = self.grid.resolution
         cells = np.column_stack([y / resolution, x / resolution, heading])
-        truth = own_axes(self.filter_map, poses)
+        truth = world_to_map_frame(self.filter_map, poses)
         return Line(truth, cells, truth)
 
     def line_setups(
@@ -140,7 +140,7 @@ class Simulator:
         setups = []
         for angle in (math.radians(level.kink_deg), -math.radians(level.kink_deg)):
             kinked = kink.turn_map(self.filter_map, angle)
-            truth = own_axes(kinked, kink.turn_poses(poses, angle))
+            truth = world_to_map_frame(kinked, kink.turn_poses(poses, angle))
             arguments = drive_arguments(kinked, self.robot)._replace(odometry=odometry)
             setups.append((line._replace(truth=truth), arguments))
         return tuple(setups)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from locplan._support.intervals import Interval, of_geometric_mean, wilson
+from locplan._support.intervals import Interval, estimate_geometric_mean, compute_wilson_interval
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.drives import FLOOR, Drives
@@ -80,19 +80,19 @@ class DriveSet:
     @property
     def error(self) -> Interval:
         """Error of a typical drive: the geometric mean [m]."""
-        return of_geometric_mean(np.exp(self.log_error))
+        return estimate_geometric_mean(np.exp(self.log_error))
 
     @property
     def lost_rate(self) -> Interval:
         """Share of the drives that were lost, 0..1."""
-        return wilson(float(self.lost.mean()), self.lost.size)
+        return compute_wilson_interval(float(self.lost.mean()), self.lost.size)
 
     @property
     def off_at_end_rate(self) -> Interval:
         """Share of the drives that are off at the end, 0..1; NaN if that is not known."""
         if self.off_at_end is None:
             return Interval(math.nan, math.nan, math.nan)
-        return wilson(float(self.off_at_end.mean()), self.off_at_end.size)
+        return compute_wilson_interval(float(self.off_at_end.mean()), self.off_at_end.size)
 
     @property
     def is_rarely_off(self) -> bool:
@@ -391,5 +391,5 @@ def _is_off_more_often(baseline: Bools | None, alternative: Bools | None, level:
 def _pair_rates(baseline: Bools | None, alternative: Bools | None) -> RatePair | None:
     if baseline is None or alternative is None:
         return None
-    shares = (wilson(float(flags.mean()), flags.size) for flags in (baseline, alternative))
+    shares = (compute_wilson_interval(float(flags.mean()), flags.size) for flags in (baseline, alternative))
     return RatePair(*shares)

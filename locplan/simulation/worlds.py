@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.intervals import random_of
+from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets
 from locplan._support.poses import Poses
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.grid import OccupancyGrid, check_grid, extent_text
-from locplan.planning.path import Path, divided_poses
+from locplan.planning.path import Path, divide_poses
 from locplan.robots.parts import Inflation
 from locplan.robots.robot import Robot
 from locplan.simulation.custom_filters import track
@@ -53,7 +53,7 @@ def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     called = f"{name}: " if name else ""
     if path.length <= 0:
         raise LocplanError(f"{called}has no length; a path to drive must lead somewhere")
-    fine = path.resampled(POSE_SPACING, even=True)
+    fine = path.resample(POSE_SPACING, even=True)
     rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
     free = inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)]
@@ -86,7 +86,7 @@ def _facing_ahead(path: Path, at: Floats) -> Poses:
 
 def _turning(poses: Poses) -> Poses:
     """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
-    return divided_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
+    return divide_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
 
 
 def add_way_back(poses: Poses) -> Poses:
@@ -175,7 +175,7 @@ class Stage:
 
         stops = self.stops.copy()
         if self.noise:
-            seed = random_of(self.seed, WORLD, route, number).bit_generator.random_raw()
+            seed = make_generator(self.seed, WORLD, route, number).bit_generator.random_raw()
             first = self.window[0].start, self.window[1].start
             flip_cells(stops, self._boundary_cells, *first, self.noise, np.uint64(seed))
         return stops
@@ -210,13 +210,13 @@ class Stage:
             The level of disturbance. Its faults have random numbers of their own, so that errors of
             odometry are the same at all levels.
         """
-        from locplan._support.kernels.drives import World, drive, odometry_along
+        from locplan._support.kernels.drives import World, drive, simulate_odometry
 
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
-        random = random_of(self.seed, DRIVE, route, number)
-        reported = odometry_along(random, line.driven, arguments.odometry)
-        faults = random_of(self.seed, FAULTS, route, number)
+        random = make_generator(self.seed, DRIVE, route, number)
+        reported = simulate_odometry(random, line.driven, arguments.odometry)
+        faults = make_generator(self.seed, FAULTS, route, number)
         reported = level.disturb_odometry(reported, line.driven, faults)
         follow: Any = track if arguments.scores is None else drive
         follow(

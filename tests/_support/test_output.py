@@ -14,8 +14,8 @@ from support.maps import ascii_map
 from locplan._support import output
 from locplan._support.drawing import Picture
 from locplan._support.output import Output, Results, temporary_folder
-from locplan._support.runs import Run, running, take_written
-from locplan._support.tables import rounded_up
+from locplan._support.runs import RunRecord, running, take_written
+from locplan._support.tables import format_rounded_up
 from locplan.errors import LocplanError
 from locplan.maps import find_maps, load_map, save_map
 
@@ -73,7 +73,7 @@ def test_output_refuses_other_files_without_force(tmp_path, earlier):
 def test_output_notes_purposes_of_written_files(tmp_path):
     files = dict.fromkeys(["chosen.csv", *(f"0{n}-way.csv" for n in range(5)), "errors.csv"], "1")
     purposes = {"chosen.csv": "the recommended path", "[0-9]*.csv": "a candidate path"}
-    with running(Run("plan", {})):
+    with running(RunRecord("plan", {})):
         write(tmp_path / "out", files, purposes=purposes)
         lines = take_written()
         assert take_written() == []
@@ -311,7 +311,7 @@ def test_abandoned_folder_of_others_moves_nothing_outside(tmp_path):
         for file in (staging / "b", staging / "new" / "link" / "c"):
             file.write_text("1")
         (tmp_path / "out" / "link").symlink_to(tmp_path)
-        output.decide(staging, dict.fromkeys(("../b", "link/c", str(tmp_path / "d"))))
+        output.write_move_journal(staging, dict.fromkeys(("../b", "link/c", str(tmp_path / "d"))))
     assert [each.name for each in tmp_path.iterdir()] == ["out"]
 
 
@@ -448,7 +448,7 @@ def test_a_comparison_begins_anew_by_force(run, room, tmp_path):
 
 def test_a_front_in_a_table_has_integrals_that_serve_as_budgets():
     for value in (4.17538, 7.3791, 0.00012344, 9999.6, 3.0, 0.0):
-        assert value <= float(rounded_up(value)) <= value * 1.002
+        assert value <= float(format_rounded_up(value)) <= value * 1.002
 
 
 def folder_of(path):

@@ -6,7 +6,7 @@ from support.maps import ascii_map
 
 import locplan
 from locplan import save_map
-from locplan._support.runs import Run
+from locplan._support.runs import RunRecord
 from locplan.errors import LocplanError
 
 ENDS = "--start=1,2.5", "--goal=8,1"
@@ -44,7 +44,7 @@ def test_run_file_lists_outputs_without_command_in_python(place):
     assert about["outputs"].keys() == {"plan.json", "plan.png", "path.csv"}
     assert "command" not in about
     with pytest.raises(LocplanError, match=r"run\.yaml: was written in Python"):
-        Run.read(place / "planned")
+        RunRecord.read(place / "planned")
 
 
 def test_run_file_stands_beside_a_written_field(run, place):

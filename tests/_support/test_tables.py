@@ -38,7 +38,7 @@ PLACES = (
     Place("[a] b", -0.001, math.pi / 2, 0.123, Interval(0.25, 0.2, 0.3)),
     Place("=1+1", 2.0, math.nan, math.inf, Interval(0.05, math.nan, math.nan)),
 )
-TABLE = Table.of(COLUMNS, PLACES, number="no.")
+TABLE = Table.from_records(COLUMNS, PLACES, number="no.")
 NAMES = ("number", "name", "x", "heading", "loss", "error", "error_low", "error_high", "twice")
 
 

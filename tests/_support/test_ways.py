@@ -5,8 +5,8 @@ import pytest
 from support import oracles
 
 from locplan._support.kernels import ways
-from locplan._support.kernels.search import bordered_half, scale_of, search
-from locplan._support.kernels.ways import trace
+from locplan._support.kernels.search import bordered_half, measure_costs, search_grid
+from locplan._support.kernels.ways import trace_path
 
 SIZE = 22
 
@@ -21,13 +21,13 @@ def tied(seed: int) -> np.ndarray:
 
 
 def searched(half, source):
-    return search(half, SIZE + 2, source, -1, False, scale_of(half)).cost
+    return search_grid(half, SIZE + 2, source, -1, False, measure_costs(half)).cost
 
 
 def steps_from(half, source):
     cost = searched(half, source)
-    tolerance = ways.tolerance_of(cost, scale_of(half).cheapest)
-    return ways.steps_back(half, SIZE + 2, cost, tolerance)
+    tolerance = ways.compute_tolerance(cost, measure_costs(half).cheapest)
+    return ways.find_backward_steps(half, SIZE + 2, cost, tolerance)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.3])
@@ -38,7 +38,7 @@ def test_steps_back_equal_the_plain_ones(tolerance):
         density[0, 0] = 1.0
         half, columns = bordered_half(density, 1), SIZE + 2
         cost = searched(half, columns + 1)
-        found = ways.steps_back(half, columns, cost, tolerance).reshape(-1, columns)
+        found = ways.find_backward_steps(half, columns, cost, tolerance).reshape(-1, columns)
         costs = np.abs(cost).reshape(-1, columns)[1:-1, 1:-1]
         expected = oracles.search.steps_back(density, costs, tolerance)
         np.testing.assert_array_equal(found[1:-1, 1:-1], expected)
@@ -62,9 +62,9 @@ def test_paths_of_kept_searches_are_those_of_a_search_from_their_start():
         if not np.isfinite(there[tip]):
             continue
         solved += 1
-        expected = trace(half, columns, there, tip, False), trace(half, columns, back, root, False)
+        expected = trace_path(half, columns, there, tip, False), trace_path(half, columns, back, root, False)
         for from_root, path in zip((True, False), expected, strict=True):
-            found = ways.cheapest_cells(half, columns, steps, root, tip, from_root)
+            found = ways.trace_cheapest_path(half, columns, steps, root, tip, from_root)
             np.testing.assert_array_equal(found, path)
         differ += expected[0].tolist() != expected[1][::-1].tolist()
     assert solved > 200
@@ -75,23 +75,23 @@ def test_of_very_many_equal_paths_it_is_the_same():
     columns = 402
     half = bordered_half(np.ones((400, 400)), 1)
     root, tip = 5 * columns + 7, 390 * columns + 201
-    cost = search(half, columns, root, -1, False, scale_of(half)).cost
-    steps = ways.steps_back(half, columns, cost, ways.tolerance_of(cost, 1.0))
-    found = ways.cheapest_cells(half, columns, steps, root, tip, True)
-    np.testing.assert_array_equal(found, trace(half, columns, cost, tip, False))
+    cost = search_grid(half, columns, root, -1, False, measure_costs(half)).cost
+    steps = ways.find_backward_steps(half, columns, cost, ways.compute_tolerance(cost, 1.0))
+    found = ways.trace_cheapest_path(half, columns, steps, root, tip, True)
+    np.testing.assert_array_equal(found, trace_path(half, columns, cost, tip, False))
 
 
 def test_a_path_within_one_cell_is_that_cell():
     half = bordered_half(np.ones((SIZE, SIZE)), 1)
     for from_root in (True, False):
-        cells = ways.cheapest_cells(half, SIZE + 2, steps_from(half, 50), 50, 50, from_root)
+        cells = ways.trace_cheapest_path(half, SIZE + 2, steps_from(half, 50), 50, 50, from_root)
         assert cells.tolist() == [50]
 
 
 def test_the_tolerance_follows_the_greatest_finite_cost():
     cost = np.array([-3.0, np.inf, 0.0, 2.0, -1e4, np.inf, 5.0])
     assert ways.greatest_cost(cost) == 1e4
-    assert ways.tolerance_of(cost, 1.0) == pytest.approx(4 * 2.0**-53 * 1e8)
-    assert ways.tolerance_of(cost, 1e-6) == pytest.approx(5e-7)
-    assert ways.tolerance_of(100 * cost, 1e-1) == pytest.approx(1e-4)
-    assert ways.tolerance_of(np.array([0.0, np.inf]), 1.0) == 0.0
+    assert ways.compute_tolerance(cost, 1.0) == pytest.approx(4 * 2.0**-53 * 1e8)
+    assert ways.compute_tolerance(cost, 1e-6) == pytest.approx(5e-7)
+    assert ways.compute_tolerance(100 * cost, 1e-1) == pytest.approx(1e-4)
+    assert ways.compute_tolerance(np.array([0.0, np.inf]), 1.0) == 0.0

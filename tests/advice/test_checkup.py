@@ -22,7 +22,7 @@ from locplan.simulation.drives import LOST
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-UNTUNED = locplan.Robot(LIDAR).changed(FEW_PARTICLES)
+UNTUNED = locplan.Robot(LIDAR).with_settings(FEW_PARTICLES)
 AISLES = [((14.05, 15.05), (16.35, 2.95)), ((1.1, 18.9), (13.3, 18.9))]
 
 
@@ -32,7 +32,7 @@ class Watched:
     def __init__(self):
         self.findings, self.steps = [], []
         self.report = check(
-            *(furnished_room(), ROBOT.changed(UPDATES), CORNERS),
+            *(furnished_room(), ROBOT.with_settings(UPDATES), CORNERS),
             effort="quick",
             found=self.findings.append,
             progress=lambda *step: self.steps.append((len(self.findings), *step)),
@@ -115,7 +115,7 @@ def test_cheaper_fix_comes_first_if_losses_are_equal(solid):
 def test_lower_error_alone_is_an_option_if_error_is_small():
     """A robot with an error below 0.1 m needs no other settings."""
     changes = {name: 0.2 for name in TUNED_FILTER if name.startswith("alpha")}
-    found = check(furnished_room(), ROBOT.changed(changes), CORNERS, effort="quick")
+    found = check(furnished_room(), ROBOT.with_settings(changes), CORNERS, effort="quick")
     assert found.recommended == ()
     (settings,) = (fix for fix in found.fixes if fix.kind == "settings")
     assert settings.verdict == "better"
@@ -134,7 +134,7 @@ def test_settings_help_against_scattered_particles(two_corridors_at_its_worst):
 def two_corridors_at_its_worst():
     grid = environments.make("two_corridors", resolution=0.1)
     noisy = {name: 1.0 for name in TUNED_FILTER if name.startswith("alpha")}
-    robot = ROBOT.changed({**noisy, "min_particles": 100, "max_particles": 200})
+    robot = ROBOT.with_settings({**noisy, "min_particles": 100, "max_particles": 200})
     return check(grid, robot, [((2.0, 3.0), (16.0, 3.0))], effort="quick")
 
 
@@ -199,7 +199,7 @@ def test_long_routes_are_driven_less_often():
     cells = np.full((30, 1020), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     lidar = locplan.Lidar(range=6.0, beams=30)
-    robot = locplan.Robot(lidar).changed({"min_particles": 10, "max_particles": 10})
+    robot = locplan.Robot(lidar).with_settings({"min_particles": 10, "max_particles": 10})
     stations = {"west": (1.0, 1.5), "east": (101.0, 1.5)}
     report = check(OccupancyGrid(cells, 0.1), robot, stations, effort="quick")
     assert (report.baseline.n_drives, report.baseline.n_closed) == (11, 6)
@@ -207,7 +207,7 @@ def test_long_routes_are_driven_less_often():
 
 @pytest.mark.long
 def test_fixes_that_do_not_lead_are_stopped():
-    robot = ROBOT.changed({**UPDATES, "laser_max_range": 5.9})
+    robot = ROBOT.with_settings({**UPDATES, "laser_max_range": 5.9})
     found = check(furnished_room(), robot, CORNERS, effort="quick")
     (longer_range,) = found.fixes
     assert longer_range.kind == "range"
@@ -219,8 +219,8 @@ def test_fixes_that_do_not_lead_are_stopped():
 @pytest.mark.long
 def test_full_range_helps_against_limited_one():
     grid = environments.make("two_corridors", resolution=0.1)
-    robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).changed(TUNED_FILTER)
-    found = check(grid, robot.changed({"laser_max_range": 1.5}), effort="quick")
+    robot = locplan.Robot(locplan.Lidar(range=12.0, beams=120)).with_settings(TUNED_FILTER)
+    found = check(grid, robot.with_settings({"laser_max_range": 1.5}), effort="quick")
     assert "range" in found.recommended
     assert found.fixed_site.robot.amcl.laser_max_range >= 12.0
 
@@ -240,7 +240,7 @@ def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
 @pytest.mark.long
 def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
-    again = check(furnished_room(), ROBOT.changed(UPDATES), CORNERS, effort="quick", threads=1)
+    again = check(furnished_room(), ROBOT.with_settings(UPDATES), CORNERS, effort="quick", threads=1)
     assert again.summary() == fine.summary()
 
 
@@ -289,7 +289,7 @@ def walls_with_gap(width):
 
 
 def test_narrow_passage_gets_footprint_advice_and_no_fix(tmp_path):
-    robot = ROBOT.changed({**UPDATES, "footprint": 0.2, "margin": 0.0})
+    robot = ROBOT.with_settings({**UPDATES, "footprint": 0.2, "margin": 0.0})
     found = check(walls_with_gap(9), robot, [((1.0, 2.1), (5.0, 2.1))], effort="quick")
     assert found.baseline.reached.high < 1
     assert (found.passage.x, found.passage.y) == pytest.approx((3.0, 2.2), abs=0.15)
@@ -404,7 +404,7 @@ def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, 
     assert line["command"].endswith(f" params_file:={merged}")
     assert "in one file, changed" in line["files"]["nav2_params.yaml"]
     read = locplan.robots.read_parameters(merged)
-    assert read.of("planner_server") == {"planner_plugins": ["A"]}
+    assert read.node_parameters("planner_server") == {"planner_plugins": ["A"]}
     assert locplan.robots.nav2.read_amcl(merged).update_min_d == 0.1
 
 

@@ -70,7 +70,7 @@ def test_a_mask_is_written_where_other_paths_keep_drives(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     poor = {"distance_drift": 0.1, "distance_bias": 0.1, "heading_drift_deg": 3.0}
     ways = [((2.0, 3.0), (38.0, 3.0))]
-    found = check(grid, ROBOT.changed(poor), ways)
+    found = check(grid, ROBOT.with_settings(poor), ways)
     assert found.recommended == ("paths",)
     assert found.after.lost.high < found.before.lost.low
     taken = locplan.plan(found.made["paths"], *ways[0]).path
@@ -95,7 +95,7 @@ def test_check_recommends_poles_in_a_corridor():
     cells = np.full((24, 300), FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1, name="corridor")
-    robot = ROBOT.changed({"distance_drift": 0.1, "distance_bias": 0.1})
+    robot = ROBOT.with_settings({"distance_drift": 0.1, "distance_bias": 0.1})
     first = check(grid, robot, [((1.0, 1.2), (29.0, 1.2))])
     assert first.recommended == ("landmarks",)
     assert first.after.lost.high < first.before.lost.low

@@ -307,7 +307,7 @@ def test_routes_between_places_keep_out_of_no_go_zones():
     for routes in (made.setting.routes, made.setting.on(made.grid)):
         (path,) = routes.values()
         assert path.length > 4.01
-        fine = path.resampled(0.01).xy
+        fine = path.resample(0.01).xy
         assert not zones.cells(made.grid, "no-go")[made.grid.cell(fine)].any()
 
 
@@ -450,7 +450,7 @@ def test_two_rays_meet_an_object_at_the_lidars_full_range():
 
 
 def test_the_motion_is_the_filters():
-    slow = Robot(SHORT).changed({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
+    slow = Robot(SHORT).with_settings({"alpha3": 0.1, "update_min_d": 0.5, "distance_drift": 0.0})
     assert seen_by(slow).motion.along == pytest.approx(0.05)
     assert seen_by(Robot(SHORT, filter=Amcl(alpha2=0.4))).motion.turn == pytest.approx(
         2 * 0.4 * 0.25 + math.radians(1) ** 2

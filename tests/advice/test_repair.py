@@ -33,7 +33,7 @@ def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
 
 
 def test_the_verdict_is_that_of_drives_with_each_map(mended):
-    robot = locplan.Robot().changed({"alpha1": 0.05})
+    robot = locplan.Robot().with_settings({"alpha1": 0.05})
     both = mend(blocks(), robot, paths=2, drives=8)
     assert both.verdicts[0] == mended.verdicts[0]
     assert [each.filter for each in both.verdicts] == ["Nav2's defaults", "the robot's"]
@@ -135,7 +135,7 @@ def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
     grid, source = read_map(lab)
     assert as_meant(grid, None) == grid
     made = mend(grid, source=source, paths=2, drives=2)
-    assert made.faults.found == faults(grid, source).found
+    assert made.faults.faults == faults(grid, source).faults
     assert made.verdicts[0].rmse_ratio.value < 1
 
 

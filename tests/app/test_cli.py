@@ -577,7 +577,7 @@ def test_a_plan_tells_the_deviation_along_its_paths_in_centimetres(run, room):
     lidar = locplan.Lidar.preset("turtlebot4")
     field = locplan.load_or_compute(load_map(room), locplan.Fused(lidar))
     shortest = about["candidates"][0]
-    xy = locplan.Path(shortest["path"]["xy"]).resampled(0.05).xy
+    xy = locplan.Path(shortest["path"]["xy"]).resample(0.05).xy
     std = field.at(xy, "position_std")
     assert shortest["deviation"][0] == pytest.approx(std.mean(), rel=0.1)
     (line,) = [line for line in out.splitlines() if line.startswith("  shortest ")]
@@ -664,7 +664,7 @@ def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     closed = ZONES.cells(grid, "no-go")
     for file in (tmp_path / "planned").glob("[0-9c]*.csv"):
         if file.name != "candidates.csv":
-            assert not closed[grid.cell(Path.load(file).resampled(0.005).xy)].any()
+            assert not closed[grid.cell(Path.load(file).resample(0.005).xy)].any()
     code, _, err = run(*mask, "--choice", tmp_path / "planned", "-o", tmp_path / "chosen")
     assert code == 0, err
     assert (tmp_path / "chosen" / "zones.geojson").read_text() == ZONES.text
@@ -684,13 +684,13 @@ def test_plan_takes_keepout_mask_as_zones(run, room, tmp_path, small_field):
     assert code == 0, err
     for each in json.loads(out)["candidates"]:
         path = Path(np.array(each["path"]["xy"]))
-        assert not closed[grid.cell(path.resampled(0.005).xy)].any()
+        assert not closed[grid.cell(path.resample(0.005).xy)].any()
     code, out, err = run(
         "plan", room, *ends, "--field", small_field, "--front", "-o", tmp_path / "f"
     )
     assert code == 0, err
     assert f"zones of {ends[-1]}: 1 no-go\n" in out
-    assert not closed[grid.cell(Path.load(tmp_path / "f" / "knee.csv").resampled(0.005).xy)].any()
+    assert not closed[grid.cell(Path.load(tmp_path / "f" / "knee.csv").resample(0.005).xy)].any()
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -1048,7 +1048,7 @@ def test_info_lists_settings_of_robot(run, tmp_path):
     values = {row["setting"]: row["value"] for row in json.loads(out)}
     assert code == 0
     assert (values["range"], values["alpha1"], values["max_particles"]) == ("12.0", "0.2", "2000")
-    locplan.Robot("turtlebot4").changed({"alpha1": 0.05}).save(tmp_path / "robot.yaml")
+    locplan.Robot("turtlebot4").with_settings({"alpha1": 0.05}).save(tmp_path / "robot.yaml")
     files = "--robot", tmp_path / "robot.yaml", "--set", "max_particles=900"
     rows = json.loads(run("info", "--settings", *files, "--json")[1])
     changed = {row["setting"]: row["value"] for row in rows}

@@ -48,7 +48,7 @@ def test_deviation_equals_steps_of_field(name):
     assert (layer.scale, layer.unit) == ("log", "cm")
     expected = naive_steps(values, layer.low, layer.high, is_log=True)
     np.testing.assert_array_equal(layer.texels, expected)
-    assert ((layer.texels[::-1] > 0) == field.evaluated).all()
+    assert ((layer.texels[::-1] > 0) == field.is_evaluated).all()
 
 
 @pytest.mark.parametrize("name", ["sad", "paper"])

@@ -33,7 +33,7 @@ from locplan.app.explorer.session import Session
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap
 from locplan.planning.any_angle import any_angle_path
-from locplan.planning.plans import AWARE, SHORTEST, plan_beside_shortest
+from locplan.planning.plans import AWARE, SHORTEST, plan_with_shortest
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_paths_at_rest_equal_those_of_library(session, weight, over):
     for stops in (places[: 2 + over], places[2 + over :]):
         answer = ask_plan(session, stops, weight)
         start, *via, goal = stops
-        expected = plan_beside_shortest(costs, start, goal, via=via)
+        expected = plan_with_shortest(costs, start, goal, via=via)
         for name, path in ((SHORTEST, answer["shortest"]), (AWARE, answer["recommended"])):
             assert is_path(path, expected[name].path)
             metrics = expected[name].metrics
@@ -94,7 +94,7 @@ def test_zones_change_paths_as_in_library():
     for kind in ("no-go", "prefer"):
         ask(session, "change", changes=[{"kind": "zone", "zone": kind, "polygon": square}])
         answer = ask_plan(session, [start, goal], 4.0)
-        expected = plan_beside_shortest(session.scene.costs, start, goal)
+        expected = plan_with_shortest(session.scene.costs, start, goal)
         assert session.scene.costs.zones
         assert is_path(answer["recommended"], expected[AWARE].path)
         assert is_path(answer["shortest"], expected[SHORTEST].path)
@@ -141,7 +141,7 @@ def test_no_map_is_searched_after_drag(session, held, monkeypatch):
     answer = ask_plan(session, stops, 4.0)
     assert calls == []
     monkeypatch.undo()
-    expected = plan_beside_shortest(session.scene.costs, *stops)
+    expected = plan_with_shortest(session.scene.costs, *stops)
     assert is_path(answer["recommended"], expected[AWARE].path)
     assert is_path(answer["shortest"], expected[SHORTEST].path)
 
@@ -164,7 +164,7 @@ def test_preparation_keeps_within_memory(session, monkeypatch, share, n_searches
     half = Searches(session.searches, session.scene).grid(4.0).bordered.half.nbytes
     monkeypatch.setattr(session.searches, "limit", share * half)
     session.searches.forget()
-    found, run = [], search.search
+    found, run = [], search.search_grid
     monkeypatch.setattr(search, "search", lambda *a, **k: found.append(1) or run(*a, **k))
     prepare(session, stops)
     assert len(found) == n_searches
@@ -251,7 +251,7 @@ def test_profile_is_short_and_keeps_greatest_value(session):
     assert profile["s"][-1] == pytest.approx(path["length"], abs=1e-3)
     assert (np.diff(profile["s"]) >= 0).all()
     assert max(profile["sigma_cm"]) >= path["mean_sigma_cm"] > 0
-    middles = locplan.Path(path["xy"]).resampled(0.02).xy
+    middles = locplan.Path(path["xy"]).resample(0.02).xy
     worst = 100 * np.nanmax(session.field.at(middles, "position_std"))
     assert max(profile["sigma_cm"]) == pytest.approx(worst, rel=0.05)
 

@@ -136,8 +136,8 @@ def test_points_nearest_to_change_come_first():
     for before, after in itertools.pairwise(fields):
         new = (before.covariance != after.covariance).any(axis=(-1, -2))
         new = new.any(axis=-1) if new.ndim > 2 else new
-        if (new & before.evaluated).any():
-            distance = np.hypot(*(np.argwhere(new & before.evaluated) - centre).T)
+        if (new & before.is_evaluated).any():
+            distance = np.hypot(*(np.argwhere(new & before.is_evaluated) - centre).T)
             bounds.append((distance.min(), distance.max()))
     assert len(bounds) > 2
     for (_, farthest), (nearest, _) in itertools.pairwise(bounds):

@@ -68,7 +68,7 @@ def test_shared_page_carries_map_layers_and_plan(small_page):
     np.testing.assert_array_equal(levels[::-1], grid.cells)
     assert set(data["layers"]) == {"degeneracy", "deviation"}
     deviation = zlib.decompress(base64.b64decode(data["layers"]["deviation"]))
-    assert len(deviation) == field.evaluated.size
+    assert len(deviation) == field.is_evaluated.size
     assert data["plan"]["recommended"]["length"] > data["plan"]["shortest"]["length"]
     assert data["plan"]["basis"] == {**data["state"]["basis"], "route": "key"}
     assert data["view"] == {"layer": "deviation"}

@@ -77,7 +77,7 @@ def test_simulated_paths_visit_waypoints_and_keep_out_of_zones(session):
     for candidate in answer["candidates"]:
         path = Path(candidate["xy"])
         assert np.hypot(*(path.xy - MIDDLE).T).min() < 1e-3
-        cells = corridors()[0].world_to_grid(*path.resampled(0.05).xy.T)
+        cells = corridors()[0].world_to_grid(*path.resample(0.05).xy.T)
         assert not closed[tuple(np.floor(cells).astype(int))].any()
 
 

@@ -19,7 +19,7 @@ from locplan.app.explorer.sharing import PAGE
 from locplan.field import FieldConfig, Fisher, covariance_field
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid
 from locplan.maps.environments import make
-from locplan.planning.plans import plan_beside_shortest
+from locplan.planning.plans import plan_with_shortest
 from locplan.robots import Lidar
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -139,7 +139,7 @@ def test_drag(benchmark, seen, server):
     costs = server.session.scene.costs
     start, goal = seen.place("start"), seen.place("goal")
     length = float(seen.text("tr:nth-child(2) td:nth-child(2)").split()[0])
-    plain = plan_beside_shortest(costs, start, goal)["shortest"]
+    plain = plan_with_shortest(costs, start, goal)["shortest"]
     assert length == pytest.approx(plain.path.length, rel=0.02)
     kept(benchmark, found, benchmark.stats.stats.total)
 
@@ -192,7 +192,7 @@ def test_full_plans_of_a_drag(benchmark, seen, server, held, waited):
     figures = {name: round(value, 1) for name, value in milliseconds.items()}
     kept(benchmark, [first, later, release], **figures)
     start, goal = seen.place("start"), seen.place("goal")
-    plans = plan_beside_shortest(server.session.scene.costs, start, goal)
+    plans = plan_with_shortest(server.session.scene.costs, start, goal)
     length = float(seen.text("tr.best td:nth-child(2)").split()[0])
     assert length == pytest.approx(plans["localizability-aware"].path.length, rel=0.02)
 

@@ -20,7 +20,7 @@ from locplan._support.kernels.simd import LANES, add_matches, add_to, zeros
 from locplan.field import FieldConfig, Sad, covariance_field, sad
 from locplan.field.estimator import MapPart
 from locplan.field.kernels import sad as kernel
-from locplan.field.sad_tiles import Layout
+from locplan.field.sad_tiles import MapLayout
 from locplan.maps import load_map
 
 MAPS = (
@@ -90,8 +90,8 @@ def test_kernel_beside_opencv(benchmark, name):
     radius = config.estimator.template_radius(grid.resolution, grid.shape)
     rows, cols = lattice_tile(grid, config, seed=1)
     compared = np.random.default_rng(2).integers(len(rows), size=3)
-    part = MapPart.whole(grid.cells, rows[compared], cols[compared], grid.resolution)
-    by_kernel = sad.LEVEL_STEP * count_mismatches(Layout.of(part, radius, window))
+    part = MapPart.from_map(grid.cells, rows[compared], cols[compared], grid.resolution)
+    by_kernel = sad.LEVEL_STEP * count_mismatches(MapLayout.from_part(part, radius, window))
 
     cv2.setNumThreads(1)
     opencv = {}
@@ -102,7 +102,7 @@ def test_kernel_beside_opencv(benchmark, name):
             seconds(form, grid.cells, rows[n], cols[n], radius, window) for n in compared
         )
 
-    part = MapPart.whole(grid.cells, rows, cols, grid.resolution)
+    part = MapPart.from_map(grid.cells, rows, cols, grid.resolution)
     benchmark.pedantic(config.estimator.covariances, (part,), rounds=5, warmup_rounds=1)
     cell = benchmark.stats.stats.min / len(rows)
     words = words_compared(grid, rows, cols, radius, window)
@@ -125,8 +125,8 @@ def test_kernel_beside_opencv(benchmark, name):
 def words_compared(grid, rows, cols, radius, window):
     """Words and prefix sums that the vectors go through at a cell, in the mean of some."""
     chosen = slice(None, None, max(1, len(rows) // 50))
-    part = MapPart.whole(grid.cells, rows[chosen], cols[chosen], grid.resolution)
-    layout = Layout.of(part, radius, window)
+    part = MapPart.from_map(grid.cells, rows[chosen], cols[chosen], grid.resolution)
+    layout = MapLayout.from_part(part, radius, window)
     weights = np.ones(4 * radius**2 * 2)
     total = 0
     for group in layout.groups():
@@ -159,7 +159,7 @@ LONG = [
 def test_the_bound_beside_all_offsets(benchmark, name, reach):
     grid, config = load(name), FieldConfig(Sad(range=reach))
     rows, cols = lattice_tile(grid, config, seed=1)
-    part = MapPart.whole(grid.cells, rows[:1500], cols[:1500], grid.resolution)
+    part = MapPart.from_map(grid.cells, rows[:1500], cols[:1500], grid.resolution)
     times = {}
     results = {}
     for _ in range(3):  # in turn, since others may load the machine

@@ -10,7 +10,7 @@ import pytest
 from locplan.field import FieldConfig, Fused, covariance_field
 from locplan.maps import load_map
 from locplan.planning import Costmap, path_metrics
-from locplan.planning.plans import AWARE, plan_beside_shortest, planned_near_paths
+from locplan.planning.plans import AWARE, plan_with_shortest, plan_with_adaptive_field
 from locplan.robots import Lidar
 
 QUERIES = {
@@ -28,10 +28,10 @@ def test_first_path(benchmark, real_maps, name):
 
     def planned(field):
         costs = Costmap.from_field(grid, field)
-        return plan_beside_shortest(costs, start, goal)
+        return plan_with_shortest(costs, start, goal)
 
     def near_paths():
-        return planned_near_paths(
+        return plan_with_adaptive_field(
             grid,
             CONFIG,
             lambda points: covariance_field(grid, CONFIG, points=points),
@@ -49,7 +49,7 @@ def test_first_path(benchmark, real_maps, name):
     assert path_metrics(costs, plans[AWARE].path).cost == pytest.approx(best, rel=2e-3)
     seconds = benchmark.stats.stats.min
     benchmark.extra_info["ratio_to_the_whole_field"] = whole_seconds / seconds
-    evaluated = field.evaluated.sum() / whole.evaluated.sum()
+    evaluated = field.evaluated.sum() / whole.is_evaluated.sum()
     benchmark.extra_info["points_evaluated"] = float(evaluated)
     print(
         f"{name}: {seconds:.1f} s near the paths, {whole_seconds:.1f} s for the whole field;"

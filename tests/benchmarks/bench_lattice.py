@@ -14,7 +14,7 @@ from benchmarks.bench_planners import best_of, rooms
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, plan
 from locplan.planning.lattice import Lattice
-from locplan.planning.lattice_search import LatticeSearch, Prices
+from locplan.planning.lattice_search import LatticeSearch, MotionPrices
 from locplan.robots import Footprint, Kinematics, Robot
 
 LONG = Footprint([(0.3, 0.15), (0.3, -0.15), (-0.3, -0.15), (-0.3, 0.15)])
@@ -50,7 +50,7 @@ def test_beside_dijkstra_over_all_states(benchmark, drive):
     robot = Robot(footprint=LONG, margin=0.0, kinematics=DRIVES[drive], goal_tolerance=0.0)
     costs = Costmap.from_density(grid, 1 + 8 * np.exp(-2 * grid.clearance), robot=robot)
     planner = Lattice(smooth=False, gear_change=0.0, reverse=100.0)
-    search = LatticeSearch(costs, 16, 1, Prices(100.0, 0.0, planner.turn_cost))
+    search = LatticeSearch(costs, 16, 1, MotionPrices(100.0, 0.0, planner.turn_cost))
     graph = graph_of(search)
     free = np.argwhere(grid.clearance > 0.5)
     begin, *others = np.random.default_rng(0).permutation(free).tolist()

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
 from support.movingai import find_map_file, find_scenario_files, read_all_scenarios, read_map
 
-from locplan._support.kernels.search import bordered_half, scale_of, search, shortest_costs
+from locplan._support.kernels.search import bordered_half, measure_costs, search_grid, shortest_costs
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, pareto_front, plan
 
@@ -149,13 +149,13 @@ def test_astar_beside_dijkstra(benchmark, span):
     density = rooms(1000)
     density = np.where(np.isinf(density), np.inf, 1 + (np.minimum(density, 11) - 1) / 10 * span)
     half, columns = bordered_half(density, 1), 1002
-    scale = scale_of(half)
+    scale = measure_costs(half)
     free = np.argwhere(np.isfinite(density)) + 1
     pairs = np.random.default_rng(0).choice(free, (8, 2)) @ (columns, 1)
 
     def solve(guided):
         ends = [(int(one), int(other)) for one, other in pairs]
-        return [search(half, columns, *pair, False, scale, guided=guided) for pair in ends]
+        return [search_grid(half, columns, *pair, False, scale, guided=guided) for pair in ends]
 
     by_dijkstra, expected = best_of(3, lambda: solve(False))
     found = benchmark.pedantic(lambda: solve(True), rounds=3, warmup_rounds=1)

@@ -15,7 +15,7 @@ from benchmarks.bench_planners import rooms
 from locplan.field import FieldConfig, covariance_field
 from locplan.maps import FREE, OccupancyGrid, environments, load_map
 from locplan.planning import Costmap, ompl as sampling, plan
-from locplan.planning.ompl.settings import logged, planner_of
+from locplan.planning.ompl.settings import log_messages, make_ompl_planner
 
 WEIGHT = 3.0
 SECONDS = 5.0
@@ -29,7 +29,7 @@ def rooms_of_400() -> tuple[Costmap, tuple, tuple]:
 
 
 def iterations_a_second(planner: str, information, problem) -> float:
-    searching = planner_of(planner, information, {})
+    searching = make_ompl_planner(planner, information, {})
     searching.setProblemDefinition(problem)
     searching.setup()
     began = time.perf_counter()
@@ -46,7 +46,7 @@ def test_iterations_a_second(benchmark, planner, target):
     rates = {}
 
     def run():
-        with logged():
+        with log_messages():
             util.RNG.setSeed(1)
             ours = sampling.space_information(motions)
             problem = sampling.problem_definition(ours, motions, start, goal)
@@ -57,7 +57,7 @@ def test_iterations_a_second(benchmark, planner, target):
             usual.setStateValidityCheckingResolution(0.05 / usual.getMaximumExtent())
             usual.setup()
             problem = base.ProblemDefinition(usual)
-            ends = [sampling.state_of(usual, motions, pose) for pose in (start, goal)]
+            ends = [sampling.state_from_pose(usual, motions, pose) for pose in (start, goal)]
             problem.setStartAndGoalStates(*ends)
             problem.setOptimizationObjective(base.PathLengthOptimizationObjective(usual))
             rates["length only"] = iterations_a_second(planner, usual, problem)
@@ -75,7 +75,7 @@ def problem_on(name, real_maps):
     """A costmap of the field at the default settings, and two ends far apart."""
     if name in ("two_corridors", "office"):
         grid = environments.make(name, resolution=0.05)
-        ends = environments.landmarks(name)
+        ends = environments.place_positions(name)
         start, goal, radius = ends["start"], ends["goal"], 0.25
     else:
         grid, radius = load_map(next((real_maps / name).glob("*.yaml"))), REAL[name]

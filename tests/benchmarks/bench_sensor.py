@@ -135,7 +135,7 @@ def test_milliseconds_a_cell(benchmark, name, estimator, target, real_maps):
     prepared = estimator.prepare(grid.cells, grid.resolution)
     preparing = time.perf_counter() - began
     rows, cols = free_cells(grid, 2000)
-    part = replace(MapPart.whole(grid.cells, rows, cols, grid.resolution), prepared=prepared)
+    part = replace(MapPart.from_map(grid.cells, rows, cols, grid.resolution), prepared=prepared)
     estimator.covariances(replace(part, rows=rows[:2], cols=cols[:2]))
     benchmark.pedantic(estimator.covariances, (part,), rounds=5)
     each = 1e3 * benchmark.stats.stats.min / len(rows)

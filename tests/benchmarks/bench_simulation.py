@@ -70,14 +70,14 @@ def test_one_scan(benchmark, simulator):
     bearing, at = np.linspace(0, 2 * np.pi, 60), random.uniform(10, 120, 60)
     ends = np.column_stack([at * np.cos(bearing), at * np.sin(bearing)])
     weights = np.full(500, 1 / 500)
-    particles.weigh(scores, ends, poses, 500, weights)
+    particles.weigh_particles(scores, ends, poses, 500, weights)
     assert weights == pytest.approx(weighed_by_numpy(scores, ends, poses), rel=1e-9)
     in_arrays = []
     for _ in range(50):
         began = time.perf_counter()
         weighed_by_numpy(scores, ends, poses)
         in_arrays.append(time.perf_counter() - began)
-    benchmark(particles.weigh, scores, ends, poses, 500, weights)
+    benchmark(particles.weigh_particles, scores, ends, poses, 500, weights)
     seconds = benchmark.stats["min"]
     benchmark.extra_info["ratio_to_NumPy"] = min(in_arrays) / seconds
     print(

@@ -58,7 +58,7 @@ def test_kills_at_random_moments(benchmark, tmp_path):
             grid, cache_dir=tmp_path, progress=lambda done, total: totals.append(total)
         )
         np.testing.assert_array_equal(field.covariance, expected.covariance)
-        recomputed.append(totals[-1] / expected.evaluated.sum())
+        recomputed.append(totals[-1] / expected.is_evaluated.sum())
 
     benchmark.pedantic(kill_and_resume, rounds=KILLS)
     benchmark.extra_info["no_peer"] = "whether fields survive kills, at moments drawn by chance"

@@ -20,7 +20,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Sad
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones
 from locplan.planning import Costmap, Found, Path, Query
-from locplan.planning.requests import options_of, with_options
+from locplan.planning.requests import find_changed_options, with_options
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.nav2 import ParameterWarning
 
@@ -109,7 +109,7 @@ def test_compared_planners_keep_out_of_zones():
     solved = [run for run in found.runs if run.status == "solved"]
     assert len(solved) > 2
     for run in solved:
-        assert not zones.cells(grid, "no-go")[grid.cell(Path(run.xy).resampled(0.01).xy)].any()
+        assert not zones.cells(grid, "no-go")[grid.cell(Path(run.xy).resample(0.01).xy)].any()
         assert run.measures["cost"] == pytest.approx(locplan.planning.path_cost(costs, run.xy))
     for wrong in (Costmap.blank(grid), OccupancyGrid(grid.cells, 0.1, (99.0, 0.0, 0.0))):
         with pytest.raises(ConfigError, match=r"leave zones out|no zone overlaps the map"):
@@ -404,7 +404,7 @@ def test_a_time_limit_is_for_those_who_take_one():
         "RRTstar:iterations=10": None,
     }
     limited = PlannerSpec.of(detour).with_time_limit(0.7)
-    assert options_of(limited.planner) == {"time_limit": 0.7}
+    assert find_changed_options(limited.planner) == {"time_limit": 0.7}
     with pytest.raises(ConfigError):
         PlannerSpec.of("BITstar").with_time_limit(-1.0)
 

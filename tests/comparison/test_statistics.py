@@ -70,12 +70,12 @@ def test_the_interval_is_students_of_the_logarithms():
 def test_means_have_students_interval_with_one_degree_of_freedom_less():
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     half = 2.776445 * np.sqrt(2.5 / 5)  # the table's t of 4 degrees of freedom
-    assert intervals.of_mean(values) == pytest.approx((3.0, 3.0 - half, 3.0 + half), rel=1e-6)
-    assert intervals.of_geometric_mean(np.exp(values)) == pytest.approx(
-        np.exp(intervals.of_mean(values))
+    assert intervals.estimate_mean(values) == pytest.approx((3.0, 3.0 - half, 3.0 + half), rel=1e-6)
+    assert intervals.estimate_geometric_mean(np.exp(values)) == pytest.approx(
+        np.exp(intervals.estimate_mean(values))
     )
     low, high = stats.t.interval(0.95, 11, 3.5, stats.sem(np.arange(12)))
-    assert intervals.of_mean(np.arange(12) - 2.0)[1:] == pytest.approx((low, high))
+    assert intervals.estimate_mean(np.arange(12) - 2.0)[1:] == pytest.approx((low, high))
 
 
 def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
@@ -86,7 +86,7 @@ def test_a_root_mean_square_has_the_interval_of_its_pseudo_values():
     pseudo = [5 * log(every) - 4 * log(every != n) for n in every]
     half = 2.776445 * stats.sem(pseudo)
     expected = np.exp(np.array([log(every), log(every) - half, log(every) + half]) / 2)
-    assert intervals.of_rms(squares) == pytest.approx(expected, rel=1e-6)
+    assert intervals.estimate_rms(squares) == pytest.approx(expected, rel=1e-6)
 
 
 def test_seeds_are_one_query_by_their_median():
@@ -262,8 +262,8 @@ def test_success_counts_queries_not_seeds():
     assert summary.success == pytest.approx(
         (0.8, *stats.binomtest(8, 10).proportion_ci(0.95, "wilson"))
     )
-    assert intervals.wilson(1.0, 3).high == 1
-    assert intervals.wilson(0.0, 3).low == 0
+    assert intervals.compute_wilson_interval(1.0, 3).high == 1
+    assert intervals.compute_wilson_interval(0.0, 3).low == 0
 
 
 def test_quartiles_are_over_what_is_known():

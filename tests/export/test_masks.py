@@ -186,7 +186,7 @@ def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
     master = ros_readers.keepout(master, mask, mask.resolution, grid.origin[:2])
     nav2 = yaml.safe_load((folder / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
-    at = environments.landmarks("two_corridors")
+    at = environments.place_positions("two_corridors")
     ends = (grid.cell(at[end]) for end in ("start", "goal"))
     cells = ros_readers.smac2d_path(master, *ends, own["cost_travel_multiplier"])
     assert max(grid.position(*cell)[1] for cell in cells) > 9  # the irregular corridor
@@ -249,14 +249,14 @@ def test_masks_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs
 def test_thetastar_realises_j_too(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
-    at = environments.landmarks("two_corridors")
+    at = environments.place_positions("two_corridors")
     nav2_keepout(tmp_path / "out", costs, planner="thetastar")
     master = apply_mask(tmp_path / "out", costs)
     nav2 = yaml.safe_load((tmp_path / "out" / "nav2.yaml").read_text())
     own = nav2["planner_server"]["ros__parameters"]["GridBased"]
     fixed = ros_readers.theta_star_traversal(master, own["w_traversal_cost"])
     step, blocked = own["w_euc_cost"], ros_readers.theta_star_blocked(master, own["allow_unknown"])
-    ends = [costs.cell_of(at[end]) for end in ("start", "goal")]
+    ends = [costs.find_cell(at[end]) for end in ("start", "goal")]
     cells, _ = ros_readers.grid_path(step, blocked, *ends, fixed)
     path = Path(np.array([grid.position(*cell) for cell in cells]))
     centres = [grid.position(*cell) for cell in ends]
@@ -271,7 +271,7 @@ def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig())
     costs = Costmap.from_field(grid, field, weight=weight, robot=0.25)
-    at = environments.landmarks(name)
+    at = environments.place_positions(name)
     theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, at["start"], at["goal"])
     assert ours.cost <= theirs.cost * (1 + 1e-9)
     assert theirs.cost <= 1.01 * ours.cost
@@ -313,7 +313,7 @@ def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
 def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
     costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
-    at = environments.landmarks("two_corridors")
+    at = environments.place_positions("two_corridors")
     nav2_keepout(tmp_path / "mask", costs)
     with_ours = plan_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
     nav2_keepout(tmp_path / "mask", costs.with_weight(0.0))

@@ -164,7 +164,7 @@ def test_robot_settings_change_mask(tmp_path, change):
     """They come from --set."""
     grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1)
     masks = []
-    for robot in (ROBOT, ROBOT.changed(change)):
+    for robot in (ROBOT, ROBOT.with_settings(change)):
         costs = Costmap.from_layers(grid, u=np.full(grid.shape, 0.3), robot=robot)
         exported(tmp_path, costs)
         masks.append((tmp_path / "mask" / "mask.pgm").read_bytes())

@@ -65,7 +65,7 @@ def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
     for name, way in found.ways.items():
         xy = found.graph.nodes[list(way)]
         np.testing.assert_allclose(xy[[0, -1]], paths[name].xy[[0, -1]], atol=0.02)
-        density = np.array([costs.density[costs.grid.cell(p)] for p in Path(xy).resampled(0.01)])
+        density = np.array([costs.density[costs.grid.cell(p)] for p in Path(xy).resample(0.01)])
         assert np.isinf(density).mean() < 0.002
         assert path_metrics(costs, paths[name]).cost * 1.11 > Lines(costs).along(xy).sum()
     e, u = found.graph.integrated_e, found.graph.integrated_u

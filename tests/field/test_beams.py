@@ -7,12 +7,12 @@ import pytest
 from support import oracles
 from support.maps import random_rooms
 
-from locplan._support.kernels.arrays import DONE, STOP
+from locplan._support.kernels.arrays import N_DONE, STOP
 from locplan._support.kernels.lidar import (
     BeamDisturbances,
-    Lidar,
-    information,
-    measured_ends,
+    LidarBeams,
+    compute_information,
+    measure_ends,
     move_ends,
     scan_ends,
 )
@@ -28,7 +28,7 @@ FAR = 1e6
 def lidar(
     angles=FULL_CIRCLE, forward=0.0, left=0.0, yaw=0.0, sigma=0.03, min_range=0.0, max_range=30.0
 ):
-    return Lidar(np.asarray(angles, float), forward, left, yaw, sigma, min_range, max_range)
+    return LidarBeams(np.asarray(angles, float), forward, left, yaw, sigma, min_range, max_range)
 
 
 @pytest.fixture(params=[False, True], ids=["endpoint", "range"])
@@ -43,7 +43,7 @@ def at_pose(occupied, resolution, row, col, heading, beams, of_ranges, normals=N
     one = [np.array([float(value)]) for value in (row, col, heading)]
     control = np.zeros(2, np.int64)
     squares = empty_squares(occupied)
-    return information(squares, normals, resolution, *one, beams, of_ranges, control)[0, 0]
+    return compute_information(squares, normals, resolution, *one, beams, of_ranges, control)[0, 0]
 
 
 def random_stops(shape, seed, density=0.08):
@@ -438,7 +438,7 @@ def measured(occupied, beams, seed, **disturbances):
     ends, pose = np.empty((beams.angles.size, 2)), np.array([20.5, 15.5, 0.0])
     of_beams = BeamDisturbances(**settings | disturbances)
     random, squares = np.random.default_rng(seed), empty_squares(occupied)
-    measured_ends(random, squares, 0.1, pose, beams, of_beams, ends)
+    measure_ends(random, squares, 0.1, pose, beams, of_beams, ends)
     return np.hypot(*ends.T) * 0.1
 
 
@@ -525,9 +525,9 @@ def test_a_batch_is_its_single_poses_and_can_be_stopped(of_ranges):
     rows, cols = np.array([20.5, 30.5, 40.5]), np.array([11.5, 30.5, 44.5])
     headings, control = np.array([0.0, 1.0]), np.zeros(2, np.int64)
     batch = squares, normals, 0.1, rows, cols, headings, beams, of_ranges
-    found = information(*batch, control)
+    found = compute_information(*batch, control)
     assert found.shape == (3, 2, 3, 3)
-    assert control[DONE] == 3
+    assert control[N_DONE] == 3
     for n in range(3):
         for k in range(2):
             single = at_pose(occupied, 0.1, rows[n], cols[n], headings[k], beams, of_ranges)
@@ -535,8 +535,8 @@ def test_a_batch_is_its_single_poses_and_can_be_stopped(of_ranges):
             np.testing.assert_array_equal(single, single.T)
             assert np.linalg.eigvalsh(single).min() > -1e-9 * single.max()
     uncounted = control[: STOP + 1]
-    np.testing.assert_array_equal(information(*batch, uncounted), found)
-    assert control[DONE] == 3
+    np.testing.assert_array_equal(compute_information(*batch, uncounted), found)
+    assert control[N_DONE] == 3
     control[STOP] = 1
-    assert np.isnan(information(*batch, control)).all()
-    assert np.isnan(information(*batch, uncounted)).all()
+    assert np.isnan(compute_information(*batch, control)).all()
+    assert np.isnan(compute_information(*batch, uncounted)).all()

@@ -61,7 +61,7 @@ def test_a_new_field_drives_out_an_old_one(three, tmp_path, monkeypatch):
 
 
 def test_what_is_being_computed_stays(three, tmp_path):
-    with cache.lock_of(three[1]):
+    with cache.make_lock(three[1]):
         removed, busy = cache.clear_cache(tmp_path, 0)
     assert [entry.path for entry in busy] == [three[1]]
     assert {entry.path for entry in removed} == {three[0], three[2]}

@@ -9,7 +9,7 @@ import pytest
 import locplan
 from locplan.errors import ConfigError
 from locplan.field import FieldConfig, Fisher, Fused, Sad, Scan, SearchWindow
-from locplan.field.config import config_of
+from locplan.field.config import config_from_settings
 from locplan.field.estimators import estimator_class
 from locplan.field.sad import Exponential, InverseSquare
 from locplan.recordings.matching import Matching, ScanDatabase
@@ -37,7 +37,7 @@ from locplan.simulation.problem import ChoiceSettings
         (lambda: FieldConfig("guess"), "estimator must be an Estimator, not 'guess'; such as"),
         (lambda: FieldConfig(stride=7.0), "must not exceed the range"),
         (lambda: estimator_class("guess"), "estimator must be one of sad, fisher, scan"),
-        (lambda: config_of("sad"), "config must be a FieldConfig, not 'sad'; give an estimator"),
+        (lambda: config_from_settings("sad"), "config must be a FieldConfig, not 'sad'; give an estimator"),
     ],
 )
 def test_settings_out_of_range_are_named(make, message):
@@ -141,7 +141,7 @@ def test_cells_larger_than_the_window_are_refused():
 
 
 def test_without_rotation_poses_have_two_dimensions():
-    window = SearchWindow(half_rotation_deg=0).on(0.05)
+    window = SearchWindow(half_rotation_deg=0).to_lattice(0.05)
     assert window.angles.tolist() == [0.0]
     assert window.uniform_covariance.shape == window.quantisation.shape == (2, 2)
 

@@ -28,7 +28,7 @@ class Own(Estimator):
     turns = 60.0
 
     def lattice(self, resolution):
-        return SearchWindow(half_rotation_deg=self.turns).on(resolution)
+        return SearchWindow(half_rotation_deg=self.turns).to_lattice(resolution)
 
     def halo(self, resolution, map_shape):
         return 2
@@ -131,7 +131,7 @@ def test_what_is_no_covariance_is_refused_in_one_line(grid, change, complaint):
     ],
 )
 def test_rounding_and_perfect_matches_are_let_pass(grid, change):
-    assert locplan.covariance_field(grid, own(change)).evaluated.sum() == 224
+    assert locplan.covariance_field(grid, own(change)).is_evaluated.sum() == 224
 
 
 def test_later_tiles_are_checked_too(grid):
@@ -173,7 +173,7 @@ def test_a_halo_that_is_too_small_is_refused(grid):
         assert expected in refused(grid, own(around(distance)))
         with ThreadPoolExecutor(1) as pool:
             assert expected in refused(grid, own(around(distance)), executor=pool)
-    assert locplan.covariance_field(grid, own(around(2))).evaluated.sum() == 224
+    assert locplan.covariance_field(grid, own(around(2))).is_evaluated.sum() == 224
 
 
 def test_a_look_far_beyond_the_halo_is_noticed(grid):
@@ -208,7 +208,7 @@ def test_a_halo_of_an_estimator_that_prepares_the_map_is_checked_too(grid):
 
     assert "beyond the halo of 2 cells" in refused(grid, own(change, prepare=prepare))
     sound = own(lambda values, _: values, prepare=prepare)
-    assert locplan.covariance_field(grid, sound).evaluated.sum() == 224
+    assert locplan.covariance_field(grid, sound).is_evaluated.sum() == 224
 
 
 def test_random_values_are_refused(grid):
@@ -260,7 +260,7 @@ def test_a_field_that_could_not_be_loaded_is_not_saved(sound, tmp_path, name, at
     assert saved(tmp_path, sound).config == sound.config
     values = {key: array.copy() for key, array in sound.values.items()}
     values[name][at] = value
-    wrong = locplan.CovarianceField.of(values, sound.grid, sound.config)
+    wrong = locplan.CovarianceField.from_values(values, sound.grid, sound.config)
     with pytest.raises(FieldError, match=complaint):
         wrong.save(tmp_path / "wrong.npz")
     for lost in ({"layers": {}}, {"covariance": sound.covariance[1:]}):
@@ -294,7 +294,7 @@ def test_settings_that_are_not_fit_for_json_are_computed_and_not_cached(grid, tm
         locplan.field.cache.CacheWarning, match="not cached: estimator 'own': .* ndarray"
     ):
         field = locplan.load_or_compute(grid, WithTable(), cache_dir=tmp_path)
-    assert field.evaluated.sum() == 224
+    assert field.is_evaluated.sum() == 224
     assert not list(tmp_path.iterdir())
 
 

@@ -34,7 +34,7 @@ from locplan.field.estimator import MapPart
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
 from locplan.planning.layers import HeadingLayers
-from locplan.planning.metrics import crossed_cells, profile
+from locplan.planning.metrics import crossed_cells, compute_profile
 from locplan.planning.ompl.motions import Motions
 from locplan.robots import LIDARS, Lidar
 
@@ -84,7 +84,7 @@ def test_one_heading_has_no_axis_of_its_own(rooms, estimator):
     assert set(field.layers) == (set() if estimator == "fisher" else {"ambiguity", "entropy"})
     for layer in field.layers.values():
         assert layer.shape == field.e.shape
-        assert np.array_equal(np.isnan(layer), ~field.evaluated)
+        assert np.array_equal(np.isnan(layer), ~field.is_evaluated)
 
 
 def test_several_headings_do(ahead, estimator):
@@ -102,7 +102,7 @@ def test_a_place_without_returns_is_exactly_featureless(estimator):
     grid = OccupancyGrid(np.full((40, 40), FREE), 0.1)
     for sensor in (ALL_ROUND, AHEAD):
         field = covariance_field(grid, config(estimator, sensor))
-        assert field.e[field.evaluated] == pytest.approx(field.anchors()[1], rel=1e-12)
+        assert field.e[field.is_evaluated] == pytest.approx(field.anchors()[1], rel=1e-12)
         costs = Costmap.from_field(grid, field, robot=0.0)
         assert costs.u[5, 5] == pytest.approx(1.0, rel=1e-12)
 
@@ -114,7 +114,7 @@ def test_u_is_0_within_5_cm_and_1_where_nothing_is_seen(estimator, half_rotation
     )
     wanted = config(estimator, window=window, stride=0.1)
     grid = OccupancyGrid(np.full((2, 6), FREE), 0.1)
-    nothing = wanted.estimator.featureless(window.on(0.1))
+    nothing = wanted.estimator.featureless(window.to_lattice(0.1))
     top = math.sqrt(nothing[0, 0])
     assert top == pytest.approx(0.9, abs=0.01)
     deviations = np.array([0.01, 0.05, 0.052, math.sqrt(0.05 * top), top, 2.0])
@@ -133,7 +133,7 @@ def test_u_is_0_within_5_cm_and_1_where_nothing_is_seen(estimator, half_rotation
 
 
 def test_steps_coarser_than_5_cm_bound_what_counts_as_perfect(estimator):
-    lattice = SearchWindow(half_width=2.0, step=0.5).on(0.5)
+    lattice = SearchWindow(half_width=2.0, step=0.5).to_lattice(0.5)
     least = made(estimator).perfect(lattice)
     np.testing.assert_allclose(least, lattice.quantisation)
     assert lattice.quantisation[0, 0] > 0.05**2
@@ -182,7 +182,7 @@ def test_a_quarter_turn_of_the_map_turns_covariances_and_headings(estimator):
     turned = OccupancyGrid(np.rot90(grid.cells, -1), 0.05)
     wanted = config(estimator, AHEAD, headings=4)
     before, after = covariance_field(grid, wanted), covariance_field(turned, wanted)
-    both = np.rot90(before.evaluated, -1) & after.evaluated
+    both = np.rot90(before.is_evaluated, -1) & after.is_evaluated
     expected = rotated(np.rot90(before.covariance, -1), math.pi / 2)
     expected = np.roll(expected, 1, axis=2)  # who faced x faces y
     difference = np.abs(after.covariance[both] - expected[both])
@@ -207,19 +207,19 @@ def test_a_turned_or_mirrored_map_has_the_turned_or_mirrored_field(estimator, li
     grid = OccupancyGrid(random_rooms((101, 101), seed=3), 0.05)
     wanted = FieldConfig(made(estimator, lidar))
     field = covariance_field(grid, wanted)
-    covariance = field.covariance.reshape(*field.evaluated.shape, wanted.headings, 3, 3)
+    covariance = field.covariance.reshape(*field.is_evaluated.shape, wanted.headings, 3, 3)
     flip = np.diag([-1.0, 1.0, -1.0])
     mirrored = (flip @ covariance[:, ::-1] @ flip)[
         :, :, wanted.headings // 2 - np.arange(wanted.headings)
     ]
     for cells, evaluated, start, turns in (
-        (grid.cells, field.evaluated, covariance, (1, 2)),
-        (grid.cells[:, ::-1], field.evaluated[:, ::-1], mirrored, (0, 3)),
+        (grid.cells, field.is_evaluated, covariance, (1, 2)),
+        (grid.cells[:, ::-1], field.is_evaluated[:, ::-1], mirrored, (0, 3)),
     ):
         for quarters in turns:
             turned = OccupancyGrid(np.rot90(cells, -quarters), 0.05)
             after = covariance_field(turned, wanted)
-            both = np.rot90(evaluated, -quarters) & after.evaluated
+            both = np.rot90(evaluated, -quarters) & after.is_evaluated
             expected = rotated(np.rot90(start, -quarters), quarters * math.pi / 2)
             expected = np.roll(expected, quarters * wanted.headings // 4, axis=2)[both]
             found = after.covariance[both].reshape(expected.shape)
@@ -235,8 +235,8 @@ def test_the_yaw_of_the_map_turns_covariances_but_not_headings(estimator):
     straight = covariance_field(OccupancyGrid(cells, 0.05), config(estimator, AHEAD, headings=4))
     turned = covariance_field(OccupancyGrid(cells, 0.05, (0.0, 0.0, math.pi / 2)), straight.config)
     expected = np.roll(rotated(straight.covariance, math.pi / 2), 1, axis=2)
-    known = straight.evaluated
-    np.testing.assert_array_equal(turned.evaluated, known)
+    known = straight.is_evaluated
+    np.testing.assert_array_equal(turned.is_evaluated, known)
     assert np.median(np.abs(turned.covariance[known] - expected[known])) < 1e-9
     ratio = turned.e[known] / np.roll(straight.e, 1, axis=2)[known]
     assert (np.abs(np.log(ratio)) < 0.1).mean() > 0.95  # a beam on a cell's edge may take either
@@ -270,7 +270,7 @@ def test_a_lidar_sees_where_it_is_mounted_to(estimator, yaw, facing_the_wall):
 
 
 def test_the_papers_places_are_told_apart():
-    grid, at = environments.make("places", resolution=0.05), environments.landmarks("places")
+    grid, at = environments.make("places", resolution=0.05), environments.place_positions("places")
     wide = SearchWindow(half_width=2.0, step=0.1, half_rotation_deg=10.0, rotation_step_deg=2.0)
     wanted = FieldConfig(Scan(Lidar(range=6.0), window=wide), stride=0.4)
     field = covariance_field(grid, wanted)
@@ -294,7 +294,7 @@ def test_the_papers_places_are_told_apart():
 
 def test_positions_alone_have_two_dimensions(rooms, estimator):
     field = covariance_field(rooms, config(estimator, window=replace(SMALL, half_rotation_deg=0.0)))
-    known = field.evaluated
+    known = field.is_evaluated
     assert field.covariance.shape[2:] == (2, 2)
     assert (np.linalg.eigvalsh(field.covariance[known]) > 0).all()
     if estimator == "fisher":  # it is what is left where the heading is known
@@ -404,7 +404,7 @@ def test_in_a_corridor_fused_is_as_uncertain_along_it_as_the_scan():
 
 def test_e_of_a_fused_field_is_a_geometric_mean(rooms):
     fields = [covariance_field(rooms, config(name)) for name in ("fisher", "scan", "fused")]
-    known = fields[0].evaluated
+    known = fields[0].is_evaluated
     e = [field.e[known] for field in fields]
     shares = np.array([fishers_share(each) for each in fields[1].covariance[known]])
     assert e[2] == pytest.approx(e[0] ** shares * e[1] ** (1 - shares))
@@ -459,7 +459,7 @@ def test_the_variance_of_steps_is_the_scans_alone(rooms):
     least = {}
     for name in ("fisher", "scan"):
         field = covariance_field(grid, config(name, **sharp))
-        variances = np.diagonal(field.covariance[field.evaluated], axis1=1, axis2=2)
+        variances = np.diagonal(field.covariance[field.is_evaluated], axis1=1, axis2=2)
         least[name] = variances.min(axis=0) / np.diag(field.window.quantisation)
         assert (variances <= np.diag(field.config.estimator.featureless(field.window)) + 1e-9).all()
     assert least["scan"] == pytest.approx(np.ones(3), rel=1e-6)
@@ -556,7 +556,7 @@ def test_only_what_decides_the_values_tells_cached_fields_apart(one, other, same
     keys = [json.dumps(each.identity(), sort_keys=True) for each in (one, other)]
     assert (keys[0] == keys[1]) == same
     levels = random_rooms((60, 60), seed=7)
-    part = MapPart.whole(levels, *np.argwhere(levels == FREE)[::97].T, 0.1)
+    part = MapPart.from_map(levels, *np.argwhere(levels == FREE)[::97].T, 0.1)
     values = [each.covariances(part)["covariance"] for each in (one, other)]
     assert np.array_equal(*values) == same
 
@@ -600,7 +600,7 @@ def test_the_metrics_of_a_path_are_those_of_its_headings(headed_costs):
                 metrics = path_metrics(headed_costs, path)
                 assert metrics.cost == pytest.approx(cost, rel=1e-4)
                 assert metrics.integrated_u == pytest.approx((cost - path.length) / 4, rel=1e-3)
-                distance, u = profile(headed_costs, path, headed_costs.u_of_heading)
+                distance, u = compute_profile(headed_costs, path, headed_costs.u_of_heading)
                 assert np.diff(distance) @ u == pytest.approx(metrics.integrated_u)
 
 
@@ -668,7 +668,7 @@ def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
         )
 
     i, j = 14, 20
-    assert field.evaluated[i, j]
+    assert field.is_evaluated[i, j]
     pose = np.array([*grid.position(i * field.stride, j * field.stride), 0.0])
     step = np.array([0.1, 0.1, 0.04])
     jacobian = np.stack(
@@ -761,7 +761,7 @@ def test_sharp_posteriors_have_a_mean_information(rooms):
         window=replace(SMALL, half_rotation_deg=10.0),
     )
     field = covariance_field(rooms, wanted)
-    assert np.isfinite(field.scalar("e", headings="mean")[field.evaluated]).all()
+    assert np.isfinite(field.scalar("e", headings="mean")[field.is_evaluated]).all()
     for headings in ("mean", "worst"):
         costs = Costmap.from_field(rooms, field, headings=headings, robot=0.0)
         free = np.isfinite(costs.density)
@@ -778,7 +778,7 @@ def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
     for level in "#. ":
         grid = ascii_map(*[level * 12] * 9, resolution=0.2)
         field = covariance_field(grid, config(estimator))
-        assert field.evaluated.sum() == (108 if level == "." else 0)
+        assert field.is_evaluated.sum() == (108 if level == "." else 0)
 
 
 def test_lattice_points_in_walls_are_looked_at_from_beside_them():

@@ -26,7 +26,7 @@ from locplan.field import (
     scalar,
     tiles,
 )
-from locplan.field.config import config_of
+from locplan.field.config import config_from_settings
 from locplan.field.covariance import SCALARS
 from locplan.field.estimator import MapPart
 from locplan.maps import FREE, UNKNOWN, OccupancyGrid, environments
@@ -49,7 +49,7 @@ def field(rooms) -> CovarianceField:
 
 def covariance_at(grid: OccupancyGrid, row: int, col: int, config=QUICK):
     at = np.array([row]), np.array([col])
-    return config_of(config).estimator.covariances(MapPart.whole(grid.cells, *at, grid.resolution))[
+    return config_from_settings(config).estimator.covariances(MapPart.from_map(grid.cells, *at, grid.resolution))[
         "covariance"
     ][0]
 
@@ -136,7 +136,7 @@ def test_parallel_equals_serial(rooms):
 def test_progress_counts_every_cell_once(rooms):
     seen = []
     field = covariance_field(rooms, QUICK, progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (field.evaluated.sum(), field.evaluated.sum())
+    assert seen[-1] == (field.is_evaluated.sum(), field.is_evaluated.sum())
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
 
 
@@ -150,9 +150,9 @@ def test_the_field_does_not_depend_on_the_tiles(template, stride, monkeypatch):
     whole = covariance_field(grid, config)
     monkeypatch.setattr("locplan.field.tiles.TILE", 7)
     np.testing.assert_array_equal(covariance_field(grid, config).covariance, whole.covariance)
-    i, j = (index[::9] for index in np.nonzero(whole.evaluated))
+    i, j = (index[::9] for index in np.nonzero(whole.is_evaluated))
     at = i * whole.stride, j * whole.stride
-    alone = config.estimator.covariances(MapPart.whole(grid.cells, *at, grid.resolution))
+    alone = config.estimator.covariances(MapPart.from_map(grid.cells, *at, grid.resolution))
     np.testing.assert_array_equal(whole.covariance[i, j], alone["covariance"])
 
 
@@ -177,13 +177,13 @@ def test_every_free_cell_has_a_lattice_point(seed, stride):
 def test_stride_of_one_cell_evaluates_the_free_cells_only():
     grid = ascii_map("..#", " .#", resolution=0.05)
     field = covariance_field(grid, FieldConfig(Sad(range=0.2), stride=0.05))
-    np.testing.assert_array_equal(field.evaluated, grid.free)
+    np.testing.assert_array_equal(field.is_evaluated, grid.free)
     np.testing.assert_allclose(field.e_map()[grid.free], field.e[grid.free])
 
 
 def test_a_map_without_free_cells_has_an_empty_field():
     field = covariance_field(ascii_map("##", "  "), FieldConfig())
-    assert not field.evaluated.any()
+    assert not field.is_evaluated.any()
     assert np.isnan(field.e_map()).all()
     assert field.saturated_share == 0.0
 
@@ -267,7 +267,7 @@ def test_anchors_scale_with_the_noise_level():
 def test_saturated_share_counts_the_points_at_the_least_e():
     places = environments.make("places", resolution=0.1)
     field = covariance_field(places, FieldConfig(stride=0.5))
-    e = field.e[field.evaluated]
+    e = field.e[field.is_evaluated]
     expected = np.mean(e <= 1.05 * field.anchors()[0])
     assert field.saturated_share == pytest.approx(expected)
     assert 0 < expected < 1
@@ -359,8 +359,8 @@ def test_without_rotation_the_covariance_is_positional(rooms):
         change_estimator(QUICK, window=STILL),
     )
     assert field.covariance.shape[2:] == (2, 2)
-    expected = np.sqrt(np.linalg.det(field.covariance[field.evaluated]))
-    np.testing.assert_allclose(field.e[field.evaluated], expected)
+    expected = np.sqrt(np.linalg.det(field.covariance[field.is_evaluated]))
+    np.testing.assert_allclose(field.e[field.is_evaluated], expected)
 
 
 def edited(grid: OccupancyGrid, at=(60, 60), size=3) -> OccupancyGrid:
@@ -384,7 +384,7 @@ def test_an_update_equals_a_full_run_and_computes_less(template, yaw):
         full = covariance_field(after, config)
         np.testing.assert_array_equal(updated.covariance, full.covariance)
         assert updated.grid is after
-        assert 0 < progress[-1][1] < full.evaluated.sum() / 2
+        assert 0 < progress[-1][1] < full.is_evaluated.sum() / 2
 
 
 def test_an_update_forgets_what_is_free_no_more_and_finds_what_became_free(rooms, field):
@@ -401,12 +401,12 @@ def test_an_update_of_some_points_computes_no_others(rooms, field):
     cells[20:60, 20:60] = UNKNOWN
     after = dataclasses.replace(rooms, cells=cells)
     full = covariance_field(after, QUICK)
-    points = np.zeros(full.evaluated.shape, bool)
+    points = np.zeros(full.is_evaluated.shape, bool)
     points[:, : points.shape[1] // 4] = True
     updated = field.update(after, points=points)
     known = ~np.isnan(updated.covariance[..., 0, 0])
-    assert (known & points == full.evaluated & points).all()
-    assert known.sum() < full.evaluated.sum()
+    assert (known & points == full.is_evaluated & points).all()
+    assert known.sum() < full.is_evaluated.sum()
     np.testing.assert_array_equal(updated.covariance[known], full.covariance[known])
 
 
@@ -440,7 +440,7 @@ def test_sampled_positions_are_spread_out_and_leave_no_gap():
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
     xy, covariance = sampled_covariances(field, 1.5)
     clear = grid.clearance[:: field.stride, :: field.stride] >= 0.15
-    i, j = np.nonzero(field.evaluated & clear)
+    i, j = np.nonzero(field.is_evaluated & clear)
     points = np.stack(grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5), axis=1)
     distance = np.hypot(*(points[:, None] - xy[None]).transpose(2, 0, 1))
     assert distance.min(axis=1).max() < 1.5

@@ -13,7 +13,7 @@ from locplan.field import OffsetLattice, Sad, SearchWindow, sad
 from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes, sad as kernel
 from locplan.field.sad import Exponential, InverseSquare
-from locplan.field.sad_tiles import Layout
+from locplan.field.sad_tiles import MapLayout
 from locplan.field.templates import cells_at, disc, local_map
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
 from locplan.paper.template_matching import sad_distribution
@@ -21,8 +21,8 @@ from locplan.paper.template_matching import sad_distribution
 
 def compare(cells, rows, cols, radius, window, *, visible=False):
     rows, cols = np.array(rows), np.array(cols)
-    part = MapPart.whole(cells, rows, cols, window.resolution)
-    result = sad.LEVEL_STEP * count_mismatches(Layout.of(part, radius, window), visible=visible)
+    part = MapPart.from_map(cells, rows, cols, window.resolution)
+    result = sad.LEVEL_STEP * count_mismatches(MapLayout.from_part(part, radius, window), visible=visible)
     for n in range(len(rows)):
         expected = sad_distribution(cells, rows[n], cols[n], radius, window, visible=visible)
         np.testing.assert_array_equal(result[n], expected)
@@ -73,7 +73,7 @@ def test_levels_may_be_a_part_of_the_map(template):
     estimator = Sad(range=0.6, window=window, template=template)
     reach = estimator.halo(0.05, cells.shape)
     rows, cols = np.array([60, 64]), np.array([70, 58])
-    whole = MapPart.whole(cells, rows, cols, 0.05)
+    whole = MapPart.from_map(cells, rows, cols, 0.05)
     part = cells[60 - reach : 65 + reach, 58 - reach : 71 + reach]
     corner = (60 - reach, 58 - reach)
     cut = replace(whole, levels=part, corner=corner)
@@ -85,7 +85,7 @@ def test_levels_may_be_a_part_of_the_map(template):
 @pytest.mark.filterwarnings("ignore::locplan.maps.files.MapWarning")
 def test_kernel_is_bit_equal_on_real_maps(real_maps, name):
     grid = load_map(next((real_maps / name).glob("*.yaml")))
-    window = Sad().window.on(grid.resolution)
+    window = Sad().window.to_lattice(grid.resolution)
     free = np.argwhere(grid.free)
     chosen = free[np.random.default_rng(0).integers(len(free), size=3)]
     radius = Sad(range=6.0).template_radius(grid.resolution, grid.shape)
@@ -157,7 +157,7 @@ def test_e_is_that_of_the_definition_whatever_the_cells(resolution, estimator):
     cells = random_rooms(shape, seed=3, blocks=14)
     free = np.argwhere(cells == FREE)
     rows, cols = free[np.random.default_rng(2).integers(len(free), size=9)].T
-    part = MapPart.whole(cells, rows, cols, resolution)
+    part = MapPart.from_map(cells, rows, cols, resolution)
     found = np.sqrt(np.linalg.det(estimator.covariances(part)["covariance"]))
     places = zip(rows.tolist(), cols.tolist(), strict=True)
     expected = [e_by_definition(estimator, cells, *place, resolution) for place in places]
@@ -199,7 +199,7 @@ def test_covariance_is_the_papers_formula_on_the_reference():
         Sad.paper(range=1.0),
         Sad(range=1.0, window=replace(small, half_rotation_deg=0)),
     ):
-        window = estimator.window.on(0.05)
+        window = estimator.window.to_lattice(0.05)
         mismatch = sad_distribution(cells, 40, 36, 20, window)
         area = mismatch / 254 * 0.05**2
         if isinstance(estimator.weights, Exponential):
@@ -211,14 +211,14 @@ def test_covariance_is_the_papers_formula_on_the_reference():
         expected = estimator.noise_level * np.cov(poses, aweights=weights.ravel(), ddof=0)
         if estimator.quantisation:
             expected = expected + window.quantisation
-        at = MapPart.whole(cells, np.array([40]), np.array([36]), 0.05)
+        at = MapPart.from_map(cells, np.array([40]), np.array([36]), 0.05)
         result = estimator.covariances(at)["covariance"][0]
         np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_a_disc_larger_than_the_map_gives_the_same_as_one_just_large_enough():
     cells = random_rooms((21, 30), seed=6)
-    at = MapPart.whole(cells, np.array([10]), np.array([12]), 0.05)
+    at = MapPart.from_map(cells, np.array([10]), np.array([12]), 0.05)
     assert Sad(range=4.75).template_radius(0.05, cells.shape) == 95
     compared = [Sad(range=reach).covariances(at)["covariance"] for reach in (50.0, 4.75)]
     np.testing.assert_allclose(compared[0], compared[1], rtol=1e-12)
@@ -242,7 +242,7 @@ def test_cells_left_out_when_stopped_are_nan():
     cells = random_rooms((60, 60), seed=3)
     control = np.array([1, 0])
     rows = np.array([30, 34])
-    part = replace(MapPart.whole(cells, rows, rows, 0.05), control=control)
+    part = replace(MapPart.from_map(cells, rows, rows, 0.05), control=control)
     stopped = Sad(range=0.5).covariances(part)
     assert np.isnan(stopped["covariance"]).all()
     assert control.tolist() == [1, 0]

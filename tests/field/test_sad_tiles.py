@@ -13,7 +13,7 @@ from locplan.field import OffsetLattice, Sad, SearchWindow
 from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes
 from locplan.field.sad import Exponential, InverseSquare
-from locplan.field.sad_tiles import Layout, disc_blocks, kept_lines, scaled
+from locplan.field.sad_tiles import MapLayout, disc_blocks, find_kept_lines, scale_to_short
 from locplan.field.templates import disc
 from locplan.maps import FREE, load_map
 
@@ -23,15 +23,15 @@ def kept(layout, negligible):
     groups = layout.groups()
     cells, offsets = len(layout.part.rows), 2 * layout.window.half_steps + 1
     result = np.zeros((layout.window.angles.size, cells, offsets), bool)
-    lines = kept_lines(layout, groups, negligible)
+    lines = find_kept_lines(layout, groups, negligible)
     for group, some in zip(groups, lines, strict=True):
         result[:, group.cells] = some
     return result
 
 
 def lay_out(cells, rows, cols, radius, window):
-    part = MapPart.whole(cells, np.array(rows), np.array(cols), window.resolution)
-    return Layout.of(part, radius, window)
+    part = MapPart.from_map(cells, np.array(rows), np.array(cols), window.resolution)
+    return MapLayout.from_part(part, radius, window)
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,13 @@ REAL = [("nav2_depot", 10.0), ("willow_full_stage", 30.0), ("f1tenth_gym_stata_b
 def test_rejected_lines_are_beyond_the_limit_on_real_maps(real_maps, name, reach):
     grid = load_map(next((real_maps / name).glob("*.yaml")))
     estimator = Sad(range=reach)
-    window, negligible = estimator.window.on(grid.resolution), estimator.negligible(grid.resolution)
+    window, negligible = estimator.window.to_lattice(grid.resolution), estimator.negligible(grid.resolution)
     free = np.argwhere(grid.free)
     rows, cols = free[np.random.default_rng(1).integers(len(free), size=6)].T
     radius = round(reach / grid.resolution - 0.5)
     share = compare_with_plain_sums(grid.cells, rows, cols, radius, window, negligible)
     assert share < 0.6
-    part = MapPart.whole(grid.cells, rows, cols, grid.resolution)
+    part = MapPart.from_map(grid.cells, rows, cols, grid.resolution)
     compare_covariances(estimator, part)
 
 
@@ -129,7 +129,7 @@ def test_covariances_are_those_of_all_offsets(resolution, reach, tau):
     limit = estimator.negligible(resolution)
     assert (limit > simd.MAX_SHORT) == (resolution == 0.02 or tau > 1)
     rows, cols = np.array([200, 40, 207]), np.array([180, 370, 111])
-    part = MapPart.whole(cells, rows, cols, resolution)
+    part = MapPart.from_map(cells, rows, cols, resolution)
     compare_covariances(estimator, part)
     together = estimator.covariances(part)["covariance"]
     for n in range(3):
@@ -142,7 +142,7 @@ def test_levels_may_be_a_part_of_the_map():
     estimator = Sad(range=10.0, window=SearchWindow(half_width=0.4, step=0.1))
     reach = estimator.halo(0.1, cells.shape)
     rows, cols = np.array([160, 164]), np.array([170, 158])
-    whole = MapPart.whole(cells, rows, cols, 0.1)
+    whole = MapPart.from_map(cells, rows, cols, 0.1)
     part = cells[160 - reach : 165 + reach, 158 - reach : 171 + reach]
     assert part.size < cells.size
     cut = replace(whole, levels=part, corner=(160 - reach, 158 - reach))
@@ -165,13 +165,13 @@ def test_only_the_config_decides_whether_offsets_are_rejected():
 
 
 def test_limits_are_scaled_into_sixteen_bits():
-    assert scaled(18240) == (18240, 0)
-    assert scaled(65534) == (65534, 0)
-    assert scaled(65535) == (32767, 1)
-    assert scaled(131071) == (32767, 2)
-    assert scaled(10**9) == (10**9 >> 14, 14)
+    assert scale_to_short(18240) == (18240, 0)
+    assert scale_to_short(65534) == (65534, 0)
+    assert scale_to_short(65535) == (32767, 1)
+    assert scale_to_short(131071) == (32767, 2)
+    assert scale_to_short(10**9) == (10**9 >> 14, 14)
     for greatest in (2**16, 2**20 - 1, 2**20, 123456789):
-        limit, shift = scaled(greatest)
+        limit, shift = scale_to_short(greatest)
         assert limit < simd.MAX_SHORT
         assert limit << shift <= greatest < (limit + 1) << shift
 
@@ -181,7 +181,7 @@ def lanes_of_distances(counts, values, shift, limit):
     total = simd.zero_shorts()
     for value in values:
         total = simd.add_distances(total, counts, 3, value, shift)
-    return simd.lanes_within(total, limit)
+    return simd.flag_small_lanes(total, limit)
 
 
 @pytest.mark.parametrize("shift", [0, 3])
@@ -215,7 +215,7 @@ def test_counts_of_blocks_equal_the_plain_loops():
     plane = (random_rooms((50, 47), seed=9) == FREE).astype(np.uint8)
     octets = np.stack([plane | 128, (1 - plane) | 2])  # only the first bit counts
     table = np.full((2, 51, 48), 77, np.uint16)
-    bitplanes.sum_up(octets, table)
+    bitplanes.fill_summed_table(octets, table)
     counts = np.full((2, 12, 3, 6), 99, np.uint16)
     bitplanes.count_blocks(table, 5, 2, 16, 2, counts)
     for q, rest, p in np.ndindex(12, 3, 6):
@@ -227,7 +227,7 @@ def test_counts_of_blocks_equal_the_plain_loops():
 def test_sums_of_more_than_sixteen_bits_wrap_around():
     octets = np.ones((2, 300, 300), np.uint8)
     table = np.empty((2, 301, 301), np.uint16)
-    bitplanes.sum_up(octets, table)
+    bitplanes.fill_summed_table(octets, table)
     assert table[0, 300, 300] == 90000 % 2**16
     counts = np.empty((2, 1, 1, 40), np.uint16)
     bitplanes.count_blocks(table, 0, 200, 64, 8, counts)
@@ -236,10 +236,10 @@ def test_sums_of_more_than_sixteen_bits_wrap_around():
 
 def test_cells_left_out_when_stopped_are_nan():
     cells = random_rooms((100, 100), seed=3)
-    part = MapPart.whole(cells, np.array([50, 54]), np.array([30, 30]), 0.1)
+    part = MapPart.from_map(cells, np.array([50, 54]), np.array([30, 30]), 0.1)
     stopped = replace(part, control=np.array([1, 0]))
     assert np.isnan(Sad(range=10.0).covariances(stopped)["covariance"]).all()
-    assert kept(Layout.of(stopped, 100, Sad().window.on(0.1)), 0).all()  # not asked at all
+    assert kept(MapLayout.from_part(stopped, 100, Sad().window.to_lattice(0.1)), 0).all()  # not asked at all
     control = np.zeros(2, np.int64)
     Sad(range=10.0).covariances(replace(part, control=control))
     assert control.tolist() == [0, 2]

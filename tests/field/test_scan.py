@@ -13,7 +13,7 @@ from support.cases import sample_cases
 from support.maps import corridor, random_rooms
 
 from locplan._support.kernels import likelihood, posterior as scan
-from locplan._support.kernels.lidar import Lidar, scan_ends
+from locplan._support.kernels.lidar import LidarBeams, scan_ends
 from locplan._support.kernels.likelihood import TOP
 from locplan._support.kernels.rays import empty_squares
 from locplan.field import FieldConfig, OffsetLattice, Sad, Scan, SearchWindow
@@ -33,7 +33,7 @@ def all_round(beams):
 def cast_ends(levels, row, col, angles, reach):
     """Where beams from a cell's centre end, (beam, 2) [cells]."""
     ends = np.empty((len(angles), 2))
-    all_of_them = Lidar(np.asarray(angles, float), 0.0, 0.0, 0.0, 0.03, 0.0, float(reach))
+    all_of_them = LidarBeams(np.asarray(angles, float), 0.0, 0.0, 0.0, 0.03, 0.0, float(reach))
     squares = empty_squares(levels == OCCUPIED)
     scan_ends(squares, 1.0, row + 0.5, col + 0.5, 0.0, all_of_them, ends)
     return ends
@@ -50,13 +50,13 @@ def run(levels, resolution, window, rows, cols, ends, *, temperature=TEMPERATURE
     lattice = likelihood.make_lattice(window.half_steps, window.angles)
     weights = likelihood.make_weights(temperature * field.nats, ends.shape[1] * TOP)
     shape = len(rows), 1
-    result = scan.Posteriors(
+    result = scan.LatticePosteriors(
         np.empty((*shape, 3)), np.empty((*shape, 3, 3)), np.empty(shape), np.empty(shape)
     )
     costs = np.empty_like(lattice.empty)
     for n, at in enumerate(zip(rows, cols, strict=True)):
         moments = result.mean[n, 0], result.covariance[n, 0]
-        result.entropy[n, 0], result.ambiguity[n, 0] = scan.posterior_of(
+        result.entropy[n, 0], result.ambiguity[n, 0] = scan.compute_posterior(
             field, lattice, weights, *at, ends[n], costs, *moments
         )
     return result
@@ -66,7 +66,7 @@ def kernel_costs(field, window, row, col, ends):
     """Costs of one scan, (theta, dy, dx)."""
     lattice = likelihood.make_lattice(window.half_steps, window.angles)
     costs = lattice.empty.copy()
-    scan.score(field, lattice, row, col, ends, costs)
+    scan.score_scan(field, lattice, row, col, ends, costs)
     planes = costs.reshape(len(window.angles), -1, lattice.width)
     assert (planes[:, lattice.offsets :] >= likelihood.NOWHERE).all()
     assert (planes[:, :, lattice.offsets :] >= likelihood.NOWHERE).all()
@@ -167,7 +167,7 @@ def test_posterior_is_that_of_the_exact_likelihood_but_for_the_steps_of_cost():
     mode = oracles.scan.central_mode(losses * TEMPERATURE, -math.log(scan.CONNECTED))
     expected = oracles.scan.moments(losses * TEMPERATURE, mode)
     result = run(levels, 0.05, window, [row], [col], ends[None])
-    for name, value in zip(scan.Posteriors._fields, expected, strict=True):
+    for name, value in zip(scan.LatticePosteriors._fields, expected, strict=True):
         np.testing.assert_allclose(getattr(result, name)[0, 0], value, rtol=0.01, atol=0.01)
 
 
@@ -183,7 +183,7 @@ def test_moments_equal_the_plain_loops(temperature, headings, half_steps):
     weights = likelihood.make_weights(nats, 8_190_000)
     mode = np.zeros(costs.size // 64 + 1, np.uint64)
     mean, covariance = np.empty(3), np.empty((3, 3))
-    entropy, outside = scan.moments(lattice, weights, costs, mode, mean, covariance)
+    entropy, outside = scan.compute_moments(lattice, weights, costs, mode, mean, covariance)
     expected = oracles.scan.moments(values * nats, np.zeros(values.shape, bool))
     np.testing.assert_allclose(mean, expected[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(covariance, expected[1], rtol=1e-9, atol=1e-9)

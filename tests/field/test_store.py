@@ -136,9 +136,9 @@ def edited(grid: OccupancyGrid) -> OccupancyGrid:
 
 def test_a_field_is_computed_once(grid, tmp_path, computed):
     first = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
-    assert sum(computed) == first.evaluated.sum()
+    assert sum(computed) == first.is_evaluated.sum()
     second = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
-    assert sum(computed) == first.evaluated.sum()
+    assert sum(computed) == first.is_evaluated.sum()
     np.testing.assert_array_equal(first.covariance, second.covariance)
     np.testing.assert_array_equal(first.covariance, covariance_field(grid, QUICK_FIELD).covariance)
 
@@ -242,8 +242,8 @@ def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of
     done = sum(computed)
     computed.clear()
     field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
-    assert 0 < sum(computed) <= field.evaluated.sum() * (1 - entry.finished_share)
-    assert done + sum(computed) < 1.6 * field.evaluated.sum()
+    assert 0 < sum(computed) <= field.is_evaluated.sum() * (1 - entry.finished_share)
+    assert done + sum(computed) < 1.6 * field.is_evaluated.sum()
     assert equals_computed(field)
     assert [entry.path for entry in cache_entries(tmp_path)] == [
         field_path(grid, QUICK_FIELD, tmp_path)
@@ -252,7 +252,7 @@ def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of
 
 def test_quick_field_writes_no_parts(grid, tmp_path, monkeypatch):
     monkeypatch.setattr("locplan.field.store.make_folder", None)
-    assert load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path).evaluated.any()
+    assert load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path).is_evaluated.any()
 
 
 def test_damaged_part_is_computed_again(grid, tmp_path, computed, parts_of_tiles):
@@ -262,7 +262,7 @@ def test_damaged_part_is_computed_again(grid, tmp_path, computed, parts_of_tiles
         part.write_bytes(part.read_bytes()[:-30])
     computed.clear()
     field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
-    assert sum(computed) == field.evaluated.sum()
+    assert sum(computed) == field.is_evaluated.sum()
     assert equals_computed(field)
 
 
@@ -321,7 +321,7 @@ def test_a_cache_that_cannot_be_written_is_a_warning_not_an_error(grid, tmp_path
     (tmp_path / "file").write_text("in the way")
     with pytest.warns(CacheWarning, match="not cached"):
         field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path / "file" / "cache")
-    assert field.evaluated.any()
+    assert field.is_evaluated.any()
 
 
 def test_full_disk_is_a_warning_and_parts_count(
@@ -343,7 +343,7 @@ def test_full_disk_is_a_warning_and_parts_count(
     monkeypatch.setattr(files, "write_points", write)
     computed.clear()
     again = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
-    assert 0 < sum(computed) < field.evaluated.sum()
+    assert 0 < sum(computed) < field.is_evaluated.sum()
     np.testing.assert_array_equal(again.covariance, field.covariance)
 
 
@@ -370,7 +370,7 @@ def test_an_edited_map_is_computed_only_where_the_change_is_felt(grid, tmp_path,
     after = edited(grid)
     computed.clear()
     field = load_or_compute(after, QUICK_FIELD, cache_dir=tmp_path)
-    assert 0 < sum(computed) < field.evaluated.sum() / 4
+    assert 0 < sum(computed) < field.is_evaluated.sum() / 4
     assert equals_computed(field)
     computed.clear()
     field_path(grid, QUICK_FIELD, tmp_path).unlink()  # nothing is borrowed
@@ -395,9 +395,9 @@ def test_what_was_read_was_used(grid, tmp_path):
 
 def test_map_without_free_cells_is_cached(tmp_path, monkeypatch):
     nothing = OccupancyGrid(np.zeros((5, 5), np.uint8), 0.1)
-    assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).evaluated.any()
+    assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).is_evaluated.any()
     monkeypatch.setattr("locplan.field.store.finished_chunks", None)
-    assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).evaluated.any()
+    assert not load_or_compute(nothing, QUICK_FIELD, cache_dir=tmp_path).is_evaluated.any()
 
 
 def test_field_of_earlier_version_is_not_read(grid, tmp_path, computed):

@@ -71,7 +71,7 @@ def route(grid: OccupancyGrid, *, blocked: tuple[float, float, float, float] | N
     if blocked:
         (r0, c0), (r1, c1) = grid.cell(blocked[:2]), grid.cell(blocked[2:])
         cost[r0:r1, c0:c1] = -1
-    places = environments.landmarks(grid.name)
+    places = environments.place_positions(grid.name)
     lengths, _ = MCP_Geometric(cost).find_costs([grid.cell(places["start"])])
     return float(lengths[grid.cell(places["goal"])]) * grid.resolution
 
@@ -120,7 +120,7 @@ class TestEveryEnvironment:
     def test_a_robot_reaches_every_landmark(self, name: str, resolution: float) -> None:
         grid = make(name, resolution=resolution)
         rooms, _ = ndimage.label(grid.free & (grid.clearance >= ROBOT_RADIUS))
-        found = {rooms[grid.cell(at)] for at in environments.landmarks(name).values()}
+        found = {rooms[grid.cell(at)] for at in environments.place_positions(name).values()}
         assert len(found) == 1
         assert found != {0}
 
@@ -143,13 +143,13 @@ def test_the_maps_that_are_checked_in_are_those_that_are_generated(name: str) ->
 def test_large_plans_span_forty_metres(name: str) -> None:
     grid = make(name)
     assert grid.shape[1] * grid.resolution >= 40
-    places = environments.landmarks(name)
+    places = environments.place_positions(name)
     assert math.dist(places["start"], places["goal"]) >= 35
 
 
 class TestPlaces:
     grid = make("places")
-    at = environments.landmarks("places")
+    at = environments.place_positions("places")
 
     def test_corridor_b_shows_no_end_within_range_and_window(self) -> None:
         x, y = self.at["B"]
@@ -184,7 +184,7 @@ class TestPlaces:
 
 class TestHall:
     grid = make("hall")
-    at = environments.landmarks("hall")
+    at = environments.place_positions("hall")
 
     def test_middle_is_far_from_every_wall(self) -> None:
         assert self.grid.clearance[self.grid.cell(self.at["E"])] > 12
@@ -207,7 +207,7 @@ class TestHall:
 
 class TestTwoCorridors:
     grid = make("two_corridors")
-    at = environments.landmarks("two_corridors")
+    at = environments.place_positions("two_corridors")
 
     def test_start_and_goal_lie_in_the_rooms_at_the_ends(self) -> None:
         assert self.at["start"] == (2, 3)
@@ -301,7 +301,7 @@ class TestBoundaryNoise:
 
 
 class TestErrors:
-    @pytest.mark.parametrize("call", [environments.make, environments.landmarks])
+    @pytest.mark.parametrize("call", [environments.make, environments.place_positions])
     def test_unknown_name_lists_the_choices(self, call: object) -> None:
         assert callable(call)
         with pytest.raises(ConfigError, match=", ".join(NAMES)) as caught:
@@ -326,8 +326,8 @@ class TestErrors:
 
 
 def test_landmarks_are_the_callers_to_change() -> None:
-    environments.landmarks("hall").clear()
-    assert environments.landmarks("hall")
+    environments.place_positions("hall").clear()
+    assert environments.place_positions("hall")
 
 
 def test_load_map_draws_built_in_map(tmp_path, monkeypatch):

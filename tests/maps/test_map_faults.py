@@ -87,9 +87,9 @@ def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
     monkeypatch.setattr("locplan.maps.map_faults.solidity", lambda _: Solidity(wins, hollow, depth))
     found = faults(blocks())
     assert [each.kind for each in found] == [kind] * (kind is not None)
-    assert found.mended == (hollowed(blocks()) if kind == "solid walls" else blocks())
+    assert found.repaired_map == (hollowed(blocks()) if kind == "solid walls" else blocks())
     deep = replace(found, found=(*found, MapFault("deep walls", "")))
-    assert deep.mended == blocks()  # the truth lies inside
+    assert deep.repaired_map == blocks()  # the truth lies inside
 
 
 @pytest.mark.parametrize(("cells", "depth"), [(5, 0.0), (6, 1.0)])
@@ -172,7 +172,7 @@ def test_cells_are_looked_at_as_the_file_is_meant(tmp_path):
     found = faults(grid, source)
     assert [each.kind for each in found] == ["thresholds"]
     assert [each.kind for each in faults(grid)] == ["specks"]
-    assert np.array_equal(found.mended.cells[::-1] == FREE, pixels == 254)
+    assert np.array_equal(found.repaired_map.cells[::-1] == FREE, pixels == 254)
     assert found.summary()["map"]["digest"] == grid.digest
 
 

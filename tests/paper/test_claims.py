@@ -22,7 +22,7 @@ from locplan.paper.claims import (
     mismatch_at,
     one_dimensional,
     share_smaller_with_range,
-    shares_of_claims,
+    compute_claim_shares,
 )
 from locplan.paper.template_matching import MODELS
 
@@ -146,7 +146,7 @@ def test_all_models_change_course_once_more_beyond_the_wall(slides, model, where
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.2])
 def test_the_papers_claims(preset, reach, noise):
     maps = maps_of_places(boundary_noise=noise, seed=1)
-    shares = shares_of_claims(maps, PRESETS[preset](range=reach))
+    shares = compute_claim_shares(maps, PRESETS[preset](range=reach))
     lost = {claim for claim, share in shares.items() if share < 1}
     expected = set()
     if preset == "default" and reach == 8.0:  # the disc sees beyond room C
@@ -170,7 +170,7 @@ def test_a_larger_template_gives_no_greater_e(preset):
 def test_claims_can_fail():
     maps = maps_of_places(resolution=0.1)
     everywhere = dict.fromkeys(maps, maps["hall"])  # the places of another map: walls and floor
-    assert min(shares_of_claims(everywhere, Sad(), around=0).values()) == 0
+    assert min(compute_claim_shares(everywhere, Sad(), around=0).values()) == 0
 
 
 def test_mismatch_at_a_place_is_least_where_it_is():

@@ -21,7 +21,7 @@ from locplan.paper.template_matching import (
     mismatch,
     sad_distribution,
     similarities,
-    slid_along_x,
+    slide_along_x,
 )
 
 
@@ -113,7 +113,7 @@ def test_models_equal_opencvs(model):
     cells = random_rooms((24, 60), seed=5, blocks=40)
     template = cells[:, 21:39]
     expected = cv2.matchTemplate(cells, template, OPENCV[model])
-    found = slid_along_x(template, cells)[model]
+    found = slide_along_x(template, cells)[model]
     scale = abs(expected).max()
     np.testing.assert_allclose(found, expected[0], rtol=1e-5, atol=1e-5 * scale)
 
@@ -134,7 +134,7 @@ def test_templates_that_do_not_fit_are_refused():
     with pytest.raises(LocplanError, match="one shape"):
         similarities(np.zeros((0, 3)), np.zeros((0, 3)))
     with pytest.raises(LocplanError, match="cannot slide"):
-        slid_along_x(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
+        slide_along_x(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
 
 
 def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other():

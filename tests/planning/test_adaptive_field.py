@@ -11,10 +11,10 @@ from support.maps import random_rooms
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Fisher, covariance_field, load_or_compute
 from locplan.field.cache import cache_entries, cache_table
-from locplan.field.lattice import every_second_point, filled, points_near
+from locplan.field.lattice import select_second_points, fill_lacking, find_near_points
 from locplan.maps import OccupancyGrid, environments, save_map
 from locplan.planning import Costmap, path_metrics, plan
-from locplan.planning.plans import planned_near_paths
+from locplan.planning.plans import plan_with_adaptive_field
 from locplan.robots import Lidar
 
 CONFIG = FieldConfig(Fisher(Lidar(range=3.0, beams=90, field_of_view_deg=270.0)), headings=4)
@@ -33,7 +33,7 @@ def whole(grid) -> CovarianceField:
 
 @pytest.fixture(scope="module")
 def coarse(grid, whole) -> CovarianceField:
-    return covariance_field(grid, CONFIG, points=every_second_point(whole.evaluated))
+    return covariance_field(grid, CONFIG, points=select_second_points(whole.evaluated))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -41,7 +41,7 @@ def coarse(grid, whole) -> CovarianceField:
 def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
     grid = OccupancyGrid(random_rooms((61, 50), seed=seed), 0.1)
     needed = FieldConfig(stride=stride * 0.1).lattice_points(grid)
-    chosen = every_second_point(needed)
+    chosen = select_second_points(needed)
     assert not (chosen & ~needed).any()
     rows, cols = np.nonzero(needed & ~chosen)
     around = np.pad(chosen, 1)
@@ -50,7 +50,7 @@ def test_every_point_is_chosen_or_has_a_chosen_one_around(seed, stride):
 
 
 def test_open_space_takes_a_quarter_of_the_points():
-    assert every_second_point(np.ones((40, 60), bool)).sum() == 600
+    assert select_second_points(np.ones((40, 60), bool)).sum() == 600
 
 
 def test_lacking_points_are_read_bilinearly():
@@ -58,7 +58,7 @@ def test_lacking_points_are_read_bilinearly():
     plane = 3 * row - 2 * col + 0.5 * row * col
     known = np.zeros(plane.shape, bool)
     known[::2, ::2] = True
-    read = filled(np.where(known, plane, np.nan), known, ~known)
+    read = fill_lacking(np.where(known, plane, np.nan), known, ~known)
     np.testing.assert_allclose(read, plane, atol=1e-12)
 
 
@@ -67,11 +67,11 @@ def test_points_near_a_cell_are_those_within_the_distance():
     cells = np.array([[12.0, 30.0], [70.0, 100.0]])
     rows, cols = 3 * np.mgrid[:30, :40]
     away = np.min([np.hypot(rows - r, cols - c) for r, c in np.rint(cells / 3) * 3], axis=0)
-    np.testing.assert_array_equal(points_near(points, 3, cells, 14.0), points & (away <= 14.0))
+    np.testing.assert_array_equal(find_near_points(points, 3, cells, 14.0), points & (away <= 14.0))
 
 
 def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, whole, coarse):
-    points = every_second_point(whole.evaluated)
+    points = select_second_points(whole.evaluated)
     np.testing.assert_array_equal(coarse.evaluated, points)
     np.testing.assert_array_equal(coarse.covariance[points], whole.covariance[points])
     np.testing.assert_array_equal(coarse.lacking, whole.evaluated & ~points)
@@ -111,13 +111,13 @@ def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, wh
     def planned(field):
         return plan(Costmap.from_field(grid, field), *ENDS)
 
-    field, found = planned_near_paths(grid, CONFIG, field_of, planned, lambda each: [each.path])
+    field, found = plan_with_adaptive_field(grid, CONFIG, field_of, planned, lambda each: [each.path])
     assert all((before <= after).all() for before, after in itertools.pairwise(asked))
     assert 2 <= len(asked) <= 4
-    assert field.evaluated.sum() < 0.8 * whole.evaluated.sum()
-    cells = np.stack(grid.world_to_grid(*found.path.resampled(0.1).xy.T), axis=1) - 0.5
-    beside = points_near(whole.evaluated, whole.stride, cells, 3.0)
-    assert not (beside & ~field.evaluated).any()
+    assert field.is_evaluated.sum() < 0.8 * whole.evaluated.sum()
+    cells = np.stack(grid.world_to_grid(*found.path.resample(0.1).xy.T), axis=1) - 0.5
+    beside = find_near_points(whole.evaluated, whole.stride, cells, 3.0)
+    assert not (beside & ~field.is_evaluated).any()
     costs = Costmap.from_field(grid, whole)
     best = plan(costs, *ENDS).metrics.cost
     assert path_metrics(costs, found.path).cost == pytest.approx(best, rel=0.01)
@@ -130,7 +130,7 @@ def test_without_a_path_the_first_field_is_the_last(grid, whole):
         fields.append(covariance_field(grid, CONFIG, points=points))
         return fields[-1]
 
-    field, _ = planned_near_paths(grid, CONFIG, field_of, lambda _: None, lambda _: [])
+    field, _ = plan_with_adaptive_field(grid, CONFIG, field_of, lambda _: None, lambda _: [])
     assert len(fields) == 1
     assert field is fields[0]
 
@@ -152,7 +152,7 @@ def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coar
     again = load_or_compute(grid, CONFIG, points=points, cache_dir=tmp_path)
     for found, expected in ((first, coarse), (again, coarse), (all_of_it, whole)):
         np.testing.assert_array_equal(found.covariance, expected.covariance)
-    np.testing.assert_array_equal(wider.evaluated, more)
+    np.testing.assert_array_equal(wider.is_evaluated, more)
 
 
 def test_cache_lists_finished_share_of_field(grid, whole, coarse, tmp_path):

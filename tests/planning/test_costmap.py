@@ -15,7 +15,7 @@ from locplan.field import CovarianceField, FieldConfig, Fisher, Sad, SearchWindo
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones
 from locplan.planning import Costmap, Path, path_cost, path_metrics
 from locplan.planning.layers import HeadingLayers
-from locplan.planning.metrics import profile
+from locplan.planning.metrics import compute_profile
 from locplan.robots import Lidar
 
 
@@ -35,7 +35,7 @@ def random_lines(count: int, size: int):
 
 def test_cells_along_equal_the_plain_loops():
     for line in random_lines(300, 20):
-        rows, cols, lengths = rays.cells_along(line.reshape(2, 2))
+        rows, cols, lengths = rays.find_crossed_cells(line.reshape(2, 2))
         expected = [
             cell for cell in oracles.lines.cells_along(line.reshape(2, 2)) if cell[2] > 1e-7
         ]
@@ -49,7 +49,7 @@ def test_the_integral_does_not_depend_on_the_direction():
     for line in random_lines(100, 19.9):
         ends = line.reshape(2, 2)
         if not (ends == np.floor(ends)).any():
-            forth, back = (rays.cells_along(each) for each in (ends, ends[::-1].copy()))
+            forth, back = (rays.find_crossed_cells(each) for each in (ends, ends[::-1].copy()))
             totals = [(density[row, col] * length).sum() for row, col, length in (forth, back)]
             assert totals[0] == pytest.approx(totals[1])
             expected = oracles.lines.line_integral(density, *line)
@@ -119,7 +119,7 @@ def test_the_profile_covers_the_whole_path():
     grid = OccupancyGrid(np.full((1, 4), FREE), 1.0)
     costs = Costmap.blank(grid, robot=0.0)
     layer = np.array([[1.0, 2.0, 3.0, 4.0]])
-    distance, values = profile(costs, Path(np.array([[0.5, 0.5], [2.25, 0.5]])), layer)
+    distance, values = compute_profile(costs, Path(np.array([[0.5, 0.5], [2.25, 0.5]])), layer)
     assert distance.tolist() == [0.0, 0.5, 1.5, 1.75]
     assert values.tolist() == [1.0, 2.0, 3.0]
 
@@ -210,19 +210,19 @@ def test_bad_layers_are_refused(layers, message):
 def test_impossible_positions_are_refused_with_the_nearest_possible(xy, message):
     costs = Costmap.from_density(ascii_map("# ..", "...."), np.ones((2, 4)))
     with pytest.raises(PoseError, match=message):
-        costs.cell_of(xy, "start")
+        costs.find_cell(xy, "start")
 
 
 def test_a_position_within_the_robots_radius_of_a_wall_is_refused():
     costs = Costmap.from_density(ascii_map("#....", "....."), np.ones((2, 5)), robot=1.2)
     with pytest.raises(PoseError, match=r"0\.50 m from a wall, closer than the robot's radius"):
-        costs.cell_of((1.5, 1.5), "goal")
+        costs.find_cell((1.5, 1.5), "goal")
 
 
 def test_a_map_without_room_says_so():
     costs = Costmap.from_density(ascii_map("##", "##"), np.ones((2, 2)))
     with pytest.raises(PoseError, match="no cell of the map is free"):
-        costs.cell_of((0.5, 0.5))
+        costs.find_cell((0.5, 0.5))
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
@@ -262,7 +262,7 @@ def test_density_is_infinite_in_no_go_zones(field):
         assert path_cost(costs, [[1.5, 0.5], [1.5, -0.5]]) == np.inf
         assert np.isfinite(path_cost(costs, [[1.5, 0.5], [-1.5, 0.5]]))
         with pytest.raises(PoseError, match=r"start 1.5,-0.5 lies in a no-go zone; the nearest"):
-            costs.cell_of((1.5, -0.5), "start")
+            costs.find_cell((1.5, -0.5), "start")
 
 
 def test_shortest_path_needs_no_preferred_zone(field):
@@ -429,7 +429,7 @@ def test_a_larger_radius_blocks_more_and_is_remembered():
     assert widened.robot_radius == wide.robot_radius == 2.2
     np.testing.assert_array_equal(widened.density, wide.density)
     with pytest.raises(PoseError, match=r"closer than the robot's radius of 2\.2 m"):
-        widened.cell_of((1.5, 1.5))
+        widened.find_cell((1.5, 1.5))
     with pytest.raises(ConfigError, match="cannot serve"):
         widened.with_robot(1.0)
 
@@ -514,7 +514,7 @@ def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
     settings = {"weight": 3.0, "robot": robot_radius, "law": law, "zones": zones}
     costs = Costmap.from_field(field.grid, field, **settings)
     for each in after:
-        updated, new = costs.updated(each), Costmap.from_field(each.grid, each, **settings)
+        updated, new = costs.update(each), Costmap.from_field(each.grid, each, **settings)
         for name in ("density", "u", "e"):
             np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
             assert not getattr(updated, name).flags.writeable
@@ -528,7 +528,7 @@ def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
     coarse = covariance_field(field.grid, field.config, points=some)
     for before, after in ((coarse, field), (field, coarse), (coarse, inside)):
         zones = Zones([Zone("no-go", box(5, 5, 7, 8)), Zone("prefer", box(2, 2, 20, 6.5))])
-        updated = Costmap.from_field(before.grid, before, zones=zones).updated(after)
+        updated = Costmap.from_field(before.grid, before, zones=zones).update(after)
         new = Costmap.from_field(after.grid, after, zones=zones)
         for name in ("density", "u", "e"):
             np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
@@ -545,8 +545,8 @@ def test_an_update_reads_a_window_only(edited, monkeypatch):
         return from_field(grid, *arguments, **options)
 
     monkeypatch.setattr(Costmap, "from_field", counted)
-    costs.updated(inside)
-    costs.updated(same)
+    costs.update(inside)
+    costs.update(same)
     assert len(sizes) == 1
     assert sizes[0] < 0.5 * field.grid.cells.size
 
@@ -555,10 +555,10 @@ def test_a_costmap_is_updated_by_a_field_of_its_own_kind(edited):
     field, _ = edited
     costs = Costmap.from_field(field.grid, field)
     with pytest.raises(ConfigError, match="own config only"):
-        Costmap.blank(field.grid).updated(field)
+        Costmap.blank(field.grid).update(field)
     with pytest.raises(ConfigError, match="field must be"):
-        costs.updated(field.covariance)
+        costs.update(field.covariance)
     other = OccupancyGrid(field.grid.cells, 0.1, (1.0, 0.0, 0.0))
-    moved = CovarianceField.of(field.values, other, field.config)
+    moved = CovarianceField.from_values(field.values, other, field.config)
     with pytest.raises(FieldError, match="another origin"):
-        costs.updated(moved)
+        costs.update(moved)

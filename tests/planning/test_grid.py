@@ -38,11 +38,11 @@ def corners(costs: Costmap):
     return (0.5, 0.5), (columns - 0.5, rows - 0.5)
 
 
-def searched(costs: Costmap, cutting: bool, *, guided=False, goal=True) -> search.Searched:
+def searched(costs: Costmap, cutting: bool, *, guided=False, goal=True) -> search.SearchResult:
     """A search from the first cell, to the last one if there shall be a goal."""
     half, columns = search.bordered_half(costs.density, 1), costs.grid.shape[1] + 2
     ends = columns + 1, half.size - columns - 2 if goal else -1
-    return search.search(*(half, columns, *ends, cutting), search.scale_of(half), guided=guided)
+    return search.search_grid(*(half, columns, *ends, cutting), search.measure_costs(half), guided=guided)
 
 
 def costs_from_corner(costs: Costmap, cutting: bool) -> np.ndarray:
@@ -81,15 +81,15 @@ def test_of_equal_paths_all_searches_take_the_same():
         density[rng.random(density.shape) < rng.uniform(0, 0.4)] = np.inf
         cells = rng.integers(20, size=(2, 2))
         density[tuple(cells.T)] = 1.0
-        half, scale = search.bordered_half(density, 1), search.Scale(1.0, 2.0, 1.5)
+        half, scale = search.bordered_half(density, 1), search.CostScale(1.0, 2.0, 1.5)
         source, goal = ((cells + 1) @ (22, 1)).tolist()
         found = [
-            search.search(half, 22, source, goal, False, scale, guided=guided)
+            search.search_grid(half, 22, source, goal, False, scale, guided=guided)
             for guided in (False, True)
         ]
         if np.isfinite(found[0].cost[goal]):
             solved += 1
-            paths = [ways.trace(half, 22, one.cost, goal, False) for one in found]
+            paths = [ways.trace_path(half, 22, one.cost, goal, False) for one in found]
             np.testing.assert_array_equal(*paths)
     assert solved > 1200
 
@@ -129,10 +129,10 @@ def test_scenarios_have_their_optimal_lengths(guided):
     for path in find_scenario_files()[::2]:
         density = read_map(find_map_file(path))
         half, columns = search.bordered_half(density, 1), density.shape[1] + 2
-        scale = search.scale_of(half)
+        scale = search.measure_costs(half)
         for start, goal, optimal in read_scenarios(path):
             source, target = ((row + 1) * columns + col + 1 for row, col in (start, goal))
-            found = search.search(half, columns, source, target, False, scale, guided=guided)
+            found = search.search_grid(half, columns, source, target, False, scale, guided=guided)
             assert abs(found.cost[target]) == pytest.approx(optimal, abs=0.005), path.name
 
 
@@ -191,9 +191,9 @@ def test_a_wall_that_costs_much_is_crossed(costly):
 def test_a_search_without_time_is_unfinished(monkeypatch):
     monkeypatch.setattr(search, "STRETCH", 10)
     half = search.bordered_half(np.ones((30, 30)), 1)
-    arguments = half, 32, 33, -1, False, search.scale_of(half)
-    assert search.search(*arguments).finished
-    short = search.search(*arguments, until=0.0)
+    arguments = half, 32, 33, -1, False, search.measure_costs(half)
+    assert search.search_grid(*arguments).finished
+    short = search.search_grid(*arguments, until=0.0)
     assert not short.finished
     assert short.expanded < 900
 

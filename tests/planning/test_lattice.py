@@ -15,7 +15,7 @@ from support.cases import sample_cases
 from support.maps import ascii_map
 
 from locplan import load_map
-from locplan._support.kernels.outlines import first_hit, sums_of, swept
+from locplan._support.kernels.outlines import first_hit, sum_rows, find_swept_cells
 from locplan._support.kernels.rays import segment_cost
 from locplan._support.kernels.search import bordered_half
 from locplan.errors import ConfigError
@@ -26,11 +26,11 @@ from locplan.planning.kernels.curves import DUBINS, REEDS_SHEPP
 from locplan.planning.lattice import Lattice
 from locplan.planning.lattice_search import (
     LatticeSearch,
-    Prices,
-    angles_of,
+    MotionPrices,
+    compute_heading_angles,
     centre_cells,
     outline_masks,
-    primitives,
+    make_primitives,
 )
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.smoothing import smoothed
@@ -60,7 +60,7 @@ def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
     radius = kinematics.turning_radius / grid.resolution
     half = bordered_half(costs.density, 1)
     edges = defaultdict(list)
-    found = primitives(planner.headings, radius, kinematics is SIDEWAYS, planner.span)
+    found = make_primitives(planner.headings, radius, kinematics is SIDEWAYS, planner.span)
     for each, row, col in itertools.product(found, *map(range, grid.shape)):
         local = np.array(each.poses) + np.array([col + 0.5, row + 0.5, 0.0])
         at = local[:, :2] + 1
@@ -153,10 +153,10 @@ def test_the_bound_is_below_the_cost_everywhere(kinematics):
     goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
     ends = [(*goal, h, g) for h in range(16) for g in (0, 1)]
     reached = oracles.search.costs_between_states(backward, ends)
-    prices = Prices(planner.reverse, planner.gear_change, planner.turn_cost)
+    prices = MotionPrices(planner.reverse, planner.gear_change, planner.turn_cost)
     search = LatticeSearch(costs, planner.headings, planner.span, prices)
     target = goal[0] * costs.grid.shape[1] + goal[1]
-    bound = search.bound_to([target], -1).reshape(costs.grid.shape) * costs.grid.resolution
+    bound = search.compute_bounds([target], -1).reshape(costs.grid.shape) * costs.grid.resolution
     of_cell = np.full(costs.grid.shape, np.inf)
     for (row, col, *_), cost in reached.items():
         of_cell[row, col] = min(of_cell[row, col], cost)
@@ -171,11 +171,11 @@ def test_swept_cells_are_those_of_plain_loops():
         outline = Footprint(rng.normal(size=(3, 2)) / 2 + np.array([(3, 0), (-2, 2), (-2, -2)]))
         poses = rng.uniform(-1, 1, (3, 3))
         reach = 6
-        met = swept(outline.vertices, poses, reach)
+        met = find_swept_cells(outline.vertices, poses, reach)
         assert np.array_equal(met, oracles.outlines.swept(outline.vertices, poses, reach))
         occupied = rng.random((20, 22)) < 0.01
         poses[:, :2] += 9
-        hit = first_hit(sums_of(occupied), outline.vertices, poses)
+        hit = first_hit(sum_rows(occupied), outline.vertices, poses)
         assert hit == oracles.outlines.first_hit(occupied, outline.vertices, poses)
 
 
@@ -198,8 +198,8 @@ def test_a_collision_does_not_depend_on_how_dense_the_poses_are():
 @pytest.mark.parametrize(("headings", "span"), [(8, 1), (16, 1), (16, 2), (32, 3)])
 @pytest.mark.parametrize("radius", [0.0, 3.3, 8.0])
 def test_turns_keep_the_radius_and_end_on_centres_in_their_heading(headings, span, radius):
-    angles, counts = angles_of(headings), defaultdict(int)
-    for each in primitives(headings, radius, False, span):
+    angles, counts = compute_heading_angles(headings), defaultdict(int)
+    for each in make_primitives(headings, radius, False, span):
         poses = np.array(each.poses)
         assert np.allclose(poses[-1, :2], np.round(poses[-1, :2]), atol=1e-9)
         assert math.remainder(poses[-1, 2] - angles[each.target], 2 * math.pi) == pytest.approx(0)
@@ -301,7 +301,7 @@ def test_a_robot_that_cannot_stand_across_at_the_goal_does_so_beside_it(half, to
 
 def test_masks_are_kept_for_the_next_query_and_stay_as_they_are():
     costs, planner = cluttered(0, CAR), Lattice()
-    found = primitives(16, CAR.turning_radius / costs.grid.resolution, False)
+    found = make_primitives(16, CAR.turning_radius / costs.grid.resolution, False)
     masks = outline_masks(costs.grid, LONG, found)
     before = masks.copy()
     cells = np.argwhere(np.isfinite(costs.density))[[0, -1]].tolist()
@@ -418,7 +418,7 @@ def test_a_turning_radius_beyond_the_map_leaves_only_the_way_ahead():
     assert across.status == "infeasible"
 
 
-PRICES = Prices(reverse=1.6, gear_change=0.15, turn=0.2)
+PRICES = MotionPrices(reverse=1.6, gear_change=0.15, turn=0.2)
 
 
 def packed(plane):
@@ -432,7 +432,7 @@ def unpacked(words):
 def test_widened_bits_are_those_of_plain_loops():
     plane = np.random.default_rng(0).random((3, 192)) < 0.02
     plane[1, 63:66] = plane[2, 191] = True
-    wide = bit_masks.widened(packed(plane))
+    wide = bit_masks.widen_bits(packed(plane))
     for level in range(7):
         assert np.array_equal(unpacked(wide[level]), oracles.lattice.widened(plane, level))
 
@@ -446,7 +446,7 @@ def test_masks_of_runs_are_those_of_plain_loops(count):
     ends = rng.integers(-20, 20, 6), rng.integers(1, count + 1, 6)
     runs = np.column_stack([rng.integers(-3, 4, 6), *ends])
     masks = np.zeros((2, shape[0], 2, 3), np.uint64)
-    bit_masks.add_runs(masks, bit_masks.widened(packed(plane)), runs, np.array([1, 2]), margin)
+    bit_masks.add_runs(masks, bit_masks.widen_bits(packed(plane)), runs, np.array([1, 2]), margin)
     expected = oracles.lattice.add_runs(plane[:, : shape[1] + 2 * margin], runs, shape)
     assert np.array_equal(unpacked(masks[1, :, :, 2].copy())[:, : shape[1]], expected)
     assert masks.sum(axis=(1, 2)).nonzero()[1].tolist() == [2]
@@ -458,14 +458,14 @@ def test_a_mask_is_set_just_where_the_outline_or_the_centre_meets_something(kine
     ground = LatticeSearch(costs, 16, 1, PRICES).graph.ground
     rows, columns = costs.grid.shape
     radius = kinematics.turning_radius / costs.grid.resolution
-    found = primitives(16, radius, kinematics is SIDEWAYS)
+    found = make_primitives(16, radius, kinematics is SIDEWAYS)
     margin, slots = 20, np.zeros(16, int)
     walls = np.pad(costs.grid.cells == OCCUPIED, margin)
     shut = np.pad(np.isinf(costs.density), margin, constant_values=True)
     for each in found[:: max(1, len(found) // 16)]:
         slots[each.source] = found.index(each) - [p.source for p in found].index(each.source)
         poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
-        body = np.argwhere(swept(LONG.vertices / costs.grid.resolution, poses, 15)) - 15
+        body = np.argwhere(find_swept_cells(LONG.vertices / costs.grid.resolution, poses, 15)) - 15
         centre = centre_cells(each)
         bits = unpacked(ground.masks[each.source, :, :, slots[each.source]].copy())
         for row, col in itertools.product(range(rows), range(columns)):
@@ -484,7 +484,7 @@ def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways
     costs = dataclasses.replace(costs, robot=dataclasses.replace(costs.robot, footprint=outline))
     search = LatticeSearch(costs, 16, 1, PRICES)
     goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
-    bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
+    bound = search.compute_bounds([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
     expected = oracles.lattice.project(search.graph, goal)
     assert np.isfinite(bound).sum() == len(expected) > 30
     assert all(bound[cell] == pytest.approx(cost, rel=1e-5) for cell, cost in expected.items())
@@ -498,7 +498,7 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     graph = search.graph
     cells = np.random.default_rng(1).permutation(np.argwhere(np.isfinite(costs.density)))[:2]
     start, goal = map(tuple, cells.tolist())
-    bound = search.bound_to([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
+    bound = search.compute_bounds([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
     projected = np.full(costs.grid.shape, np.inf)
     for cell, cost in oracles.lattice.project(graph, goal).items():
         projected[cell] = cost
@@ -508,7 +508,7 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     terms = graph.terms._replace(cap=cap, goal_headings=(1 << headings) - 1)
     flat, whole = bound.ravel(), graph._replace(terms=terms)
     at = costs.grid.position(*start)
-    cost, last, _ = search.costs_from(at, flat, whole)
+    cost, last, _ = search.explore_costs(at, flat, whole)
     gears = range(terms.gears)
     starts = [(*start, h, g) for h in range(headings) for g in gears]
     reached = oracles.lattice.explore(graph, starts)
@@ -522,13 +522,13 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
         assert -cost[n] - 1 == pytest.approx(reached[state], rel=1e-5, abs=1e-5)
     if last >= 0:
         assert abs(cost[last]) - 1 == pytest.approx(least, rel=1e-5)
-        moves = lattice.traced(whole, cost, last)
+        moves = lattice.trace_motions(whole, cost, last)
         cell = moves[0] // (headings * terms.gears)
         assert cell == start[0] * costs.grid.shape[1] + start[1]
 
 
 def made_drive(kind, turn, sideways=False):
-    return smoothing.Drive(kind, 1e-4 if turn else 2.5, sideways, 1.7, 0.8, turn)
+    return smoothing.MotionModel(kind, 1e-4 if turn else 2.5, sideways, 1.7, 0.8, turn)
 
 
 def ground_and_poses(seed, kind, blocked=0.02):
@@ -539,7 +539,7 @@ def ground_and_poses(seed, kind, blocked=0.02):
     half = bordered_half(density, 1)
     poses = np.column_stack([rng.uniform(6, 20, (8, 2)), rng.uniform(-3, 3, 8)])
     free = [math.isfinite(density[int(y) - 1, int(x) - 1]) for x, y, _ in poses]
-    ground = motions.Ground(half[None], 26, 0.0, True)
+    ground = motions.MotionGround(half[None], 26, 0.0, True)
     return ground, np.pad(density, 1, constant_values=np.inf), poses[free]
 
 
@@ -557,13 +557,13 @@ def test_costs_of_own_lines_and_of_curves_are_those_of_tiny_steps(kind, turn):
         away = length * (np.arange(len(to)) % 5 != 0)
         to[:, :2] += away[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
         for pair in np.stack([poses, to], axis=1):
-            own = smoothing.own_costs(ground, drive, pair)
+            own = smoothing.compute_step_costs(ground, drive, pair)
             expected = oracles.curves.own_costs(density, drive, pair)
             assert own == pytest.approx(expected, rel=5e-3)
         ground = ground._replace(corner_cutting=False)
         for start, end in itertools.pairwise(map(tuple, poses.tolist())):
             cost = smoothing.curve_cost(ground, drive, start, end)
-            word = motions.word_of(kind, drive.radius, start, end)
+            word = motions.find_shortest_word(kind, drive.radius, start, end)
             expected = oracles.curves.curve_cost(density, drive, *word, start)
             if math.isfinite(cost):  # the kernel also refuses what touches a corner
                 assert cost == pytest.approx(expected, rel=5e-3)
@@ -579,16 +579,16 @@ def test_the_straightest_chain_and_shifted_knots_are_those_of_plain_loops(kind):
         ground, _, knots = ground_and_poses(seed, kind, blocked=0.0)
         ground, drive = ground._replace(corner_cutting=False), made_drive(kind, 0.0)
         walls = np.random.default_rng(seed).random((24, 24)) < 0.01
-        body = smoothing.Body(sums_of(walls), LONG.vertices * 5)
+        body = smoothing.CollisionMap(sum_rows(walls), LONG.vertices * 5)
         own = np.full(len(knots) - 1, 90.0)
 
         def cost_of(start, end, drive=drive, body=body, ground=ground):
-            if not smoothing.is_clear(drive, body, start, end):
+            if not smoothing.is_curve_clear(drive, body, start, end):
                 return math.inf
             return smoothing.curve_cost(ground, drive, start, end)
 
         posed = [tuple(knot) for knot in knots.tolist()]
-        chain = smoothing.straightest(ground, drive, body, knots, own, 3)
+        chain = smoothing.find_cheapest_chain(ground, drive, body, knots, own, 3)
         total, at = 0.0, len(knots) - 1
         while at > 0:
             before = chain[at] if chain[at] >= 0 else -2 - chain[at]
@@ -610,8 +610,8 @@ def test_a_curve_is_clear_where_no_pose_along_it_meets_a_wall():
     for _ in range(30):
         walls = rng.random((24, 24)) < 0.004
         start, end = ((*rng.uniform(5, 20, 2), rng.uniform(-3, 3)) for _ in range(2))
-        drive, body = made_drive(DUBINS, 0.0), smoothing.Body(sums_of(walls), LONG.vertices * 5)
-        clear = smoothing.is_clear(drive, body, start, end)
+        drive, body = made_drive(DUBINS, 0.0), smoothing.CollisionMap(sum_rows(walls), LONG.vertices * 5)
+        clear = smoothing.is_curve_clear(drive, body, start, end)
         poses = motions.motion_poses(DUBINS, drive.radius, start, end) - np.array([1, 1, 0])
         assert clear == (oracles.outlines.first_hit(walls, LONG.vertices * 5, poses) < 0)
         outcomes.add(clear)
@@ -633,7 +633,7 @@ def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
     """
     shape, robot = costs.grid.shape, costs.robot
     radius = robot.kinematics.turning_radius / costs.grid.resolution
-    found = primitives(16, radius, False)
+    found = make_primitives(16, radius, False)
     farthest = max(np.abs(np.array(each.poses)[:, :2]).max() for each in found)
     body = robot.outline.circumscribed_radius / costs.grid.resolution
     reach = math.ceil(farthest + body) + 2
@@ -644,7 +644,7 @@ def flooded(costs: Costmap, starts: list[tuple[int, int]]) -> list[np.ndarray]:
         corners = robot.outline.vertices / costs.grid.resolution
         poses = np.array(each.poses) + np.array([0.5, 0.5, 0.0])
         met = np.zeros(shape, bool)
-        for row, col in np.argwhere(swept(corners, poses, reach)):
+        for row, col in np.argwhere(find_swept_cells(corners, poses, reach)):
             met |= walls[row : row + shape[0], col : col + shape[1]]
         for row, col in centre_cells(each) + reach:
             met |= blocked[row : row + shape[0], col : col + shape[1]]

@@ -427,7 +427,7 @@ def test_real_maps_are_described(real_maps, names):
         info = describe_map(file)
         costs = Costmap.blank(info.grid)
         for place in info.places:
-            assert costs.cell_of((place.x, place.y))
+            assert costs.find_cell((place.x, place.y))
         assert info.report()
         said[file.parent.name] = " ".join(info.warnings)
     assert "lower free_thresh to 0.196" in said["nav2_depot"]

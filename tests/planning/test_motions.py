@@ -47,7 +47,7 @@ def test_curves_lead_to_their_ends_and_none_of_ompls_is_shorter(name, extent):
         turns, lengths = SHORTEST[name](*start, *end)
         reached = tuple(start)
         for turn, length in zip(turns, lengths, strict=True):
-            reached = curves.moved(*reached, turn, length, 1.0)
+            reached = curves.advance_pose(*reached, turn, length, 1.0)
         assert reached[:2] == pytest.approx(end[:2], abs=1e-9)
         assert math.remainder(reached[2] - end[2], 2 * math.pi) == pytest.approx(0, abs=1e-9)
         for one, pose in ((state, start), (other, end)):
@@ -101,10 +101,10 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         start, end = (tuple(rng.uniform([3, 3, -4], [37, 37, 4])) for _ in range(2))
         if math.isinf(density[int(start[1]), int(start[0])]):
             continue
-        turns, lengths = motions.word_of(kind, radius, start, end)
+        turns, lengths = motions.find_shortest_word(kind, radius, start, end)
         expected = oracles.curves.motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
-        cost = motions.motion_cost(motions.Ground(half, columns, 0.0, True), kind, radius, *shifted)
+        cost = motions.motion_cost(motions.MotionGround(half, columns, 0.0, True), kind, radius, *shifted)
         outcomes.add(math.isinf(cost))
         assert cost == pytest.approx(expected, rel=2e-3)
     assert False in outcomes
@@ -142,7 +142,7 @@ def test_straight_motions_cost_what_their_line_costs():
     poses = np.column_stack([x, y, np.zeros(60)])
     pairs = np.array(list(itertools.combinations(range(60), 2)))
     straight = Motions(costs)
-    found = straight.costs_between(poses, pairs)
+    found = straight.compute_motion_costs(poses, pairs)
     for (i, j), cost in zip(pairs, found, strict=True):
         expected = path_metrics(costs, straight.path(poses[[i, j]])).cost
         if straight.is_free(*poses[i, :2]):
@@ -222,8 +222,8 @@ def test_poses_must_fit_the_space():
     costs = random_costs(0)
     here = costs.grid.position(5, 5)
     with pytest.raises(PoseError, match="have a heading"):
-        Motions(costs).checked((*here, 0.0), "start")
+        Motions(costs).validate_pose((*here, 0.0), "start")
     for pose in (here, (*here, math.nan), (*here, "north"), (*here, 0.0, 1.0)):
         with pytest.raises(PoseError, match=r"x, y \[m\] and a heading"):
-            Motions(costs, "SE2").checked(pose, "goal")
-    assert Motions(costs, "SE2").checked([*here, 1], "goal") == (*here, 1.0)
+            Motions(costs, "SE2").validate_pose(pose, "goal")
+    assert Motions(costs, "SE2").validate_pose([*here, 1], "goal") == (*here, 1.0)

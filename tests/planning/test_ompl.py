@@ -24,15 +24,15 @@ from locplan.planning import Costmap, Found, Path, path_metrics, plan
 from locplan.planning.ompl.kinds import KINDS
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.ompl.roadmap import grow_roadmap
-from locplan.planning.ompl.settings import logged
+from locplan.planning.ompl.settings import log_messages
 from locplan.planning.ompl.setup import (
     ClearMotionValidator,
     CostObjective,
     problem_definition,
     space_information,
 )
-from locplan.planning.ompl.stopping import Limits
-from locplan.planning.registry import names
+from locplan.planning.ompl.stopping import SearchLimits
+from locplan.planning.registry import list_planner_names
 from locplan.robots import Kinematics, Robot
 
 ANYTIME = [name for name, kind in KINDS.items() if kind.anytime]
@@ -68,7 +68,7 @@ def in_a_process(code, *, seconds=600):
 
 
 def test_they_are_offered_by_their_names():
-    assert set(names()) == {"grid", "astar", "dijkstra", "any-angle", "lattice", *KINDS}
+    assert set(list_planner_names()) == {"grid", "astar", "dijkstra", "any-angle", "lattice", *KINDS}
     assert all(hasattr(geometric, name) for name in KINDS)
 
 
@@ -121,7 +121,7 @@ def test_the_objective_is_really_honoured(planner):
         for seed in range(1, 6):
             options = {"planner": planner, "seed": seed, "iterations": 6000}
             ours.append(plan(costs, start, goal, **options).metrics.cost)
-            shortest = plan(blank, start, goal, **options).measured_on(costs)
+            shortest = plan(blank, start, goal, **options).with_costs(costs)
             by_length.append(shortest.metrics.cost)
         assert np.mean(ours) < 0.9 * np.mean(by_length)
         return
@@ -206,7 +206,7 @@ def test_informed_samples_lie_in_the_ellipse_of_the_best_length(planner):
     information.setMotionValidator(Recorder(information, motions))
     searching.setProblemDefinition(problem)
     searching.setup()
-    ends = Limits(iterations=2000).condition()
+    ends = SearchLimits(iterations=2000).condition()
     searching.solve(base.PlannerTerminationCondition(ends))
     x, y, best = np.array(samples).T
     detour = np.hypot(x - start[0], y - start[1]) + np.hypot(x - goal[0], y - goal[1])
@@ -349,13 +349,13 @@ def test_roadmaps_refuse_what_they_cannot_do():
 
 def test_settings_reach_the_planner():
     information = space_information(Motions(two_ways()))
-    from locplan.planning.ompl.settings import planner_of
+    from locplan.planning.ompl.settings import make_ompl_planner
 
-    tree = planner_of("RRTstar", information, {"range": 0.7, "goal_bias": 0.2})
+    tree = make_ompl_planner("RRTstar", information, {"range": 0.7, "goal_bias": 0.2})
     assert tree.getRange() == 0.7
     assert tree.getGoalBias() == 0.2
     assert tree.getRewireFactor() == 0.25
-    assert planner_of("BITstar", information, {}).getSamplesPerBatch() == 1000
+    assert make_ompl_planner("BITstar", information, {}).getSamplesPerBatch() == 1000
 
 
 @pytest.mark.parametrize("planner", [name for name, kind in KINDS.items() if kind.from_grid])
@@ -424,7 +424,7 @@ def test_limits_combine_with_the_robots_outline_waypoints_and_max_e():
 def test_a_roadmap_serves_many_queries():
     costs = two_ways()
     motions = Motions(costs)
-    roadmap = grow_roadmap(motions, limits=Limits(iterations=2000))
+    roadmap = grow_roadmap(motions, limits=SearchLimits(iterations=2000))
     rng = np.random.default_rng(3)
     rows, cols = np.nonzero(np.isfinite(costs.density))
     for _ in range(20):
@@ -439,7 +439,7 @@ def test_a_roadmap_serves_many_queries():
 
 
 def test_what_ompl_says_goes_to_pythons_log(caplog):
-    with caplog.at_level(logging.WARNING), logged():
+    with caplog.at_level(logging.WARNING), log_messages():
         util.OMPL_WARN("look out")
         util.OMPL_INFORM("by the way")
     assert [(record.name, record.message) for record in caplog.records] == [
@@ -468,7 +468,7 @@ def slow_clock(monkeypatch):
 
 @pytest.mark.usefixtures("slow_clock")
 def test_a_time_limit_ends_the_search():
-    ends = Limits(time_limit=0.25).condition()
+    ends = SearchLimits(time_limit=0.25).condition()
     assert 248 <= next(n for n in itertools.count() if ends()) <= 250
     start, goal, _ = two_ways_request("R2")
     result = plan(two_ways(), start, goal, planner="RRTstar", time_limit=0.25)
@@ -596,10 +596,10 @@ def test_no_more_is_said_than_was_searched():
     via = plan(costs, start, goal, via=[(2.05, 3.55)], planner="RRT", iterations=1)
     assert via.status == "not found"
     assert via.note.startswith("no path was found to waypoint 1: no path found within 1 iterations")
-    alone = grow_roadmap(Motions(costs), limits=Limits(iterations=1))
+    alone = grow_roadmap(Motions(costs), limits=SearchLimits(iterations=1))
     assert alone.plan(start, goal).status == "not found"
     on_grid = plan(costs, start, goal, planner="grid")
-    given = {"limits": Limits(iterations=1), "ahead": on_grid.path.xy}
+    given = {"limits": SearchLimits(iterations=1), "ahead": on_grid.path.xy}
     led = grow_roadmap(Motions(costs), **given)
     assert led.plan(start, goal).metrics.cost <= on_grid.metrics.cost * (1 + 1e-6)
     ahead = np.arange(len(led.poses) - len(on_grid.path.xy), len(led.poses))

@@ -12,7 +12,7 @@ from locplan.errors import LocplanError
 from locplan.field import CovarianceField, load_config
 from locplan.maps import FREE, OccupancyGrid, load_map
 from locplan.planning import Costmap, Path, path_cost, path_metrics, plan, random_queries
-from locplan.planning.metrics import crossed_cells, profile
+from locplan.planning.metrics import crossed_cells, compute_profile
 from locplan.planning.queries import read_queries
 
 ANGLED = Path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]])
@@ -20,20 +20,20 @@ ANGLED = Path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]])
 
 @pytest.mark.parametrize("spacing", [0.3, 0.5, 2.0])
 def test_resampling_keeps_the_line_and_its_corners(spacing):
-    fine = ANGLED.resampled(spacing)
+    fine = ANGLED.resample(spacing)
     assert np.diff(fine.distance).max() <= spacing + 1e-9
     assert fine.length == pytest.approx(3.0, abs=1e-12)
     assert {*ANGLED} <= {*fine}
 
 
 def test_positions_at_equal_distances_cut_corners():
-    xy = ANGLED.resampled(0.3, even=True).xy.round(9)
+    xy = ANGLED.resample(0.3, even=True).xy.round(9)
     assert xy[2:6].tolist() == [[0.6, 0.0], [0.9, 0.0], [1.0, 0.2], [1.0, 0.5]]
 
 
 def test_resampling_keeps_turns_on_the_spot():
     path = Path([[0, 0], [1, 0], [1, 0], [1, 1]], [3.0, 3.0, -3.0, -2.0])
-    fine = path.resampled(0.4)
+    fine = path.resample(0.4)
     assert fine.heading[:5] == pytest.approx([3.0, 3.0, 3.0, 3.0, 2 * np.pi - 3.0])
     grid = OccupancyGrid(np.full((2, 2), FREE), 0.7)
     (heading, _, _, lengths), other = (crossed_cells(grid, each, 64) for each in (path, fine))
@@ -47,14 +47,14 @@ def test_resampled_paths_stay_free_and_cost_the_same(real_maps, name):
     for query in random_queries(costs, 15, 1, min_distance=5.0):
         path = plan(costs, query.start, query.goal).path
         for spacing in (0.1, 0.2, 0.3, 0.5):
-            fine = path.resampled(spacing)
+            fine = path.resample(spacing)
             assert path_cost(costs, fine) == pytest.approx(path_cost(costs, path), rel=1e-12)
 
 
 def test_a_single_position_has_no_length():
     path = Path(np.array([[1.0, 2.0]]))
     assert path.length == 0.0
-    assert path.resampled(1.0).xy.tolist() == [[1.0, 2.0]]
+    assert path.resample(1.0).xy.tolist() == [[1.0, 2.0]]
 
 
 def test_geojson_is_the_line_with_its_headings():
@@ -84,7 +84,7 @@ def test_unusable_positions_are_refused(xy):
 
 def test_spacing_must_be_positive():
     with pytest.raises(LocplanError, match="spacing"):
-        Path(np.zeros((2, 2))).resampled(0.0)
+        Path(np.zeros((2, 2))).resample(0.0)
 
 
 @pytest.mark.parametrize("xy", [[[0, 0], [1e12, 0]], [[10**400, 0]], [["a", 0]], [[0, 0], [0]]])
@@ -102,7 +102,7 @@ def test_headings_that_are_no_angles_are_refused(heading):
 def test_no_path_takes_endless_steps():
     far = Path([[0.0, 0.0], [1e8, 0.0]])
     with pytest.raises(LocplanError, match="greater spacing"):
-        far.resampled(0.001)
+        far.resample(0.001)
     costs = Costmap.from_density(ascii_map("...."), np.ones((1, 4)))
     with pytest.raises(LocplanError, match="crosses over 10000000 cells"):
         path_metrics(costs, far)
@@ -147,7 +147,7 @@ def test_path_cost_takes_arrays_and_plans():
     assert path_cost(costs, result) == cost == path_cost(costs, result.path.xy)
     poses = np.column_stack([result.path.xy, np.zeros(len(result.path))])
     assert path_metrics(costs, poses).cost == cost
-    assert profile(costs, poses.tolist(), costs.u)[0][-1] == pytest.approx(3.0)
+    assert compute_profile(costs, poses.tolist(), costs.u)[0][-1] == pytest.approx(3.0)
     nowhere = dataclasses.replace(result, path=None)
     for given, fault in ((nowhere, "the plan has no path"), ([1.0, 2.0], "a path must be a Path")):
         with pytest.raises(LocplanError, match=fault):

@@ -30,9 +30,9 @@ from locplan.planning import (
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.grid import GridPlanner
 from locplan.planning.ompl.planner import Ompl
-from locplan.planning.plans import plan_beside_shortest
-from locplan.planning.registry import Entry, names
-from locplan.planning.requests import planner_for
+from locplan.planning.plans import plan_with_shortest
+from locplan.planning.registry import PlannerEntry, list_planner_names
+from locplan.planning.requests import make_planner
 
 
 @pytest.mark.parametrize("planner", ["grid", "any-angle", "lattice"])
@@ -42,7 +42,7 @@ def test_no_path_crosses_zone(planner):
     blank, rng, solved = Costmap.blank(grid, robot=0.1), np.random.default_rng(3), 0
     for query in random_queries(blank, 2, seed=2, min_distance=4.0):
         before = plan(blank, query.start, query.goal, planner="grid").path
-        zones = random_zones(rng, grid, before.resampled(0.1).xy)
+        zones = random_zones(rng, grid, before.resample(0.1).xy)
         assert crosses(zones, grid, before.xy)
         costs = Costmap.from_layers(grid, u=rng.random(grid.shape), robot=0.1, zones=zones)
         for each in (costs, costs.for_shortest, Costmap.blank(grid, robot=0.1, zones=zones)):
@@ -63,7 +63,7 @@ def test_no_path_crosses_zone_on_real_map(name):
     blank, rng = Costmap.blank(grid, robot=0.2), np.random.default_rng(1)
     for query in random_queries(blank, 4, seed=2, min_distance=3.0):
         before = plan(blank, query.start, query.goal, planner="grid").path
-        zones = random_zones(rng, grid, before.resampled(0.1).xy)
+        zones = random_zones(rng, grid, before.resample(0.1).xy)
         costs = Costmap.from_layers(grid, u=rng.random(grid.shape), robot=0.2, zones=zones)
         for planner in ("grid", "any-angle"):
             path = plan(costs, query.start, query.goal, planner=planner).path
@@ -177,7 +177,7 @@ def test_an_unreachable_goal_is_a_result():
     result = plan(costs, (0.5, 0.5), (2.5, 0.5))
     assert result.status == "unreachable"
     assert result.path is result.metrics is None
-    assert result.measured_on(costs) is result
+    assert result.with_costs(costs) is result
 
 
 def test_impossible_ends_and_unknown_names_are_refused():
@@ -188,7 +188,7 @@ def test_impossible_ends_and_unknown_names_are_refused():
         plan(costs, (0.5, 0.5), (2.5, 0.5), planner="teleport")
     with pytest.raises(ConfigError, match="allow_corner_cutting"):
         plan(costs, (0.5, 0.5), (2.5, 0.5), patience=3)
-    assert "grid" in names()
+    assert "grid" in list_planner_names()
 
 
 def test_paths_have_no_needless_positions():
@@ -260,7 +260,7 @@ def test_the_plan_beside_the_shortest_costs_no_more(planner):
         )
         free = np.argwhere(grid.free)
         ends = [grid.position(*map(int, free[index])) for index in (0, -1)]
-        plans = plan_beside_shortest(costs, *ends, planner=planner)
+        plans = plan_with_shortest(costs, *ends, planner=planner)
         if plans["shortest"].path:
             shortest, aware = (one.metrics for one in plans.values())
             assert aware.cost <= shortest.cost
@@ -269,7 +269,7 @@ def test_the_plan_beside_the_shortest_costs_no_more(planner):
 
 def test_the_registry_says_what_the_planners_say():
     for name, entry in PLANNERS.items():
-        planner = planner_for(name)
+        planner = make_planner(name)
         assert isinstance(planner, Planner)
         assert (planner.name, planner.minimises) == (name, entry.minimises)
         assert planner.space == entry.spaces[0]
@@ -278,12 +278,12 @@ def test_the_registry_says_what_the_planners_say():
         }
         for space in entry.spaces[1:]:
             curved = {} if space == "SE2" else {"turning_radius": 1.0}
-            assert planner_for(name, {"space": space, **curved}).space == space
+            assert make_planner(name, {"space": space, **curved}).space == space
     assert PLANNERS["grid"].options() == {"allow_corner_cutting": False}
 
 
 def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
-    monkeypatch.setitem(PLANNERS, "toy", Entry(ToyPlanner, minimises=None))
+    monkeypatch.setitem(PLANNERS, "toy", PlannerEntry(ToyPlanner, minimises=None))
     costs = costmap_from_density(np.ones((6, 9)))
     result = plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", rows_first=True)
     assert result.path.xy.tolist() == [[0.5, 0.5], [0.5, 5.5], [8.5, 5.5]]
@@ -292,7 +292,7 @@ def test_a_planner_is_added_by_a_file_and_a_line(monkeypatch):
     with pytest.raises(ConfigError, match="it has: rows_first, seed"):
         plan(costs, (0.5, 0.5), (8.5, 5.5), planner="toy", columns_first=True)
     with pytest.raises(ConfigError, match="rows_first must be"):
-        planner_for("toy", {"rows_first": 3})
+        make_planner("toy", {"rows_first": 3})
     planners = ["toy:rows_first=true", ToyPlanner(rows_first=True, seed=7), "grid"]
     queries, execution = RandomQueries(2, min_distance=3.0), Execution(workers=1)
     runs = compare({"mine": costs}, planners, queries, seeds=[1, 2], execution=execution).runs

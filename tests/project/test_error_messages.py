@@ -14,7 +14,7 @@ from locplan.errors import MAX_MESSAGE, ConfigError, LocplanError, PoseError
 from locplan.field import Sad, Scan
 from locplan.field.estimators import estimator_class
 from locplan.maps import OccupancyGrid, save_map
-from locplan.planning.requests import planner_for
+from locplan.planning.requests import make_planner
 from locplan.robots import Lidar, Robot
 
 
@@ -38,16 +38,16 @@ def bomb(depth: int) -> list:
     ],
 )
 def test_values_are_shown_as_they_are_written(value, text):
-    assert checks.shown(value) == text
+    assert checks.short_repr(value) == text
 
 
 def test_numbers_too_long_to_be_written_are_shown_by_their_size():
-    assert checks.shown(10**5000) == "a number of 16610 bits"
+    assert checks.short_repr(10**5000) == "a number of 16610 bits"
 
 
 @pytest.mark.parametrize("value", ["a" * 10**6, list(range(10**6)), bomb(100), {"a": bomb(9)}])
 def test_long_and_deep_values_are_cut_before_they_are_written_out(value):
-    assert len(checks.shown(value)) <= 60
+    assert len(checks.short_repr(value)) <= 60
 
 
 def test_every_message_is_one_line_that_can_be_printed():
@@ -62,33 +62,33 @@ def test_every_message_is_one_line_that_can_be_printed():
 @pytest.mark.parametrize("value", [10**400, -(10**400), math.inf, math.nan, True, "1", None, [1]])
 def test_what_no_float_can_hold_is_no_number(value):
     with pytest.raises(ConfigError):
-        checks.number("a", value)
+        checks.check_number("a", value)
     with pytest.raises(ConfigError):
-        checks.positive("a", value)
+        checks.check_positive("a", value)
 
 
 @pytest.mark.parametrize("value", [1e13, 1e308, 10**13])
 def test_numbers_whose_products_overflow_are_refused(value):
-    for check in (checks.number, checks.positive):
+    for check in (checks.check_number, checks.check_positive):
         with pytest.raises(ConfigError, match=r"and at most 1e\+12"):
             check("a", value)
 
 
 def test_numbers_whose_reciprocals_overflow_are_not_positive():
     with pytest.raises(ConfigError, match="at least 1e-12"):
-        checks.positive("a", 1e-320)
+        checks.check_positive("a", 1e-320)
 
 
 def test_whole_numbers_fit_64_bits():
-    assert checks.whole("a", 2**63 - 1) == 2**63 - 1
+    assert checks.check_integer("a", 2**63 - 1) == 2**63 - 1
     with pytest.raises(ConfigError, match=r"below 2\^63"):
-        checks.whole("a", 2**63)
+        checks.check_integer("a", 2**63)
 
 
 @pytest.mark.parametrize("x", [10**400, 1e12, -1e9])
 def test_positions_farther_than_any_map_are_refused(x):
     with pytest.raises(PoseError):
-        checks.position(x, 0.0)
+        checks.check_position(x, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -112,10 +112,10 @@ def test_estimators_refuse_numbers_that_would_overflow(settings):
     [
         (lambda: Robot("turtlebot_4"), "turtlebot4"),
         (lambda: Robot("TurtleBot3"), "turtlebot3"),
-        (lambda: planner_for("any-angel"), "any-angle"),
-        (lambda: planner_for("RRTstr"), "RRTstar"),
-        (lambda: planner_for("RRTstar", {"timelimit": 2}), "time_limit"),
-        (lambda: Robot().changed({"inflaton_radius": 1.0}), "inflation_radius"),
+        (lambda: make_planner("any-angel"), "any-angle"),
+        (lambda: make_planner("RRTstr"), "RRTstar"),
+        (lambda: make_planner("RRTstar", {"timelimit": 2}), "time_limit"),
+        (lambda: Robot().with_settings({"inflaton_radius": 1.0}), "inflation_radius"),
         (lambda: Robot.from_summary({"filter": {"alpha_1": 1}}), "alpha1"),
         (lambda: estimator_class("fusd"), "fused"),
     ],

@@ -11,7 +11,7 @@ from locplan._support.drawing import Picture, make_logarithmic
 from locplan.field import FieldConfig
 from locplan.field.figures import draw_field, field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.maps.figures import draw_map, map_around, map_axes, map_figure, zoomed_to
+from locplan.maps.figures import draw_map, crop_map, map_axes, map_figure, zoom_map
 from locplan.planning import Costmap, Path, Query, plan
 from locplan.planning.figures import costmap_figure, draw_inset, path_figure, plan_figure
 from locplan.robots import Lidar, Robot
@@ -74,20 +74,20 @@ def test_an_inset_leaves_the_path_free(corner):
     grid = hall(300, 500, (0.0, 0.0, 0.0))
     way = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])  # one corner is free
     path = Path(16 + 20 * np.abs(way - corner))
-    part = map_around(grid, [path])
+    part = crop_map(grid, [path])
     figure, axes = map_axes(part)
     draw_map(axes, part)
     draw_inset(axes, grid, part, [path])
     (inset,) = axes.child_axes
     figure.canvas.draw()
-    box, at = inset.get_window_extent(), axes.transData.transform(path.resampled(0.1).xy)
+    box, at = inset.get_window_extent(), axes.transData.transform(path.resample(0.1).xy)
     assert not any(box.contains(*point) for point in at)
 
 
 def test_values_of_a_part_are_those_of_the_map(field):
     rows, cols = np.array([60.5, 70.5]), np.array([90.5, 99.5])
     path = Path(np.column_stack(field.grid.grid_to_world(rows, cols)))
-    part = zoomed_to(field.grid, [path])
+    part = zoom_map(field.grid, [path])
     assert part.shape < field.grid.shape
     _, axes = map_axes(part)
     shown = draw_field(axes, field, "e", part).get_array()
@@ -101,7 +101,7 @@ def test_values_of_a_part_are_those_of_the_map(field):
 def test_paths_beside_the_map_show_all_of_it():
     grid = hall()
     beside = Path(np.array([[-500.0, -500.0], [-490.0, -500.0]]))
-    assert map_around(grid, [beside]) is grid
+    assert crop_map(grid, [beside]) is grid
 
 
 def test_plans_of_one_path_say_so(costs, field):
@@ -170,9 +170,9 @@ def test_a_well_marked_map_has_no_weak_spot_in_words():
         covariance = np.broadcast_to(np.diag([deviation**2] * 3), field.covariance.shape)
         values = {
             **field.values,
-            "covariance": np.where(field.evaluated[..., None, None], covariance, np.nan),
+            "covariance": np.where(field.is_evaluated[..., None, None], covariance, np.nan),
         }
-        known = field.of(values, grid, field.config)
+        known = field.from_values(values, grid, field.config)
         assert said in field_figure(known, "position_std").axes[0].get_title()
     unclear = dataclasses.replace(
         Costmap.from_field(grid, field, robot=0.0), u=np.full(grid.shape, 0.2)

@@ -35,7 +35,7 @@ from locplan.field.cache import CacheWarning, cache_entries, cache_folder, cache
 from locplan.field.compute import standing_cells
 from locplan.field.store import field_path
 from locplan.maps import OccupancyGrid, load_map, save_map
-from locplan.maps.files import name_of
+from locplan.maps.files import map_name_from_file
 from locplan.recordings import read_recording
 from locplan.robots import Amcl, Lidar, read_parameters
 from locplan.robots.nav2 import read_amcl
@@ -87,7 +87,7 @@ def test_aliases_and_merged_keys_are_written_out(tmp_path):
         "base: &base {z_hit: 0.7, z_rand: 0.3}\namcl: {ros__parameters: {<<: *base, z_rand: 1}}\n"
     )
     file = nav2(tmp_path, text)
-    own = read_parameters(file).of("amcl")
+    own = read_parameters(file).node_parameters("amcl")
     assert own == {"z_hit": 0.7, "z_rand": 1}
     assert read_amcl(file) == Amcl(z_hit=0.7, z_rand=1)
 
@@ -98,7 +98,7 @@ def test_keys_are_texts_and_so_is_what_ros_does_not_know(tmp_path):
         "    ~: 1\n    2020-01-01: 2\n    [1, 2]: 3\n    5: 4\n    d: ~\n    e: [1, 2.5, true]\n"
     )
     file = nav2(tmp_path, text)
-    own = read_parameters(file).of("amcl")
+    own = read_parameters(file).node_parameters("amcl")
     odd = {"~": 1, "2020-01-01": 2, "?": 3, "5": 4, "d": None, "e": [1, 2.5, True]}
     assert own == {"a": "2001-12-14", "b": "2020-13-45", "c": "x", **odd}
     with pytest.warns(UserWarning, match="not simulated: .*2020-01-01"):
@@ -124,10 +124,10 @@ def test_deep_brackets_are_refused_before_they_are_parsed(tmp_path, monkeypatch,
 def test_whole_numbers_of_over_64_bits_are_texts_and_can_be_written(tmp_path):
     for value in ("0x" + "f" * 4000, str(2**63)):
         read = read_parameters(nav2(tmp_path, f"amcl: {{ros__parameters: {{a: {value}}}}}\n"))
-        assert read.of("amcl") == {"a": value}
+        assert read.node_parameters("amcl") == {"a": value}
         yaml.safe_dump(read.content)
     file = nav2(tmp_path, f"amcl: {{ros__parameters: {{a: {-(2**63)}}}}}\n")
-    assert read_parameters(file).of("amcl") == {"a": -(2**63)}
+    assert read_parameters(file).node_parameters("amcl") == {"a": -(2**63)}
 
 
 def test_values_that_no_float_holds_are_out_of_range(tmp_path):
@@ -161,7 +161,7 @@ def test_names_that_are_no_utf_8_are_replaced(tmp_path):
     except OSError:
         pytest.skip("this file system has names in UTF-8 only")
     save_map(ascii_map("..."), folder / "map.yaml")
-    assert load_map(folder).name == name_of(folder / "map.yaml") == "h\ufffdall"
+    assert load_map(folder).name == map_name_from_file(folder / "map.yaml") == "h\ufffdall"
     assert OccupancyGrid(np.zeros((1, 1), np.uint8), 1, name="a\nb\udcff").name == "a\ufffdb\ufffd"
 
 
@@ -327,9 +327,9 @@ def test_cells_too_fine_for_the_window_are_refused_before_any_array_is_made(esti
 
 def test_windows_of_too_many_offsets_are_refused():
     window = SearchWindow(half_width=100.0, step=0.1, half_rotation_deg=0.0)
-    assert window.on(0.05).size < 10**7
+    assert window.to_lattice(0.05).size < 10**7
     with pytest.raises(ConfigError, match="a search window of 52052013 offsets"):
-        SearchWindow(half_width=100.0, step=0.1).on(0.05)
+        SearchWindow(half_width=100.0, step=0.1).to_lattice(0.05)
 
 
 def test_a_range_beyond_the_map_changes_nothing():
@@ -344,7 +344,7 @@ def test_a_range_beyond_the_map_changes_nothing():
 
 def test_a_stride_beyond_the_map_evaluates_one_point():
     field = covariance_field(GRID, FieldConfig(Sad(range=1e4), stride=1e4))
-    assert field.evaluated.shape == (1, 1)
+    assert field.is_evaluated.shape == (1, 1)
     edited = OccupancyGrid(np.roll(GRID.cells, 1), GRID.resolution, GRID.origin)
     np.testing.assert_array_equal(
         field.update(edited).covariance, covariance_field(edited, field.config).covariance

@@ -10,7 +10,7 @@ from support.cases import sample_cases
 from support.costmaps import EMPTY_ROOM, ROOM_ENDS, blank_room
 
 import locplan
-from locplan._support.output import clear_abandoned, destination, temporary_folder
+from locplan._support.output import clear_abandoned, strip_staging_folder, temporary_folder
 from locplan.comparison import Execution, compare
 from locplan.errors import LocplanError
 
@@ -88,7 +88,7 @@ def test_temporary_folder_without_locks_is_not_abandoned(tmp_path, monkeypatch):
         monkeypatch.undo()
         clear_abandoned(tmp_path)
         assert folder.exists()
-        assert destination(f"{folder}/new/plan.csv") == f"{tmp_path}/plan.csv"
+        assert strip_staging_folder(f"{folder}/new/plan.csv") == f"{tmp_path}/plan.csv"
     assert not folder.exists()
 
 

@@ -41,7 +41,7 @@ class FromTheRight(Estimator):
         return f"{self.name}, slope {self.slope:g}"
 
     def lattice(self, resolution: float) -> OffsetLattice:
-        return SearchWindow().on(resolution)
+        return SearchWindow().to_lattice(resolution)
 
     def covariances(self, part: MapPart) -> dict[str, np.ndarray]:
         variance = self.slope * (part.cols + 1.0) * part.resolution

@@ -39,10 +39,10 @@ def test_order_of_separate_files_is_free():
     nav, loc = "split/nav.yaml", "split/loc.yaml"
     assert load(nav, loc) == load(loc, nav)
     merged = [
-        read_parameters(*(REPORTS / name for name in names)).merged()
+        read_parameters(*(REPORTS / name for name in names)).merge_files()
         for names in ((nav, loc), (loc, nav))
     ]
-    assert merged[0].of("planner_server") == merged[1].of("planner_server")
+    assert merged[0].node_parameters("planner_server") == merged[1].node_parameters("planner_server")
 
 
 @pytest.mark.parametrize(

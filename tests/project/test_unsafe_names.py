@@ -10,7 +10,7 @@ from support.maps import ascii_map
 
 import locplan
 from locplan._support.drawing import Picture
-from locplan._support.tables import table
+from locplan._support.tables import format_table
 from locplan.export import ros_map
 from locplan.export.figures import values_figure
 from locplan.field.figures import field_figure
@@ -84,7 +84,7 @@ def test_numbers_at_axes_stay_formulas():
 
 
 def test_tables_show_markup_as_it_is():
-    text = table(["[bold]map[/bold]", "n"], [["[red]a[/red]", "1"]])
+    text = format_table(["[bold]map[/bold]", "n"], [["[red]a[/red]", "1"]])
     assert "[bold]map[/bold]" in text
     assert "[red]a[/red]" in text
 
@@ -93,7 +93,7 @@ def test_tables_are_text_in_a_notebook_too(monkeypatch):
     shown = []
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
     monkeypatch.setattr("rich.jupyter.display", lambda *parts: shown.append(parts))
-    assert "map" in table(["map"], [["a"]])
+    assert "map" in format_table(["map"], [["a"]])
     assert shown == []
 
 

@@ -536,19 +536,19 @@ def test_a_quaternion_and_its_negative_are_the_same_turn():
     for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
         turn = (sign * math.sin(yaw / 2), sign * math.cos(yaw / 2))
         track.add(time, (yaw, 0.0, 0.0, 0.0, 0.0, *turn))
-    np.testing.assert_allclose(poses.in_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(poses.project_to_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12)
 
 
 def test_a_transform_and_its_inverse_cancel():
     random = np.random.default_rng(2)
     pose = np.concatenate([random.normal(size=(9, 3)), random.normal(size=(9, 4))], axis=1)
     pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
-    identity = poses.composed(pose, poses.inverse(pose))
+    identity = poses.compose_transforms(pose, poses.invert_transforms(pose))
     np.testing.assert_allclose(identity[:, :6], 0.0, atol=1e-12)
     plane = np.array([[1.0, 2.0, 0.0, 0.0, 0.0, math.sin(0.35), math.cos(0.35)]])
-    twice = poses.in_plane(poses.composed(plane, plane))[0]
+    twice = poses.project_to_plane(poses.compose_transforms(plane, plane))[0]
     np.testing.assert_allclose(twice, compose((1, 2, 0.7), (1, 2, 0.7)))
-    np.testing.assert_allclose(poses.in_plane(poses.inverse(plane))[0], invert((1, 2, 0.7)))
+    np.testing.assert_allclose(poses.project_to_plane(poses.invert_transforms(plane))[0], invert((1, 2, 0.7)))
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -13,8 +13,8 @@ from support.small_drive import FILE, MAP
 
 from locplan import Costmap, load_map, plan
 from locplan._support import intervals as of_intervals, poses as of_poses
-from locplan._support.kernels.drives import odometry_along
-from locplan._support.kernels.particles import move
+from locplan._support.kernels.drives import simulate_odometry
+from locplan._support.kernels.particles import move_particles
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import environments
 from locplan.recordings import Recording
@@ -66,7 +66,7 @@ def driven(poses, odometry, noise=(0.0, 0.0), seed=0):
 
 def reported(grid, poses, seed=1, **odometry):
     own = Simulator(grid, Robot(odometry=Odometry(**odometry))).arguments.odometry
-    return odometry_along(np.random.default_rng(seed), poses, own)
+    return simulate_odometry(np.random.default_rng(seed), poses, own)
 
 
 def test_drifts_of_odometry_are_found(grid, winding):
@@ -84,7 +84,7 @@ def test_drifts_of_odometry_are_found(grid, winding):
 
 def test_biases_of_odometry_are_found(grid, winding, few_resamples):
     odometry = winding.copy()
-    steps = of_poses.way_between(winding[:-1], winding[1:])
+    steps = of_poses.compute_motions(winding[:-1], winding[1:])
     for n, (ahead, aside, turn) in enumerate(steps):
         x, y, heading = odometry[n]
         cos, sin = math.cos(heading), math.sin(heading)
@@ -114,13 +114,13 @@ def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
     true = Amcl(alpha1=0.05, alpha2=0.02, alpha3=0.04, alpha4=0.03, update_min_d=0.01)
     settings = Simulator(grid, robot=Robot(filter=true)).arguments.filter
     random, poses = np.random.default_rng(2), [np.zeros(3)]
-    steps = of_poses.way_between(winding[:-1], winding[1:])
+    steps = of_poses.compute_motions(winding[:-1], winding[1:])
     for ahead, aside, turn in steps:
         particle = poses[-1][:, None].copy()
         # Odometry in the particle's own axes, as AMCL applies it.
         cos, sin = math.cos(poses[-1][2]), math.sin(poses[-1][2])
         dx, dy = cos * ahead - sin * aside, sin * ahead + cos * aside
-        move(random, particle, 1, dx, dy, turn, poses[-1][2], settings)
+        move_particles(random, particle, 1, dx, dy, turn, poses[-1][2], settings)
         poses.append(particle[:, 0])
     found = odometry_noise(driven(np.array(poses), winding), true)
     for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
@@ -177,7 +177,7 @@ def test_jumps_of_odometry_are_left_out(few_resamples):
     drive = Recording.load(FILE)
     plain = odometry_noise(drive, Amcl())
     odometry, poses = drive.odometry.copy(), drive.poses.copy()
-    odometry[150:] = of_poses.moved(odometry[150:], (-7.0, 3.0, 2.0))
+    odometry[150:] = of_poses.move_poses(odometry[150:], (-7.0, 3.0, 2.0))
     poses[300:, 0] += 4.0
     found = odometry_noise(dataclasses.replace(drive, poses=poses, odometry=odometry), Amcl())
     assert found.notes[-1].endswith("which are left out: 2")
@@ -224,15 +224,15 @@ def test_scans_of_another_map_are_refused(grid, line):
 
 def test_blocks_are_drawn_as_a_whole():
     poses = np.column_stack([np.arange(0, 80, 0.5), np.zeros(160), np.zeros(160)])
-    blocks = of_intervals.blocks_along(poses)
+    blocks = of_intervals.assign_blocks(poses)
     assert np.bincount(blocks).tolist() == [20] * 8
-    drawn = of_intervals.draws_of(blocks)
+    drawn = of_intervals.draw_blocks(blocks)
     assert (drawn.sum(axis=1) == 160).all()
     assert (drawn.reshape(len(drawn), 8, 20).std(axis=2) == 0).all()
     value, low, high = of_intervals.mean_interval(blocks.astype(float), blocks)
     assert (value, low < value < high) == (3.5, True)
     assert math.isnan(of_intervals.mean_interval(np.ones(60), blocks[:60]).low)
-    (total,) = of_intervals.intervals(lambda weights: np.array([weights.sum()]), blocks, 50)
+    (total,) = of_intervals.bootstrap_statistics(lambda weights: np.array([weights.sum()]), blocks, 50)
     assert total == (160, 160, 160)
 
 

@@ -49,7 +49,7 @@ def test_posteriors_are_those_of_the_plain_loops():
     levels[random.random(levels.shape) < 0.06] = OCCUPIED
     resolution, share, beams = 0.1, 6.0 / 14, 14
     searched = SearchWindow(half_width=0.3, step=0.1, half_rotation_deg=8.0, rotation_step_deg=4.0)
-    window = searched.on(resolution)
+    window = searched.to_lattice(resolution)
     field = Scan(Lidar(), window=searched).prepare(levels, resolution).likelihood
     cells = np.array([[10, 12], [4, 20], [15, 6]])
     ends = random.uniform(-6, 6, (3, beams, 2))

@@ -15,7 +15,7 @@ from support.maps import corridor
 from support.recordings import simulate_recording
 
 from locplan import Lidar, load_map
-from locplan._support.poses import after_way, way_between, wrapped
+from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan.advice.map_reading import Reading
 from locplan.advice.recorded import recorded as look_at_drives
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, MapFaults, OccupancyGrid, environments
@@ -50,11 +50,11 @@ def drive(office):
 
 def with_ways(drive, change):
     """The drive, with steps (n - 1, 3) of its odometry changed in place."""
-    ways = way_between(drive.odometry[:-1], drive.odometry[1:])
+    ways = compute_motions(drive.odometry[:-1], drive.odometry[1:])
     change(ways)
     odometry = [drive.odometry[0]]
     for way in ways:
-        odometry.append(after_way(odometry[-1], way))
+        odometry.append(apply_motions(odometry[-1], way))
     return dataclasses.replace(drive, odometry=np.array(odometry))
 
 
@@ -112,7 +112,7 @@ def test_faults_find_jump_and_reset(drive):
     assert np.flatnonzero(faults.faulty_steps).tolist() == [49]
     assert faults.sentences[0] == "Odometry jumps at 1 place."
     reset = drive.odometry.copy()
-    reset[50:] = way_between(reset[50], reset[50:])
+    reset[50:] = compute_motions(reset[50], reset[50:])
     faults = find_recording_faults(dataclasses.replace(drive, odometry=reset))
     assert (faults.jumps, faults.resets, faults.is_sound) == (1, 1, False)
     assert faults.sentences[0] == "Odometry jumps at 1 place, to its start at 1 of them."
@@ -306,9 +306,9 @@ def test_steps_equal_plain_loops():
     own = max(scores[i, j, t] for i, j, t in scores if abs(i) + abs(j) <= 1)
     assert steps.gains[0] == pytest.approx(scores[best] - own, abs=0.03)
     assert steps.disagree.tolist() == [True]
-    true = way_between(*line)
+    true = compute_motions(*line)
     assert np.abs(steps.measured[0] - true)[:2].max() < 0.06
-    assert abs(wrapped(steps.measured[0, 2] - true[2])) < math.radians(1.5)
+    assert abs(wrap_angles(steps.measured[0, 2] - true[2])) < math.radians(1.5)
 
 
 def test_wean2_has_no_faults_of_odometry():

@@ -52,7 +52,7 @@ def rooms(*, differ: bool = False) -> OccupancyGrid:
 
 def scan_at(grid: OccupancyGrid, lidar: Lidar, *pose: float) -> np.ndarray:
     """Ranges of the lidar's beams at a pose in the world, without noise [m]."""
-    from locplan._support.kernels.lidar import Lidar as Beams, lever, scan_ends
+    from locplan._support.kernels.lidar import LidarBeams as Beams, lever, scan_ends
     from locplan._support.kernels.rays import empty_squares
 
     beams = Beams(

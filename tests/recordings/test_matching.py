@@ -13,7 +13,7 @@ from support.maps import random_rooms
 from support.rooms import GAP_CELLS, LIDAR, ROOM_CELLS, join_rooms, room_cells, two_rooms
 
 from locplan import LocplanError
-from locplan._support.kernels.lidar import Lidar as Beams
+from locplan._support.kernels.lidar import LidarBeams as Beams
 from locplan._support.kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.recordings.kernels import matches as lists, scan_losses as losses

@@ -17,7 +17,7 @@ from locplan._support.kernels import drives
 from locplan.app.cli import main
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, environments
-from locplan.maps.grid import own_axes
+from locplan.maps.grid import world_to_map_frame
 from locplan.recordings import Recording, replay
 from locplan.recordings.figures import replay_figure
 from locplan.robots import Amcl, Disturbances, Robot
@@ -87,7 +87,7 @@ def test_a_replayed_drive_has_the_estimates_of_the_simulated_one(interval):
     poses, covariances = np.empty_like(truth), np.empty((len(truth), 3, 3))
     own = here.arguments
     kernel = (own.scores, own.start, own.filter, poses, covariances)
-    drives.replay(np.random.default_rng(7), truth[0], reported, ends, *kernel)
+    drives.replay_filter(np.random.default_rng(7), truth[0], reported, ends, *kernel)
     errors = poses - truth
     errors[:, 2] = oracles.particles.wrapped(errors[:, 2])
     assert errors == pytest.approx(expected, abs=1e-9)
@@ -112,11 +112,11 @@ def test_the_filter_gets_the_beams_of_the_scans_that_it_gets_in_simulation(grid,
 
 def naive_ends(here, line):
     """Ends of the beams that the simulated filter gets at some poses [cells]."""
-    from locplan._support.kernels.lidar import measured_ends
+    from locplan._support.kernels.lidar import measure_ends
 
     found = np.empty((len(line), len(here.arguments.lidar.angles), 2))
-    for n, (x, y, heading) in enumerate(own_axes(here.grid, line) / (RESOLUTION, RESOLUTION, 1)):
-        measured_ends(
+    for n, (x, y, heading) in enumerate(world_to_map_frame(here.grid, line) / (RESOLUTION, RESOLUTION, 1)):
+        measure_ends(
             np.random.default_rng(0),
             here.worlds[0],
             RESOLUTION,

@@ -48,11 +48,11 @@ def off(found, drive, some=slice(None)) -> np.ndarray:
 
 def with_odometry(drive: Recording, change) -> Recording:
     """The drive with other moves by odometry, which are changed in place."""
-    moves = of_poses.way_between(drive.odometry[:-1], drive.odometry[1:])
+    moves = of_poses.compute_motions(drive.odometry[:-1], drive.odometry[1:])
     change(moves)
     odometry = [drive.odometry[0]]
     for move in moves:
-        odometry.append(of_poses.after_way(odometry[-1], move))
+        odometry.append(of_poses.apply_motions(odometry[-1], move))
     return replace(drive, odometry=np.array(odometry))
 
 
@@ -146,7 +146,7 @@ def some_drive(ends):
     moves = np.tile([0.2, 0.02, 0.3], (6, 1))
     poses = [np.array([0.7, 0.5, 0.1])]
     for move in moves[1:]:
-        poses.append(of_poses.after_way(poses[-1], move + random.standard_normal(3) * 0.05))
+        poses.append(of_poses.apply_motions(poses[-1], move + random.standard_normal(3) * 0.05))
     deviations = np.full((6, 3), 0.05)
     deviations[3] = np.inf  # a jump
     drive = least_squares.Drive(np.tile(ends, (6, 1, 1)), np.ones(6), moves, deviations)
@@ -184,7 +184,7 @@ def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
     assert loss == pytest.approx(after)
     nothing = drive._replace(ends=drive.ends * np.nan)
     least_squares.refine_poses(field, beams, nothing, poses, 50)
-    ways = of_poses.way_between(poses[:-1], poses[1:])
+    ways = of_poses.compute_motions(poses[:-1], poses[1:])
     assert ways[[0, 1, 3, 4]] == pytest.approx(drive.moves[[1, 2, 4, 5]], abs=1e-3)
 
 
@@ -239,7 +239,7 @@ def test_samples_backwards_are_those_of_plain_loops():
 def test_a_drive_is_found_though_its_start_and_poses_are_not_known(drive, found):
     assert np.median(off(found, drive)) < 0.04
     assert off(found, drive).max() < 0.12
-    turn = np.abs(of_poses.wrapped(found.poses[:, 2] - drive.poses[:, 2]))
+    turn = np.abs(of_poses.wrap_angles(found.poses[:, 2] - drive.poses[:, 2]))
     assert math.degrees(np.median(turn)) < 0.5
     lost = replace(drive, poses=drive.poses[::-1].copy())
     assert np.array_equal(smooth(GRID, lost).poses, found.poses)
@@ -273,11 +273,11 @@ def test_a_robot_that_was_carried_away_is_found_again(drive):
         name: np.concatenate([getattr(drive, name), getattr(there, name)])
         for name in ("ranges", "poses")
     }
-    moves = of_poses.way_between(drive.odometry[:-1], drive.odometry[1:])
-    back = of_poses.way_between(moves[::-1], np.zeros_like(moves))
+    moves = of_poses.compute_motions(drive.odometry[:-1], drive.odometry[1:])
+    back = of_poses.compute_motions(moves[::-1], np.zeros_like(moves))
     odometry = [drive.odometry[0]]
     for move in [*moves, [0.4, 0.0, 0.0], *back[5:]]:
-        odometry.append(of_poses.after_way(odometry[-1], np.array(move)))
+        odometry.append(of_poses.apply_motions(odometry[-1], np.array(move)))
     count = len(drive)
     keep = np.r_[0:count, count + 5 : 2 * count]
     carried = Recording(
@@ -352,7 +352,7 @@ def test_a_map_that_lies_turned_gives_the_same_in_the_world(drive, found):
     poses = np.column_stack([x, y, drive.poses[:, 2] + 0.7 - GRID.origin[2]])
     there = smooth(turned, replace(drive, poses=poses))
     assert off(there, replace(drive, poses=poses)) == pytest.approx(off(found, drive), abs=1e-6)
-    assert of_poses.wrapped(there.poses[:, 2] - found.poses[:, 2]) == pytest.approx(0.7, abs=1e-6)
+    assert of_poses.wrap_angles(there.poses[:, 2] - found.poses[:, 2]) == pytest.approx(0.7, abs=1e-6)
     cos, sin = math.cos(0.7), math.sin(0.7)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     assert there.covariances == pytest.approx(turn @ found.covariances @ turn.T, abs=1e-9)
@@ -403,7 +403,7 @@ def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
     grid = locplan.load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_{other}" / "map.yaml")
     found = smooth(grid, drive)
     error, some = off(found, drive), found.trusted
-    turn = np.degrees(np.abs(of_poses.wrapped(found.poses[:, 2] - drive.poses[:, 2])))
+    turn = np.degrees(np.abs(of_poses.wrap_angles(found.poses[:, 2] - drive.poses[:, 2])))
     assert np.median(error) <= 0.04
     assert np.quantile(error[some], 0.95) <= 0.12
     assert np.median(turn) <= 0.5

@@ -39,7 +39,7 @@ def written(folder, text):
 
 
 def amcl(folder, text, robot=""):
-    return read_parameters(f"{written(folder, text)}{robot}").of("amcl")
+    return read_parameters(f"{written(folder, text)}{robot}").node_parameters("amcl")
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_wildcards_stand_for_names_as_in_rclcpp(tmp_path, name, fits):
     found = set()
     for robot in ("/", "robot1", "fleet/robot1"):
         try:
-            own = read_parameters(f"{written(tmp_path, text)}:{robot}").of("amcl")
+            own = read_parameters(f"{written(tmp_path, text)}:{robot}").node_parameters("amcl")
         except LocplanError:
             continue
         found |= {robot} if "alpha1" in own else set()

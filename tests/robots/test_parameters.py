@@ -88,8 +88,8 @@ def test_values_equal_independent_merger(tmp_path):
         files = written(tmp_path, *texts)
         expected = merged(texts, "amcl")
         parameters = read_parameters(*files)
-        assert parameters.of("amcl") == expected
-        assert parameters.merged().of("amcl") == expected
+        assert parameters.node_parameters("amcl") == expected
+        assert parameters.merge_files().node_parameters("amcl") == expected
         if expected:
             robot, _ = load(*files)
             assert {name: getattr(robot.filter, name) for name in expected} == expected
@@ -109,7 +109,7 @@ def test_wildcard_conflict_across_files_is_reported(tmp_path, texts, value, comp
     robot, notes = load(*files)
     assert robot.filter.alpha1 == value
     parameters = read_parameters(*files)
-    assert parameters.of("amcl", component=True)["alpha1"] == component
+    assert parameters.node_parameters("amcl", component=True)["alpha1"] == component
     (note,) = notes
     assert note.startswith("amcl: alpha1 is ")
     assert f"ROS takes {value}" in note
@@ -135,11 +135,11 @@ def test_change_edits_file_that_has_node(tmp_path):
     other = COSTMAP % "inflation_layer: {inflation_radius: 0.8}"
     files = written(tmp_path, other, base, "amcl: {ros__parameters: {alpha2: 0.3}}\n")
     parameters = read_parameters(*files)
-    assert parameters.file_of("amcl") == 1
-    after = parameters.changed("amcl", {"alpha1": 0.2, "alpha3": 0.4})
+    assert parameters.find_file_index("amcl") == 1
+    after = parameters.with_values("amcl", {"alpha1": 0.2, "alpha3": 0.4})
     edited = edited_files(parameters, after)
     assert edited == {files[1]: base.replace("{alpha1: 0.05", "{alpha3: 0.4, alpha1: 0.2").encode()}
-    overlaid = edited_files(parameters, parameters.changed("amcl", {"alpha2": 0.2}))
+    overlaid = edited_files(parameters, parameters.with_values("amcl", {"alpha2": 0.2}))
     assert list(overlaid) == [files[2]]
 
 

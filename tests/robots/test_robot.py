@@ -65,7 +65,7 @@ def test_the_planning_radius_is_that_of_the_inner_circle_and_the_margin():
 def test_a_lidar_may_be_given_by_its_name():
     assert (
         Robot("turtlebot4").lidar
-        == Robot().changed(dataclasses.asdict(Lidar.preset("turtlebot4"))).lidar
+        == Robot().with_settings(dataclasses.asdict(Lidar.preset("turtlebot4"))).lidar
     )
     with pytest.raises(ConfigError, match=r'lidar is not known; name it, as in Robot\("turtle'):
         _ = Robot().known_lidar
@@ -137,7 +137,7 @@ def test_each_setting_has_one_name():
 
 
 def test_a_lidars_name_is_no_setting():
-    other = FULL.changed({"model": "another"})
+    other = FULL.with_settings({"model": "another"})
     assert other == FULL
     assert other.digest == FULL.digest
     assert other.title != FULL.title
@@ -148,7 +148,7 @@ def test_each_setting_changes_the_digest_and_nothing_else():
     for name, value in before.items():
         new = 0.4 if name == "footprint" else another(name, value)
         least = {"turning_radius": 0.0} if name == "drive" else {}
-        changed = FULL.changed({name: new, **least})
+        changed = FULL.with_settings({name: new, **least})
         assert settings(changed) == before | {name: new} | least
         if name != "model":
             digests.add(changed.digest)
@@ -159,16 +159,16 @@ def test_each_setting_changes_the_digest_and_nothing_else():
 
 
 def test_an_outline_may_be_given_by_its_corners():
-    changed = Robot().changed({"footprint": [list(corner) for corner in CORNERS]})
+    changed = Robot().with_settings({"footprint": [list(corner) for corner in CORNERS]})
     assert changed == Robot(footprint=Footprint(CORNERS))
     assert changed.digest == Robot(footprint=Footprint(CORNERS)).digest
     assert changed != Robot(footprint=Footprint([(0.6, 0.3), *CORNERS[1:]]))
 
 
 def test_settings_of_a_part_that_is_not_known_make_one():
-    assert Robot().changed({"range": 8}).lidar == Lidar(range=8.0)
-    assert Robot().changed({"inflation_radius": 0.3}).inflation == Inflation(inflation_radius=0.3)
-    assert Robot("turtlebot4").changed({"range": 8}).lidar.beams == Lidar.preset("turtlebot4").beams
+    assert Robot().with_settings({"range": 8}).lidar == Lidar(range=8.0)
+    assert Robot().with_settings({"inflation_radius": 0.3}).inflation == Inflation(inflation_radius=0.3)
+    assert Robot("turtlebot4").with_settings({"range": 8}).lidar.beams == Lidar.preset("turtlebot4").beams
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_settings_of_a_part_that_is_not_known_make_one():
 )
 def test_changes_that_cannot_be_are_refused(changes, said):
     with pytest.raises(ConfigError, match=said):
-        Robot().changed(changes)
+        Robot().with_settings(changes)
 
 
 # Its files

@@ -12,7 +12,7 @@ from support import oracles
 from support.cases import sample_cases
 
 from locplan import Footprint, Lidar, OccupancyGrid, Path, Robot
-from locplan._support.intervals import random_of
+from locplan._support.intervals import make_generator
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, Zone, Zones
 from locplan.robots import Disturbances, Kinematics
@@ -81,7 +81,7 @@ def there_and_back():
 
 @pytest.mark.parametrize("name", sample_cases(["round", "sideways", "car", "outlined"], 2))
 def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
-    grid, robot = room(), ROBOTS[name].changed({"boundary_noise": 0.0})
+    grid, robot = room(), ROBOTS[name].with_settings({"boundary_noise": 0.0})
     path = there_and_back() if name == "car" else line(*BENT)
     (found,) = driven(grid, path, robot, 1, seed=3, perfect=True).drives
     corners = OUTLINE.vertices
@@ -93,13 +93,13 @@ def test_a_robot_that_knows_its_pose_is_driven_as_plain_loops_do(name):
             for a, b in sides
             for step in range(math.ceil(math.dist(a, b) / 0.05 - 1e-9))
         ]
-    even = path.resampled(0.05, even=True)
+    even = path.resample(0.05, even=True)
     gears = [-1 if name == "car" and at > AHEAD + 0.025 else 1 for at in even.distance]
     way = np.column_stack([even.xy, gears])
     first = (*even.xy[0], math.atan2(*(even.xy[6] - even.xy[0])[::-1]))
     stops = grid.cells == OCCUPIED
     truth = oracles.closed_loop.follow(
-        random_of(3, CLOSED, route_key(path), 0),
+        make_generator(3, CLOSED, route_key(path), 0),
         *(way.tolist(), stops, 0.1, robot, discs, first, 1000),
     )
     assert found.outcome == "arrived"
@@ -158,7 +158,7 @@ STILL |= {"turn_bias": 0.0, "start_sigma": 0.0, "start_sigma_deg": 0.0}
 
 def exact(filter):
     robot = Robot(Lidar(range=5.0, beams=20), filter=filter, disturbances=QUIET)
-    return robot.changed(STILL)
+    return robot.with_settings(STILL)
 
 
 def test_a_robot_that_is_off_believes_to_be_at_the_goal_and_is_elsewhere():
@@ -230,7 +230,7 @@ def test_robot_whose_estimate_stands_runs_out_of_time():
 def test_what_is_not_on_the_path_s_map_is_driven_around():
     path = line((2.0, 2.5), (6.5, 2.5))
     grid = room(wall=True, door=(3.2, 4.2))
-    robot = ROBOTS["round"].changed({"boundary_noise": 0.0})
+    robot = ROBOTS["round"].with_settings({"boundary_noise": 0.0})
     found = driven(grid, path, robot, 4)
     assert ends(found) == ["arrived"] * 4
     crossed = [each.truth[np.argmin(abs(each.truth[:, 0] - 4.05))] for each in found.drives]
@@ -240,7 +240,7 @@ def test_what_is_not_on_the_path_s_map_is_driven_around():
 @pytest.mark.parametrize("name", ["round", "car"])
 def test_new_plans_keep_out_of_no_go_zones(name):
     """The near way around a box in the path is closed, so that robots take the far one."""
-    path, robot = line((1.5, 2.4), (6.5, 2.4)), ROBOTS[name].changed({"boundary_noise": 0.0})
+    path, robot = line((1.5, 2.4), (6.5, 2.4)), ROBOTS[name].with_settings({"boundary_noise": 0.0})
     cells = room().cells.copy()
     cells[21:26, 38:43] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
@@ -263,7 +263,7 @@ def test_a_door_as_wide_as_the_robot_is_the_follower_s_failure_and_a_narrower_on
     door, fault
 ):
     grid, path = room(wall=True, door=door), line((2.0, 2.4), (6.5, 2.4))
-    robot = Robot(Lidar(range=5.0, beams=60)).changed({"boundary_noise": 0.0})
+    robot = Robot(Lidar(range=5.0, beams=60)).with_settings({"boundary_noise": 0.0})
     found = driven(grid, path, robot, 3)
     assert set(ends(found)) == {"aborted"}
     assert {each.fault for each in found.drives} == {fault}
@@ -318,7 +318,7 @@ def test_a_new_plan_leaves_the_goal_where_it_is():
 
 
 def test_a_car_keeps_its_radius_and_changes_gear_only_where_its_path_does():
-    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).changed(STILL)
+    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).with_settings(STILL)
     (found,) = driven(room(), there_and_back(), robot, 1).drives
     assert found.outcome == "arrived"
     turn, step = np.diff(found.truth[:, 2]), np.diff(found.truth[:, :2], axis=0)
@@ -329,14 +329,14 @@ def test_a_car_keeps_its_radius_and_changes_gear_only_where_its_path_does():
 
 
 def test_a_car_whose_outline_does_not_fit_along_its_path_has_no_way():
-    robot = ROBOTS["car"].changed({"boundary_noise": 0.0})
+    robot = ROBOTS["car"].with_settings({"boundary_noise": 0.0})
     grid = room(wall=True, door=(2.3, 2.6))  # a disc within its outline fits, 0.3 m wide as it is
     (found,) = driven(grid, line((2.0, 2.45), (6.5, 2.45)), robot, 1).drives
     assert (found.outcome, found.fault) == ("aborted", "world")
 
 
 def test_a_car_drives_round_what_stands_in_its_path():
-    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).changed(STILL)
+    robot = dataclasses.replace(ROBOTS["car"], disturbances=QUIET).with_settings(STILL)
     grid = room(wall=True, door=(2.4, 4.5))
     path = line((1.5, 2.1), (6.5, 2.1))
     (found,) = driven(grid, path, robot, 1, perfect=True).drives
@@ -375,7 +375,7 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
 
 def test_drives_say_where_robots_stop_end_and_leave_the_path():
     grid = room(wall=True, door=(2.2, 2.6))
-    robot = Robot(Lidar(range=5.0, beams=60)).changed({"boundary_noise": 0.0})
+    robot = Robot(Lidar(range=5.0, beams=60)).with_settings({"boundary_noise": 0.0})
     (stuck,) = driven(grid, line((2.0, 2.4), (6.5, 2.4)), robot, 1).drives
     places = Arrivals((stuck,)).places().records()
     assert {each["what"] for each in places} == {"stops", "ends"}

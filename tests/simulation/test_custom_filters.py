@@ -20,7 +20,7 @@ from locplan import (
     covariance_field,
     save_map,
 )
-from locplan._support.intervals import random_of
+from locplan._support.intervals import make_generator
 from locplan.advice.tuning import tune, tune_on_drive
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED
@@ -85,7 +85,7 @@ def test_amcl_stepped_by_its_protocol_gives_what_a_replay_gives(interval):
     whole = replay(drive, grid, robot, runs=2, seed=5)
     noise = robot.disturbances
     deviation = noise.start_sigma, np.radians(noise.start_sigma_deg)
-    tracker = amcl.start(grid, drive.lidar, drive.poses[0], deviation, random_of(5, REPLAYS, 1))
+    tracker = amcl.start(grid, drive.lidar, drive.poses[0], deviation, make_generator(5, REPLAYS, 1))
     for n in range(len(drive)):
         tracker.motion(drive.odometry[n])
         tracker.scan(drive.ranges[n])
@@ -163,7 +163,7 @@ def test_a_filter_of_the_users_own_is_driven_by_its_protocol():
 
 def test_a_filter_that_knows_only_odometry_drifts_with_it():
     deaf = Robot(EXACT.lidar, filter=Deaf(), disturbances=EXACT.disturbances)
-    found = simulate(room(), THROUGH, deaf.changed({"distance_bias": 0.1}), drives=40)
+    found = simulate(room(), THROUGH, deaf.with_settings({"distance_bias": 0.1}), drives=40)
     errors = found.drives["through"].errors
     assert errors[:, 0, :2].std() == pytest.approx(deaf.disturbances.start_sigma, rel=0.25)
     at = np.searchsorted(found.drives["through"].distance, 7.0)
@@ -174,7 +174,7 @@ def test_what_reads_amcls_parameters_says_so_of_another_filter(tmp_path):
     robot = dataclasses.replace(EXACT, filter=Wrapped())
     for asked in (
         lambda: tune(room(), robot, paths=5, drives=2),
-        lambda: robot.changed({"alpha1": 0.1}),
+        lambda: robot.with_settings({"alpha1": 0.1}),
         lambda: robot.save(tmp_path / "robot.yaml"),
     ):
         with pytest.raises(ConfigError, match=r"a filter of my own.* is not AMCL") as caught:

@@ -29,7 +29,7 @@ def room(seed=3):
 
 
 def simulator(grid, amcl=None, lidar=SMALL, **changes):
-    return Simulator(grid, Robot(lidar, filter=amcl or Amcl()).changed(changes))
+    return Simulator(grid, Robot(lidar, filter=amcl or Amcl()).with_settings(changes))
 
 
 def cloud(random, count):
@@ -50,16 +50,16 @@ def test_weights_are_those_of_the_formula(model, half_cell):
     expected = oracles.particles.weigh(
         grid.cells, RESOLUTION, ends, poses, weights, amcl, SMALL.range
     )
-    particles.weigh(simulator(grid, amcl).arguments.scores, ends, poses, 40, weights)
+    particles.weigh_particles(simulator(grid, amcl).arguments.scores, ends, poses, 40, weights)
     assert weights == pytest.approx(expected, rel=2e-6)
 
 
 def test_weights_are_equal_where_no_beam_returns():
     weights = np.array([0.2, 0.4, 0.0])
     scores = simulator(room()).arguments.scores
-    particles.weigh(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, weights)
+    particles.weigh_particles(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, weights)
     assert weights == pytest.approx([1 / 3, 2 / 3, 0])
-    particles.weigh(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, np.zeros(3))
+    particles.weigh_particles(scores, np.full((3, 2), np.nan), np.ones((3, 3)), 3, np.zeros(3))
 
 
 @pytest.mark.parametrize("model", [DIFFERENTIAL, OMNIDIRECTIONAL])
@@ -73,7 +73,7 @@ def test_particles_move_like_the_plain_formula(dx, dy, turn, model):
     amcl = Amcl(**alphas, robot_model_type=model)
     expected = oracles.particles.move(np.random.default_rng(5), poses, dx, dy, turn, 0.3, amcl)
     settings = simulator(room(), amcl).arguments.filter
-    particles.move(np.random.default_rng(5), poses, 30, dx, dy, turn, 0.3, settings)
+    particles.move_particles(np.random.default_rng(5), poses, 30, dx, dy, turn, 0.3, settings)
     assert poses == pytest.approx(expected, abs=1e-12)
 
 
@@ -82,7 +82,7 @@ def test_without_noise_particles_follow_odometry(model):
     poses = np.array([[1.0, 2.0], [1.0, 1.0], [0.0, math.pi / 2]])
     still = Amcl(**{f"alpha{n}": 0.0 for n in range(1, 6)}, robot_model_type=model)
     settings = simulator(room(), still).arguments.filter
-    particles.move(np.random.default_rng(0), poses, 2, 0.5, 0.0, 0.1, 0.0, settings)
+    particles.move_particles(np.random.default_rng(0), poses, 2, 0.5, 0.0, 0.1, 0.0, settings)
     assert poses == pytest.approx(np.array([[1.5, 2.0], [1.0, 1.5], [0.1, math.pi / 2 + 0.1]]))
 
 
@@ -93,11 +93,11 @@ def test_clusters_are_those_of_touching_bins(count):
     poses[:2] += 4 * random.integers(0, 3, (2, count)) * [[1.0], [-1.0]]
     histogram, bins = particles.make_histogram(count), 0
     for n in range(count):
-        bins = particles.insert(histogram, bins, n, *poses[:, n])
+        bins = particles.insert_particle(histogram, bins, n, *poses[:, n])
     assert bins == len(set(oracles.particles.bins_of(poses)))
     found = particles.heaviest_cluster_mean(histogram, bins, poses, count)
     assert found == pytest.approx(oracles.particles.heaviest_cluster_mean(poses), abs=1e-12)
-    particles.clear(histogram, bins)
+    particles.clear_histogram(histogram, bins)
     assert (histogram.bin_of == particles.FREE).all()
 
 
@@ -128,7 +128,7 @@ def test_resampling_draws_the_same_particles(limits, lost):
     drawn = np.empty_like(poses)
     histogram, bins = particles.make_histogram(limits[1]), 0
     for n in range(count):
-        bins = particles.insert(histogram, bins, n, *poses[:, n])
+        bins = particles.insert_particle(histogram, bins, n, *poses[:, n])
     found, _ = particles.resample(
         np.random.default_rng(8),
         poses,
@@ -171,7 +171,7 @@ def test_the_first_share_above_a_value_is_found_from_anywhere():
         for near in range(40):
             assert particles.first_above(value, shares, near) == expected
     expected = np.searchsorted(shares * 40, np.arange(41) * shares[-1], side="right")
-    np.testing.assert_array_equal(particles.guide_of(shares), np.minimum(expected, 39))
+    np.testing.assert_array_equal(particles.build_guide(shares), np.minimum(expected, 39))
 
 
 def test_particles_are_drawn_as_often_as_they_weigh():
@@ -195,7 +195,7 @@ def test_measured_beams_end_where_the_plain_loop_says(occlusion):
         pose = np.array([12.3, 13.7, 0.7 * seed])
         random = np.random.default_rng(seed)
         lidar, of_beams = here.arguments.lidar, here.arguments.disturbances
-        lidars.measured_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
+        lidars.measure_ends(random, squares, RESOLUTION, pose, lidar, of_beams, ends)
         expected = oracles.particles.measured_ends(
             np.random.default_rng(seed),
             grid.cells,
@@ -218,7 +218,7 @@ def test_outliers_and_occlusions_come_as_often_as_asked():
     for _ in range(2000):
         pose = np.array([45.0, 45.0, 0.0])
         disturbances = here.arguments.disturbances
-        lidars.measured_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
+        lidars.measure_ends(random, squares, RESOLUTION, pose, lidar, disturbances, ends)
         at = np.hypot(*ends.T) * RESOLUTION
         returned += np.isfinite(at).mean() / 2000
         values, counts = np.unique(at[np.isfinite(at)].round(9), return_counts=True)
@@ -236,7 +236,7 @@ def test_odometry_drifts_like_the_plain_formula():
     here = simulator(
         room(), distance_drift=0.1, heading_drift_deg=5, turn_drift_deg=7, turn_bias=0.1
     )
-    told = drives.odometry_along(np.random.default_rng(3), truth, here.arguments.odometry)
+    told = drives.simulate_odometry(np.random.default_rng(3), truth, here.arguments.odometry)
     assert told == pytest.approx(
         oracles.particles.odometry_along(np.random.default_rng(3), truth, here.robot.odometry)
     )
@@ -254,7 +254,7 @@ def test_drifts_grow_with_the_root_of_the_way():
         random = np.random.default_rng(1)
         ends.append(
             [
-                drives.odometry_along(random, truth, here.arguments.odometry)[-1, 0]
+                drives.simulate_odometry(random, truth, here.arguments.odometry)[-1, 0]
                 for _ in range(800)
             ]
         )
@@ -299,7 +299,7 @@ def test_a_whole_drive_is_that_of_the_plain_loop(amcl):
         here.arguments.lidar.angles,
     )
     errors, random = np.empty_like(truth), np.random.default_rng(6)
-    reported = drives.odometry_along(random, truth, here.arguments.odometry)
+    reported = drives.simulate_odometry(random, truth, here.arguments.odometry)
     drives.drive(
         random,
         truth,

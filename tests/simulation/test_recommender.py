@@ -31,14 +31,14 @@ from locplan import (
     plan,
     save_map,
 )
-from locplan._support.drawing import lines_within
+from locplan._support.drawing import break_title
 from locplan.errors import ConfigError, PoseError
 from locplan.field.config import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, Zone, Zones, environments
-from locplan.maps.figures import map_around
+from locplan.maps.figures import crop_map
 from locplan.planning import Found, check_path
 from locplan.planning.any_angle import AnyAngle
-from locplan.planning.plans import plan_beside_shortest
+from locplan.planning.plans import plan_with_shortest
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.parts import Inflation
 from locplan.simulation import Arrivals, Simulator, drive_closed
@@ -359,7 +359,7 @@ def test_user_path_replaces_planned_twin(grid, costs, choice):
 def crosses(zones, grid, xy) -> bool:
     """True if a line enters a cell of a no-go zone."""
     closed = zones.cells(grid, "no-go")
-    fine = Path(np.asarray(xy)[:, :2]).resampled(grid.resolution / 20).xy
+    fine = Path(np.asarray(xy)[:, :2]).resample(grid.resolution / 20).xy
     return bool(closed[grid.cell(fine)].any())
 
 
@@ -1083,13 +1083,13 @@ def test_the_picture_shows_the_part_of_the_map_with_the_candidates():
     cells[100, 150] = OCCUPIED
     large = OccupancyGrid(cells, 0.1, (5.0, -3.0, 0.3))
     xy = np.column_stack(large.grid_to_world(np.array([90.5, 110.5]), np.array([140.5, 160.5])))
-    part = map_around(large, [Path(xy)])
+    part = crop_map(large, [Path(xy)])
     assert part.shape == (81, 81)
     (row,), (col,) = np.nonzero(part.cells == OCCUPIED)
     expected = large.position(100, 150)
     np.testing.assert_allclose(part.position(int(row), int(col)), expected, atol=1e-9)
     corners = np.column_stack(large.grid_to_world(np.array([1.0, 399.0]), np.array([1.0, 599.0])))
-    assert map_around(large, [Path(corners)]).shape == large.shape
+    assert crop_map(large, [Path(corners)]).shape == large.shape
 
 
 def test_the_filters_title_names_what_differs_from_the_defaults():
@@ -1103,7 +1103,7 @@ def test_the_filters_title_names_what_differs_from_the_defaults():
 @pytest.mark.usefixtures("one_steered_drive")
 def test_the_shortest_path_is_that_of_simulate(grid, fielded):
     found = choose(grid, START, GOAL, costs=fielded, **QUICK)
-    paths = plan_beside_shortest(fielded, START, GOAL)
+    paths = plan_with_shortest(fielded, START, GOAL)
     assert found.shortest.path == paths["shortest"].path
 
 
@@ -1263,7 +1263,7 @@ def test_all_marks_are_within_the_picture_and_below_its_ends(better):
 @pytest.mark.parametrize("width", [2.0, 4.5, 8.6])
 def test_no_line_of_a_title_has_one_word_left_over(width):
     text = "take the way around: better than the shortest, x.03 [.01, .04] of its error " * 3
-    lines = lines_within(text, width)
+    lines = break_title(text, width)
     assert " ".join(lines) == text.strip()
     assert max(map(len, lines)) <= 11.5 * width
     assert len(lines[-1]) >= 0.4 * len(lines[0])

@@ -13,7 +13,7 @@ from support.maps import corridor
 
 import locplan
 from locplan import FieldConfig, Lidar, LocplanError, OccupancyGrid, Path
-from locplan._support.records import values_of
+from locplan._support.records import extract_values
 from locplan.field import Sad, Scan
 from locplan.field.config import SHORT_LIDAR
 from locplan.field.sad import Exponential
@@ -108,7 +108,7 @@ def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
     result = simulate(
         grid,
         {"a": path},
-        robot=Robot(filter=Amcl(**STILL, **FEW)).changed(QUIET),
+        robot=Robot(filter=Amcl(**STILL, **FEW)).with_settings(QUIET),
         drives=2,
     )
     assert abs(result.drives["a"].errors).max() < 1e-9
@@ -120,7 +120,7 @@ def test_nav2s_half_cell_moves_the_estimate_back_by_it(two_corridors, in_room):
         simulate(
             two_corridors,
             {"a": in_room},
-            robot=Robot(filter=amcl).changed({**QUIET, "half_cell": half_cell}),
+            robot=Robot(filter=amcl).with_settings({**QUIET, "half_cell": half_cell}),
             drives=20,
         ).drives["a"]
         for half_cell in (True, False)
@@ -136,7 +136,7 @@ def test_odometry_alone_drifts_where_nothing_is_seen():
     result = simulate(
         grid,
         {"a": path},
-        robot=Robot(filter=Amcl(**STILL, **FEW)).changed({**QUIET, "distance_bias": 0.05}),
+        robot=Robot(filter=Amcl(**STILL, **FEW)).with_settings({**QUIET, "distance_bias": 0.05}),
         drives=200,
     )
     errors = result.drives["a"].errors
@@ -149,7 +149,7 @@ def test_odometry_alone_drifts_where_nothing_is_seen():
 def test_walls_make_good_for_bad_odometry(two_corridors, in_room):
     poor = {"boundary_noise": 0.0, "distance_bias": 0.1, "heading_bias_deg": 5.0}
     seeing, not_seeing = (
-        simulate(two_corridors, {"a": in_room}, robot=Robot(lidar).changed(poor), drives=20)
+        simulate(two_corridors, {"a": in_room}, robot=Robot(lidar).with_settings(poor), drives=20)
         .drives["a"]
         .rmse.value
         for lidar in (SHORT_LIDAR, Lidar(range=0.2))
@@ -236,7 +236,7 @@ def test_lost_drives_and_their_intervals(two_corridors):
     assert drives.kept_rmse.low < drives.kept_rmse.value < drives.kept_rmse.high < LOST
     assert drives.median_error.value == np.median(drives.position_error)
     assert drives.median_error.low < drives.median_error.value < drives.median_error.high
-    about = values_of(DRIVEN, drives)
+    about = extract_values(DRIVEN, drives)
     assert about["median_error"] == list(drives.median_error)
     assert about["kept_rmse"] == list(drives.kept_rmse)
     assert drives.profile().shape == (len(drives.poses), 9)
@@ -264,7 +264,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
     drives = Drives(poses, errors)
     assert drives.lost.all()
     assert np.isnan(drives.kept_rmse).all()
-    assert values_of(DRIVEN, drives)["kept_rmse"] == [None] * 3
+    assert extract_values(DRIVEN, drives)["kept_rmse"] == [None] * 3
     assert drives.median_error == (0.0, 0.0, 0.0)
     errors[:2, 4, 1] = LOST / 2  # two are too few for an interval
     kept = Drives(poses, errors).kept_rmse
@@ -277,7 +277,7 @@ def at_places(name, ends, drives):
     costs = locplan.Costmap.from_field(
         grid, locplan.covariance_field(grid, FieldConfig(stride=0.4)), weight=4.0, robot=0.25
     )
-    marks = environments.landmarks(name)
+    marks = environments.place_positions(name)
     query = Query(name, *(marks[end] for end in ends))
     return simulate_queries(costs, [query], drives=drives)
 
@@ -460,7 +460,7 @@ def test_impossible_filters_are_refused(changes, reason):
 )
 def test_impossible_realities_are_refused(changes, reason):
     with pytest.raises(LocplanError, match=reason):
-        Robot().changed(changes)
+        Robot().with_settings(changes)
 
 
 def test_beams_are_thinned_out_as_amcl_does():

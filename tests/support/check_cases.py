@@ -16,7 +16,7 @@ LIDAR = Lidar(range=6.0, beams=120)
 FEW_PARTICLES = {"min_particles": 200, "max_particles": 400}
 
 
-ROBOT = Robot(LIDAR).changed({**TUNED_FILTER, **FEW_PARTICLES})
+ROBOT = Robot(LIDAR).with_settings({**TUNED_FILTER, **FEW_PARTICLES})
 
 
 CORNERS = {"door": (1.0, 1.0), "desk": (7.0, 1.0), "shelf": (1.0, 5.0)}

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from locplan._support.output import Output
-from locplan._support.runs import Run, run_text, running
+from locplan._support.runs import RunRecord, run_text, running
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.comparison.journal import Journal
 from locplan.comparison.planners import PlannerSpec
@@ -245,7 +245,7 @@ def saved(folder: Path) -> None:
     COSTS.save(folder / "costs.npz")
     ends = [GRID.position(*np.argwhere(GRID.free)[0].tolist())] * 2
     plan(COSTS, *ends, planner=lambda *query: Route(query[1:])).write(folder / "plan.json")
-    run = Run("plan", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
+    run = RunRecord("plan", {"map": "a.yaml", "start": "1,2"}, frozenset({"map"}))
     with running(run):
         text = run_text(folder, "choice", {"a.csv": "0" * 64})
     (folder / "run.yaml").write_text(text, encoding="utf-8")
@@ -257,9 +257,9 @@ ZONES = Zones([*ZONES, Zone("slow", [[1.25, -2], [2, -2], [2, -1], [1.5, 0]], 30
 
 def make_field() -> CovarianceField:
     """A field of values that are made up, which no kernel has to be compiled for."""
-    values = tiles.nothing_known(GRID, SMALL)
-    values["covariance"][tiles.needed_points(GRID, SMALL)] = 0.01 * np.eye(2)
-    return CovarianceField.of(values, GRID, SMALL)
+    values = tiles.make_empty_values(GRID, SMALL)
+    values["covariance"][tiles.find_required_points(GRID, SMALL)] = 0.01 * np.eye(2)
+    return CovarianceField.from_values(values, GRID, SMALL)
 
 
 def field_arrays(folder: Path) -> None:
@@ -268,7 +268,7 @@ def field_arrays(folder: Path) -> None:
 
 def cache_files(folder: Path) -> None:
     field, about = make_field(), files.describe(GRID, SMALL)
-    known = tiles.known_points(field.values)
+    known = tiles.find_computed_points(field.values)
     for path in (field_path(GRID, SMALL, folder), folder / ("0" * 32 + ".npz")):
         files.write_points(path, field.values, known, about | {"finished_share": 1.0}, GRID.cells)
 
@@ -342,7 +342,7 @@ READERS = {
     "settings": Reader(settings, "?.json", lambda file: load_config(file).to_json(), JSON),
     "costmap": Reader(saved, "costs.npz", Costmap.load, (edit,)),
     "plan": Reader(saved, "plan.json", lambda file: Plan.load(file).report(), JSON),
-    "run": Reader(saved, "run.yaml", lambda file: Run.read(file).words()),
+    "run": Reader(saved, "run.yaml", lambda file: RunRecord.read(file).words()),
     "outputs": Reader(
         saved,
         "run.yaml",

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from locplan import Lidar
-from locplan.maps.grid import own_axes
+from locplan.maps.grid import world_to_map_frame
 from locplan.recordings import Recording
 from locplan.robots import Disturbances, Robot
 from locplan.simulation import Simulator
@@ -24,19 +24,19 @@ def simulate_recording(
 
     `odometry` replaces the simulated one, (n, 3).
     """
-    from locplan._support.kernels.drives import odometry_along
-    from locplan._support.kernels.lidar import measured_ends
+    from locplan._support.kernels.drives import simulate_odometry
+    from locplan._support.kernels.lidar import measure_ends
 
     disturbances = dataclasses.replace(disturbances or Disturbances(), worlds=1)
     simulator = Simulator(grid, robot=Robot(lidar, disturbances=disturbances), seed=seed, threads=1)
     random = np.random.default_rng(seed)
-    own = own_axes(simulator.grid, line)
+    own = world_to_map_frame(simulator.grid, line)
     if odometry is None:
-        odometry = odometry_along(random, own, simulator.arguments.odometry)
+        odometry = simulate_odometry(random, own, simulator.arguments.odometry)
     beams = simulator.arguments.lidar._replace(angles=lidar.angles)
     ranges, ends = np.empty((len(line), lidar.beams)), np.empty((lidar.beams, 2))
     for n, (x, y, heading) in enumerate(own):
-        measured_ends(
+        measure_ends(
             random,
             simulator.worlds[0],
             grid.resolution,

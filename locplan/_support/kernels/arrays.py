@@ -18,5 +18,5 @@ Words: TypeAlias = NDArray[np.uint64]
 Numbers: TypeAlias = tuple[Any, ...]
 Random: TypeAlias = np.random.Generator
 
-STOP, DONE = 0, 1
+STOP, N_DONE = 0, 1
 """Places in the array `control` that threads share: set to stop early, and the places done."""

@@ -13,8 +13,8 @@ from numba import njit
 
 from locplan._support.kernels import particles
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
-from locplan._support.kernels.lidar import BeamDisturbances, Lidar, measured_ends
-from locplan._support.kernels.particles import BeamScores, Filter, wrapped
+from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
+from locplan._support.kernels.particles import BeamScores, FilterSettings, wrap_angle
 
 NOW, COUNT, BINS, UPDATES, UPDATED, AT = range(6)
 """Places in `Tracker.state`."""
@@ -27,7 +27,7 @@ class Start(NamedTuple):
     heading: float  # [rad]
 
 
-class Tracker(NamedTuple):
+class FilterState(NamedTuple):
     """The particles of a filter, and its last pose."""
 
     clouds: Floats  # (2, 3, most) particles, and room for those that are drawn
@@ -41,7 +41,7 @@ class Tracker(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Tracker:
+def start_filter(random: Random, first: Floats, start: Start, settings: FilterSettings) -> FilterState:
     """Draw a filter's particles about a pose that is off from `first` (3,) by as much."""
     max_particles = settings.max_particles
     clouds, weights = np.empty((2, 3, max_particles)), np.full(max_particles, 1 / max_particles)
@@ -54,34 +54,34 @@ def begin(random: Random, first: Floats, start: Start, settings: Filter) -> Trac
     for n in range(max_particles):
         for axis in range(3):
             poses[axis, n] += sigma[axis] * random.standard_normal()
-        bins = particles.insert(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
+        bins = particles.insert_particle(histogram, bins, n, poses[0, n], poses[1, n], poses[2, n])
     pose = np.array(particles.heaviest_cluster_mean(histogram, bins, poses, max_particles))
     averages, state = np.zeros(2), np.array([0, max_particles, bins, 0, 0, 0])
-    return Tracker(clouds, weights, histogram, averages, pose, state)
+    return FilterState(clouds, weights, histogram, averages, pose, state)
 
 
 @njit(nogil=True, cache=True)
-def is_due(tracker: Tracker, reported: Floats, n: int, settings: Filter) -> bool:
+def is_due(tracker: FilterState, reported: Floats, n: int, settings: FilterSettings) -> bool:
     """Whether odometry (n, 3) has come far enough since the last update."""
     last = tracker.state[UPDATED]
     dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
-    turn = wrapped(reported[n, 2] - reported[last, 2])
+    turn = wrap_angle(reported[n, 2] - reported[last, 2])
     return max(abs(dx), abs(dy)) > settings.update_min_d or abs(turn) > settings.update_min_a
 
 
 @njit(nogil=True, cache=True)
-def advance(random: Random, tracker: Tracker, reported: Floats, n: int, settings: Filter) -> None:
+def advance(random: Random, tracker: FilterState, reported: Floats, n: int, settings: FilterSettings) -> None:
     """Move the particles by the odometry (n, 3) from the last update to pose `n`."""
     state = tracker.state
     last = state[UPDATED]
     dx, dy = reported[n, 0] - reported[last, 0], reported[n, 1] - reported[last, 1]
-    turn = wrapped(reported[n, 2] - reported[last, 2])
+    turn = wrap_angle(reported[n, 2] - reported[last, 2])
     poses = tracker.clouds[state[NOW]]
-    particles.move(random, poses, state[COUNT], dx, dy, turn, reported[last, 2], settings)
+    particles.move_particles(random, poses, state[COUNT], dx, dy, turn, reported[last, 2], settings)
 
 
 @njit(nogil=True, cache=True)
-def lost_share(averages: Floats, weight: float, settings: Filter) -> float:
+def lost_share(averages: Floats, weight: float, settings: FilterSettings) -> float:
     """Take a mean weight into its slow and fast averages (2,), and return max(0, 1 - fast / slow).
 
     That is AMCL's share of random particles, which recover a filter whose weights have fallen.
@@ -95,7 +95,7 @@ def lost_share(averages: Floats, weight: float, settings: Filter) -> float:
 
 @njit(nogil=True, cache=True)
 def correct(
-    random: Random, tracker: Tracker, scores: BeamScores, ends: Floats, n: int, settings: Filter
+    random: Random, tracker: FilterState, scores: BeamScores, ends: Floats, n: int, settings: FilterSettings
 ) -> bool:
     """Weigh the particles by the scan (beam, 2) at pose `n`, and resample every few updates.
 
@@ -103,7 +103,7 @@ def correct(
     """
     state, weights = tracker.state, tracker.weights
     poses, new_poses = tracker.clouds[state[NOW]], tracker.clouds[1 - state[NOW]]
-    weight = particles.weigh(scores, ends, poses, state[COUNT], weights)
+    weight = particles.weigh_particles(scores, ends, poses, state[COUNT], weights)
     lost = lost_share(tracker.averages, weight, settings)
     state[UPDATED] = n
     state[UPDATES] += 1
@@ -131,7 +131,7 @@ def correct(
 
 
 @njit(nogil=True, cache=True)
-def estimate(tracker: Tracker, reported: Floats, n: int) -> tuple[float, float, float]:
+def estimate_pose(tracker: FilterState, reported: Floats, n: int) -> tuple[float, float, float]:
     """The filter's pose at pose `n`: since the last resampling it has followed odometry."""
     pose, at = tracker.pose, tracker.state[AT]
     cos, sin = np.cos(pose[2] - reported[at, 2]), np.sin(pose[2] - reported[at, 2])
@@ -144,7 +144,7 @@ def estimate(tracker: Tracker, reported: Floats, n: int) -> tuple[float, float, 
 
 
 @njit(nogil=True, cache=True)
-def covariance_of(tracker: Tracker, covariance: Floats) -> None:
+def write_cloud_covariance(tracker: FilterState, covariance: Floats) -> None:
     """Write the covariance of all particles, as AMCL publishes it, into `covariance` (3, 3).
 
     That of the heading is its circular variance; it has no covariance with the position.
@@ -165,7 +165,7 @@ def covariance_of(tracker: Tracker, covariance: Floats) -> None:
     covariance[2, 2] = -2 * np.log(min(1.0, np.hypot(cos, sin) / count))
 
 
-class Odometry(NamedTuple):
+class OdometryErrors(NamedTuple):
     """Errors of odometry: standard deviations; drifts grow with the root of distance or turn."""
 
     distance_drift: float  # [m / sqrt(m)]
@@ -185,7 +185,7 @@ class World(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def odometry_along(random: Random, truth: Floats, odometry: Odometry) -> Floats:
+def simulate_odometry(random: Random, truth: Floats, odometry: OdometryErrors) -> Floats:
     """Reported odometry of a drive: poses (n, 3), the first one without error [m, m, rad]."""
     scale = 1 + odometry.distance_bias * random.standard_normal()
     bend = odometry.heading_bias * random.standard_normal()
@@ -195,7 +195,7 @@ def odometry_along(random: Random, truth: Floats, odometry: Odometry) -> Floats:
         poses[0, axis] = truth[0, axis]
     for n in range(1, len(truth)):
         dx, dy = truth[n, 0] - truth[n - 1, 0], truth[n, 1] - truth[n - 1, 1]
-        way, turn = np.hypot(dx, dy), wrapped(truth[n, 2] - truth[n - 1, 2])
+        way, turn = np.hypot(dx, dy), wrap_angle(truth[n, 2] - truth[n - 1, 2])
         bearing = np.arctan2(dy, dx) - truth[n - 1, 2] if way > 0 else 0.0
         reported = scale * way + odometry.distance_drift * np.sqrt(way) * random.standard_normal()
         reported_turn = turn_scale * turn + bend * way
@@ -216,10 +216,10 @@ def drive(
     reported: Floats,
     world: World,
     scores: BeamScores,
-    lidar: Lidar,
+    lidar: LidarBeams,
     disturbances: BeamDisturbances,
     start: Start,
-    settings: Filter,
+    settings: FilterSettings,
     errors: Floats,
 ) -> None:
     """Drive once, and write the filter's error at every pose into `errors`.
@@ -244,34 +244,34 @@ def drive(
     errors : (n, 3) array
         Filled with the filter's pose minus the true one [m, m, rad].
     """
-    tracker = begin(random, truth[0], start, settings)
+    tracker = start_filter(random, truth[0], start, settings)
     ends, finer = np.empty((lidar.angles.size, 2)), world.resolution / scores.resolution
     for n in range(len(truth)):
         due = is_due(tracker, reported, n, settings)
         if due:
             advance(random, tracker, reported, n, settings)
         if due or n == 0:
-            measured_ends(
+            measure_ends(
                 random, world.squares, world.resolution, world.poses[n], lidar, disturbances, ends
             )
             for b in range(len(ends)):  # the filter counts in cells of its own map
                 ends[b, 0] *= finer
                 ends[b, 1] *= finer
             correct(random, tracker, scores, ends, n, settings)
-        x, y, heading = estimate(tracker, reported, n)
+        x, y, heading = estimate_pose(tracker, reported, n)
         errors[n, 0], errors[n, 1] = x - truth[n, 0], y - truth[n, 1]
-        errors[n, 2] = wrapped(heading - truth[n, 2])
+        errors[n, 2] = wrap_angle(heading - truth[n, 2])
 
 
 @njit(nogil=True, cache=True)
-def replay(
+def replay_filter(
     random: Random,
     first: Floats,
     reported: Floats,
     ends: Floats,
     scores: BeamScores,
     start: Start,
-    settings: Filter,
+    settings: FilterSettings,
     poses: Floats,
     covariances: Floats,
 ) -> None:
@@ -294,12 +294,12 @@ def replay(
     covariances : (n, 3, 3) array
         Filled with the covariance of the particles where they were resampled, else with NaN.
     """
-    tracker = begin(random, first, start, settings)
+    tracker = start_filter(random, first, start, settings)
     for n in range(len(reported)):
         due = is_due(tracker, reported, n, settings)
         if due:
             advance(random, tracker, reported, n, settings)
         covariances[n] = np.nan
         if (due or n == 0) and correct(random, tracker, scores, ends[n], n, settings):
-            covariance_of(tracker, covariances[n])
-        poses[n, 0], poses[n, 1], poses[n, 2] = estimate(tracker, reported, n)
+            write_cloud_covariance(tracker, covariances[n])
+        poses[n, 0], poses[n, 1], poses[n, 2] = estimate_pose(tracker, reported, n)

@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._support.kernels.arrays import DONE, STOP, Floats, Ints, Octets, Random, Singles
+from locplan._support.kernels.arrays import N_DONE, STOP, Floats, Ints, Octets, Random, Singles
 from locplan._support.kernels.rays import cast
 
 
-class Lidar(NamedTuple):
+class LidarBeams(NamedTuple):
     """A planar lidar, and its mount on the robot."""
 
     angles: Floats  # (beam,) angles from the lidar's own axis [rad]
@@ -36,7 +36,7 @@ class Lidar(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def lever(lidar: Lidar, heading: float, resolution: float) -> tuple[float, float]:
+def lever(lidar: LidarBeams, heading: float, resolution: float) -> tuple[float, float]:
     """Position of the lidar from the robot's centre, x (columns) and y (rows) [cells].
 
     It is rounded to a fraction of a cell, so that its sum with any cell's position is exact: a part
@@ -56,7 +56,7 @@ def scan_ends(
     row: float,
     col: float,
     heading: float,
-    lidar: Lidar,
+    lidar: LidarBeams,
     ends: Floats,
 ) -> None:
     """Write the ends of the beams, x (columns) and y (rows) from the robot [cells], into `ends`.
@@ -95,7 +95,7 @@ def scan_ends(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def move_ends(resolution: float, heading: float, lidar: Lidar, noise: Floats, ends: Floats) -> None:
+def move_ends(resolution: float, heading: float, lidar: LidarBeams, noise: Floats, ends: Floats) -> None:
     """Move the ends of the beams outwards by ``noise[b, 0]`` [m] and ``noise[b, 1]`` of the range.
 
     The arguments are those of `scan_ends`, which filled `ends`; `noise` is (beam, 2).
@@ -119,12 +119,12 @@ class BeamDisturbances(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def measured_ends(
+def measure_ends(
     random: Random,
     squares: Octets,
     resolution: float,
     pose: Floats,
-    lidar: Lidar,
+    lidar: LidarBeams,
     disturbances: BeamDisturbances,
     ends: Floats,
 ) -> None:
@@ -148,7 +148,7 @@ def measured_ends(
     """
     row, col, heading = pose
     # A near wall still hides what lies behind it.
-    near = Lidar(
+    near = LidarBeams(
         lidar.angles, lidar.forward, lidar.left, lidar.yaw, lidar.sigma, 0.0, lidar.max_range
     )
     scan_ends(squares, resolution, row, col, heading, near, ends)
@@ -180,14 +180,14 @@ def measured_ends(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def information(
+def compute_information(
     squares: Octets,
     normals: Singles,
     resolution: float,
     rows: Floats,
     cols: Floats,
     headings: Floats,
-    lidar: Lidar,
+    lidar: LidarBeams,
     of_ranges: bool,
     control: Ints,
 ) -> Floats:
@@ -252,6 +252,6 @@ def information(
             of_pose[0, 1] = of_pose[1, 0] = xy
             of_pose[0, 2] = of_pose[2, 0] = xt
             of_pose[1, 2] = of_pose[2, 1] = yt
-        if control.size > DONE:
-            control[DONE] += 1
+        if control.size > N_DONE:
+            control[N_DONE] += 1
     return result

@@ -112,7 +112,7 @@ def lay_out(walls: Octets, costs: Shorts, reach: int, margin: int, planes: Short
                 planes[row % step, remainder, row // step, col] = costs[nearest[j]]
 
 
-class Lattice(NamedTuple):
+class ScanLattice(NamedTuple):
     """Offsets of the search window, and how the costs of all of them lie in memory."""
 
     half_steps: int
@@ -134,7 +134,7 @@ class Weights(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def make_lattice(half_steps: int, angles: Floats) -> Lattice:
+def make_lattice(half_steps: int, angles: Floats) -> ScanLattice:
     """The lattice of ``2 * half_steps + 1`` offsets along x and y, and headings [rad]."""
     offsets = 2 * half_steps + 1
     width = -(-offsets // SHORTS) * SHORTS
@@ -144,15 +144,15 @@ def make_lattice(half_steps: int, angles: Floats) -> Lattice:
     empty = np.full((angles.size, rows, width), NOWHERE)
     empty[:, :offsets, :offsets] = 0
     plane = rows * width
-    return Lattice(
+    return ScanLattice(
         half_steps, np.cos(angles), np.sin(angles), offsets, width, plane, empty.reshape(-1)
     )
 
 
 @njit(nogil=True, cache=True)
-def make_weights(nats: float, most: int) -> Weights:
-    """Tables of weights for costs up to `most`, or up to where weights are negligible."""
+def make_weights(nats: float, max_cost: int) -> Weights:
+    """Tables of weights for costs up to `max_cost`, or up to where weights are negligible."""
     # Offsets whose log-probability is 30 nats below the greatest are left out.
-    multiples = int(min(30.0 / nats, float(most))) // FINE + 1
+    multiples = int(min(30.0 / nats, float(max_cost))) // FINE + 1
     coarse = np.exp(-nats * FINE * np.arange(multiples))
     return Weights(coarse, np.exp(-nats * np.arange(FINE)), multiples * FINE - 1, nats)

@@ -21,7 +21,7 @@ TOUCH = 1e-9
 """Depth up to which an outline only touches a cell [cells]."""
 
 
-class Body(NamedTuple):
+class CollisionMap(NamedTuple):
     """The outline, and the occupied cells that it must not meet."""
 
     sums: Ints  # see `sums_of`
@@ -42,13 +42,13 @@ def first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
         The poses.
     """
     rows, columns = sums.shape[0], sums.shape[1] - 1
-    corners, hull = room_for(outline)
+    corners, hull = allocate_hull(outline)
     for n in range(len(poses) - 1):
-        parts = parts_of(poses, n)
+        parts = count_turn_parts(poses, n)
         for part in range(parts):
-            size, top, bottom = hull_between(corners, hull, outline, poses, n, part, parts)
+            size, top, bottom = write_part_hull(corners, hull, outline, poses, n, part, parts)
             for row in range(max(0, top), min(rows, bottom + 1)):
-                left, right = columns_of(hull, size, row)
+                left, right = find_hull_columns(hull, size, row)
                 left, right = max(0, left), min(columns, right + 1)
                 if left < right and sums[row, right] > sums[row, left]:
                     return n
@@ -56,7 +56,7 @@ def first_hit(sums: Ints, outline: Floats, poses: Floats) -> int:
 
 
 @njit(nogil=True, cache=True)
-def sums_of(occupied: Bools) -> Array:
+def sum_rows(occupied: Bools) -> Array:
     """Number of the occupied cells before each column of a row, (H, W + 1)."""
     rows, columns = occupied.shape
     sums = np.zeros((rows, columns + 1), np.int32)
@@ -67,49 +67,49 @@ def sums_of(occupied: Bools) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def swept(outline: Floats, poses: Floats, reach: int) -> Array:
+def find_swept_cells(outline: Floats, poses: Floats, reach: int) -> Array:
     """Cells (2 reach + 1, 2 reach + 1) that the outline meets; the middle one is cell (0, 0)."""
     met = np.zeros((2 * reach + 1, 2 * reach + 1), np.bool_)
-    corners, hull = room_for(outline)
+    corners, hull = allocate_hull(outline)
     for n in range(len(poses) - 1):
-        parts = parts_of(poses, n)
+        parts = count_turn_parts(poses, n)
         for part in range(parts):
-            size, top, bottom = hull_between(corners, hull, outline, poses, n, part, parts)
+            size, top, bottom = write_part_hull(corners, hull, outline, poses, n, part, parts)
             for row in range(top, bottom + 1):
-                left, right = columns_of(hull, size, row)
+                left, right = find_hull_columns(hull, size, row)
                 for col in range(left, right + 1):
                     met[row + reach, col + reach] = True
     return met
 
 
 @njit(inline="always")
-def room_for(outline: Floats) -> tuple[Array, Array]:
+def allocate_hull(outline: Floats) -> tuple[Array, Array]:
     """Room for the corners of two outlines, and for their hull."""
     return np.empty((2 * len(outline), 2)), np.empty((4 * len(outline) + 2, 2))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def hull_between(
+def write_part_hull(
     corners: Array, hull: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
 ) -> tuple[int, int, int]:
     """Write the hull of the outlines at both ends of a part; its size, first and last row."""
     place_ends(corners, outline, poses, n, part, parts)
-    size = hull_of(corners, hull)
-    top, bottom = rows_of(hull, size)
+    size = write_convex_hull(corners, hull)
+    top, bottom = find_hull_rows(hull, size)
     return size, top, bottom
 
 
 @njit(inline="always")
-def turn_of(poses: Floats, n: int) -> float:
+def compute_turn(poses: Floats, n: int) -> float:
     """Turn from one pose to the next, the shorter way [rad]."""
     turn = poses[n + 1, 2] - poses[n, 2] if n + 1 < len(poses) else 0.0
     return turn - 2 * math.pi * round(turn / (2 * math.pi))
 
 
 @njit(inline="always")
-def parts_of(poses: Floats, n: int) -> int:
+def count_turn_parts(poses: Floats, n: int) -> int:
     """Number of parts of a move."""
-    return max(1, math.ceil(abs(turn_of(poses, n)) / PART - 1e-9))
+    return max(1, math.ceil(abs(compute_turn(poses, n)) / PART - 1e-9))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -117,7 +117,7 @@ def place_ends(
     corners: Array, outline: Floats, poses: Floats, n: int, part: int, parts: int
 ) -> None:
     """Write the corners of the outlines at both ends of a part of a move."""
-    turn, after = turn_of(poses, n), min(n + 1, len(poses) - 1)
+    turn, after = compute_turn(poses, n), min(n + 1, len(poses) - 1)
     grown = 1 / math.cos(turn / parts / 2)
     for end in range(2):
         share = (part + end) / parts
@@ -132,7 +132,7 @@ def place_ends(
 
 
 @njit(nogil=True, cache=True)
-def hull_of(points: Array, hull: Array) -> int:
+def write_convex_hull(points: Array, hull: Array) -> int:
     """Write the convex hull's corners, counter-clockwise and the first again; their number.
 
     This is Andrew's monotone chain; the points are sorted in place.
@@ -166,7 +166,7 @@ def hull_of(points: Array, hull: Array) -> int:
 
 
 @njit(nogil=True, cache=True)
-def rows_of(hull: Array, size: int) -> tuple[int, int]:
+def find_hull_rows(hull: Array, size: int) -> tuple[int, int]:
     """First and last row of cells that a hull meets."""
     low, high = hull[0, 1], hull[0, 1]
     for n in range(size):
@@ -175,7 +175,7 @@ def rows_of(hull: Array, size: int) -> tuple[int, int]:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def columns_of(hull: Array, size: int, row: int) -> tuple[int, int]:
+def find_hull_columns(hull: Array, size: int, row: int) -> tuple[int, int]:
     """First and last column of the cells in a row that a hull meets."""
     low, high = np.inf, -np.inf
     for n in range(size - 1):

@@ -24,7 +24,7 @@ EXTENT = 1 << 20
 
 
 @njit(nogil=True, cache=True)
-def guide_of(shares: Floats) -> Ints:
+def build_guide(shares: Floats) -> Ints:
     """Index of the first share above each of n + 1 equal steps from 0 to the last share."""
     count = len(shares)
     guide = np.full(count + 1, count - 1)
@@ -47,7 +47,7 @@ def first_above(value: float, shares: Floats, near: int) -> int:
     return at
 
 
-class Filter(NamedTuple):
+class FilterSettings(NamedTuple):
     """AMCL's parameters by its own names, but for its motion model, which is a number here."""
 
     alpha1: float
@@ -90,22 +90,22 @@ class Histogram(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def make_histogram(most: int) -> Histogram:
-    """Empty histogram for at most `most` particles."""
+def make_histogram(max_particles: int) -> Histogram:
+    """Empty histogram for at most `max_particles` particles."""
     slots = 4
-    while slots < 4 * most:
+    while slots < 4 * max_particles:
         slots *= 2
     return Histogram(
         np.full(slots, FREE, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
+        np.empty(max_particles, np.int64),
+        np.empty(max_particles, np.int64),
+        np.empty(max_particles, np.int64),
+        np.empty(max_particles, np.int64),
     )
 
 
 @njit(nogil=True, cache=True)
-def slot_of(histogram: Histogram, key: int) -> int:
+def find_slot(histogram: Histogram, key: int) -> int:
     """Slot of a bin in the hash table, or the free slot that it would get."""
     mask = histogram.bin_of.size - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -116,7 +116,7 @@ def slot_of(histogram: Histogram, key: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def key_of(x: float, y: float, heading: float) -> int:
+def compute_bin_key(x: float, y: float, heading: float) -> int:
     """Key of the bin that contains a pose; bins are AMCL's, of 0.5 m and 10 degrees."""
     i = int(np.floor(x / 0.5)) + EXTENT
     j = int(np.floor(y / 0.5)) + EXTENT
@@ -125,19 +125,19 @@ def key_of(x: float, y: float, heading: float) -> int:
 
 
 @njit(nogil=True, cache=True)
-def clear(histogram: Histogram, bins: int) -> None:
+def clear_histogram(histogram: Histogram, bins: int) -> None:
     """Empty a histogram that has `bins` bins."""
     for n in range(bins):
         histogram.bin_of[histogram.slots[n]] = FREE
 
 
 @njit(nogil=True, cache=True)
-def insert(
+def insert_particle(
     histogram: Histogram, bins: int, particle: int, x: float, y: float, heading: float
 ) -> int:
     """Put a particle into its bin; return the number of bins after that."""
-    key = key_of(x, y, heading)
-    slot = slot_of(histogram, key)
+    key = compute_bin_key(x, y, heading)
+    slot = find_slot(histogram, key)
     if histogram.bin_of[slot] == FREE:
         histogram.bin_of[slot] = bins
         histogram.keys[bins] = key
@@ -164,7 +164,7 @@ def find_clusters(histogram: Histogram, bins: int) -> int:
             for n in range(27):
                 i, j, k = n // 9 - 1, n // 3 % 3 - 1, n % 3 - 1
                 other = key + (i * (2 * EXTENT) + j) * (2 * EXTENT) + k
-                near = histogram.bin_of[slot_of(histogram, other)]
+                near = histogram.bin_of[find_slot(histogram, other)]
                 if near != FREE and histogram.cluster[near] == FREE:
                     histogram.cluster[near] = clusters
                     waiting[left] = near
@@ -192,7 +192,7 @@ def heaviest_cluster_mean(
 
 
 @njit(nogil=True, cache=True)
-def kld_sample_size(bins: int, settings: Filter) -> int:
+def kld_sample_size(bins: int, settings: FilterSettings) -> int:
     """KLD sample size: the number of particles for `bins` occupied bins (Fox, 2003)."""
     if bins <= 1:
         return settings.max_particles
@@ -203,13 +203,13 @@ def kld_sample_size(bins: int, settings: Filter) -> int:
 
 
 @njit(nogil=True, cache=True)
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     """Angle wrapped into [-pi, pi) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 @njit(nogil=True, cache=True)
-def move(
+def move_particles(
     random: Random,
     poses: Floats,
     count: int,
@@ -217,7 +217,7 @@ def move(
     dy: float,
     turn: float,
     heading: float,
-    settings: Filter,
+    settings: FilterSettings,
 ) -> None:
     """Move each of `count` particles of (3, n) by the reported odometry, with noise of its own.
 
@@ -239,11 +239,11 @@ def move(
             poses[1, n] += noisy_way * sin - lateral * cos
             poses[2, n] += noisy_turn
         return
-    first = wrapped(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
-    second = wrapped(turn - first)
+    first = wrap_angle(np.arctan2(dy, dx) - heading) if way >= STILL else 0.0
+    second = wrap_angle(turn - first)
     # Driving backwards does not count as turning round.
-    first_size = min(abs(first), abs(wrapped(first - np.pi)))
-    second_size = min(abs(second), abs(wrapped(second - np.pi)))
+    first_size = min(abs(first), abs(wrap_angle(first - np.pi)))
+    second_size = min(abs(second), abs(wrap_angle(second - np.pi)))
     first_sd = np.sqrt(settings.alpha1 * first_size**2 + settings.alpha2 * way**2)
     second_sd = np.sqrt(settings.alpha1 * second_size**2 + settings.alpha2 * way**2)
     way_sd = np.sqrt(settings.alpha3 * way**2 + settings.alpha4 * (first_size**2 + second_size**2))
@@ -286,7 +286,7 @@ def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums
 
 
 @njit(nogil=True, cache=True)
-def weigh(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> float:
+def weigh_particles(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> float:
     """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
 
     The weights are scaled to add up to 1; if no particle fits, they become equal. Their mean before
@@ -309,14 +309,14 @@ def resample(
     poses: Floats,
     weights: Floats,
     count: int,
-    settings: Filter,
+    settings: FilterSettings,
     histogram: Histogram,
     bins: int,
-    drawn: Floats,
+    new_poses: Floats,
     scores: BeamScores,
     lost: float,
 ) -> tuple[int, int]:
-    """Draw particles by their weights into ``drawn`` (3, n), up to the KLD sample size.
+    """Draw particles by their weights into ``new_poses`` (3, n), up to the KLD sample size.
 
     A share ``lost`` of them is drawn anywhere in the map's free cells instead.
 
@@ -325,9 +325,9 @@ def resample(
     count, bins : int
         Number of particles drawn, and of their bins, which replace those of the histogram.
     """
-    clear(histogram, bins)
+    clear_histogram(histogram, bins)
     shares = np.cumsum(weights[:count])
-    guide = guide_of(shares)
+    guide = build_guide(shares)
     bins = n_drawn = size = 0
     while n_drawn < settings.max_particles:
         # Without recovery no number is drawn for it.
@@ -340,8 +340,8 @@ def resample(
             share = random.random()
             at = first_above(share * shares[-1], shares, guide[int(share * count)])
             x, y, heading = poses[0, at], poses[1, at], poses[2, at]
-        drawn[0, n_drawn], drawn[1, n_drawn], drawn[2, n_drawn] = x, y, heading
-        before, bins = bins, insert(histogram, bins, n_drawn, x, y, heading)
+        new_poses[0, n_drawn], new_poses[1, n_drawn], new_poses[2, n_drawn] = x, y, heading
+        before, bins = bins, insert_particle(histogram, bins, n_drawn, x, y, heading)
         n_drawn += 1
         if bins > before:
             size = kld_sample_size(bins, settings)

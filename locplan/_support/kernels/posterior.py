@@ -15,14 +15,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from locplan._support.kernels.arrays import DONE, STOP, Array, Floats, Ints, Octets, Words
-from locplan._support.kernels.lidar import Lidar, move_ends, scan_ends
+from locplan._support.kernels.arrays import N_DONE, STOP, Array, Floats, Ints, Octets, Words
+from locplan._support.kernels.lidar import LidarBeams, move_ends, scan_ends
 from locplan._support.kernels.likelihood import (
     FINE,
     GROUP,
     NOWHERE,
     TOP,
-    Lattice,
+    ScanLattice,
     LikelihoodField,
     Weights,
     make_weights,
@@ -40,7 +40,7 @@ CONNECTED = 0.01
 """Least share of the centre's probability of offsets that connect the central mode."""
 
 
-class Posteriors(NamedTuple):
+class LatticePosteriors(NamedTuple):
     """Posteriors at n cells x m headings: moments of (dx, dy, theta) in steps of the lattice."""
 
     mean: Floats  # (n, m, 3)
@@ -50,9 +50,9 @@ class Posteriors(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def score(
+def score_scan(
     field: LikelihoodField,
-    lattice: Lattice,
+    lattice: ScanLattice,
     row: int,
     col: int,
     ends: Floats,
@@ -117,7 +117,7 @@ def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
 
 
 @njit(nogil=True, cache=True)
-def central_mode(lattice: Lattice, costs: NDArray[np.uint32], excess: float, bits: Words) -> Array:
+def central_mode(lattice: ScanLattice, costs: NDArray[np.uint32], excess: float, bits: Words) -> Array:
     """Offsets of the central mode, one bit for each of `costs` in words of 64.
 
     They are connected to the zero offset, each to any of 26 neighbours, and cost at most `excess`
@@ -147,8 +147,8 @@ def central_mode(lattice: Lattice, costs: NDArray[np.uint32], excess: float, bit
 
 
 @njit(nogil=True, cache=True)
-def moments(
-    lattice: Lattice,
+def compute_moments(
+    lattice: ScanLattice,
     weights: Weights,
     costs: NDArray[np.uint32],
     mode: Words,
@@ -204,9 +204,9 @@ def moments(
 
 
 @njit(nogil=True, cache=True)
-def posterior_of(
+def compute_posterior(
     field: LikelihoodField,
-    lattice: Lattice,
+    lattice: ScanLattice,
     weights: Weights,
     row: int,
     col: int,
@@ -215,28 +215,28 @@ def posterior_of(
     mean: Floats,
     covariance: Floats,
 ) -> tuple[float, float]:
-    """`moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score`."""
-    score(field, lattice, row, col, ends, costs)
+    """`compute_moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score_scan`."""
+    score_scan(field, lattice, row, col, ends, costs)
     words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
     excess = -np.log(CONNECTED) / weights.nats
     mode = central_mode(lattice, costs, excess, np.empty((4, words), np.uint64))
-    return moments(lattice, weights, costs, mode, mean, covariance)
+    return compute_moments(lattice, weights, costs, mode, mean, covariance)
 
 
 @njit(nogil=True, cache=True)
 def scan_posteriors(
     field: LikelihoodField,
-    lattice: Lattice,
+    lattice: ScanLattice,
     squares: Octets,
     resolution: float,
     rows: Ints,
     cols: Ints,
     headings: Floats,
-    lidar: Lidar,
+    lidar: LidarBeams,
     noise: Floats,
     temperature: float,
     control: Ints,
-) -> Posteriors:
+) -> LatticePosteriors:
     """Posteriors of the scans that are seen from n cells in m headings of the robot.
 
     Parameters
@@ -262,7 +262,7 @@ def scan_posteriors(
         ``control[STOP]`` the rest is NaN.
     """
     shape = rows.size, headings.size
-    result = Posteriors(
+    result = LatticePosteriors(
         np.full((*shape, 3), np.nan),
         np.full((*shape, 3, 3), np.nan),
         np.full(shape, np.nan),
@@ -278,8 +278,8 @@ def scan_posteriors(
             scan_ends(squares, resolution, row, col, headings[m], lidar, ends)
             move_ends(resolution, headings[m], lidar, noise, ends)
             cell, moments_here = (rows[n], cols[n]), (result.mean[n, m], result.covariance[n, m])
-            result.entropy[n, m], result.ambiguity[n, m] = posterior_of(
+            result.entropy[n, m], result.ambiguity[n, m] = compute_posterior(
                 field, lattice, weights, *cell, ends, costs, *moments_here
             )
-        control[DONE] += 1
+        control[N_DONE] += 1
     return result

@@ -142,7 +142,7 @@ def cells_of_lines(begin: Floats, end: Floats) -> tuple[Array, Array, Array, Arr
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cells_along(positions: Floats) -> tuple[Array, Array, Array]:
+def find_crossed_cells(positions: Floats) -> tuple[Array, Array, Array]:
     """Rows and columns of the cells that a polyline crosses, (n, 2), and its lengths in them."""
     rows, cols, lengths, _ = cells_of_lines(positions[:-1], positions[1:])
     return rows, cols, lengths

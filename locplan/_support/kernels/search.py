@@ -51,7 +51,7 @@ little lies below, and few empty buckets are visited. With 2^-14 of the mean in 
 search for the least integral of u takes 1.3 times as long at 4000 x 4000 cells."""
 
 
-class Scale(NamedTuple):
+class CostScale(NamedTuple):
     """What a search needs to know of a map's costs."""
 
     cheapest: float  # least density
@@ -65,14 +65,14 @@ class Scale(NamedTuple):
         return max(self.cheapest, min_width) or 1.0
 
 
-def scale_of(half: Floats) -> Scale:
+def measure_costs(half: Floats) -> CostScale:
     """The scale of the costs of a bordered grid."""
-    cheapest, costliest, total, free = range_of(half)
-    return Scale(2 * cheapest, 2 * costliest, 2 * total / free) if free else Scale(0.0, 0.0, 0.0)
+    cheapest, costliest, total, free = find_cost_range(half)
+    return CostScale(2 * cheapest, 2 * costliest, 2 * total / free) if free else CostScale(0.0, 0.0, 0.0)
 
 
 @njit(nogil=True, cache=True)
-def range_of(half: Floats) -> tuple[float, float, float, int]:
+def find_cost_range(half: Floats) -> tuple[float, float, float, int]:
     """Least, greatest and sum of the values of free cells, and the number of free cells."""
     smallest, greatest, total, free = np.inf, 0.0, 0.0, 0
     for value in half:
@@ -83,7 +83,7 @@ def range_of(half: Floats) -> tuple[float, float, float, int]:
     return smallest, greatest, total, free
 
 
-class Queue(NamedTuple):
+class BucketQueue(NamedTuple):
     """The cells that wait to be expanded, in buckets."""
 
     state: Ints
@@ -95,7 +95,7 @@ class Queue(NamedTuple):
     batch: NDArray[np.uint32]  # cells taken out of the lowest bucket; the last one is the next
 
 
-class Searched(NamedTuple):
+class SearchResult(NamedTuple):
     """What a search found out."""
 
     cost: Floats
@@ -133,22 +133,22 @@ def shortest_costs(
     corner_cutting : bool
         Whether a diagonal step may pass a blocked cell's corner.
     """
-    cost = search(half, columns, start, goal, corner_cutting, scale_of(half)).cost
+    cost = search_grid(half, columns, start, goal, corner_cutting, measure_costs(half)).cost
     return np.abs(cost, out=cost)
 
 
-def search(
+def search_grid(
     half: Floats,
     columns: int,
     start: int,
     goal: int,
     corner_cutting: bool,
-    scale: Scale,
+    scale: CostScale,
     *,
     guided: bool = False,
     until: float = np.inf,
     check: Callable[[], None] | None = None,
-) -> Searched:
+) -> SearchResult:
     """Search from a cell as `shortest_costs` does, and count the cells that are expanded.
 
     Parameters
@@ -166,7 +166,7 @@ def search(
     """
     cost = np.full(half.size, np.inf)
     if half[start] == np.inf:
-        return Searched(cost, 0, True)
+        return SearchResult(cost, 0, True)
     cost[start] = 0.0
     per_cost = 1.0 / scale.width
     rate = scale.cheapest if guided else 0.0
@@ -177,7 +177,7 @@ def search(
         buckets *= 2
     (row, col), (goal_row, goal_col) = divmod(start, columns), divmod(goal, columns)
     lowest = int(octile.py_func(row - goal_row, col - goal_col, rate) * per_cost)
-    queue = Queue(
+    queue = BucketQueue(
         state=np.array([-1, 1, 1, lowest, 0, 0]),
         heads=np.full(buckets, -1, np.int32),
         cells=np.full(ROOM, start, np.uint32),
@@ -185,19 +185,19 @@ def search(
         batch=np.empty(ROOM, np.uint32),
     )
     queue.heads[lowest % buckets] = 0
-    terms = Terms(columns, goal, corner_cutting, per_cost, rate)
+    terms = SearchTerms(columns, goal, corner_cutting, per_cost, rate)
     while True:
-        status = expand(queue, half, cost, terms, STRETCH)
+        status = expand_cells(queue, half, cost, terms, STRETCH)
         if status == _OUT_OF_ROOM:
             cells, following = (np.concatenate([a, a]) for a in (queue.cells, queue.following))
             queue = queue._replace(cells=cells, following=following)
         elif status == _FINISHED or time.perf_counter() > until:
-            return Searched(cost, int(queue.state[_EXPANDED]), status == _FINISHED)
+            return SearchResult(cost, int(queue.state[_EXPANDED]), status == _FINISHED)
         elif check is not None:
             check()
 
 
-class Terms(NamedTuple):
+class SearchTerms(NamedTuple):
     """What stays the same during a search."""
 
     columns: int  # of the bordered grid
@@ -208,7 +208,7 @@ class Terms(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def expand(queue: Queue, half: Floats, cost: Floats, terms: Terms, expansions: int) -> int:
+def expand_cells(queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, expansions: int) -> int:
     """Continue a search until it has ended, is out of room, or has expanded so many cells.
 
     `cost` is that of `Searched`.
@@ -246,10 +246,10 @@ def expand(queue: Queue, half: Floats, cost: Floats, terms: Terms, expansions: i
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def expand_batch(queue: Queue, half: Floats, cost: Floats, terms: Terms, enough: float) -> float:
+def expand_batch(queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, cost_limit: float) -> float:
     """Expand the cells of the batch while there is room; return the cost at which to end.
 
-    That was `enough`, and falls where the goal is reached. The others are those of `expand`.
+    That was `cost_limit`, and falls where the goal is reached. The others are those of `expand`.
     """
     columns, goal, corner_cutting, per_cost, rate = terms
     # All arrays have local names: numba counts references to those that are passed on.
@@ -275,12 +275,12 @@ def expand_batch(queue: Queue, half: Floats, cost: Floats, terms: Terms, enough:
         if rate > 0:
             row, col = int(cell // width) - goal_row, int(cell % width) - goal_col
             total += octile(row, col, rate)
-        if total >= enough:
+        if total >= cost_limit:
             continue
         bucket = np.int64(total * per_cost)
         if bucket > lowest:  # it waited in the last bucket that there was
             slot = min(bucket, lowest + mask) & mask
-            unused, used = put(cell, slot, heads, cells, following, unused, used)
+            unused, used = put_into_bucket(cell, slot, heads, cells, following, unused, used)
             waiting += 1
             continue
         cost[cell], cell_half = -cell_cost, half[cell]
@@ -298,17 +298,17 @@ def expand_batch(queue: Queue, half: Floats, cost: Floats, terms: Terms, enough:
             total = reached
             if rate > 0:
                 total += octile(row + MOVES[n][0], col + MOVES[n][1], rate)
-            if total >= enough:
+            if total >= cost_limit:
                 continue
             if neighbour == end:
-                enough = reached * (1 + TIE)
+                cost_limit = reached * (1 + TIE)
             cost[neighbour] = reached
             bucket = min(max(np.int64(total * per_cost), lowest), lowest + mask)
-            unused, used = put(neighbour, bucket & mask, heads, cells, following, unused, used)
+            unused, used = put_into_bucket(neighbour, bucket & mask, heads, cells, following, unused, used)
             waiting += 1
     state[_UNUSED], state[_USED], state[_WAITING] = unused, used, waiting
     state[_EXPANDED], state[_LEFT] = expanded, left
-    return enough
+    return cost_limit
 
 
 @njit(inline="always")
@@ -319,7 +319,7 @@ def octile(rows: int, columns: int, rate: float) -> float:
 
 
 @njit(inline="always")
-def put(
+def put_into_bucket(
     cell: int, slot: int, heads: Array, cells: Array, following: Array, unused: int, used: int
 ) -> tuple[int, int]:
     """Put a cell into a bucket, and return the first free entry and the number ever used."""

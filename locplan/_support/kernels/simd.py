@@ -51,10 +51,10 @@ _WORD, _INDEX = types.uint64, types.intp
 def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
     """Make a function for kernels of one that builds its code by LLVM's builder."""
 
-    def made(body: Callable[..., Any]) -> Any:
+    def decorate(body: Callable[..., Any]) -> Any:
         @functools.wraps(body)
-        def typed(_: Any, *given: Any) -> Any:
-            def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        def type_operation(_: Any, *argument_types: Any) -> Any:
+            def generate_code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
                 values = [
                     context.make_array(kind)(context, builder, value).data
                     if isinstance(kind, types.Array)
@@ -64,12 +64,12 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
                 built = body(builder, *values)
                 return context.get_dummy_value() if built is None else built
 
-            resolved_types = [kind or argument_type for kind, argument_type in zip(kinds, given, strict=True)]
-            return result(*resolved_types), codegen
+            resolved_types = [kind or argument_type for kind, argument_type in zip(kinds, argument_types, strict=True)]
+            return result(*resolved_types), generate_code
 
-        return intrinsic(typed)
+        return intrinsic(type_operation)
 
-    return made
+    return decorate
 
 
 def _place(builder: Any, array: Any, index: Any, kind: Any) -> tuple[Any, int]:
@@ -149,22 +149,22 @@ def store_negative(builder: Any, a: Any, target: Any, index: Any) -> None:
     _store(builder, builder.neg(a), target, index)
 
 
-def _adding(vector: Vector, bits: int) -> Any:
+def _make_adding(vector: Vector, bits: int) -> Any:
     """A function that adds a vector to an array of numbers of so many bits."""
     wide = ir.VectorType(ir.IntType(bits), vector.llvm.count)
 
-    def add_to(builder: Any, target: Any, index: Any, total: Any) -> None:
+    def add_vector(builder: Any, target: Any, index: Any, total: Any) -> None:
         sums = builder.add(_load(builder, target, index, wide), builder.zext(total, wide))
         _store(builder, sums, target, index)
 
-    return operation(types.void, ARRAY, _INDEX, vector)(add_to)
+    return operation(types.void, ARRAY, _INDEX, vector)(add_vector)
 
 
-add_to = _adding(_WORDS, 64)
+add_to = _make_adding(_WORDS, 64)
 """``target[index : index + 8] += total`` for an array of int64."""
-add_shorts_to = _adding(_SHORTS, 32)
+add_shorts_to = _make_adding(_SHORTS, 32)
 """``target[index : index + 32] += total`` for an array of uint32."""
-add_octets_to = _adding(_OCTETS, 16)
+add_octets_to = _make_adding(_OCTETS, 16)
 """``target[index : index + 64] += total`` for an array of uint16."""
 
 
@@ -224,13 +224,13 @@ def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any,
 
 
 @operation(_WORD, _SHORTS, types.uint16)
-def lanes_within(builder: Any, total: Any, limit: Any) -> Any:
+def flag_small_lanes(builder: Any, total: Any, limit: Any) -> Any:
     """One bit for each lane of `total` that is at most `limit`."""
     return _lanes(builder, "<=", total, _splat(builder, limit, _SHORTS.llvm))
 
 
 @operation(_OCTETS, _OCTETS, ARRAY, _INDEX, types.uint8, types.uint8)
-def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, most: Any) -> Any:
+def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, max_gap: Any) -> Any:
     """``total + min(gap, most)``, the gaps from ``codes[index : index + 64]`` to one code.
 
     Codes are counted modulo 256, so that a gap is the shorter way round. The caller sees to it
@@ -239,23 +239,23 @@ def add_gaps(builder: Any, total: Any, codes: Any, index: Any, code: Any, most: 
     array_codes = _load(builder, codes, index, _OCTETS.llvm)
     reference = _splat(builder, code, _OCTETS.llvm)
     gap = _min(builder, builder.sub(array_codes, reference), builder.sub(reference, array_codes))
-    return builder.add(total, _min(builder, gap, _splat(builder, most, _OCTETS.llvm)))
+    return builder.add(total, _min(builder, gap, _splat(builder, max_gap, _OCTETS.llvm)))
 
 
-def _comparing(predicate: str, bits: int, lanes: int) -> Any:
+def _make_comparing(predicate: str, bits: int, lanes: int) -> Any:
     vector = ir.VectorType(ir.IntType(bits), lanes)
 
-    def compared(builder: Any, values: Any, index: Any, limit: Any) -> Any:
+    def compare_lanes(builder: Any, values: Any, index: Any, limit: Any) -> Any:
         limits = _splat(builder, limit, vector)
         return _lanes(builder, predicate, _load(builder, values, index, vector), limits)
 
-    return operation(_WORD, ARRAY, _INDEX, types.Integer.from_bitwidth(bits, False))(compared)
+    return operation(_WORD, ARRAY, _INDEX, types.Integer.from_bitwidth(bits, False))(compare_lanes)
 
 
-lanes_at_most = _comparing("<=", 32, SHORTS)
+lanes_at_most = _make_comparing("<=", 32, SHORTS)
 """``lanes_at_most(values, index, limit)``: one bit for each of ``values[index : index + 32]`` of an
 array of uint32 up to `limit`."""
-lanes_below = _comparing("<", 16, OCTETS)
+lanes_below = _make_comparing("<", 16, OCTETS)
 """``lanes_below(values, index, limit)``: one bit for each of ``values[index : index + 64]`` of an
 array of uint16 below `limit`."""
 

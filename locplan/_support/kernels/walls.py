@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Bools, Floats, Octets
-from locplan._support.kernels.rays import cells_along
+from locplan._support.kernels.rays import find_crossed_cells
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -26,7 +26,7 @@ def passed_cells(origin: Floats, end: Floats, margin: float) -> tuple[Array, Arr
     for axis in range(2):
         way[0, axis] = origin[axis]
         way[1, axis] = origin[axis] + passed_share * (end[axis] - origin[axis])
-    rows, cols, _ = cells_along(way)
+    rows, cols, _ = find_crossed_cells(way)
     return rows, cols
 
 

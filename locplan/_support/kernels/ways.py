@@ -26,7 +26,7 @@ IN_PAGE = (1 << PAGE) - 1
 """A cell's place stands in a page of 2^6 cells of a row; a path needs few pages of a map."""
 
 
-def tolerance_of(cost: Floats, cheapest: float) -> float:
+def compute_tolerance(cost: Floats, cheapest: float) -> float:
     """Cost by which rounding may set the steps of cheapest paths apart, for `steps_back`.
 
     Sums of so many steps of at least the cost `cheapest` are rounded by so much from either end.
@@ -49,7 +49,7 @@ def greatest_cost(cost: Floats) -> float:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def steps_back(half: Floats, columns: int, cost: Floats, tolerance: float) -> Array:
+def find_backward_steps(half: Floats, columns: int, cost: Floats, tolerance: float) -> Array:
     """Steps from each cell that cost at most `tolerance` more than a cheapest way to the start.
 
     `cost` is that of a finished search without a goal, in which no corner was cut. The result has
@@ -79,7 +79,7 @@ def steps_back(half: Floats, columns: int, cost: Floats, tolerance: float) -> Ar
 
 
 @njit(nogil=True, cache=True)
-def trace(half: Floats, columns: int, cost: Floats, goal: int, corner_cutting: bool) -> Array:
+def trace_path(half: Floats, columns: int, cost: Floats, goal: int, corner_cutting: bool) -> Array:
     """Cells from a search's start to `goal`; each is on the cheapest way to the next.
 
     Of cells through which the way costs the same, the first one is taken.
@@ -111,7 +111,7 @@ class Found(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cheapest_cells(
+def trace_cheapest_path(
     half: Floats, columns: int, steps: Octets, root: int, tip: int, from_root: bool
 ) -> Array:
     """Cells of the cheapest path between the cell that was searched from, `root`, and `tip`.
@@ -120,16 +120,16 @@ def cheapest_cells(
     takes. It leads from `root` to `tip` if `from_root`, else from `tip` to `root`. `steps` are
     those of `steps_back`, and lead from `tip` to `root`.
     """
-    path_cells, order = _find(half.size, columns, steps, tip)
+    path_cells, order = _find_path_cells(half.size, columns, steps, tip)
     start, goal = (root, tip) if from_root else (tip, root)
-    cost = _summed(half, columns, steps, path_cells, order, start, from_root)
+    cost = _sum_costs(half, columns, steps, path_cells, order, start, from_root)
     # As `trace`, but costs are known of few cells.
     path = [goal]
     while path[-1] != start and len(path) < cost.size:
         cell, min_cost, before = path[-1], np.inf, -1
         for n in range(8):
             neighbour = cell + ROWS[n] * columns + COLUMNS[n]
-            place = place_of(path_cells, neighbour)
+            place = find_place(path_cells, neighbour)
             free = half[cell + ROWS[n] * columns] + half[cell + COLUMNS[n]] < np.inf
             if place >= 0 and free:
                 through = cost[place] + LENGTHS[n] * (half[cell] + half[neighbour])
@@ -140,7 +140,7 @@ def cheapest_cells(
 
 
 @njit(nogil=True, cache=True)
-def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints]:
+def _find_path_cells(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints]:
     """The cells that steps lead to from `tip`, and their places in an order.
 
     Each comes after all those from which a step leads to it; the last is the root.
@@ -177,7 +177,7 @@ def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints
         cell = cells[order[at]]
         for n in range(8):
             if steps[cell] >> n & 1:
-                place = place_of(path_cells, cell + ROWS[n] * columns + COLUMNS[n])
+                place = find_place(path_cells, cell + ROWS[n] * columns + COLUMNS[n])
                 waits[place] -= 1
                 if waits[place] == 0:
                     order[n_ordered] = place
@@ -187,11 +187,11 @@ def _find(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _summed(
+def _sum_costs(
     half: Floats,
     columns: int,
     steps: Octets,
-    found: Found,
+    path_cells: Found,
     order: Ints,
     start: int,
     from_root: bool,
@@ -202,15 +202,15 @@ def _summed(
     cost = np.empty(used)
     for k in range(used):
         cost[k] = np.inf
-    cost[place_of(found, start)] = 0.0
+    cost[find_place(path_cells, start)] = 0.0
     for at in range(used):
         k = order[used - 1 - at] if from_root else order[at]
-        cell = found.cells[k]
+        cell = path_cells.cells[k]
         bits = steps[cell]
         for n in range(8):
             if bits >> n & 1:
                 neighbour = cell + ROWS[n] * columns + COLUMNS[n]
-                step, m = LENGTHS[n] * (half[cell] + half[neighbour]), place_of(found, neighbour)
+                step, m = LENGTHS[n] * (half[cell] + half[neighbour]), find_place(path_cells, neighbour)
                 if from_root:
                     cost[k] = min(cost[k], cost[m] + step)
                 else:
@@ -219,7 +219,7 @@ def _summed(
 
 
 @njit(inline="always")
-def place_of(found: Found, cell: int) -> int:
+def find_place(path_cells: Found, cell: int) -> int:
     """Place of a cell among those that were found, -1 if it is not."""
-    page = found.table[cell >> PAGE]
-    return int(found.pages[(page << PAGE) + (cell & IN_PAGE)]) - 1
+    page = path_cells.table[cell >> PAGE]
+    return int(path_cells.pages[(page << PAGE) + (cell & IN_PAGE)]) - 1

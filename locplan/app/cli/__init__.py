@@ -15,8 +15,8 @@ from typing import Any
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
-from locplan._support.checks import shown, suggestion
-from locplan._support.files import inputs_are_kept
+from locplan._support.checks import short_repr, suggestion
+from locplan._support.files import protect_inputs
 from locplan._support.supervision import INTERRUPTED, end_if_supervised
 from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, launched
 from locplan.app.cli.wording import options_as_typed
@@ -31,7 +31,7 @@ def main() -> None:
     """Run the command line; a user's error ends in one line on stderr and exit code 2."""
     _mend_environment()
     try:
-        with _warnings_as_lines(), inputs_are_kept():
+        with _warnings_as_lines(), protect_inputs():
             _check_none_is_empty(sys.argv[1:])
             code, _ = launched(sys.argv[1:])
         _flush()
@@ -129,7 +129,7 @@ def _no_choice(error: CoercionError) -> str:
     if not choices:
         return ""
     guess = suggestion(value, choices)
-    return f"{name} must be one of {', '.join(choices)}, not {shown(value)}{guess}"
+    return f"{name} must be one of {', '.join(choices)}, not {short_repr(value)}{guess}"
 
 
 def _unexpected(tokens: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ from cyclopts import App, Group, Parameter
 from cyclopts.help import DefaultFormatter
 
 from locplan import __version__
-from locplan._support.runs import Run, Setting, running
+from locplan._support.runs import RunRecord, Setting, running
 from locplan._support.supervision import INTERRUPTED, TERMINATED
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def application(*names: str) -> App:
     return app
 
 
-def launched(tokens: list[str]) -> tuple[int | None, Run]:
+def launched(tokens: list[str]) -> tuple[int | None, RunRecord]:
     """Run the command that is named, and import no other; return its exit code and its run."""
     first = next((token for token in tokens if not token.startswith("-")), "")
     completing = INSTALL_COMPLETION in tokens  # which needs all commands
@@ -181,12 +181,12 @@ def launched(tokens: list[str]) -> tuple[int | None, Run]:
             command = app(tokens)  # with its options, or what a function has returned
             return cast("int | None", command() if callable(command) else command)
 
-    with running(Run("", {})) as run:
+    with running(RunRecord("", {})) as run:
         app.config = (partial(_record, run),)
         return cast("int | None", app.meta(tokens)), run
 
 
-def _record(run: Run, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+def _record(run: RunRecord, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Let folders of results have what was typed for each option, but those for the output."""
     arguments_by_name = {argument.names[0]: argument for argument in arguments}
     if "--output" not in arguments_by_name:

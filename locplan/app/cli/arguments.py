@@ -18,9 +18,9 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.checks import MAX_AMOUNT, shown
-from locplan._support.files import keep_input
-from locplan._support.reading import parsed_json, read_text
+from locplan._support.checks import MAX_AMOUNT, short_repr
+from locplan._support.files import protect_input
+from locplan._support.reading import parse_json, read_text
 from locplan.app.cli.application import format_default
 from locplan.errors import ConfigError, LocplanError, one_line
 
@@ -64,7 +64,7 @@ def parse_position(name: str, text: str) -> tuple[float, float]:
     """Return the position of a text X,Y [m]."""
     pose = parse_pose(name, text)
     if len(pose) != 2:
-        raise LocplanError(f"{name} must be X,Y in metres, such as 2.0,3.5, not {shown(text)}")
+        raise LocplanError(f"{name} must be X,Y in metres, such as 2.0,3.5, not {short_repr(text)}")
     return pose[0], pose[1]
 
 
@@ -77,7 +77,7 @@ def parse_pose(name: str, text: str) -> tuple[float, ...]:
             return (x, y, *map(math.radians, heading))
     raise LocplanError(
         f"{name} must be X,Y in metres, such as 2.0,3.5, or X,Y,DEG with a heading in degrees, not"
-        f" {shown(text)}"
+        f" {short_repr(text)}"
     )
 
 
@@ -89,7 +89,7 @@ def parse_numbers(name: str, text: str, count: int | None = None) -> tuple[float
         if is_in_range and count in (None, len(values)):
             return values
     amount = f"{count} numbers" if count else "numbers"
-    raise LocplanError(f"{name} must be {amount} with commas between, not {shown(text)}")
+    raise LocplanError(f"{name} must be {amount} with commas between, not {short_repr(text)}")
 
 
 def parse_shift(name: str, text: str) -> tuple[float, float, float]:
@@ -106,11 +106,11 @@ def parse_settings(
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            settings[name] = parsed_json(value)
+            settings[name] = parse_json(value)
         except ValueError:
             if not (allows_words and value):
                 raise LocplanError(
-                    f"{option} must be NAME=VALUE, such as {example}, not {shown(text)}"
+                    f"{option} must be NAME=VALUE, such as {example}, not {short_repr(text)}"
                 ) from None
             settings[name] = value
     return settings
@@ -121,7 +121,7 @@ def keep_map(path: Path) -> None:
     from locplan.maps.files import source_files
 
     for file in source_files(path):
-        keep_input(file)
+        protect_input(file)
 
 
 def refuse(reason: str, **options: object) -> None:
@@ -146,13 +146,13 @@ def _convert_count(_: object, tokens: Sequence[Token]) -> int:
         number = float(token.value)
         if (count := int(number if "." in token.value else token.value)) == number:
             return count
-    raise LocplanError(f"{token.keyword} must be a whole number, not {shown(token.value)}")
+    raise LocplanError(f"{token.keyword} must be a whole number, not {short_repr(token.value)}")
 
 
 WHOLE = Parameter(converter=_convert_count)
 Whole = Annotated[int, WHOLE]
 """A whole number whose range the library checks."""
-INPUT = check_with(keep_input)
+INPUT = check_with(protect_input)
 """Of a file that is read: no result is written over it."""
 MAP = Parameter("MAP"), check_with(keep_map)
 
@@ -188,7 +188,7 @@ def parse_planners(texts: Sequence[str]) -> list[locplan.comparison.planners.Pla
 
 def _load_planner(text: str) -> locplan.comparison.planners.PlannerSpec:
     from locplan.comparison.planners import PlannerSpec, parse_options
-    from locplan.planning.requests import planner_for
+    from locplan.planning.requests import make_planner
 
     function = _FUNCTION.fullmatch(text)
     if function is None:
@@ -197,10 +197,10 @@ def _load_planner(text: str) -> locplan.comparison.planners.PlannerSpec:
     if not name.isidentifier():
         example = f"--planner {file}:plan"
         raise ConfigError(f"{text}: name a function f(costs, start, goal), such as {example}")
-    keep_input(file)
+    protect_input(file)
     code = load_function(file, name)
     options = parse_options(text, function["options"] or "")
-    planner = planner_for(code, options)
+    planner = make_planner(code, options)
     label = ":".join(filter(None, (file.name, name, function["options"])))
     return PlannerSpec(label, planner)
 
@@ -221,7 +221,7 @@ def load_function(file: Path, name: str) -> Callable[..., Any]:
             if inspect.isfunction(value) and value.__code__.co_filename == str(file)
         ]  # fmt: skip
         known = f"it has {', '.join(names)}" if names else "it has none"
-        raise ConfigError(f"{file}: there is no function {shown(name)}; {known}")
+        raise ConfigError(f"{file}: there is no function {short_repr(name)}; {known}")
     function: Any = values[name]
     if not hasattr(function, "version"):  # a comparison runs an edited planner again
         function.version = hashlib.sha256(source.encode()).hexdigest()[:8]
@@ -230,13 +230,13 @@ def load_function(file: Path, name: str) -> Callable[..., Any]:
 
 def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
     """Return paths by the names of their files, with the folder's if two files have one name."""
-    from locplan._support.checks import printable
+    from locplan._support.checks import make_printable
 
     stems = [file.stem for file in files]
     paths: dict[str, locplan.Path] = {}
     for file, stem in zip(files, stems, strict=True):
         is_repeated = stems.count(stem) > 1
-        name = printable(f"{file.absolute().parent.name}/{stem}" if is_repeated else stem)
+        name = make_printable(f"{file.absolute().parent.name}/{stem}" if is_repeated else stem)
         if name in paths:
             raise LocplanError(f"two --path files are called {name}; rename one")
         paths[name] = locplan.Path.load(file)

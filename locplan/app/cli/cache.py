@@ -48,12 +48,12 @@ def clear(*, older_than: Days = 0.0) -> None:
     older_than
         Days for which a removed result was not used.
     """
-    from locplan._support.tables import in_bytes
+    from locplan._support.tables import format_bytes
     from locplan.field.cache import cache_folder, clear_cache
 
     removed, busy = clear_cache(cache_folder(None), older_than)
     kept = f"; being computed, and kept: {len(busy)}" if busy else ""
-    print(f"removed {len(removed)}, {in_bytes(sum(entry.size for entry in removed))}{kept}")
+    print(f"removed {len(removed)}, {format_bytes(sum(entry.size for entry in removed))}{kept}")
 
 
 @cache.command

@@ -132,7 +132,7 @@ def export(
     zones
         Zones (GeoJSON) or a keepout mask (map YAML).
     """
-    from locplan._support.tables import table
+    from locplan._support.tables import format_table
 
     format = FORMATS[to]
     check_ends(start, goal)
@@ -166,7 +166,7 @@ def export(
     rows = [("map", grid.name), ("format", to), ("field", config.estimator.title)]
     if job.costs.zones:
         rows.append(("zones", str(job.costs.zones)))
-    output.show(values, table([], [*rows, *job.rows, *summary.rows]), target)
+    output.show(values, format_table([], [*rows, *job.rows, *summary.rows]), target)
 
 
 MakeJob = Callable[["CovarianceField"], "ExportJob"]

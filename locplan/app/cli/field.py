@@ -38,7 +38,7 @@ def field(
     picture
         e, position_std, position_rms, heading_std, ambiguity or entropy.
     """
-    from locplan._support.saved import plain
+    from locplan._support.saved import to_plain_data
     from locplan.export.batch import field_jobs, field_runs_table, run_field_jobs
     from locplan.field.summary import FieldSummary
 
@@ -49,8 +49,8 @@ def field(
         return options.compute(grid, config, threads)
 
     if len(jobs) == 1:
-        summary = FieldSummary.of(jobs[0].run(compute))
-        output.show(plain(summary), summary.table(), output.output)
+        summary = FieldSummary.from_field(jobs[0].run(compute))
+        output.show(to_plain_data(summary), summary.table(), output.output)
         return 0
     runs = list(run_field_jobs(jobs, compute))
     failed = [run for run in runs if run.error]

@@ -19,8 +19,8 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.checks import check_threads, one_of, shown, suggestion
-from locplan._support.files import keep_input
+from locplan._support.checks import check_threads, check_choice, short_repr, suggestion
+from locplan._support.files import protect_input
 from locplan._support.progress import progress_bar, working
 from locplan._support.runs import note_robot, take_written
 from locplan.app.cli import arguments
@@ -49,14 +49,14 @@ PAPER = "sad-paper"
 def _keep_robot_file(file: Path) -> None:
     from locplan.robots.parameters import file_and_robot
 
-    keep_input(file_and_robot(file)[0])
+    protect_input(file_and_robot(file)[0])
 
 
 def _check_lidar(name: str) -> None:
     """Raise a ConfigError unless a lidar has the name."""
     from locplan.robots.lidar import LIDARS
 
-    one_of("--lidar", name, LIDARS)
+    check_choice("--lidar", name, LIDARS)
 
 
 @Parameter(name="*", group=ROBOT)
@@ -94,7 +94,7 @@ class RobotOptions:
             robot = locplan.Robot.load(*self.robot, lidar=name or lidar, planner=planner)
         if is_recorded or robot.lidar is None:
             robot = dataclasses.replace(robot, lidar=lidar)
-        robot = robot.changed(settings)
+        robot = robot.with_settings(settings)
         from locplan.robots.lidar import LIDARS
 
         # Ten times the range of the data sheet was hardly meant in metres.
@@ -151,9 +151,9 @@ class RobotOptions:
 
     def load_simulated(self, config: FieldConfig | None = None) -> Robot:
         """Return the robot with a lidar, that of a field if it names none; warn of bad settings."""
-        from locplan.field.config import equipped
+        from locplan.field.config import equip_robot
 
-        robot = equipped(self.load(), config)
+        robot = equip_robot(self.load(), config)
         self.warn(robot)
         return robot
 
@@ -163,7 +163,7 @@ class RobotOptions:
         from locplan.robots.parameters import read_parameters
         from locplan.simulation.amcl_parameters import filter_warnings
 
-        further_parameters = read_parameters(*self.nav2_files()).of("amcl")
+        further_parameters = read_parameters(*self.nav2_files()).node_parameters("amcl")
         for fault in filter_warnings(robot.amcl, robot.known_lidar, further_parameters):
             warnings.warn(ParameterWarning(fault), stacklevel=2)
 
@@ -175,10 +175,10 @@ class RobotOptions:
         if not files:
             return None
         parameters = read_parameters(*files)
-        place = parameters.file_of(node)
+        place = parameters.find_file_index(node)
         if place is not None:
             return files[place]
-        return files[-1] if parameters.of(node) else None
+        return files[-1] if parameters.node_parameters(node) else None
 
     def nav2_files(self) -> list[Path]:
         """Return the files of Nav2's parameters among the robot's files."""
@@ -248,13 +248,13 @@ def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | 
     """
     from locplan.advice import repair
     from locplan.maps.files import MapWarning, find_maps, read_map
-    from locplan.maps.map_faults import of_mask
+    from locplan.maps.map_faults import find_mask_faults
     from locplan.simulation.worlds import check_filter_map, check_of_one_map
 
     map_files = find_maps(*maps)
     for map_file in map_files:
         grid, source = read_map(map_file)
-        for fault in of_mask(grid, source) if source else ():
+        for fault in find_mask_faults(grid, source) if source else ():
             warning = MapWarning(one_line(f"{map_file}: {fault.sentence}"))
             warnings.warn(warning, stacklevel=2)
     grids = [locplan.load_map(map_file) for map_file in map_files]
@@ -392,7 +392,7 @@ class FieldOptions:
         if not self._is_file:
             return config_by_name(name, robot.lidar)
         file = Path(name)
-        keep_input(file)
+        protect_input(file)
         if file.suffix.lower() == ".json":
             return with_lidar(locplan.load_config(file), robot.lidar)
         arguments.refuse("with a computed field", stride=self.stride)
@@ -457,7 +457,7 @@ def config_by_name(name: str, lidar: Lidar | None) -> FieldConfig:
     if name not in ESTIMATORS:
         names = ", ".join([*ESTIMATORS, PAPER])
         raise ConfigError(
-            f"--field must be one of {names}, or a file (.json or .npz), not {shown(name)}"
+            f"--field must be one of {names}, or a file (.json or .npz), not {short_repr(name)}"
             f"{suggestion(name, [*ESTIMATORS, PAPER])}"
         )
     kind: Any = estimator_class(name)

@@ -94,12 +94,12 @@ def info(
 
 def _format_settings(listed: Table) -> str:
     """Return the robot's settings for people: name, unit and value."""
-    from locplan._support.tables import table
+    from locplan._support.tables import format_table
 
     rows = [
         (f"{name} [{unit}]" if unit else name, value) for _, name, unit, value, _ in listed.rows
     ]
-    return f"{table(['setting', 'value'], rows)}\n--json shows the meaning of each setting."
+    return f"{format_table(['setting', 'value'], rows)}\n--json shows the meaning of each setting."
 
 
 def _list_names() -> dict[str, list[str]]:
@@ -111,17 +111,17 @@ def _list_names() -> dict[str, list[str]]:
     return {
         "maps": [*BUILT_IN],
         "lidars": [*lidar.LIDARS],
-        "planners": [*registry.names()],
+        "planners": [*registry.list_planner_names()],
     }
 
 
 def _format_names(names: dict[str, list[str]]) -> str:
     """Return the names for people, and what to do with them."""
-    from locplan._support.tables import table
+    from locplan._support.tables import format_table
 
     rows = [(title, ", ".join(values)) for title, values in names.items()]
     return (
-        f"{table([], rows)}\n"
+        f"{format_table([], rows)}\n"
         "Options of a planner: --planner BITstar:time_limit=2. A wrong one shows all.\n"
         "Next: describe a map, or list the robot's settings:\n"
         "  locplan info two_corridors\n"

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._support.progress import later_progress_bar, working
-from locplan._support.runs import as_argument, typed as typed_words
+from locplan._support.runs import format_argument, get_command_line as typed_words
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     InputFile,
@@ -210,13 +210,13 @@ def _planners(
 
     Planners with random numbers have the seed unless they have their own.
     """
-    from locplan.planning.requests import planner_for, takes, with_options
+    from locplan.planning.requests import make_planner, has_option, with_options
 
     planners = {}
     for spec in parse_planners(texts):
-        planner_for(spec.planner, via=[*via], max_e=max_e, budget=budget)
+        make_planner(spec.planner, via=[*via], max_e=max_e, budget=budget)
         (planner_seed,) = spec.seeds([seed])
-        is_random = takes(spec.planner, "seed")
+        is_random = has_option(spec.planner, "seed")
         planners[spec.label] = (
             with_options(spec.planner, seed=planner_seed) if is_random else spec.planner
         )
@@ -225,7 +225,7 @@ def _planners(
 
 def _next_step(choice: locplan.Choice, map_file: str, output: Output) -> tuple[str, ...]:
     """Return what to do next, and the commands for it; empty if there is nothing to do."""
-    words, map_word, recommended = typed_words(), as_argument(map_file), choice.chosen
+    words, map_word, recommended = typed_words(), format_argument(map_file), choice.chosen
     robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
     if recommended is None:
         info_command = shlex.join(["locplan", "info", map_word])
@@ -269,7 +269,7 @@ def _find_front(
     output: Output,
 ) -> None:
     """Compute the Pareto front of length and degeneracy, and show where it bends."""
-    from locplan.field.summary import about_field
+    from locplan.field.summary import describe_field
     from locplan.planning.plans import check_ends
 
     if len(start) > 2 or len(goal) > 2:
@@ -286,4 +286,4 @@ def _find_front(
     output.finish(front)
     if not output.json:
         print_zones(zones_file, zones)
-        print(about_field(computed))
+        print(describe_field(computed))

@@ -106,10 +106,10 @@ def simulate(
     replan
         Time between plans of closed-loop drives, in seconds.
     """
-    from locplan.field.config import equipped
+    from locplan.field.config import equip_robot
     from locplan.maps.files import find_maps
     from locplan.planning import plans
-    from locplan.planning.plans import plan_beside_shortest
+    from locplan.planning.plans import plan_with_shortest
     from locplan.planning.queries import MIN_DISTANCE, check_random, random_queries
     from locplan.simulation import simulations
     from locplan.simulation.arrivals import Closed
@@ -138,7 +138,7 @@ def simulate(
         return _replay(recording, files[0], drives, robot, filter_map, seed, threads, output)
     simulated, config = field.choose(robot.load())
     is_assumed = simulated.lidar is None
-    simulated = equipped(simulated, config)
+    simulated = equip_robot(simulated, config)
     robot.warn(simulated)
     grids = [locplan.load_map(file) for file in files]
     filter_grid = load_filter_map(filter_map, maps)
@@ -180,7 +180,7 @@ def simulate(
             raise ConfigError("start and goal are one place; a drive needs a way between two")
         plans.check_ends(locplan.Costmap.blank(grid, robot=simulated), start, goal)
         path_costs = costmap(grid)
-        aware_and_shortest = plan_beside_shortest(path_costs, start, goal)
+        aware_and_shortest = plan_with_shortest(path_costs, start, goal)
         paths = {name: plan.path for name, plan in aware_and_shortest.items() if plan.path is not None}
     if not paths:
         return output.show({"status": "unreachable"}, "unreachable: no path leads to the goal")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._support.checks import file_path
-from locplan._support.reading import MAX_BYTES, document, read_content
-from locplan._support.runs import RUN_FILE, Run
-from locplan._support.tables import file_name
+from locplan._support.checks import check_file_path
+from locplan._support.reading import MAX_BYTES, parse_yaml, read_content
+from locplan._support.runs import RUN_FILE, RunRecord
+from locplan._support.tables import make_file_name
 from locplan.app.explorer.messages import format_sentence
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps.files import load_map
@@ -56,13 +56,13 @@ class CheckReport:
         LocplanError
             If it holds no report, the report is damaged, or its map is gone or has changed.
         """
-        folder = Folder(file_path("a report", path))
+        folder = Folder(check_file_path("a report", path))
         file, remedy = folder / "check.json", "name the folder that locplan check -o has written"
         for needed in (file, folder / RUN_FILE):
             if not needed.is_file():
                 raise LocplanError(f"{folder}: has no {needed.name}; {remedy}")
-        facts = document(file, read_content(file, MAX_BYTES, remedy), remedy)
-        run = Run.read(folder)
+        facts = parse_yaml(file, read_content(file, MAX_BYTES, remedy), remedy)
+        run = RunRecord.read(folder)
         try:
             robot = Robot.from_summary(facts["robot"])
             digest, named = facts["map"]["digest"], run.settings["map"]
@@ -93,7 +93,7 @@ class CheckReport:
         route : str
             Name of the route.
         """
-        file = self.folder / f"{file_name(route)}.csv"
+        file = self.folder / f"{make_file_name(route)}.csv"
         return Path.load(file) if "paths" in self.facts["recommended"] and file.is_file() else None
 
     @property

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from locplan._support.checks import file_path, instance, whole
-from locplan._support.public import needed
+from locplan._support.checks import check_file_path, check_instance, check_integer
+from locplan._support.public import require_extra
 from locplan.errors import ConfigError
-from locplan.field.config import FieldConfig, config_of
+from locplan.field.config import FieldConfig, config_from_settings
 from locplan.field.estimator import Estimator
 from locplan.field.field import CovarianceField
 from locplan.field.fisher import Fused
@@ -161,14 +161,14 @@ def explore(
     zones = check_zones(zones)
     check_on_map(zones, grid)
     robot = Robot() if robot is None else robot
-    instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
+    check_instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
     if field is not None and estimator is None:
         config = field.config
     elif estimator is None:
         config = FieldConfig(Fused(robot.lidar) if robot.lidar else Sad())
     else:
-        config = config_of(estimator)
-    target = None if folder is None else Path(file_path("folder", folder))
+        config = config_from_settings(estimator)
+    target = None if folder is None else Path(check_file_path("folder", folder))
     module = sys.modules.get("IPython")
     shell = module.get_ipython() if module is not None else None
     is_notebook = getattr(shell, "kernel", None) is not None
@@ -182,7 +182,7 @@ def explore(
 def check_installed() -> None:
     """Raise a LocplanError unless the libraries of the server are installed."""
     for library in ("starlette", "uvicorn", "websockets"):
-        needed(library, "explore", "the explorer")
+        require_extra(library, "explore", "the explorer")
 
 
 def open_explorer(
@@ -219,7 +219,7 @@ def open_explorer(
     from locplan.app.explorer.server import Server
     from locplan.app.explorer.session import Session
 
-    whole("port", port, 0, 65535)
+    check_integer("port", port, 0, 65535)
     session = Session(grid, opening)
     _check_stops(session.scene.costs, opening)
     if not np.isfinite(session.scene.costs.density).any():
@@ -240,4 +240,4 @@ def _check_stops(costs: Costmap, opening: Opening) -> None:
     stops |= {f"waypoint {n}": xy for n, xy in enumerate(opening.via, 1)}
     for role, xy in stops.items():
         if xy is not None and not costs.grid.contains(*costs.grid.cell(xy[:2])):
-            costs.cell_of(xy, role)
+            costs.find_cell(xy, role)

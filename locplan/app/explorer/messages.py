@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from locplan._support.checks import is_number, is_whole, number, one_of, position, printable, shown
+from locplan._support.checks import is_number, is_integer, check_number, check_choice, check_position, make_printable, short_repr
 from locplan.errors import ConfigError, LocplanError
 
 Default = TypeVar("Default")
@@ -37,21 +37,21 @@ class Question:
 
     def position(self, name: str) -> tuple[float, float]:
         """Return a position in the world, [x, y] [m]."""
-        return position(self._check(name, _is_pair, "[x, y] in metres"), name=name)
+        return check_position(self._check(name, _is_pair, "[x, y] in metres"), name=name)
 
     def positions(self, name: str, most: int = 50) -> list[tuple[float, float]]:
         """Return positions in the world, [[x, y], ...] [m]; none without a value."""
         what = f"up to {most} positions [x, y]"
         values = self._check_list(name, most, _is_pair, what) if self.has(name) else []
-        return [position(value, name=name) for value in values]
+        return [check_position(value, name=name) for value in values]
 
     def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
         """Return a number within limits, or the default."""
-        return number(name, self.values[name], low, high) if self.has(name) else default
+        return check_number(name, self.values[name], low, high) if self.has(name) else default
 
     def one_of(self, name: str, choices: Collection[str], default: Default) -> str | Default:
         """Return one of some words, or the default."""
-        return str(one_of(name, self.values[name], choices)) if self.has(name) else default
+        return str(check_choice(name, self.values[name], choices)) if self.has(name) else default
 
     def text(self, name: str, default: Default) -> str | Default:
         """Return a text in one line, or the default."""
@@ -87,12 +87,12 @@ class Question:
         """Return the value; raise a ConfigError that names the right kind if it is of another."""
         value = self.values.get(name)
         if not is_right(value):
-            raise ConfigError(f"{name} must be {what}, not {shown(value)}")
+            raise ConfigError(f"{name} must be {what}, not {short_repr(value)}")
         return value
 
 
 def _is_line(value: object) -> bool:
-    return isinstance(value, str) and len(value) <= MAX_TEXT and value == printable(value)
+    return isinstance(value, str) and len(value) <= MAX_TEXT and value == make_printable(value)
 
 
 def _is_pair(value: object) -> bool:
@@ -122,10 +122,10 @@ def read_question(text: str, names: Collection[str]) -> Question:
     if not isinstance(values, dict):
         raise BadMessage("a message must be an object of JSON")
     number, do = values.get("id"), values.get("do")
-    if not is_whole(number) or number < 0:
+    if not is_integer(number) or number < 0:
         raise BadMessage("a question needs an id, a whole number from 0 on")
     if not isinstance(do, str) or do not in names:
-        raise BadMessage(f"do must be one of {', '.join(names)}, not {shown(do)}", number)
+        raise BadMessage(f"do must be one of {', '.join(names)}, not {short_repr(do)}", number)
     return Question(do, number, values)
 
 

@@ -13,11 +13,11 @@ from locplan._support.kernels.arrays import Bools, Ints
 from locplan._support.progress import ProgressCallback
 from locplan.app.explorer.scene import Opening, Scene
 from locplan.app.explorer.sites import Site
-from locplan.field.compute import finished_chunks
+from locplan.field.compute import fill_chunks
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.field.tiles import untouched_points
-from locplan.planning.costmap import Costmap, changed_window, joined_windows
+from locplan.planning.costmap import Costmap, changed_window, join_windows
 
 STEPS = itertools.count(1)
 """Numbers of the steps of repairs."""
@@ -55,7 +55,7 @@ def compute_scene(
             threads=opening.threads,
             progress=progress,
         )
-    return Scene(site, _make_costs(site, field, opening), field, field.evaluated | field.lacking)
+    return Scene(site, _make_costs(site, field, opening), field, field.is_evaluated | field.lacking)
 
 
 def repair_scene(
@@ -90,7 +90,7 @@ def repair_scene(
     threads = check_threads(opening.threads)
     evaluated, values = config.lattice_points(grid), before.values
     fresh = fresh & untouched_points(before.grid, grid, config)
-    unknown = evaluated & ~before.evaluated
+    unknown = evaluated & ~before.is_evaluated
     changed = before.grid.cells != grid.cells
     order = nearest_first(evaluated & ~fresh, unknown, changed, before.stride)
     seconds = config.headings * config.estimator.seconds(grid.resolution)
@@ -108,17 +108,17 @@ def repair_scene(
 
         # For a few points a part of the map is prepared, which their threads do by themselves.
         executor = pool if at == 0 else None
-        for _ in finished_chunks(values, grid, config, threads, executor, report, batch):
+        for _ in fill_chunks(values, grid, config, threads, executor, report, batch):
             pass
         fresh, at, size = fresh | batch, at + size, 4 * size
         is_last = at >= len(order)
-        field = CovarianceField.of(values, grid, config)
+        field = CovarianceField.from_values(values, grid, config)
         free_memory()
-        stale = joined_windows(
+        stale = join_windows(
             scene.stale, changed_window(scene.costs.grid, field, scene.costs.robot_radius)
         )
         if scene.site.zones == site.zones:
-            costs = scene.costs.updated(field, window=stale)
+            costs = scene.costs.update(field, window=stale)
         else:
             costs = _make_costs(site, field, opening)
         step = 0 if is_last else next(STEPS)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Bools
-from locplan._support.poses import window_around
+from locplan._support.poses import find_window
 from locplan.app.explorer.sites import Change, Site
 from locplan.errors import ConfigError, PoseError
 from locplan.field.config import FieldConfig
@@ -145,7 +145,7 @@ def nearest_centre(
     """
     at = np.array([float(v) for v in grid.world_to_grid(*xy[:2])])
     row, col = at.tolist()
-    window = window_around(row, col, reach, grid.shape)
+    window = find_window(row, col, reach, grid.shape)
     cells = np.argwhere(is_right(values[window])) + [axis.start for axis in window]
     squared = ((cells + 0.5 - at) ** 2).sum(axis=1)
     if squared.min(initial=np.inf) > reach**2:

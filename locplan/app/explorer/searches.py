@@ -19,7 +19,7 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
 from locplan.planning.any_angle import AnyAngle, any_angle_path
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import Bordered, bordered_index
+from locplan.planning.grid import PaddedCostmap, bordered_index
 from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
@@ -103,7 +103,7 @@ class SearchGrid:
 
     costs: Costmap
     """The costmap."""
-    bordered: Bordered
+    bordered: PaddedCostmap
     """Its density with a border of blocked cells."""
 
     @classmethod
@@ -112,7 +112,7 @@ class SearchGrid:
 
         The same path is the cheapest, and twice its cost is exactly that on the whole costmap.
         """
-        bordered = Bordered.of(costs)
+        bordered = PaddedCostmap.from_costmap(costs)
         inner = bordered.half.reshape(-1, bordered.columns)[1:-1, 1:-1]
         inner.setflags(write=False)
         return cls(dataclasses.replace(costs, density=inner), bordered)
@@ -144,42 +144,42 @@ class PathTree:
     """Steps back to the root on cheapest paths, flat with the border: a bit for each neighbour."""
 
     @classmethod
-    def search(cls, bordered: Bordered, root: int, check: Check | None = None) -> PathTree:
+    def search(cls, bordered: PaddedCostmap, root: int, check: Check | None = None) -> PathTree:
         """Search all cells that can be reached from one; what `check` raises ends that early."""
-        from locplan._support.kernels.search import search
-        from locplan._support.kernels.ways import steps_back, tolerance_of
+        from locplan._support.kernels.search import search_grid
+        from locplan._support.kernels.ways import find_backward_steps, compute_tolerance
 
         half, columns, scale = bordered.half, bordered.columns, bordered.scale
-        cost = search(half, columns, root, -1, False, scale, check=check).cost
-        tolerance = tolerance_of(cost, scale.cheapest)
-        return cls(root, steps_back(half, columns, cost, tolerance))
+        cost = search_grid(half, columns, root, -1, False, scale, check=check).cost
+        tolerance = compute_tolerance(cost, scale.cheapest)
+        return cls(root, find_backward_steps(half, columns, cost, tolerance))
 
     @classmethod
     def prepare(cls) -> None:
         """Compile the kernels, so that the first drag does not wait for that."""
         costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
-        grid = SearchGrid(costs, Bordered.of(costs))
+        grid = SearchGrid(costs, PaddedCostmap.from_costmap(costs))
         first, last = (grid.index((x, 0.5)) for x in (0.5, 2.5))
         cls.search(grid.bordered, first).cells(grid.bordered, first, last)
 
     @staticmethod
-    def expected_bytes(bordered: Bordered) -> int:
+    def expected_bytes(bordered: PaddedCostmap) -> int:
         """Return the bytes that a search takes while it runs, with its costs."""
         return bordered.half.nbytes + bordered.half.size
 
-    def cells(self, bordered: Bordered, first: int, last: int) -> Ints | None:
+    def cells(self, bordered: PaddedCostmap, first: int, last: int) -> Ints | None:
         """Return the cells (n, 2) of the cheapest path between two cells; None without one.
 
         One of them is the root. It is the path that a planner finds from the first to the last.
         """
-        from locplan._support.kernels.ways import cheapest_cells
+        from locplan._support.kernels.ways import trace_cheapest_path
 
         is_forwards = first == self.root
         other = last if is_forwards else first
         if other != self.root and not self.steps[other]:
             return None
         costs = bordered.half, bordered.columns
-        return bordered.cells_of(cheapest_cells(*costs, self.steps, self.root, other, is_forwards))
+        return bordered.unflatten(trace_cheapest_path(*costs, self.steps, self.root, other, is_forwards))
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +210,7 @@ class Searches:
 
         def create() -> SearchGrid:
             costs = _weigh(self.scene.coarse, weight)
-            return SearchGrid(costs, Bordered.of(costs))
+            return SearchGrid(costs, PaddedCostmap.from_costmap(costs))
 
         key = ("coarse grid", self.scene.key, weight)
         return self.store.get_or_create(key, create, lambda grid: 3 * grid.bordered.half.nbytes)
@@ -251,7 +251,7 @@ class Searches:
             if leg is None:
                 return None
             legs.append(leg)
-        return legs[0] if len(legs) == 1 else Path.joined(legs)
+        return legs[0] if len(legs) == 1 else Path.join(legs)
 
     def _leg(self, weight: Weight, start: Position, goal: Position, moving: str) -> Path | None:
         """Return the any-angle path of a leg, of which one end may move; None if there is none.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from locplan._support.checks import check_threads
-from locplan._support.tables import finite
+from locplan._support.tables import nan_to_none
 from locplan.app.explorer.first_route import Stops, choose_first_route
 from locplan.app.explorer.layers import Layer, make_layers
 from locplan.app.explorer.messages import Cancel, Cancelled, Job, Question
@@ -218,7 +218,7 @@ class Session:
         from locplan.app.explorer.questions import QUESTIONS
 
         job = Job(progress or (lambda *_: None), lambda: None)
-        return finite(QUESTIONS[do].answer(self, Question(do, 0, values), job))
+        return nan_to_none(QUESTIONS[do].answer(self, Question(do, 0, values), job))
 
     def _compute(
         self, site: Site, cancel: Cancel, field: CovarianceField | None = None

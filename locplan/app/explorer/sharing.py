@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._support.kernels.arrays import Octets
-from locplan._support.tables import finite
+from locplan._support.tables import nan_to_none
 from locplan.app.explorer.exports import make_file_name
 from locplan.app.explorer.layers import make_cell_classes
 from locplan.app.explorer.plans import plan
@@ -60,7 +60,7 @@ def share(session: Session, scene: Scene, question: Question, job: Job) -> dict[
         "view": question.mapping("view"),
     }
     name = scene.site.grid.name or "map"
-    page = make_page(f"{name} – locplan", finite(data)).encode()
+    page = make_page(f"{name} – locplan", nan_to_none(data)).encode()
     file = f"{make_file_name(name)}-locplan.html"
     return {"download": session.add_download(file, page)}
 

@@ -77,7 +77,7 @@ def _read_points(field: CovarianceField) -> Compute:
         values = {name: array.copy() for name, array in field.values.items()}
         for array in values.values():
             array[~points] = np.nan
-        return CovarianceField.of(values, grid, field.config)
+        return CovarianceField.from_values(values, grid, field.config)
 
     return compute
 

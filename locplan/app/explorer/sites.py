@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._support.checks import MAX_RANGE, number
+from locplan._support.checks import MAX_RANGE, check_number
 from locplan._support.kernels.arrays import Octets
 from locplan.advice.landmark_objects import Pole, Shape, cells_under
 from locplan.errors import ConfigError
-from locplan.field.config import SHORT_LIDAR, FieldConfig, equipped
+from locplan.field.config import SHORT_LIDAR, FieldConfig, equip_robot
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.maps.zones import KINDS as ZONE_KINDS, Zone, Zones
@@ -54,7 +54,7 @@ class Site:
     @cached_property
     def robot(self) -> Robot:
         """The robot with its lidar; if none was named, with one of the field's range."""
-        return equipped(self.named_robot, self.config)
+        return equip_robot(self.named_robot, self.config)
 
     @cached_property
     def digests(self) -> dict[str, str]:
@@ -151,7 +151,7 @@ def _read_stroke(item: Question) -> Change:
     points = item.positions("points", MAX_POINTS)
     if not points:
         raise ConfigError("a wall, an erased line and a pole need at least one point")
-    width = number("width", item.values.get("width"), 0.001, 20.0)
+    width = check_number("width", item.values.get("width"), 0.001, 20.0)
     return {"points": [list(xy) for xy in points], "width": width}
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from locplan._support.checks import whole
-from locplan._support.tables import finite
+from locplan._support.checks import check_integer
+from locplan._support.tables import nan_to_none
 from locplan.app.explorer.messages import (
     BadMessage,
     Cancel,
@@ -86,7 +86,7 @@ class Link:
     def _cancel(self, question: Question) -> dict[str, Any]:
         """Cancel a question, and answer that."""
         try:
-            number = whole("of", question.values.get("of"), 0)
+            number = check_integer("of", question.values.get("of"), 0)
         except LocplanError as error:
             return {"re": question.id, "error": str(error)}
         if number in self._waiting:
@@ -173,4 +173,4 @@ def _dump(answer: dict[str, Any]) -> str:
     try:
         return json.dumps(answer, allow_nan=False, separators=(",", ":"))
     except ValueError:
-        return json.dumps(finite(answer), allow_nan=False, separators=(",", ":"))
+        return json.dumps(nan_to_none(answer), allow_nan=False, separators=(",", ":"))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from locplan._support.checks import FARTHEST, number
-from locplan._support.poses import window_around
+from locplan._support.checks import FARTHEST, check_number
+from locplan._support.poses import find_window
 from locplan.app.explorer.messages import MAX_WEIGHT, Job, Question
 from locplan.app.explorer.scene import Scene
 from locplan.export.parameters import DISTRIBUTIONS
@@ -95,7 +95,7 @@ def _describe_field(scene: Scene) -> dict[str, Any] | None:
 
 def describe_place(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
     """Return what is known of a place: its error ellipse, and why scans are weak there."""
-    x, y = (number(name, question.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y"))
+    x, y = (check_number(name, question.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y"))
     grid = scene.costs.grid
     answer: dict[str, Any] = {"x": x, "y": y, "known": False, "clearance": None, "reason": None}
     cell = grid.cell((x, y))
@@ -121,7 +121,7 @@ def measure_clearance(grid: OccupancyGrid, row: int, col: int) -> float:
 
     It is that of `OccupancyGrid.clearance`, without an array of the whole map; NaN beyond `FAR`.
     """
-    window = window_around(row, col, FAR / grid.resolution + 1, grid.shape)
+    window = find_window(row, col, FAR / grid.resolution + 1, grid.shape)
     occupied = np.argwhere(grid.cells[window] == OCCUPIED) + [axis.start for axis in window]
     # In halves of a cell, from the centre to the edges of the others.
     gaps = np.maximum(2 * np.abs(occupied - (row, col)) - 1, 0)

@@ -23,7 +23,7 @@ from locplan._support.kernels.arrays import STOP, Bools, Floats, Ints, Octets, S
 from locplan._support.kernels.simd import (
     SHORTS,
     add_distances,
-    lanes_within,
+    flag_small_lanes,
     load_word,
     popcount,
     zero_shorts,
@@ -152,7 +152,7 @@ class Blocks(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def sum_up(octets: Octets, table: Shorts) -> None:
+def fill_summed_table(octets: Octets, table: Shorts) -> None:
     """Fill in the cells set before each column and row mod 2^16, (plane, col + 1, row + 1).
 
     `octets` are strips, (plane, col, row).
@@ -194,7 +194,7 @@ def count_blocks(table: Shorts, top: int, left: int, edge: int, unit: int, count
                 counts[plane, q, p % step_units, p // step_units] = count
 
 
-class Read(NamedTuple):
+class TemplateCounts(NamedTuple):
     """What a template has in each block, and where the block's counts are."""
 
     free: Shorts  # (block,)
@@ -209,7 +209,7 @@ def keep_lines(
     corners: Ints,
     limit: int,
     shift: int,
-    kept: Bools,
+    is_kept: Bools,
     control: Ints,
 ) -> None:
     """Fill in which lines of a heading have an offset with a bound of at most ``limit << shift``.
@@ -226,28 +226,28 @@ def keep_lines(
         Places in the table at which the cells' discs begin.
     limit, shift : int
         The limit is below 65,535.
-    kept : (n, dx) array of bool
+    is_kept : (n, dx) array of bool
         The result.
     control : (2,) array of int64
         Nothing more is done once ``control[STOP]`` is set.
     """
     n_blocks = blocks.corners.size
-    read = Read(np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.int64))
-    for n in range(len(kept)):
+    read = TemplateCounts(np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.int64))
+    for n in range(len(is_kept)):
         if control[STOP]:
             return
-        for i in range(kept.shape[1]):
-            kept[n, i] = True
+        for i in range(is_kept.shape[1]):
+            is_kept[n, i] = True
         has_lines, size = True, 0
         while has_lines and size < blocks.edges.size:
             read_template(blocks, size, blocks.rests[n], table, corners[n], read)
-            has_lines = reject_lines(blocks, size, blocks.places[n], limit, shift, read, kept[n])
+            has_lines = reject_lines(blocks, size, blocks.places[n], limit, shift, read, is_kept[n])
             size += 1
 
 
 @njit(inline="always")
 def read_template(
-    blocks: Blocks, size: int, rest: int, table: Shorts, corner: int, read: Read
+    blocks: Blocks, size: int, rest: int, table: Shorts, corner: int, read: TemplateCounts
 ) -> None:
     """Write the numbers of a template's cells in the blocks of one edge, and the blocks' places."""
     sums, up = table.reshape(-1), blocks.edges[size]
@@ -273,17 +273,17 @@ def read_template(
 
 @njit(inline="always")
 def reject_lines(
-    blocks: Blocks, size: int, address: int, limit: int, shift: int, read: Read, kept: Bools
+    blocks: Blocks, size: int, address: int, limit: int, shift: int, read: TemplateCounts, is_kept: Bools
 ) -> bool:
     """Take the marks off lines without an offset up to the limit; return whether any is left."""
     free, occupied, places = read
     counts, line_stride, plane_stride = blocks.counts, blocks.line_stride, blocks.plane_stride
-    first, last, offsets = blocks.starts[size], blocks.starts[size + 1], kept.size
+    first, last, offsets = blocks.starts[size], blocks.starts[size + 1], is_kept.size
     has_lines = False
     for i in range(offsets):
-        if not kept[i]:
+        if not is_kept[i]:
             continue
-        kept[i] = False
+        is_kept[i] = False
         line = address + i * line_stride
         for group in range(0, offsets, SHORTS):
             within = np.uint64(0xFFFF_FFFF)
@@ -299,8 +299,8 @@ def reject_lines(
                     total = add_distances(total, counts, block_place, free[b], shift)
                     total = add_distances(total, counts, block_place + plane_stride, occupied[b], shift)
                 start = stop
-                within &= lanes_within(total, limit)
+                within &= flag_small_lanes(total, limit)
             if within != 0:
-                kept[i] = has_lines = True
+                is_kept[i] = has_lines = True
                 break
     return has_lines

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from locplan._support.kernels.arrays import DONE, STOP, Bools, Floats, Ints, Words
+from locplan._support.kernels.arrays import N_DONE, STOP, Bools, Floats, Ints, Words
 from locplan._support.kernels.simd import (
     LANES,
     add_difference,
@@ -31,7 +31,7 @@ from locplan._support.kernels.simd import (
 from locplan.field.kernels.bitplanes import SQUARE
 from locplan.field.kernels.templates import (
     Disc,
-    Sight,
+    SightRays,
     Template,
     Tile,
     empty_template,
@@ -48,19 +48,19 @@ def write_covariance(
     weight_of_count: Floats,
     places: Floats,
     offsets: int,
-    kept: Bools,
+    is_kept: Bools,
     covariance: Floats,
 ) -> None:
     """Write the covariance of (dx, dy, theta) about the weighted mean, (3, 3) [steps].
 
     `counts` are (dx, theta, dy rounded up), flat, of `offsets` in x and y; the poses are one step
     apart, at `places` among these. Counts between offsets are interpolated. What lies at or beside
-    a line that is not `kept` weighs nothing.
+    a line that is not `is_kept` weighs nothing.
 
     Moments are taken about the zero lag, which no offset outweighs: its sums are exact where all
     weights are equal, and nothing cancels where all others vanish.
     """
-    headings, poses = len(kept), places.size
+    headings, poses = len(is_kept), places.size
     half_steps, half_angles = (poses - 1) // 2, (headings - 1) // 2
     line_size = counts.size // (offsets * headings)
     low = np.empty(poses, np.int64)
@@ -76,7 +76,7 @@ def write_covariance(
         x, first, across = float(i - half_steps), low[i], part[i]
         second = first + 1 if across > 0.0 else first
         for k in range(headings):
-            if not (kept[k, first] and kept[k, second]):
+            if not (is_kept[k, first] and is_kept[k, second]):
                 continue
             t = float(k - half_angles)
             line, next_line = (first * headings + k) * line_size, (second * headings + k) * line_size
@@ -126,8 +126,8 @@ class Scratch(NamedTuple):
 @njit(nogil=True, cache=True)
 def tile_covariances(
     tile: Tile,
-    sight: Sight | None,
-    kept: Bools,
+    sight: SightRays | None,
+    is_kept: Bools,
     weight_of_count: Floats,
     offset_places: Floats,
     scratch: Scratch,
@@ -136,7 +136,7 @@ def tile_covariances(
 ) -> None:
     """Fill in the weighted covariances at all cells of a tile, (n, 3, 3) [steps].
 
-    `kept` (theta, n, dx) marks the lines that count; a single cell's marks are those of all.
+    `is_kept` (theta, n, dx) marks the lines that count; a single cell's marks are those of all.
     `offset_places` are the places of the poses among the offsets, see `write_covariance`. The
     scratch holds what was compared at the last cell. Without a `sight` there are no masks, and the
     whole disc counts. ``control[DONE]`` counts the cells; once another thread sets
@@ -147,13 +147,13 @@ def tile_covariances(
         if control[STOP]:
             break
         if sight is not None:
-            see(sight, cell, tile.disc, masks)
-        lines = kept[:, cell if kept.shape[1] > 1 else 0]
+            mark_visible_cells(sight, cell, tile.disc, masks)
+        lines = is_kept[:, cell if is_kept.shape[1] > 1 else 0]
         list_templates(template, tile, cell, masks, lines)
         # Where both are listed, |T xor M| is |T| - |T and M| + |N and M|, with N within the mask.
         count_lines(tile, template, cell, lines, counts, 1 if len(masks) else 2)
         write_covariance(counts, weight_of_count, offset_places, tile.offsets, lines, result[cell])
-        control[DONE] += 1
+        control[N_DONE] += 1
 
 
 # Inlined, since LLVM optimises a function anew within each one that calls it.
@@ -217,7 +217,7 @@ def empty_scratch(offsets: int, headings: int, disc: Disc, *, masked: bool) -> S
 
 
 @njit(nogil=True, cache=True)
-def see(sight: Sight, n: int, disc: Disc, masks: Words) -> None:
+def mark_visible_cells(sight: SightRays, n: int, disc: Disc, masks: Words) -> None:
     """Write the cells of the disc seen from the n-th cell, turned to each heading, as bits."""
     radius, levels = sight.radius, sight.levels
     row, col = sight.rows[n], sight.cols[n]

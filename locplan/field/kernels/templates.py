@@ -40,7 +40,7 @@ class Disc(NamedTuple):
     cells: int
 
 
-class Sight(NamedTuple):
+class SightRays(NamedTuple):
     """Rays of templates of what is visible, and the ray that goes to each cell of the disc."""
 
     cos: Floats  # (ray,)
@@ -134,16 +134,16 @@ def empty_template(headings: int, disc: Disc) -> Template:
 
 
 @njit(nogil=True, cache=True)
-def list_templates(template: Template, tile: Tile, cell: int, masks: Words, kept: Bools) -> None:
-    """List a cell's squares and runs at the headings of which a line is `kept`, (theta, dx).
+def list_templates(template: Template, tile: Tile, cell: int, masks: Words, is_kept: Bools) -> None:
+    """List a cell's squares and runs at the headings of which a line is `is_kept`, (theta, dx).
 
     `masks` (heading, square) are the cells of the disc that count at each heading. If it is
     empty, all cells count, and T or N is listed, whichever is less work; otherwise both are.
     """
     bounds, all_ones, signs, masked = template.bounds, template.ones, template.signs, len(masks) > 0
     square = run = 0
-    for k in range(len(kept)):
-        if not kept[k].any():
+    for k in range(len(is_kept)):
+        if not is_kept[k].any():
             continue
         mask = masks[k] if masked else tile.disc.words
 

@@ -14,7 +14,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.kernels.rays import segment_cost
-from locplan._support.kernels.search import put, range_of
+from locplan._support.kernels.search import put_into_bucket, find_cost_range
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -101,7 +101,7 @@ def shift(
     return shifted
 
 
-class Moves(NamedTuple):
+class StraightMoves(NamedTuple):
     """Steps of any shape from a cell, as offsets of flat indices."""
 
     offsets: Ints  # (m,) the cell to which each move leads
@@ -111,7 +111,7 @@ class Moves(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
+def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) -> Array:
     """Cells of the cheapest path from start to goal over moves of any shape, or none.
 
     `start` and `goal` are flat indices; the border of `half` is as wide as the longest move.
@@ -149,11 +149,11 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
             cell_cost = cost[cell]
             for move in range(len(offsets)):
                 other = cell + offsets[move]
-                reached = _reached(half, cell, cell_cost, crossed[move], lengths[move])
+                reached = _add_move_cost(half, cell, cell_cost, crossed[move], lengths[move])
                 if reached < cost[other] and not _touches(half, cell, touched[move]):
                     cost[other], is_settled[other], move_to[other] = reached, 0, move
                     bucket = np.uint64(reached * per_cost) & mask
-                    unused, used = put(other, bucket, heads, cells, following, unused, used)
+                    unused, used = put_into_bucket(other, bucket, heads, cells, following, unused, used)
                     waiting += 1
         lowest += 1
     if cost[goal] == np.inf:
@@ -165,7 +165,7 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: Moves) -> Array:
 
 
 @njit(inline="always")
-def _reached(half: Floats, cell: int, cost: float, crossed: Array, lengths: Array) -> float:
+def _add_move_cost(half: Floats, cell: int, cost: float, crossed: Array, lengths: Array) -> float:
     """Cost at the end of a move from a cell with this cost, over the cells that it crosses."""
     for k in range(crossed.size):
         if lengths[k] > 0:
@@ -188,7 +188,7 @@ def bucket_scale(half: Floats, lengths: Floats) -> tuple[float, int]:
     longest = 0.0
     for move in range(len(lengths)):
         longest = max(longest, lengths[move].sum())
-    cheapest, costliest, _, _ = range_of(half)
+    cheapest, costliest, _, _ = find_cost_range(half)
     # More buckets than this would take longer to visit than to sort their cells.
     if 2 * cheapest * (1 << 14) <= longest * costliest:
         return 0.0, 0

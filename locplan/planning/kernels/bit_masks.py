@@ -12,7 +12,7 @@ WORD = 64
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def widened(bits: Words) -> Array:
+def widen_bits(bits: Words) -> Array:
     """Bits of which each is set if any of the next 1, 2, 4, ... 64 ones is, (7, rows, words)."""
     rows, words = bits.shape
     result = np.zeros((7, rows, words), np.uint64)

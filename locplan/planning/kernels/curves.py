@@ -235,7 +235,7 @@ def _half(angle: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def moved(
+def advance_pose(
     x: float, y: float, heading: float, turn: int, length: float, radius: float
 ) -> tuple[float, float, float]:
     """The pose at the end of one piece of a curve."""
@@ -295,15 +295,15 @@ def arc(
 
 
 @njit(nogil=True, cache=True)
-def closer(angles: Array, most: float) -> Array:
-    """Angles with further ones inserted where neighbours are more than `most` apart."""
+def refine_angles(angles: Array, max_gap: float) -> Array:
+    """Angles with further ones inserted where neighbours are more than `max_gap` apart."""
     count = 1
     for n in range(len(angles) - 1):
-        count += max(1, math.ceil((angles[n + 1] - angles[n]) / most))
+        count += max(1, math.ceil((angles[n + 1] - angles[n]) / max_gap))
     result = np.empty(count)
     result[0], at = angles[0], 1
     for n in range(len(angles) - 1):
-        parts = max(1, math.ceil((angles[n + 1] - angles[n]) / most))
+        parts = max(1, math.ceil((angles[n + 1] - angles[n]) / max_gap))
         for part in range(parts):
             share = (part + 1) / parts
             result[at] = angles[n] + share * (angles[n + 1] - angles[n])

@@ -30,7 +30,7 @@ ROUNDING = 1e-6
 """Share by which a bound in single precision is lowered."""
 
 
-class Moves(NamedTuple):
+class LatticeMoves(NamedTuple):
     """The motions, by the heading that they begin with."""
 
     begin: Ints  # (headings + 1,) first motion of each heading
@@ -46,10 +46,10 @@ class Moves(NamedTuple):
     lengths: Floats  # (m, k) twice its length in each, times its factor [cells]
     cells: Ints  # (m,) number of crossed cells
     extra: Floats  # (m,) further cost [cells]
-    least: Floats  # (m,) cost without `extra` where the density is 1 [cells]
+    base_cost: Floats  # (m,) cost without `extra` where the density is 1 [cells]
 
 
-class Ground(NamedTuple):
+class LatticeGround(NamedTuple):
     """What the motions go over."""
 
     half: Floats  # (n,) half the density of each cell, by layers of headings
@@ -60,7 +60,7 @@ class Ground(NamedTuple):
     nearby: Singles  # (rows * columns,) at most the density that motions to or from a cell meet
 
 
-class Terms(NamedTuple):
+class LatticeTerms(NamedTuple):
     """What stays the same during a search."""
 
     per_cost: float  # buckets per cost
@@ -70,15 +70,15 @@ class Terms(NamedTuple):
     goal_headings: int  # bit 1 for each heading that the goal may have
 
 
-class Graph(NamedTuple):
+class StateGraph(NamedTuple):
     """The states of a search, and what leads from one to another."""
 
-    ground: Ground
-    moves: Moves
-    terms: Terms
+    ground: LatticeGround
+    moves: LatticeMoves
+    terms: LatticeTerms
 
 
-class Queue(NamedTuple):
+class StateQueue(NamedTuple):
     """States that wait in buckets."""
 
     state: Ints
@@ -88,9 +88,9 @@ class Queue(NamedTuple):
     following: NDArray[np.int32]  # next entry of a bucket, or of those free again
 
 
-def new_queue(buckets: int, lowest: int) -> Queue:
+def new_queue(buckets: int, lowest: int) -> StateQueue:
     """An empty queue with a power of two of buckets."""
-    return Queue(
+    return StateQueue(
         np.array([-1, 0, 0, lowest, 0, -1]),
         np.full(buckets, -1, np.int32),
         np.full(buckets, -1, np.int32),
@@ -99,14 +99,14 @@ def new_queue(buckets: int, lowest: int) -> Queue:
     )
 
 
-def grown(queue: Queue) -> Queue:
+def grow_queue(queue: StateQueue) -> StateQueue:
     """The queue with twice the room."""
     states, following = (np.concatenate([a, a]) for a in (queue.states, queue.following))
     return queue._replace(states=states, following=following)
 
 
 @njit(nogil=True, cache=True)
-def put(queue: Queue, state: int, bucket: int) -> None:
+def put_state(queue: StateQueue, state: int, bucket: int) -> None:
     """Put a state into a bucket; those too far away wait in the last one."""
     numbers, heads, tails, states, following = queue
     slot = min(bucket, numbers[LOWEST] + heads.size - 1) & (heads.size - 1)
@@ -126,7 +126,7 @@ def put(queue: Queue, state: int, bucket: int) -> None:
 
 
 @njit(nogil=True, cache=True)
-def take(queue: Queue, slot: int) -> int:
+def take_state(queue: StateQueue, slot: int) -> int:
     """Take the first state out of a bucket that is not empty."""
     numbers, heads, _, states, following = queue
     node = heads[slot]
@@ -136,7 +136,7 @@ def take(queue: Queue, slot: int) -> int:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def settled(queue: Queue, furthest: float, room: int, pausing: int) -> int:
+def find_next_bucket(queue: StateQueue, furthest: float, room: int, pausing: int) -> int:
     """Go on to the first bucket with a state in it: READY, or why the search stops here.
 
     It is FINISHED beyond the bucket `furthest`, OUT_OF_ROOM without `room` for so many entries, and
@@ -154,7 +154,7 @@ def settled(queue: Queue, furthest: float, room: int, pausing: int) -> int:
 
 
 @njit(inline="always")
-def is_free(ground: Ground, moves: Moves, move: int, row: int, col: int) -> bool:
+def is_free(ground: LatticeGround, moves: LatticeMoves, move: int, row: int, col: int) -> bool:
     """Whether a motion from a cell is free; its other end must lie on the map, too."""
     if moves.at_end[move]:
         row, col = row + moves.row[move], col + moves.col[move]
@@ -163,7 +163,7 @@ def is_free(ground: Ground, moves: Moves, move: int, row: int, col: int) -> bool
 
 
 @njit(inline="always")
-def cost_of(ground: Ground, moves: Moves, move: int, cell: int) -> float:
+def compute_move_cost(ground: LatticeGround, moves: LatticeMoves, move: int, cell: int) -> float:
     """Cost of a free motion from a cell [density x cells]."""
     total = moves.extra[move]
     for k in range(moves.cells[move]):
@@ -172,7 +172,7 @@ def cost_of(ground: Ground, moves: Moves, move: int, cell: int) -> float:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) -> int:
+def project_cells(queue: StateQueue, graph: StateGraph, bound: Singles, cell: int, max_expansions: int) -> int:
     """Go on with the backward search over cells until `cell` is settled (-1: never), or pause.
 
     `bound` holds the costs to the goal, infinite where nothing was seen. The caller has put in
@@ -180,20 +180,20 @@ def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) ->
     """
     ground, moves, terms = graph
     numbers, mask = queue.state, queue.heads.size - 1
-    pausing = numbers[EXPANDED] + most
+    pausing = numbers[EXPANDED] + max_expansions
     rows, columns, per_cost = ground.rows, ground.columns, terms.per_cost
     room = 2 * len(moves.row)
     while True:
-        status = settled(queue, bound[cell] * per_cost if cell >= 0 else np.inf, room, pausing)
+        status = find_next_bucket(queue, bound[cell] * per_cost if cell >= 0 else np.inf, room, pausing)
         if status != READY:
             return status
         lowest = numbers[LOWEST]
-        to = take(queue, lowest & mask)
+        to = take_state(queue, lowest & mask)
         target_cost = np.float64(bound[to])
         bucket = np.int64(target_cost * per_cost)
         if bucket != lowest:
             if bucket > lowest:
-                put(queue, to, bucket)
+                put_state(queue, to, bucket)
             continue
         numbers[EXPANDED] += 1
         to_row, to_col = to // columns, to % columns
@@ -204,19 +204,19 @@ def project(queue: Queue, graph: Graph, bound: Singles, cell: int, most: int) ->
                 continue
             source = row * columns + col
             old_bound = np.float64(bound[source])
-            if target_cost + moves.least[move] * nearby + moves.extra[move] >= old_bound:
+            if target_cost + moves.base_cost[move] * nearby + moves.extra[move] >= old_bound:
                 continue
             if not is_free(ground, moves, move, row, col):
                 continue
-            reached = np.float32(target_cost + cost_of(ground, moves, move, source))
+            reached = np.float32(target_cost + compute_move_cost(ground, moves, move, source))
             if reached < old_bound:
                 bound[source], later = reached, np.int64(reached * per_cost)
                 if old_bound == np.inf or np.int64(old_bound * per_cost) != later:  # else it waits there
-                    put(queue, source, later)
+                    put_state(queue, source, later)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int) -> int:
+def explore_states(queue: StateQueue, graph: StateGraph, bound: Singles, cost: Singles, max_expansions: int) -> int:
     """Go on with the search over states until the goal is settled, or pause.
 
     `cost` holds the costs from the start plus 1, negative where expanded, and 0 where nothing was
@@ -225,31 +225,31 @@ def explore(queue: Queue, graph: Graph, bound: Singles, cost: Singles, most: int
     """
     _, moves, terms = graph
     numbers, mask = queue.state, queue.heads.size - 1
-    pausing, room = numbers[EXPANDED] + most, 2 * len(moves.row)
+    pausing, room = numbers[EXPANDED] + max_expansions, 2 * len(moves.row)
     layers, per_cost = (len(moves.begin) - 1) * terms.gears, terms.per_cost
     while True:
         cost_limit = np.inf
         if numbers[BEST] >= 0:
             cost_limit = abs(np.float64(cost[numbers[BEST]])) - 1.0
-        status = settled(queue, cost_limit * per_cost, room, pausing)
+        status = find_next_bucket(queue, cost_limit * per_cost, room, pausing)
         if status != READY:
             return status
-        state = take(queue, numbers[LOWEST] & mask)
+        state = take_state(queue, numbers[LOWEST] & mask)
         if cost[state] < 0 or is_surpassed(cost, terms, state, layers):
             continue
-        total = np.float64(cost[state]) - 1.0 + bound_of(bound, terms, state // layers)
+        total = np.float64(cost[state]) - 1.0 + compute_bound(bound, terms, state // layers)
         bucket = np.int64(total * per_cost)
         if bucket > numbers[LOWEST]:
-            put(queue, state, bucket)
+            put_state(queue, state, bucket)
         elif total < cost_limit:
-            expand(queue, graph, bound, cost, state, cost_limit)
+            expand_state(queue, graph, bound, cost, state, cost_limit)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def expand(
-    queue: Queue, graph: Graph, bound: Singles, cost: Singles, state: int, enough: float
+def expand_state(
+    queue: StateQueue, graph: StateGraph, bound: Singles, cost: Singles, state: int, cost_limit: float
 ) -> None:
-    """Expand a state: put in what its motions reach at less cost than before, below `enough`."""
+    """Expand a state: put in what its motions reach at less cost than before, below `cost_limit`."""
     ground, moves, terms = graph
     numbers, rows, columns = queue.state, ground.rows, ground.columns
     headings = len(moves.begin) - 1
@@ -266,27 +266,27 @@ def expand(
             continue
         if not is_free(ground, moves, move, row, col):
             continue
-        to_gear, change = shifted(moves.gear[move], gear, terms)
+        to_gear, change = shift_gear(moves.gear[move], gear, terms)
         to_cell = to_row * columns + to_col
         other = to_cell * layers + to_gear * headings + moves.target[move]
         old_cost = abs(np.float64(cost[other]))
-        lowest = state_cost + change + moves.extra[move] + moves.least[move] * nearby + 1.0
+        lowest = state_cost + change + moves.extra[move] + moves.base_cost[move] * nearby + 1.0
         if old_cost != 0.0 and lowest >= old_cost:  # the exact cost takes longest
             continue
-        reached = state_cost + change + cost_of(ground, moves, move, cell) + 1.0
+        reached = state_cost + change + compute_move_cost(ground, moves, move, cell) + 1.0
         if old_cost != 0.0 and reached >= old_cost * (1 - 1e-7):
             continue
-        total = reached - 1.0 + bound_of(bound, terms, to_cell)
-        if not total < enough:
+        total = reached - 1.0 + compute_bound(bound, terms, to_cell)
+        if not total < cost_limit:
             continue
         cost[other] = reached
         if bound[to_cell] == 0 and (terms.goal_headings >> moves.target[move]) & 1:
-            numbers[BEST], enough = other, reached - 1.0
-        put(queue, other, max(np.int64(total * terms.per_cost), numbers[LOWEST]))
+            numbers[BEST], cost_limit = other, reached - 1.0
+        put_state(queue, other, max(np.int64(total * terms.per_cost), numbers[LOWEST]))
 
 
 @njit(inline="always")
-def is_surpassed(cost: Singles, terms: Terms, state: int, layers: int) -> bool:
+def is_surpassed(cost: Singles, terms: LatticeTerms, state: int, layers: int) -> bool:
     """Whether the same pose in the other gear, and a change, cost no more than a state."""
     if terms.gears == 1:
         return False
@@ -297,13 +297,13 @@ def is_surpassed(cost: Singles, terms: Terms, state: int, layers: int) -> bool:
 
 
 @njit(inline="always")
-def bound_of(bound: Singles, terms: Terms, cell: int) -> float:
+def compute_bound(bound: Singles, terms: LatticeTerms, cell: int) -> float:
     """Bound of the cost from a cell to the goal."""
     return min(np.float64(bound[cell]) * (1 - ROUNDING), terms.cap)
 
 
 @njit(inline="always")
-def shifted(gear_of_move: int, gear: int, terms: Terms) -> tuple[int, float]:
+def shift_gear(gear_of_move: int, gear: int, terms: LatticeTerms) -> tuple[int, float]:
     """Gear after a motion, and the cost of changing it."""
     if terms.gears == 1 or gear_of_move in (EITHER, gear):
         return gear, 0.0
@@ -311,7 +311,7 @@ def shifted(gear_of_move: int, gear: int, terms: Terms) -> tuple[int, float]:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def traced(graph: Graph, cost: Singles, state: int) -> Array:
+def trace_motions(graph: StateGraph, cost: Singles, state: int) -> Array:
     """The start's state, and the motions that lead from it to a state."""
     ground, moves, terms = graph
     headings = len(moves.begin) - 1
@@ -330,9 +330,9 @@ def traced(graph: Graph, cost: Singles, state: int) -> Array:
             if not is_free(ground, moves, move, row, col):
                 continue
             source = row * ground.columns + col
-            step = cost_of(ground, moves, move, source)
+            step = compute_move_cost(ground, moves, move, source)
             for from_gear in range(terms.gears):
-                to_gear, change = shifted(moves.gear[move], from_gear, terms)
+                to_gear, change = shift_gear(moves.gear[move], from_gear, terms)
                 other = source * layers + from_gear * headings + moves.source[move]
                 source_cost = abs(np.float64(cost[other]))
                 if to_gear != gear or source_cost == 0.0 or source_cost >= abs(cost[state]):

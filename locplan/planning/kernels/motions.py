@@ -14,13 +14,13 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Numbers
-from locplan._support.kernels.outlines import Body, first_hit
+from locplan._support.kernels.outlines import CollisionMap, first_hit
 from locplan._support.kernels.rays import TOUCH, segment_cost
 from locplan.planning.kernels import curves
 from locplan.planning.kernels.curves import QUARTER, STRAIGHT, TURN
 
 
-class Ground(NamedTuple):
+class MotionGround(NamedTuple):
     """What a motion is integrated over."""
 
     half: Floats  # (layers, n) half the density on a flat grid with a blocked border
@@ -30,7 +30,7 @@ class Ground(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def motion_cost(ground: Ground, kind: int, radius: float, start: Numbers, end: Numbers) -> float:
+def motion_cost(ground: MotionGround, kind: int, radius: float, start: Numbers, end: Numbers) -> float:
     """Integral of a density along a motion [density x cells]; infinite if it is blocked.
 
     Parameters
@@ -47,13 +47,13 @@ def motion_cost(ground: Ground, kind: int, radius: float, start: Numbers, end: N
     if kind == STRAIGHT:
         return _line_cost(ground, start, end)
     half, columns, first, corner_cutting = ground
-    turns, lengths = word_of(kind, radius, start, end)
+    turns, lengths = find_shortest_word(kind, radius, start, end)
     x, y, heading = start
     total = 0.0
     for n in range(curves.PIECES):
         if lengths[n] == 0.0:
             continue
-        x1, y1, heading1 = curves.moved(x, y, heading, turns[n], lengths[n], radius)
+        x1, y1, heading1 = curves.advance_pose(x, y, heading, turns[n], lengths[n], radius)
         if turns[n]:
             piece = x, y, heading, turns[n], lengths[n]
             total += arc_cost(ground, piece, radius)
@@ -76,18 +76,18 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
     first, last = np.array(start).reshape(1, 3), np.array(end).reshape(1, 3)
     if kind == STRAIGHT:
         return np.concatenate((first, last))
-    turns, lengths = word_of(kind, radius, start, end)
+    turns, lengths = find_shortest_word(kind, radius, start, end)
     x, y, heading = start
     poses = first
     for n in range(curves.PIECES):
         if lengths[n] == 0.0:
             continue
-        x1, y1, heading1 = curves.moved(x, y, heading, turns[n], lengths[n], radius)
+        x1, y1, heading1 = curves.advance_pose(x, y, heading, turns[n], lengths[n], radius)
         inner = np.empty((1, 3))
         if turns[n]:
             center_x, center_y, low, high = curves.arc(x, y, heading, turns[n], lengths[n], radius)
             angles = curves.arc_crossings(center_x, center_y, radius, low, high)
-            angles = curves.closer(angles, 0.02)  # the path's length is then exact to 2e-5
+            angles = curves.refine_angles(angles, 0.02)  # the path's length is then exact to 2e-5
             if turns[n] * lengths[n] < 0:
                 angles = angles[::-1]
             inner = np.empty((max(1, len(angles) - 1), 3))
@@ -103,7 +103,7 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
 
 
 @njit(nogil=True, cache=True)
-def word_of(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
+def find_shortest_word(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
     """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     if kind == curves.DUBINS:
@@ -114,7 +114,7 @@ def word_of(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Arr
 
 
 @njit(nogil=True, cache=True)
-def _line_cost(ground: Ground, start: Numbers, end: Numbers) -> float:
+def _line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
     """Cost of a straight line along which the heading turns evenly, the shorter way round."""
     half, columns, first, corner_cutting = ground
     layers = len(half)
@@ -137,7 +137,7 @@ def _line_cost(ground: Ground, start: Numbers, end: Numbers) -> float:
 
 
 @njit(nogil=True, cache=True)
-def arc_cost(ground: Ground, piece: Numbers, radius: float) -> float:
+def arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
     """Cost of one turn (x, y, heading, side, length)."""
     half, columns, first, corner_cutting = ground
     x, y, heading, turn, length = piece
@@ -195,7 +195,7 @@ def world_cost(
     kind: int,
     radius: float,
     frame: Numbers,
-    body: Body,
+    body: CollisionMap,
     start: Numbers,
     end: Numbers,
     blocked: float,
@@ -207,12 +207,12 @@ def world_cost(
     outline of `body` meets an occupied cell is blocked; a circle has no outline.
     """
     (x0, y0, heading0), (x1, y1, heading1) = start, end
-    if not (stands(half, columns, frame, x0, y0) and stands(half, columns, frame, x1, y1)):
+    if not (can_stand(half, columns, frame, x0, y0) and can_stand(half, columns, frame, x1, y1)):
         return blocked
     if not math.isfinite(heading0 + heading1):
         return blocked
     ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)
-    cost = motion_cost(Ground(half, columns, -frame[4], False), kind, radius, *ends)
+    cost = motion_cost(MotionGround(half, columns, -frame[4], False), kind, radius, *ends)
     cost /= math.hypot(frame[0], frame[1])
     if cost < np.inf and len(body.outline):
         poses = motion_poses(kind, radius, *ends)
@@ -232,7 +232,7 @@ def world_costs(
     kind: int,
     radius: float,
     frame: Numbers,
-    body: Body,
+    body: CollisionMap,
     poses: Floats,
     pairs: Ints,
 ) -> Array:
@@ -272,7 +272,7 @@ def _on_grid(frame: Numbers, x: float, y: float, heading: float) -> tuple[float,
 
 
 @njit(nogil=True, cache=True)
-def stands(half: Floats, columns: int, frame: Numbers, x: float, y: float) -> bool:
+def can_stand(half: Floats, columns: int, frame: Numbers, x: float, y: float) -> bool:
     """True if a position in the world [m] lies in a cell that is not blocked."""
     x, y, _ = _on_grid(frame, x, y, 0.0)
     col, row = math.floor(x), math.floor(y)

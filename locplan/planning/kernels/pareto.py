@@ -55,7 +55,7 @@ class Labels(NamedTuple):
     """Least second cost of the paths that were expanded at each cell."""
 
 
-class Terms(NamedTuple):
+class ParetoTerms(NamedTuple):
     """What stays the same during a search: the grid, the goal, and bounds on what is left to it."""
 
     half: Floats  # (n,) half the second cost's density in whole units, infinite where blocked
@@ -64,13 +64,13 @@ class Terms(NamedTuple):
     corner_cutting: bool
     first_to_go: Floats  # (n,) lower bound on the first cost to the goal
     second_to_go: Floats  # (n,) lower bound on the second
-    both_to_go: Floats  # (n,) lower bound on first + multiplier * second
+    joint_to_go: Floats  # (n,) lower bound on first + multiplier * second
     multiplier: float
-    most: float  # paths with a greater first + multiplier * second are left out
+    max_joint: float  # paths with a greater first + multiplier * second are left out
 
 
 @njit(nogil=True, cache=True)
-def search(labels: Labels, terms: Terms, expansions: int, solutions: NDArray[np.int32]) -> float:
+def search_labels(labels: Labels, terms: ParetoTerms, expansions: int, solutions: NDArray[np.int32]) -> float:
     """Continue for `expansions`; return a bound on the first cost of all solutions to come.
 
     Parameters
@@ -98,7 +98,7 @@ def search(labels: Labels, terms: Terms, expansions: int, solutions: NDArray[np.
 
 
 @njit(nogil=True, cache=True)
-def _open_bucket(labels: Labels, terms: Terms) -> None:
+def _open_bucket(labels: Labels, terms: ParetoTerms) -> None:
     """Move the labels of the lowest bucket that has any into the heap, and free those dominated."""
     state, heads, following = labels.state, labels.heads, labels.following
     heap = labels.heap, labels.heap_first, labels.heap_second
@@ -122,7 +122,7 @@ def _open_bucket(labels: Labels, terms: Terms) -> None:
 
 @njit(nogil=True, cache=True)
 def _expand_heap(
-    labels: Labels, terms: Terms, begun: int, expansions: int, solutions: NDArray[np.int32]
+    labels: Labels, terms: ParetoTerms, n_expanded: int, expansions: int, solutions: NDArray[np.int32]
 ) -> int:
     """Expand the heap's labels, or so many of them that `expansions` have begun; return how many.
 
@@ -133,10 +133,10 @@ def _expand_heap(
     parents, following, heads = labels.parent, labels.following, labels.heads
     heap, lowest_second = (labels.heap, labels.heap_first, labels.heap_second), labels.least
     half, columns, goal, corner_cutting, first_to_go, second_to_go, joint_to_go, _, _ = terms
-    multiplier, max_joint = terms.multiplier, terms.most
+    multiplier, max_joint = terms.multiplier, terms.max_joint
     corner = np.nan if corner_cutting else np.inf  # nothing equals NaN
     while state[IN_HEAP]:
-        if begun == expansions or state[SOLUTIONS] == solutions.size:
+        if n_expanded == expansions or state[SOLUTIONS] == solutions.size:
             state[STATUS] = PAUSED
             break
         if state[USED] + 8 > cells.size:
@@ -154,7 +154,7 @@ def _expand_heap(
             solutions[state[SOLUTIONS]] = label
             state[SOLUTIONS] += 1
             continue
-        begun += 1
+        n_expanded += 1
         for n in range(8):
             row_neighbour, col_neighbour = cell + ROWS[n] * columns, cell + COLUMNS[n]
             other, length = row_neighbour + COLUMNS[n], LENGTHS[n]
@@ -183,11 +183,11 @@ def _expand_heap(
                 slot = bucket % BUCKETS
                 following[new], heads[slot] = heads[slot], new
                 state[WAITING] += 1
-    return begun
+    return n_expanded
 
 
 @njit(nogil=True, cache=True)
-def path_of(labels: Labels, label: int) -> Array:
+def trace_label(labels: Labels, label: int) -> Array:
     """Cells of a label's path, from the start on."""
     count, at = 0, label
     while at >= 0:
@@ -199,9 +199,9 @@ def path_of(labels: Labels, label: int) -> Array:
 
 
 @njit(inline="always")
-def _is_open(second: float, bound: float, least: float, least_at_goal: float) -> bool:
+def _is_open(second: float, bound: float, lowest_second: float, least_at_goal: float) -> bool:
     """Whether no path that was found is better than one with this second cost and bound on it."""
-    return second < least and bound < least_at_goal
+    return second < lowest_second and bound < least_at_goal
 
 
 @njit(inline="always")

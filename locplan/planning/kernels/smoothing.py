@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Bools, Floats, Numbers
-from locplan._support.kernels.outlines import Body, first_hit
+from locplan._support.kernels.outlines import CollisionMap, first_hit
 from locplan._support.kernels.rays import segment_cost
 from locplan.planning.kernels import curves
-from locplan.planning.kernels.motions import Ground, arc_cost, motion_poses, word_of
+from locplan.planning.kernels.motions import MotionGround, arc_cost, motion_poses, find_shortest_word
 
 ASLANT = 0.05
 """Greatest angle between the heading and the way of a motion ahead or in reverse [rad]."""
@@ -24,7 +24,7 @@ STILL = 1e-6
 """Distance up to which a move is a turn on the spot [cells]."""
 
 
-class Drive(NamedTuple):
+class MotionModel(NamedTuple):
     """The motions that a robot can make, and what they cost beside the integral."""
 
     kind: int  # curves forward or also in reverse: DUBINS or REEDS_SHEPP
@@ -36,7 +36,7 @@ class Drive(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def own_costs(ground: Ground, drive: Drive, poses: Floats) -> Array:
+def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) -> Array:
     """Cost of each move along poses (n, 3), infinite where the robot cannot make it."""
     result, gear = np.empty(len(poses) - 1), 0
     for n in range(len(poses) - 1):
@@ -67,7 +67,7 @@ def own_costs(ground: Ground, drive: Drive, poses: Floats) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def _layer_at(ground: Ground, heading: float) -> Array:
+def _layer_at(ground: MotionGround, heading: float) -> Array:
     """Half the density for a heading."""
     layers = len(ground.half)
     layer_position = (heading - ground.first) / curves.TURN * layers
@@ -75,16 +75,16 @@ def _layer_at(ground: Ground, heading: float) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def curve_cost(ground: Ground, drive: Drive, start: Numbers, end: Numbers) -> float:
+def curve_cost(ground: MotionGround, drive: MotionModel, start: Numbers, end: Numbers) -> float:
     """Cost of the shortest curve between poses; infinite if it is blocked."""
-    turns, lengths = word_of(drive.kind, drive.radius, start, end)
+    turns, lengths = find_shortest_word(drive.kind, drive.radius, start, end)
     x, y, heading = start
     total, gear = 0.0, 0.0
     for n in range(curves.PIECES):
         length = lengths[n]
         if length == 0.0:
             continue
-        x1, y1, heading1 = curves.moved(x, y, heading, turns[n], length, drive.radius)
+        x1, y1, heading1 = curves.advance_pose(x, y, heading, turns[n], length, drive.radius)
         if turns[n] != 0 and drive.turn > 0:
             total += drive.turn * abs(length) / drive.radius
         else:
@@ -103,7 +103,7 @@ def curve_cost(ground: Ground, drive: Drive, start: Numbers, end: Numbers) -> fl
 
 
 @njit(nogil=True, cache=True)
-def is_clear(drive: Drive, body: Body, start: Numbers, end: Numbers) -> bool:
+def is_curve_clear(drive: MotionModel, body: CollisionMap, start: Numbers, end: Numbers) -> bool:
     """Whether the outline meets no occupied cell along the shortest curve between poses."""
     if len(body.outline) == 0:
         return True
@@ -115,13 +115,13 @@ def is_clear(drive: Drive, body: Body, start: Numbers, end: Numbers) -> bool:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def straightest(
-    ground: Ground, drive: Drive, body: Body, knots: Floats, own: Floats, lookahead: int
+def find_cheapest_chain(
+    ground: MotionGround, drive: MotionModel, body: CollisionMap, knots: Floats, step_costs: Floats, lookahead: int
 ) -> Array:
     """For each knot of the cheapest chain the knot before it, -1 elsewhere, and -2 - it by its own.
 
     A knot is reached from one of the `lookahead` before it along the shortest curve, or from the
-    one just before it by the path's own lines at the cost `own`. The first entry is -1; without a
+    one just before it by the path's own lines at the cost `step_costs`. The first entry is -1; without a
     chain the last is, too.
     """
     count = len(knots)
@@ -129,7 +129,7 @@ def straightest(
     best[0] = 0.0
     cheapest = 1.0
     for j in range(1, count):
-        best[j], before[j] = best[j - 1] + own[j - 1], -2 - (j - 1)
+        best[j], before[j] = best[j - 1] + step_costs[j - 1], -2 - (j - 1)
         end = knots[j, 0], knots[j, 1], knots[j, 2]
         for i in range(max(0, j - lookahead), j):
             start = knots[i, 0], knots[i, 1], knots[i, 2]
@@ -137,7 +137,7 @@ def straightest(
             if best[i] + cheapest * distance >= best[j]:
                 continue
             total = best[i] + curve_cost(ground, drive, start, end)
-            if total < best[j] * (1 - 1e-9) and is_clear(drive, body, start, end):
+            if total < best[j] * (1 - 1e-9) and is_curve_clear(drive, body, start, end):
                 best[j], before[j] = total, i
     chain = np.full(count, -1)
     if best[count - 1] == np.inf:
@@ -151,17 +151,17 @@ def straightest(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def shift_knots(
-    ground: Ground,
-    drive: Drive,
-    body: Body,
+    ground: MotionGround,
+    drive: MotionModel,
+    body: CollisionMap,
     knots: Floats,
-    own: Floats,
+    step_costs: Floats,
     curved: Bools,
     steps: tuple[float, float],
 ) -> None:
     """Shift inner knots sideways by a step [cells] and turn them by another [rad] while it pays.
 
-    `own` holds the cost of the edge after each knot, and `curved` whether it is the shortest curve
+    `step_costs` holds the cost of the edge after each knot, and `curved` whether it is the shortest curve
     by now; both are kept up to date.
     """
     for _ in range(4):
@@ -174,13 +174,13 @@ def shift_knots(
                 shift, turn = (choice // 3 - 1) * steps[0], (choice % 3 - 1) * steps[1]
                 candidate = x - shift * math.sin(heading), y + shift * math.cos(heading), heading + turn
                 first = curve_cost(ground, drive, before, candidate)
-                if not first < own[k - 1] + own[k]:
+                if not first < step_costs[k - 1] + step_costs[k]:
                     continue
                 last = curve_cost(ground, drive, candidate, after)
-                if not first + last < (own[k - 1] + own[k]) * (1 - 1e-7):
+                if not first + last < (step_costs[k - 1] + step_costs[k]) * (1 - 1e-7):
                     continue
-                if is_clear(drive, body, before, candidate) and is_clear(drive, body, candidate, after):
-                    own[k - 1], own[k], still = first, last, False
+                if is_curve_clear(drive, body, before, candidate) and is_curve_clear(drive, body, candidate, after):
+                    step_costs[k - 1], step_costs[k], still = first, last, False
                     curved[k - 1] = curved[k] = True
                     knots[k, 0], knots[k, 1], knots[k, 2] = candidate
         if still:

@@ -1,4 +1,4 @@
-from .kinds import KINDS as KINDS, Kind as Kind
+from .kinds import KINDS as KINDS, PlannerKind as PlannerKind
 from .motions import Motions as Motions
 from .planner import Ompl as Ompl
 from .roadmap import Roadmap as Roadmap, grow_roadmap as grow_roadmap
@@ -7,7 +7,7 @@ from .setup import (
     CostObjective as CostObjective,
     problem_definition as problem_definition,
     space_information as space_information,
-    state_of as state_of,
+    state_from_pose as state_from_pose,
     state_space as state_space,
 )
-from .stopping import Limits as Limits
+from .stopping import SearchLimits as SearchLimits

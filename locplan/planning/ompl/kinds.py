@@ -11,7 +11,7 @@ _NOT_DUBINS = tuple(space for space in SPACES if space != "Dubins")
 
 
 @dataclass(frozen=True)
-class Kind:
+class PlannerKind:
     """The abilities of one of OMPL's planners."""
 
     minimises: bool
@@ -28,19 +28,19 @@ class Kind:
     """True if it grows a roadmap."""
 
 
-KINDS: dict[str, Kind] = {
-    "RRTstar": Kind(minimises=True, from_grid=True, anytime=True),
-    "InformedRRTstar": Kind(minimises=True, from_grid=True, anytime=True),
-    "SORRTstar": Kind(minimises=True, from_grid=True, anytime=True),
-    "BITstar": Kind(minimises=True, anytime=True, settled_after=30_000),  # they are edges
-    "FMT": Kind(minimises=True, spaces=_NOT_DUBINS),
-    "BFMT": Kind(minimises=True, spaces=_NOT_DUBINS),
-    "PRM": Kind(minimises=True, from_grid=True, roadmap=True),
-    "PRMstar": Kind(minimises=True, from_grid=True, roadmap=True),
-    "RRT": Kind(minimises=False),
-    "RRTConnect": Kind(minimises=False),
-    "KPIECE1": Kind(minimises=False),
-    "BKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
-    "LBKPIECE1": Kind(minimises=False, spaces=_NOT_DUBINS),
+KINDS: dict[str, PlannerKind] = {
+    "RRTstar": PlannerKind(minimises=True, from_grid=True, anytime=True),
+    "InformedRRTstar": PlannerKind(minimises=True, from_grid=True, anytime=True),
+    "SORRTstar": PlannerKind(minimises=True, from_grid=True, anytime=True),
+    "BITstar": PlannerKind(minimises=True, anytime=True, settled_after=30_000),  # they are edges
+    "FMT": PlannerKind(minimises=True, spaces=_NOT_DUBINS),
+    "BFMT": PlannerKind(minimises=True, spaces=_NOT_DUBINS),
+    "PRM": PlannerKind(minimises=True, from_grid=True, roadmap=True),
+    "PRMstar": PlannerKind(minimises=True, from_grid=True, roadmap=True),
+    "RRT": PlannerKind(minimises=False),
+    "RRTConnect": PlannerKind(minimises=False),
+    "KPIECE1": PlannerKind(minimises=False),
+    "BKPIECE1": PlannerKind(minimises=False, spaces=_NOT_DUBINS),
+    "LBKPIECE1": PlannerKind(minimises=False, spaces=_NOT_DUBINS),
 }
 """The planners by OMPL's own names."""

@@ -60,14 +60,14 @@ class Motions:
         if self.turning_radius is None:
             return
         grid = self.costs.grid
-        least, greatest = MIN_RADIUS * grid.resolution, math.hypot(*grid.shape) * grid.resolution
-        if not least <= self.turning_radius <= MAX_RADIUS * greatest:
+        min_radius, greatest = MIN_RADIUS * grid.resolution, math.hypot(*grid.shape) * grid.resolution
+        if not min_radius <= self.turning_radius <= MAX_RADIUS * greatest:
             raise ConfigError(
-                f"turning_radius must lie in {least:g}..{MAX_RADIUS * greatest:.4g} m"
+                f"turning_radius must lie in {min_radius:g}..{MAX_RADIUS * greatest:.4g} m"
                 f" on this map, not {self.turning_radius:g}"
             )
 
-    def checked(self, pose: Sequence[float], role: str) -> tuple[float, ...]:
+    def validate_pose(self, pose: Sequence[float], role: str) -> tuple[float, ...]:
         """Return a pose as numbers, its heading in -pi..pi.
 
         Parameters
@@ -104,10 +104,10 @@ class Motions:
         x, y : float
             The position in the world [m].
         """
-        from locplan.planning.kernels.motions import stands
+        from locplan.planning.kernels.motions import can_stand
 
         half, columns, _, _, frame = self.arguments
-        return bool(stands(half, columns, frame, float(x), float(y)))
+        return bool(can_stand(half, columns, frame, float(x), float(y)))
 
     def meets_wall(self, pose: Sequence[float]) -> bool:
         """True if the outline of the costmap's robot meets a wall at a pose; never in "R2".
@@ -122,7 +122,7 @@ class Motions:
             return False
         return robot.outline.collisions(self.costs.grid, np.array([pose, pose])).size > 0
 
-    def costs_between(self, poses: Floats, pairs: Ints) -> Floats:
+    def compute_motion_costs(self, poses: Floats, pairs: Ints) -> Floats:
         """Costs J of motions between pairs of poses.
 
         Parameters
@@ -164,12 +164,12 @@ class Motions:
     @cached_property
     def body(self) -> Any:
         """The outline of the costmap's robot for the kernels; none in "R2", and of a circle."""
-        from locplan._support.kernels.outlines import Body, sums_of
+        from locplan._support.kernels.outlines import CollisionMap, sum_rows
 
         robot, grid = self.costs.robot, self.costs.grid
         if robot is None or robot.outline is None or self.space == "R2":
-            return Body(np.empty((0, 1), np.int32), np.empty((0, 2)))
-        return Body(sums_of(grid.cells == OCCUPIED), robot.outline.vertices / grid.resolution)
+            return CollisionMap(np.empty((0, 1), np.int32), np.empty((0, 2)))
+        return CollisionMap(sum_rows(grid.cells == OCCUPIED), robot.outline.vertices / grid.resolution)
 
     @cached_property
     def arguments(self) -> tuple[Any, ...]:

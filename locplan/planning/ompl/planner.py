@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import shown, whole
+from locplan._support.checks import short_repr, check_integer
 from locplan._support.kernels.arrays import Floats
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.any_angle import AnyAngle, straightened
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import blank_costs, cheapest_cells, connected_parts, grid_path
+from locplan.planning.grid import blank_costs, find_cheapest_cells, connected_parts, grid_path
 from locplan.planning.lattice import Lattice
 from locplan.planning.metrics import path_metrics
 from locplan.planning.ompl.kinds import KINDS
 from locplan.planning.ompl.motions import Motions
-from locplan.planning.ompl.stopping import OPTIMAL, Limits, able
+from locplan.planning.ompl.stopping import OPTIMAL, SearchLimits, list_capable_planners
 from locplan.planning.path import Path
 from locplan.planning.protocol import CURVED, MAX_SEED, Found, Position, check_space
 from locplan.robots.parts import Kinematics
@@ -81,9 +81,9 @@ class Ompl:
         name : str
             OMPL's name of the planner.
         """
-        from locplan.planning.ompl.settings import setters_of
+        from locplan.planning.ompl.settings import find_setters
 
-        return [*setters_of(name)]
+        return [*find_setters(name)]
 
     @property
     def minimises(self) -> str | None:
@@ -92,9 +92,9 @@ class Ompl:
         return "J" if kind and kind.minimises else None
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> SearchLimits:
         """The limits of a search that begins now."""
-        return Limits(self.time_limit, self.iterations, self.convergence, self.progress)
+        return SearchLimits(self.time_limit, self.iterations, self.convergence, self.progress)
 
     @property
     def seconds(self) -> float | None:
@@ -104,25 +104,25 @@ class Ompl:
     def check(self) -> None:
         """Raise a ConfigError unless the planner can do what the options say."""
         if self.name not in KINDS:
-            raise ConfigError(f"OMPL's planners are {', '.join(KINDS)}, not {shown(self.name)}")
+            raise ConfigError(f"OMPL's planners are {', '.join(KINDS)}, not {short_repr(self.name)}")
         kind = KINDS[self.name]
         check_space(self.space, self.turning_radius)
         if self.space not in kind.spaces:
-            can = able(lambda kind: self.space in kind.spaces)
+            can = list_capable_planners(lambda kind: self.space in kind.spaces)
             raise ConfigError(f"{self.name} cannot plan in {self.space}; {can} can")
         if self.from_grid and not (kind.from_grid and self.space in ("R2", *CURVED)):
             spaces = "R2, Dubins and ReedsShepp"
-            can = able(lambda kind: kind.from_grid)
+            can = list_capable_planners(lambda kind: kind.from_grid)
             raise ConfigError(f"from_grid is for {can}, in {spaces}")
         if self.improve and self.space != "R2":
             raise ConfigError("improve is for space R2: straight lines keep no turning radius")
         if self.progress is not None and not callable(self.progress):
-            raise ConfigError(f"progress must be a function, not {shown(self.progress)}")
+            raise ConfigError(f"progress must be a function, not {short_repr(self.progress)}")
         _ = self.limits
         if self.convergence is not None and not kind.anytime:
-            raise ConfigError(f"convergence is for {able(lambda kind: kind.anytime)}")
+            raise ConfigError(f"convergence is for {list_capable_planners(lambda kind: kind.anytime)}")
         if self.seed is not None:
-            whole("seed", self.seed, 1, MAX_SEED)
+            check_integer("seed", self.seed, 1, MAX_SEED)
         if self.settings != {}:
             from locplan.planning.ompl.settings import check_settings
 
@@ -137,7 +137,7 @@ class Ompl:
         motions = Motions(blank_costs(3, 9), "Dubins", 1.0)
         poses = np.array([[0.5, 1.5, 0.0], [7.5, 1.5, 0.0]])
         motions.cost(*poses)
-        motions.costs_between(poses, np.array([[0, 1]]))
+        motions.compute_motion_costs(poses, np.array([[0, 1]]))
         motions.path(poses)
         motions.is_free(*poses[0, :2])
 
@@ -151,8 +151,8 @@ class Ompl:
 
         motions = Motions(costs, self.space, self.turning_radius)
         _, part = connected_parts(costs)
-        path_candidate, other = (part[costs.grid.cell(pose[:2])] for pose in (start, goal))
-        if path_candidate != other:
+        path_candidate, goal_part = (part[costs.grid.cell(pose[:2])] for pose in (start, goal))
+        if path_candidate != goal_part:
             return Found(status="unreachable")  # what no path over the grid joins, no motion does
         for name, pose in (("start", start), ("goal", goal)):
             if motions.meets_wall(pose):
@@ -161,7 +161,7 @@ class Ompl:
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
             return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
-        seed_paths = self._known(costs, start, goal) if self.from_grid else []
+        seed_paths = self._plan_seed_path(costs, start, goal) if self.from_grid else []
         limits, ahead = self.limits, seed_paths[0].xy if seed_paths and self.space == "R2" else None
         began = time.perf_counter()
         if KINDS[self.name].roadmap:
@@ -169,22 +169,22 @@ class Ompl:
             roadmap = grow_roadmap(
                 motions, self.name, limits=limits, seed=seed, settings=self.settings, ahead=ahead
             )
-            poses = roadmap.poses_between(start, goal)
+            poses = roadmap.find_path_poses(start, goal)
         else:
             poses = _by_tree(self, motions, start, goal, limits, ahead)
         paths = seed_paths if poses is None else [motions.path(poses), *seed_paths]
         if not paths:
-            tried = limits.description()
-            note = f"no path found within {tried}; more of it or another seed may find one"
+            limits_text = limits.description()
+            note = f"no path found within {limits_text}; more of it or another seed may find one"
             return Found(status="not found" if limits.time_limit is None else "timeout", note=note)
         path = min(paths, key=lambda one: path_metrics(costs, one).cost)
         history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
         return Found(straightened(costs, path) if self.improve else path, history=history)
 
-    def _known(self, costs: Costmap, start: Position, goal: Position) -> list[Path]:
+    def _plan_seed_path(self, costs: Costmap, start: Position, goal: Position) -> list[Path]:
         """The path of another planner that the search begins with, or none."""
         if self.space == "R2":
-            cells, _ = cheapest_cells(costs, start, goal, allow_corner_cutting=False)
+            cells, _ = find_cheapest_cells(costs, start, goal, allow_corner_cutting=False)
             assert cells is not None
             return [grid_path(costs, cells, start, goal)]
         kinematics = Kinematics(
@@ -198,7 +198,7 @@ class Ompl:
         path = Lattice(time_limit=self.seconds).solve(lattice_costs, start, goal).path
         if path is None:
             return []
-        pose_errors = path.driven[[0, -1]] - [start, goal]
+        pose_errors = path.drive_poses[[0, -1]] - [start, goal]
         pose_errors[:, 2] = np.sin(pose_errors[:, 2] / 2)
         return [path] if np.allclose(pose_errors, 0.0) else []  # the lattice's ends may be off a little
 
@@ -208,29 +208,29 @@ def _by_tree(
     motions: Motions,
     start: Position,
     goal: Position,
-    limits: Limits,
+    limits: SearchLimits,
     ahead: Floats | None,
 ) -> Floats | None:
     """The poses (n, 3) that the path's motions join, or None."""
-    from locplan.planning.ompl.settings import base, logged, planner_of, util
+    from locplan.planning.ompl.settings import base, log_messages, make_ompl_planner, util
     from locplan.planning.ompl.setup import (
-        LeadingGoal,
+        SeededGoal,
         pose_reader,
         problem_definition,
         space_information,
     )
 
-    with logged():
+    with log_messages():
         util.RNG.setSeed(planner.seed or 1)
         information = space_information(motions)
         problem = problem_definition(information, motions, start, goal)
-        tree = planner_of(planner.name, information, planner.settings)
+        tree = make_ompl_planner(planner.name, information, planner.settings)
         tree.setProblemDefinition(problem)
         tree.setup()
         best_cost = (lambda: tree.bestCost().value()) if hasattr(tree, "bestCost") else None
         ends = limits.condition(best_cost, settled_after=KINDS[planner.name].settled_after)
         if ahead is not None:
-            leading = LeadingGoal(information, goal)
+            leading = SeededGoal(information, goal)
             problem.setGoal(leading)
             ends = leading.lead(tree, ahead, ends)
         status = tree.solve(base.PlannerTerminationCondition(ends)).getStatus()

@@ -16,15 +16,15 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from locplan._support.checks import one_of, whole
+from locplan._support.checks import check_choice, check_integer
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.planning.ompl.kinds import KINDS
 from locplan.planning.ompl.motions import Motions
-from locplan.planning.ompl.settings import base, check_settings, logged, planner_of, util
+from locplan.planning.ompl.settings import base, check_settings, log_messages, make_ompl_planner, util
 from locplan.planning.ompl.setup import pose_reader, space_information
-from locplan.planning.ompl.stopping import Limits
+from locplan.planning.ompl.stopping import SearchLimits
 from locplan.planning.protocol import CURVED, Found, Position
-from locplan.planning.results import Plan, finished
+from locplan.planning.results import Plan, make_plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +57,15 @@ class Roadmap:
             If the robot cannot stand at start or goal, or a heading is missing.
         """
         costs = self.motions.costs
-        start, goal = self.motions.checked(start, "start"), self.motions.checked(goal, "goal")
+        start, goal = self.motions.validate_pose(start, "start"), self.motions.validate_pose(goal, "goal")
         began = time.perf_counter()
-        poses = self.poses_between(start, goal)
+        poses = self.find_path_poses(start, goal)
         planner_result = Found(note="the roadmap does not join start and goal; a larger one may")
         if poses is not None:
             planner_result = Found(self.motions.path(poses))
-        return finished("roadmap", costs, start, goal, planner_result, time.perf_counter() - began)
+        return make_plan("roadmap", costs, start, goal, planner_result, time.perf_counter() - began)
 
-    def poses_between(self, start: Sequence[float], goal: Sequence[float]) -> Floats | None:
+    def find_path_poses(self, start: Sequence[float], goal: Sequence[float]) -> Floats | None:
         """The poses of the cheapest path from start to goal.
 
         Parameters
@@ -82,11 +82,11 @@ class Roadmap:
         count = len(self.poses)
         ends = np.array([(*start, 0.0)[:3], (*goal, 0.0)[:3]])
         poses = np.vstack([self.poses, ends])
-        leaving, entering = (self._near(end) for end in ends)
+        leaving, entering = (self._find_neighbours(end) for end in ends)
         # The last way home leads straight from the start.
         entering = np.append(entering, count)
         start_costs, goal_costs = (
-            self.motions.costs_between(poses, np.column_stack(np.broadcast_arrays(*pair)))
+            self.motions.compute_motion_costs(poses, np.column_stack(np.broadcast_arrays(*pair)))
             for pair in ((count, leaving), (entering, count + 1))
         )
         # The start as one more row; the goal is reached from the poses around it.
@@ -108,7 +108,7 @@ class Roadmap:
             visited.append(int(before[visited[-1]]))
         return poses[visited[::-1]]
 
-    def _near(self, pose: Floats) -> Ints:
+    def _find_neighbours(self, pose: Floats) -> Ints:
         """The poses around one, as many as PRM* joins, or more where headings differ."""
         curved = self.motions.space in CURVED
         n_neighbours = math.ceil((12 if curved else 1.5) * math.e * math.log(len(self.poses) + 1))
@@ -120,7 +120,7 @@ def grow_roadmap(
     motions: Motions,
     planner: str = "PRMstar",
     *,
-    limits: Limits | None = None,
+    limits: SearchLimits | None = None,
     seed: int = 1,
     settings: Mapping[str, Any] | None = None,
     ahead: Floats | None = None,
@@ -153,14 +153,14 @@ def grow_roadmap(
     ConfigError
         If there is no such planner or setting, or a value is out of its range.
     """
-    one_of("planner", planner, [name for name, kind in KINDS.items() if kind.roadmap])
-    whole("seed", seed)
+    check_choice("planner", planner, [name for name, kind in KINDS.items() if kind.roadmap])
+    check_integer("seed", seed)
     check_settings(planner, settings or {})
-    limits = limits or Limits()
-    with logged():
+    limits = limits or SearchLimits()
+    with log_messages():
         util.RNG.setSeed(seed)
         information = space_information(motions)
-        growing = planner_of(planner, information, settings or {})
+        growing = make_ompl_planner(planner, information, settings or {})
         growing.setProblemDefinition(base.ProblemDefinition(information))
         growing.setup()
         # Reading the roadmap and its costs takes most of the rest.
@@ -172,7 +172,7 @@ def grow_roadmap(
         poses = np.vstack([poses, np.column_stack([ahead, np.zeros(len(ahead))])])
         pairs = np.vstack([pairs, np.column_stack([along[:-1], along[1:]])])
         pairs = np.vstack([pairs, pairs[-len(along) + 1 :, ::-1]])
-    cost = motions.costs_between(poses, pairs)
+    cost = motions.compute_motion_costs(poses, pairs)
     free = np.isfinite(cost)
     row, col = pairs[free].T
     graph = csr_array(coo_array((cost[free], (row, col)), shape=(len(poses), len(poses))))

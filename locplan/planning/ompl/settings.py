@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from locplan._support.checks import number, shown, suggestion
+from locplan._support.checks import check_number, short_repr, suggestion
 from locplan._support.output import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 
@@ -18,13 +18,13 @@ try:
     from ompl import base as base, geometric as geometric, util as util
     from ompl.base import Cost as Cost
 except ModuleNotFoundError:
-    instead = {"Windows": "WSL"} if sys.platform == "win32" else {}
+    alternatives = {"Windows": "WSL"} if sys.platform == "win32" else {}
     if sys.version_info >= (3, 14):
-        instead["Python 3.14 and later"] = "Python 3.13"
+        alternatives["Python 3.14 and later"] = "Python 3.13"
     raise LocplanError(
-        f"OMPL's planners are not available on {' with '.join(instead)}: ompl has no wheels for it;"
-        f" take grid or any-angle, or {' with '.join(instead.values())}"
-        if instead
+        f"OMPL's planners are not available on {' with '.join(alternatives)}: ompl has no wheels for it;"
+        f" take grid or any-angle, or {' with '.join(alternatives.values())}"
+        if alternatives
         else "OMPL's planners need ompl, which is not installed: pip install 'ompl>=2.0.1'"
     ) from None
 
@@ -51,7 +51,7 @@ _CRASH = ("setOrderedSampling", "setFocusSearch", "setInformedSampling", "setNea
 """Setters that end the process at another value than the planner's own."""
 
 
-def planner_of(
+def make_ompl_planner(
     name: str, information: base.SpaceInformation, settings: Mapping[str, Any]
 ) -> base.Planner:
     """One of OMPL's planners with our defaults and these settings; a ConfigError if it cannot."""
@@ -61,34 +61,34 @@ def planner_of(
         planner.setRewireFactor(0.25)  # fewer neighbours, more iterations, a better J
     if kind is geometric.BITstar and information.getStateDimension() == 2:
         planner.setSamplesPerBatch(1000)  # more than its own 100: a better J on large maps
-    setters = setters_of(name)
+    setters = find_setters(name)
     for setting, value in settings.items():
         try:
             getattr(planner, setters[setting])(value)
         except (TypeError, RuntimeError) as error:
             signature = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
             expected = signature.rpartition(": ")[2].partition(")")[0]
-            why = f"it must be {expected}" if isinstance(error, TypeError) else error
-            raise ConfigError(f"{name} does not take {setting}={shown(value)}: {why}") from None
+            reason = f"it must be {expected}" if isinstance(error, TypeError) else error
+            raise ConfigError(f"{name} does not take {setting}={short_repr(value)}: {reason}") from None
     return planner
 
 
 def check_settings(planner: str, settings: Mapping[str, Any]) -> None:
     """Raise a ConfigError unless the planner has all these settings."""
-    known = setters_of(planner)
+    setters = find_setters(planner)
     if not isinstance(settings, Mapping):
         raise ConfigError(
-            f"settings must be a dict, such as {{'range': 2.0}}, not {shown(settings)}"
+            f"settings must be a dict, such as {{'range': 2.0}}, not {short_repr(settings)}"
         )
     for name, value in settings.items():
-        if name not in known:
-            names = f"{', '.join(known)}{suggestion(name, known)}"
-            raise ConfigError(f"{planner} has no setting {shown(name)}; it has: {names}")
+        if name not in setters:
+            names = f"{', '.join(setters)}{suggestion(name, setters)}"
+            raise ConfigError(f"{planner} has no setting {short_repr(name)}; it has: {names}")
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)
+            check_number(f"{planner}'s setting {name}", value, 1 if isinstance(value, int) else 0)
 
 
-def setters_of(planner: str) -> dict[str, str]:
+def find_setters(planner: str) -> dict[str, str]:
     """Return the names of a planner's setters by the settings' names, such as "goal_bias"."""
     setters = {}
     for name in dir(getattr(geometric, planner)):
@@ -98,7 +98,7 @@ def setters_of(planner: str) -> dict[str, str]:
 
 
 @contextmanager
-def logged() -> Iterator[None]:
+def log_messages() -> Iterator[None]:
     """Pass OMPL's messages of this block to the logger "locplan.ompl" at its end.
 
     OMPL takes no Python function for this, and its own messages go to standard output.

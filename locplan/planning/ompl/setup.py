@@ -10,11 +10,11 @@ import math
 from collections.abc import Callable
 
 from locplan._support.kernels.arrays import Floats
-from locplan.planning.any_angle import subdivided
+from locplan.planning.any_angle import subdivide
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.ompl.settings import Cost, base
 from locplan.planning.ompl.stopping import OPTIMAL
-from locplan.planning.protocol import Position, wrapped
+from locplan.planning.protocol import Position, wrap_heading
 
 BLOCKED = 1e15
 """Cost of a blocked motion for OMPL, some of whose planners crash on infinity [m]."""
@@ -30,11 +30,11 @@ class CostObjective(base.PathLengthOptimizationObjective):
 
     def __init__(self, space_information: base.SpaceInformation, motions: Motions) -> None:
         super().__init__(space_information)
-        self._cost = _cost_of(motions)
+        self._cost = _make_cost_function(motions)
         self._length = space_information.getStateSpace().distance
         if motions.space == "SE2":  # the distance of this space counts turns
-            self._length = lambda one, other: math.hypot(
-                one.getX() - other.getX(), one.getY() - other.getY()
+            self._length = lambda state, other: math.hypot(
+                state.getX() - other.getX(), state.getY() - other.getY()
             )
 
     def motionCost(self, state: base.State, other: base.State) -> base.Cost:
@@ -64,7 +64,7 @@ class ClearMotionValidator(base.MotionValidator):
     def __init__(self, space_information: base.SpaceInformation, motions: Motions) -> None:
         # It must not keep the space information: the two would hold each other forever.
         super().__init__(space_information)
-        self._cost = _cost_of(motions)
+        self._cost = _make_cost_function(motions)
 
     def checkMotion(self, state: base.State, other: base.State) -> bool:
         """Return whether the motion from one state to the other is free.
@@ -107,13 +107,13 @@ def space_information(motions: Motions) -> base.SpaceInformation:
     motions : Motions
         The costmap and the kind of motion.
     """
-    from locplan.planning.kernels.motions import stands
+    from locplan.planning.kernels.motions import can_stand
 
     pose, (half, columns, _, _, frame) = pose_reader(motions.space), motions.arguments
 
     def is_free(state: base.State) -> bool:
         x, y, _ = pose(state)
-        return bool(stands(half, columns, frame, x, y))
+        return bool(can_stand(half, columns, frame, x, y))
 
     information = base.SpaceInformation(state_space(motions))
     information.setStateValidityChecker(is_free)
@@ -137,7 +137,7 @@ def problem_definition(
         Poses in the world [m, rad], with a heading in all spaces but "R2".
     """
     problem = base.ProblemDefinition(information)
-    ends = [state_of(information, motions, pose) for pose in (start, goal)]
+    ends = [state_from_pose(information, motions, pose) for pose in (start, goal)]
     problem.setStartAndGoalStates(*ends)
     objective = CostObjective(information, motions)
     bound = objective.motionCostHeuristic(*ends).value()
@@ -146,7 +146,7 @@ def problem_definition(
     return problem
 
 
-def state_of(information: base.SpaceInformation, motions: Motions, pose: Position) -> base.State:
+def state_from_pose(information: base.SpaceInformation, motions: Motions, pose: Position) -> base.State:
     """Make a state of a pose.
 
     Parameters
@@ -170,7 +170,7 @@ def write_pose(state: base.State, space: str, pose: Position) -> None:
     else:
         state.setX(float(pose[0]))
         state.setY(float(pose[1]))
-        state.setYaw(wrapped(float(pose[2])))
+        state.setYaw(wrap_heading(float(pose[2])))
 
 
 def pose_reader(space: str) -> Callable[[base.State], Pose]:
@@ -180,7 +180,7 @@ def pose_reader(space: str) -> Callable[[base.State], Pose]:
     return lambda state: (state.getX(), state.getY(), state.getYaw())
 
 
-def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
+def _make_cost_function(motions: Motions) -> Callable[[base.State, base.State], float]:
     """Make the function of J between two states, finite and fast: it is called all the time."""
     from locplan.planning.kernels.motions import world_cost
 
@@ -199,7 +199,7 @@ def _cost_of(motions: Motions) -> Callable[[base.State, base.State], float]:
     return between_positions if motions.space == "R2" else between_poses
 
 
-class LeadingGoal(base.GoalSampleableRegion):
+class SeededGoal(base.GoalSampleableRegion):
     """A goal whose samples are at first the positions of a path that leads there.
 
     Trees steer to samples of the goal now and then; OMPL takes states from Python in no other way.
@@ -229,15 +229,15 @@ class LeadingGoal(base.GoalSampleableRegion):
         self, tree: base.Planner, path: Floats, ends: Callable[[], bool]
     ) -> Callable[[], bool]:
         """Let a tree that is set up first grow along a path (n, 2) [m]; return its new `ends`."""
-        self._positions = list(map(tuple, subdivided(path, 0.1 * tree.getRange())[1:].tolist()))
+        self._positions = list(map(tuple, subdivide(path, 0.1 * tree.getRange())[1:].tolist()))
         goal_bias = tree.getGoalBias()
         tree.setGoalBias(1.0)
 
-        def ends_after_leading() -> bool:
+        def stop_after_seeding() -> bool:
             if not self._leads:
                 self._leads = True
             elif not self._positions:
                 tree.setGoalBias(goal_bias)
             return ends()
 
-        return ends_after_leading
+        return stop_after_seeding

@@ -7,15 +7,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from locplan._support.checks import positive, whole
+from locplan._support.checks import check_positive, check_integer
 from locplan._support.progress import ProgressCallback
-from locplan.planning.ompl.kinds import KINDS, Kind
+from locplan.planning.ompl.kinds import KINDS, PlannerKind
 
-TELL_EVERY = 512
+PROGRESS_INTERVAL = 512
 """Iterations from one report of progress to the next."""
 
 
-def able(fits: Callable[[Kind], bool]) -> str:
+def list_capable_planners(fits: Callable[[PlannerKind], bool]) -> str:
     """The names of the planners of the kinds that fit, for messages."""
     return ", ".join(name for name, kind in KINDS.items() if fits(kind))
 
@@ -28,7 +28,7 @@ The ellipse of informed sampling then has no area; some planners would seek samp
 
 
 @dataclass
-class Limits:
+class SearchLimits:
     """The limits of a search, which are positive, and the best costs that were seen during it."""
 
     time_limit: float | None = None
@@ -48,9 +48,9 @@ class Limits:
     def __post_init__(self) -> None:
         for name, unit in (("time_limit", "seconds"), ("convergence", "")):
             if getattr(self, name) is not None:
-                positive(name, getattr(self, name), unit)
+                check_positive(name, getattr(self, name), unit)
         if self.iterations is not None:
-            whole("iterations", self.iterations)
+            check_integer("iterations", self.iterations)
         if self.time_limit is None and self.iterations is None:
             self.time_limit = 5.0
 
@@ -89,7 +89,7 @@ class Limits:
         began, iteration = time.perf_counter(), 0
         best: list[tuple[int, float]] = [(0, math.inf)]
 
-        def settled() -> bool:  # J fell by less than a share over the latter half of iterations
+        def has_converged() -> bool:  # J fell by less than a share over the latter half of iterations
             if self.convergence is None:
                 return False
             earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)
@@ -103,9 +103,9 @@ class Limits:
                 if best_cost and (cost := best_cost()) < best[-1][1]:
                     best.append((iteration, cost))
                     self.history.append((elapsed, cost))
-                if iteration >= settled_after and settled():
+                if iteration >= settled_after and has_converged():
                     return True
-                if self.progress and iteration % TELL_EVERY == 0:
+                if self.progress and iteration % PROGRESS_INTERVAL == 0:
                     in_ms = 1000 * elapsed, 1000 * time_limit
                     n_done, total = (iteration, max_iterations) if math.isinf(time_limit) else in_ms
                     self.progress(int(min(n_done, total)), int(total))

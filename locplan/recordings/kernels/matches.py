@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Octets, Shorts
-from locplan._support.kernels.lidar import Lidar, lever, scan_ends
-from locplan._support.kernels.likelihood import TOP, Lattice, LikelihoodField, make_weights
-from locplan._support.kernels.posterior import posterior_of
+from locplan._support.kernels.lidar import LidarBeams, lever, scan_ends
+from locplan._support.kernels.likelihood import TOP, ScanLattice, LikelihoodField, make_weights
+from locplan._support.kernels.posterior import compute_posterior
 from locplan._support.kernels.simd import (
     MAX_OCTET,
     MAX_SHORT,
@@ -29,7 +29,7 @@ from locplan._support.kernels.simd import (
 @njit(nogil=True, cache=True)
 def recorded_posteriors(
     field: LikelihoodField,
-    lattice: Lattice,
+    lattice: ScanLattice,
     cells: Ints,
     ends: Floats,
     temperature: float,
@@ -66,7 +66,7 @@ def recorded_posteriors(
     costs = np.empty_like(lattice.empty)
     for n in range(len(cells)):
         row, col = cells[n, 0], cells[n, 1]
-        summary[n, 0], summary[n, 1] = posterior_of(
+        summary[n, 0], summary[n, 1] = compute_posterior(
             field, lattice, weights, row, col, ends[n], costs, mean[n], covariance[n]
         )
         at = np.argmin(costs)
@@ -190,7 +190,7 @@ def shortlist(
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def ranges_from(
-    squares: Octets, resolution: float, poses: Floats, lidar: Lidar, ranges: Floats
+    squares: Octets, resolution: float, poses: Floats, lidar: LidarBeams, ranges: Floats
 ) -> None:
     """Write the ranges of scans at poses (row, col, heading) into `ranges`, (n, beam) [m].
 

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Random, Singles
-from locplan._support.kernels.particles import wrapped
+from locplan._support.kernels.particles import wrap_angle
 
 SKIRT, WIDER = 0.15, 2.5
 """Share of the moves that err more, and how much more."""
@@ -93,7 +93,7 @@ def error_of(first: Array, second: Array, move: Floats, error: Floats) -> None:
     cos, sin = np.cos(first[2]), np.sin(first[2])
     error[0] = cos * dx + sin * dy - move[0]
     error[1] = cos * dy - sin * dx - move[1]
-    error[2] = wrapped(second[2] - first[2] - move[2])
+    error[2] = wrap_angle(second[2] - first[2] - move[2])
 
 
 @njit(nogil=True, cache=True)

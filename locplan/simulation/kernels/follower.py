@@ -17,9 +17,9 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Floats, Ints, Random
-from locplan._support.kernels.drives import Odometry, Tracker, advance, correct, estimate, is_due
-from locplan._support.kernels.lidar import BeamDisturbances, Lidar, measured_ends
-from locplan._support.kernels.particles import BeamScores, Filter
+from locplan._support.kernels.drives import OdometryErrors, FilterState, advance, correct, estimate_pose, is_due
+from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
+from locplan._support.kernels.particles import BeamScores, FilterSettings
 from locplan.simulation.kernels.bodies import Body, Surroundings, gap_at, margin_at
 from locplan.simulation.kernels.pursuit import (
     AT,
@@ -161,7 +161,7 @@ def recover(path: Floats, surroundings: Surroundings, body: Body, trace: Trace) 
 
 @njit(nogil=True, cache=True)
 def act(
-    random: Random, surroundings: Surroundings, body: Body, odometry: Odometry, trace: Trace
+    random: Random, surroundings: Surroundings, body: Body, odometry: OdometryErrors, trace: Trace
 ) -> None:
     """Drive for a tick: odometry reports the command, and its errors are in the true motion."""
     n, command = trace.counts[TICKS], trace.command
@@ -202,12 +202,12 @@ def follow(
     body: Body,
     period: int,
     frame: Floats,
-    tracker: Tracker,
+    tracker: FilterState,
     scores: BeamScores,
-    lidar: Lidar,
+    lidar: LidarBeams,
     disturbances: BeamDisturbances,
-    odometry: Odometry,
-    settings: Filter,
+    odometry: OdometryErrors,
+    settings: FilterSettings,
     perfect: bool,
     trace: Trace,
 ) -> int:
@@ -243,12 +243,12 @@ def follow(
             if due or n == 0:
                 x, y, cell[2] = trace.truth[n]
                 cell[0], cell[1] = y / resolution, x / resolution
-                measured_ends(sensing, squares, resolution, cell, lidar, disturbances, ends)
+                measure_ends(sensing, squares, resolution, cell, lidar, disturbances, ends)
                 for b in range(len(ends)):
                     ends[b, 0] *= finer
                     ends[b, 1] *= finer
                 correct(sensing, tracker, scores, ends, n, settings)
-            believe(estimate(tracker, trace.reported, n), frame, trace)
+            believe(estimate_pose(tracker, trace.reported, n), frame, trace)
         decision = decide(path, surroundings, body, period, trace)
         if decision != GO:
             return decision

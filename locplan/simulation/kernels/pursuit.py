@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan._support.kernels.particles import wrapped
+from locplan._support.kernels.particles import wrap_angle
 from locplan.simulation.kernels.bodies import Body, Surroundings, margin_at
 
 TICK = 0.1
@@ -121,7 +121,7 @@ def pursue(path: Floats, body: Body, room: float, trace: Trace) -> float:
     heading += np.pi * (gear < 0)
     dx, dy = path[carrot, 0] - x, path[carrot, 1] - y
     carrot_distance = np.hypot(dx, dy)
-    bearing = wrapped(np.arctan2(dy, dx) - heading)
+    bearing = wrap_angle(np.arctan2(dy, dx) - heading)
     curvature = 2 * np.sin(min(max(bearing, -np.pi / 2), np.pi / 2)) / max(carrot_distance, 0.1)
     if body.omnidirectional:
         curvature = 0.0
