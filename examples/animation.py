@@ -33,7 +33,7 @@ def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> 
     paths = {"shortest": choice.shortest.path, "to take": choice.path}
     driven = drive_closed(Simulator(grid, robot, seed=1001), paths, range(drives))
     for name, each in driven.items():
-        print(f"{name}: {paths[name].length:.1f} m, {each.words} arrive")
+        print(f"{name}: {paths[name].length:.1f} m, {each.arrivals_text} arrive")
 
     figure = Figure(figsize=(8.0, 7.0), layout="constrained")
     above, below = figure.subplots(2, 1, height_ratios=(7, 3))

@@ -46,7 +46,7 @@ from locplan.recordings import Recording, read_recording, replay
 from locplan.robots import PRECISE, SAFE, Amcl, Robot, with_preset
 from locplan.simulation import (
     LEVELS,
-    USUAL,
+    NO_FAULT,
     Arrivals,
     Closed,
     Drives,
@@ -73,14 +73,14 @@ CLOSED = 40
 SHORTEST, INFLATED, LEADER, CHOSEN = "shortest", "inflated", "winner of the race", "chosen"
 SETTINGS = {"baseline": Amcl()} | {name: with_preset(Amcl(), name) for name in (SAFE, PRECISE)}
 """The settings that drive at the levels of disturbance."""
-SHOWN_LEVELS = (USUAL, TURNS, SLIP, KINKED_MAP, STANDSTILL, REVERSAL)
+SHOWN_LEVELS = (NO_FAULT, TURNS, SLIP, KINKED_MAP, STANDSTILL, REVERSAL)
 """The levels from left to right in the figure: those that lose few robots come first."""
 LEVEL_MAPS = ("two_corridors", "office", "warehouse")
 SOUND = ("intel", "aces", "csail", "wean2", "mines2")
 """Recordings whose odometry and map are sound."""
 KINKED = "killian_3"
 """Recording whose map has kinks."""
-SOUND_LEVELS = (USUAL, SLIP, STANDSTILL, REVERSAL)
+SOUND_LEVELS = (NO_FAULT, SLIP, STANDSTILL, REVERSAL)
 """Levels of recordings whose odometry and map are sound."""
 FAULT_SEEDS = (1, 2, 3)
 """Seeds of the places where odometry of a recording misses motion; each has a third of the runs."""
@@ -228,7 +228,7 @@ def routes_table(driven: Sequence[Judged]) -> str:
         what = SHORTEST, INFLATED, CHOSEN
         lost = [np.mean([each.lost[each.path_of(w)].mean() for each in own]) for w in what]
         off = [np.mean([each.off_at_end[each.path_of(w)].mean() for each in own]) for w in what]
-        arrive = [[each.arrivals[each.path_of(w)].arrived.value for each in own] for w in what]
+        arrive = [[each.arrivals[each.path_of(w)].arrival_rate.value for each in own] for w in what]
         gain = over_queries([100 * (c - s) for s, _, c in zip(*arrive, strict=True)], maps)
         confirmed = [each.choice.judgement for each in own if each.choice.judgement.leader]
         undecided = sum(each.verdict == "undecided" for each in confirmed)
@@ -291,7 +291,7 @@ def ranks_table(driven: Sequence[Judged]) -> str:
     rows = []
     for name in dict.fromkeys(each.filter for each in driven):
         own = [(each, path) for each in driven if each.filter == name for path in each.arrivals]
-        fails = [1 - each.arrivals[path].arrived.value for each, path in own]
+        fails = [1 - each.arrivals[path].arrival_rate.value for each, path in own]
         cells = [f"{name} ({len(own)} paths, {sum(each > 0 for each in fails)} fail at times)"]
         for figures in ("log_error", "lost", "off_at_end"):
             shown = [getattr(each, figures)[path].mean() for each, path in own]

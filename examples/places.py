@@ -35,8 +35,8 @@ from locplan.field.summary import select_spaced_positions
 from locplan.maps import OCCUPIED
 from locplan.planning import Costmap, plan_field
 from locplan.robots import Amcl, Robot, planning_radius
-from locplan.simulation import USUAL, Simulator
-from locplan.simulation.worlds import POSE_SPACING, _facing_ahead as facing_ahead, turned
+from locplan.simulation import NO_FAULT, Simulator
+from locplan.simulation.worlds import POSE_SPACING, _make_facing_poses as facing_ahead, rotate_errors
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 FILTERS = {
@@ -127,10 +127,10 @@ def driven_once(simulator: Simulator, lines: list[Floats]) -> Floats:
     def run(n: int) -> None:
         line = simulator.line(lines[n])
         stage = simulator.stage([line])
-        errors[n] = stage.drive(line, stage.world(0, n), 0, n, simulator.arguments, USUAL)
+        errors[n] = stage.drive(line, stage.world(0, n), 0, n, simulator.arguments, NO_FAULT)
 
-    simulator.in_threads(run, len(lines), None)
-    return turned(errors, simulator.filter_map.origin[2])
+    simulator.run_in_threads(run, len(lines), None)
+    return rotate_errors(errors, simulator.filter_map.origin[2])
 
 
 def approaches(
@@ -188,9 +188,9 @@ def matched(simulator: Simulator, cells: Ints, scans: int) -> Floats:
                 random, *window, world, resolution, *cell, *sensed, errors[n, scan : scan + 1]
             )
 
-    simulator.in_threads(run, len(cells), None)
+    simulator.run_in_threads(run, len(cells), None)
     errors[..., :2] *= resolution
-    return turned(errors, simulator.grid.origin[2])
+    return rotate_errors(errors, simulator.grid.origin[2])
 
 
 @njit(nogil=True)

@@ -28,7 +28,7 @@ def main(folder: str = "recorded", map_file: str | None = None, file: str | None
     print(drive.report())
     print(fit_to_map(drive, grid).sentence)
 
-    found = evaluate_drive(drive.every(max(1, len(drive) // 200)), grid)
+    found = evaluate_drive(drive.subsample(max(1, len(drive) // 200)), grid)
     for sentence in found.verdict:
         print(sentence)
 

@@ -13,25 +13,25 @@ import numpy as np
 
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan.advice import fixes as _fixes
-from locplan.advice.driving import Driver, Site
+from locplan.advice.driving import SiteRunner, Site
 from locplan.advice.failures import Passage, blame_spots, find_passage
 from locplan.advice.fixes import CHEAP, KINDS, MEND, REACH, SETTINGS, WALLS, Fix
-from locplan.advice.map_reading import Reading
-from locplan.advice.preset_choice import Case, PresetChoice
+from locplan.advice.map_reading import MapReading
+from locplan.advice.preset_choice import LevelCase, PresetChoice
 from locplan.advice.rates import (
     LARGE,
     DriveRates,
     FixResult,
     RouteResult,
-    helps,
+    is_helpful,
     is_rare,
     rank_fixes,
-    rates_of,
+    compute_drive_rates,
     sort_routes,
 )
-from locplan.advice.recorded import Recorded
+from locplan.advice.recorded import RecordingEvidence
 from locplan.advice.settings import choose_settings, is_contradicted
-from locplan.advice.trials import Outcome, Trial, confirm_fixes, contrast, select_fixes, try_fix
+from locplan.advice.trials import Outcome, Trial, confirm_fixes, compare_fix, select_fixes, try_fix
 from locplan.advice.weak_spots import WeakSpot
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
@@ -39,10 +39,10 @@ from locplan.planning.costmap import Costmap
 from locplan.robots.amcl import Amcl
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.driver import CHOOSING, FRESH
-from locplan.simulation.levels import USUAL
+from locplan.simulation.levels import NO_FAULT
 from locplan.simulation.recommendation import Choice
 from locplan.simulation.recommender import choose
-from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare
+from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare_drives
 
 FAILING = 16
 """Number of closed-loop drives along a route on which a drive fails, unless routes are long."""
@@ -62,7 +62,7 @@ class Effort:
 
     routes: int
     """Maximum number of routes between places far apart."""
-    few: int
+    trial_drives: int
     """Number of drives, along all routes together, that a fix has to lead after."""
     drives: int
     """Number of drives of the baseline, and of fixes that lead, on which they are judged."""
@@ -115,26 +115,26 @@ class FixTrials:
     """
 
     def __init__(
-        self, site: Site, effort: Effort, recorded: Recorded, seed: int, threads: int | None
+        self, site: Site, effort: Effort, recorded: RecordingEvidence, seed: int, threads: int | None
     ) -> None:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
-        self.tried: dict[str, Fix] = {}
+        self.fixes_by_kind: dict[str, Fix] = {}
         self.preset_choice: PresetChoice | None = None
         self._recorded = recorded
-        self.taken: tuple[str, ...] = ()
+        self.recommended_kinds: tuple[str, ...] = ()
         mean_length = sum(path.length for path in site.paths.values()) / len(site.paths)
         share = min(1.0, max(MIN_SHARE, LONG / mean_length))
         n_trial, n_full, closed = (
             math.ceil(number * share / len(site.paths))
-            for number in (effort.few, effort.drives, effort.closed)
+            for number in (effort.trial_drives, effort.drives, effort.closed)
         )
         self._failing = math.ceil(FAILING * share)
         # Fixes are chosen, judged, and what is recommended confirmed, on drives of their own.
-        self._few, self._many = range(CHOOSING, CHOOSING + n_trial), range(n_full)
+        self._trial_numbers, self._numbers = range(CHOOSING, CHOOSING + n_trial), range(n_full)
         self._fresh = range(FRESH, FRESH + n_full)
         self._closed = closed
         self._n_closed = dict.fromkeys(site.paths, closed)
-        self._drive = _fixes.driver_of(seed, threads)
+        self._drive = _fixes.make_site_runner(seed, threads)
         self._arrivals: dict[str, dict[str, Arrivals]] = defaultdict(dict)
 
     def drive_baseline(self, spots: Sequence[WeakSpot], progress: ProgressCallback) -> Baseline:
@@ -148,20 +148,20 @@ class FixTrials:
             Called with (done, total).
         """
         paths = self.site.paths
-        n_drives = len(self._many) * len(paths)
+        n_drives = len(self._numbers) * len(paths)
         steps = split_progress(progress, [n_drives, n_drives])
-        self._before = outcome = self._drive(self.site, self._many, steps[0])
+        self._before = outcome = self._drive(self.site, self._numbers, steps[0])
         arrivals = self._drive_closed(self.site, self._n_closed)
         # A route with a failure is driven often enough to be ranked.
         for name, lost in zip(paths, outcome.lost, strict=True):
-            if lost.any() or (name in arrivals and arrivals[name].failed):
+            if lost.any() or (name in arrivals and arrivals[name].failure_counts):
                 self._n_closed[name] = max(self._failing, self._n_closed[name])
         arrivals = self._drive_closed(self.site, self._n_closed)
         steps[1](n_drives, n_drives)
         spots, failures = blame_spots(spots, paths, [*outcome.lost_at], arrivals)
-        rates = rates_of(outcome, arrivals)
+        rates = compute_drive_rates(outcome, arrivals)
         routes = [
-            RouteResult(name, path, _rates_along(outcome, n, name, arrivals), *failures[n])
+            RouteResult(name, path, _compute_route_rates(outcome, n, name, arrivals), *failures[n])
             for n, (name, path) in enumerate(paths.items())
         ]
         passage = None
@@ -172,7 +172,7 @@ class FixTrials:
 
     def try_fixes(
         self,
-        reading: Reading,
+        reading: MapReading,
         mended: OccupancyGrid,
         costs: Costmap,
         field: CovarianceField,
@@ -192,7 +192,7 @@ class FixTrials:
             Called with (done, total).
         """
         first, second = split_progress(progress, [200, 150])
-        fixes = [*_fixes.fixes(self.site, reading, mended)]
+        fixes = [*_fixes.list_fixes(self.site, reading, mended)]
         rates, passage = self._baseline.rates, self._baseline.passage
         is_localized = not rates.needs_fix and rates.error.value < LARGE
         if passage and is_localized:
@@ -205,20 +205,20 @@ class FixTrials:
             fixes += filter(None, [_fixes.preset_settings(self.preset_choice)])
         results = []
         for fix, step in zip(fixes, split_progress(first, [1] * len(fixes)), strict=True):
-            results.append(self._try(fix))
+            results.append(self._try_fix(fix))
             yield results[-1]
             step(1, 1)
         if self.effort.choosing and self._is_still_lost(results):
-            choices = self._choices(costs, field, second)
-            if other_paths := _fixes.chosen_paths(self.site, choices, self._score):
-                results.append(self._try(other_paths))
+            choices = self._recommend_paths(costs, field, second)
+            if other_paths := _fixes.propose_paths(self.site, choices, self._score):
+                results.append(self._try_fix(other_paths))
                 yield results[-1]
         length = sum(path.length for path in self.site.paths.values())
         is_small = self.effort.landmarks and length <= LONGEST_ROUTES
         if not is_small or is_rare(rates.lost) or not self._is_still_lost(results):
             return
-        if poles := _fixes.landmarks(self.site, self.threads):
-            yield self._try(poles)
+        if poles := _fixes.place_poles(self.site, self.threads):
+            yield self._try_fix(poles)
 
     def _choose_preset(self) -> PresetChoice:
         """Choose AMCL's settings; at the usual level they have the drives of all fixes."""
@@ -226,10 +226,10 @@ class FixTrials:
         def drive_usual(amcl: Amcl, numbers: range) -> DriveSet:
             return self._drive(_fixes.with_settings(self.site, amcl), numbers).drive_set
 
-        looks = [len(self._few)] if len(self._few) < len(self._many) else []
+        looks = [len(self._trial_numbers)] if len(self._trial_numbers) < len(self._numbers) else []
         return choose_settings(
             self.site,
-            Case(USUAL.name, drive_usual, (*looks, len(self._many))),
+            LevelCase(NO_FAULT.name, drive_usual, (*looks, len(self._numbers))),
             self._recorded,
             drives_all=self.effort.all_levels,
             seed=self.seed,
@@ -239,31 +239,31 @@ class FixTrials:
     def _is_still_lost(self, results: Sequence[FixResult]) -> bool:
         """True if drives get lost with the best combination of fixes so far."""
         return not is_rare(
-            self._drive_together(self._select(results), self._many).drive_set.lost_rate
+            self._drive_together(self._select(results), self._numbers).drive_set.lost_rate
         )
 
     def _select(self, results: Sequence[FixResult]) -> tuple[str, ...]:
         """Select the fixes that help together."""
         order = [
-            result.kind for result in rank_fixes(results) if helps(result, self._baseline.rates)
+            result.kind for result in rank_fixes(results) if is_helpful(result, self._baseline.rates)
         ]
         return select_fixes(
-            self._sure,
-            [kind for kind in order if kind not in self._sure],
+            self._certain_kinds,
+            [kind for kind in order if kind not in self._certain_kinds],
             self._drive_together,
-            self._many,
+            self._numbers,
             costly=[kind for kind in KINDS if kind not in CHEAP],
         )
 
     @property
-    def _sure(self) -> tuple[str, ...]:
-        return tuple(kind for kind, fix in self.tried.items() if fix.is_sure)
+    def _certain_kinds(self) -> tuple[str, ...]:
+        return tuple(kind for kind, fix in self.fixes_by_kind.items() if fix.is_sure)
 
     def _score(self, site: Site) -> float:
-        before = self._drive(self.site, self._few)
-        return contrast(before, self._drive(site, self._few)).score
+        before = self._drive(self.site, self._trial_numbers)
+        return compare_fix(before, self._drive(site, self._trial_numbers)).score
 
-    def _choices(
+    def _recommend_paths(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
     ) -> dict[str, Choice]:
         """Return the recommended paths of the routes that lose most drives."""
@@ -291,22 +291,22 @@ class FixTrials:
             step(100, 100)
         return choices
 
-    def _try(self, fix: Fix) -> FixResult:
+    def _try_fix(self, fix: Fix) -> FixResult:
         """Drive with a fix, after a few drives no further if it does not lead."""
-        self.tried[fix.kind] = fix
+        self.fixes_by_kind[fix.kind] = fix
         site = fix.apply(self.site)
         if fix.kind == SETTINGS:  # the choice of the preset has driven with it already
-            outcome = self._drive(site, self._many)
-            trial = Trial(contrast(self._before, outcome), outcome, False)
+            outcome = self._drive(site, self._numbers)
+            trial = Trial(compare_fix(self._before, outcome), outcome, False)
         else:
-            before_few = self._drive(self.site, self._few)
-            baseline_drives = (self._few, before_few), (self._many, self._before)
+            before_few = self._drive(self.site, self._trial_numbers)
+            baseline_drives = (self._trial_numbers, before_few), (self._numbers, self._before)
             trial = try_fix(partial(self._drive, site), *baseline_drives)
         # The closed loop is simulated only for fixes that may be recommended.
         is_candidate = trial.contrast.verdict.word == BETTER
-        return self._result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
+        return self._make_result(fix, site, trial, self._drive_closed(site) if is_candidate else {})
 
-    def _result(
+    def _make_result(
         self, fix: Fix, site: Site, trial: Trial, arrivals: Mapping[str, Arrivals]
     ) -> FixResult:
         old, new = (sum(p.length for p in compared_site.paths.values()) for compared_site in (self.site, site))
@@ -316,7 +316,7 @@ class FixTrials:
             fix.detail,
             fix.effort,
             trial.contrast.verdict.word,
-            rates_of(trial.outcome, arrivals),
+            compute_drive_rates(trial.outcome, arrivals),
             trial.contrast.gain,
             trial.contrast.verdict.ratio,
             (new - old) / len(site.paths),
@@ -343,30 +343,30 @@ class FixTrials:
         rates = self._baseline.rates
         selected = self._select(results)
         if self._is_contradicted(selected):
-            selected = self._sure
+            selected = self._certain_kinds
         if selected:
             combination = confirm_fixes(
-                self._sure, selected, self._drive_together, self._many, self._fresh
+                self._certain_kinds, selected, self._drive_together, self._numbers, self._fresh
             )
-            self.taken = combination.kinds
+            self.recommended_kinds = combination.kinds
         progress(1, 1)
-        if not self.taken:
+        if not self.recommended_kinds:
             return rates, rates, None
-        site = _fixes.apply_fixes(self.tried, self.taken, self.site)
-        before = rates_of(combination.before, self._drive_closed(self.site, self._n_closed))
-        after = rates_of(combination.after, self._drive_closed(site))
-        verdict = compare(combination.before.drive_set, combination.after.drive_set)
-        return before, after, _with_reached(verdict, before, after)
+        site = _fixes.apply_fixes(self.fixes_by_kind, self.recommended_kinds, self.site)
+        before = compute_drive_rates(combination.before, self._drive_closed(self.site, self._n_closed))
+        after = compute_drive_rates(combination.after, self._drive_closed(site))
+        verdict = compare_drives(combination.before.drive_set, combination.after.drive_set)
+        return before, after, _add_reached(verdict, before, after)
 
     def _is_contradicted(self, kinds: tuple[str, ...]) -> bool:
         """True if a recorded drive contradicts fixes of the filter's map or range."""
         if not {REACH, MEND} & {*kinds}:
             return False
-        fixed = _fixes.apply_fixes(self.tried, kinds, self.site)
+        fixed = _fixes.apply_fixes(self.fixes_by_kind, kinds, self.site)
         return is_contradicted(self.site, fixed, self._recorded)
 
     def _drive_together(self, kinds: tuple[str, ...], numbers: range) -> Outcome:
-        return self._drive(_fixes.apply_fixes(self.tried, kinds, self.site), numbers)
+        return self._drive(_fixes.apply_fixes(self.fixes_by_kind, kinds, self.site), numbers)
 
     def _drive_closed(
         self, site: Site, counts: Mapping[str, int] | None = None
@@ -380,21 +380,21 @@ class FixTrials:
         for numbers, names in missing.items():
             if numbers:
                 part = replace(site, paths={name: site.paths[name] for name in names})
-                new_arrivals = Driver(part, self.seed, self.threads).arrivals(numbers)
+                new_arrivals = SiteRunner(part, self.seed, self.threads).drive_closed_loop(numbers)
                 for name, arrivals in zip(names, new_arrivals, strict=False):
                     earlier_drives = route_arrivals[name].drives if name in route_arrivals else ()
                     route_arrivals[name] = Arrivals((*earlier_drives, *arrivals.drives))
         return dict(route_arrivals)
 
 
-def _rates_along(
+def _compute_route_rates(
     outcome: Outcome, row: int, name: str, arrivals: Mapping[str, Arrivals]
 ) -> DriveRates:
     closed = {name: arrivals[name]} if name in arrivals else {}
-    return rates_of(outcome.select(slice(row, row + 1)), closed)
+    return compute_drive_rates(outcome.select(slice(row, row + 1)), closed)
 
 
-def _with_reached(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:
+def _add_reached(verdict: Verdict, before: DriveRates, after: DriveRates) -> Verdict:
     """Return a verdict with the rates of closed-loop drives that reach the goal."""
     if not before.n_closed:
         return verdict

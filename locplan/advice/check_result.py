@@ -16,7 +16,7 @@ from locplan._support.tables import make_file_name, nan_to_none
 from locplan.advice.driving import Site
 from locplan.advice.failures import Passage
 from locplan.advice.fixes import MEND, WALLS
-from locplan.advice.map_reading import Reading
+from locplan.advice.map_reading import MapReading
 from locplan.advice.preset_choice import PresetChoice, choice_values
 from locplan.advice.rates import DriveRates, FixResult, RouteResult, is_better
 from locplan.advice.weak_spots import CLEAR, WeakSpot
@@ -91,9 +91,9 @@ class Check(Result):
     """The site with all that is recommended."""
     source: MapSource | None
     """How the map was read; None where it was no file."""
-    reading: Reading
+    reading: MapReading
     """How the map's file should be read."""
-    made: Mapping[str, Any]
+    artifacts: Mapping[str, Any]
     """What the files of recommended fixes are made of, by kind: landmarks, or a mask's costmap."""
     assumed: bool
     """Whether the lidar was assumed, since none was named."""
@@ -113,7 +113,7 @@ class Check(Result):
         return keeps_place and not self.recommended and not self.passage
 
     @property
-    def advised(self) -> tuple[FixResult, ...]:
+    def recommended_fixes(self) -> tuple[FixResult, ...]:
         """The fixes that are recommended."""
         return tuple(fix for kind in self.recommended for fix in self.fixes if fix.kind == kind)
 
@@ -137,7 +137,7 @@ class Check(Result):
         )
         return Table.from_records(columns, self.fixes)
 
-    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+    def summary(self, *related: Any, **details: Any) -> dict[str, object]:
         """Everything in numbers, fit for JSON.
 
         Parameters
@@ -184,11 +184,11 @@ class Check(Result):
                 "confirmed": self.confirmed and to_plain_data(self.confirmed),
                 "recorded": list(self.recorded),
                 "settings": self.preset_choice and choice_values(self.preset_choice),
-                "next": next_action(self, *about)._asdict(),
+                "next": next_action(self, *related)._asdict(),
             }
         )
 
-    def written(self, params: Folder | str | Sequence[Folder] | None = ()) -> dict[str, str]:
+    def list_written_files(self, params: Folder | str | Sequence[Folder] | None = ()) -> dict[str, str]:
         """The files of the recommended fixes, and what to do with each.
 
         Parameters
@@ -196,9 +196,9 @@ class Check(Result):
         params : path or sequence of path, default ()
             The user's parameters of Nav2, of which a copy is changed.
         """
-        from locplan.advice.files import files_of
+        from locplan.advice.files import describe_fix_files
 
-        return dict(files_of(self, params))
+        return dict(describe_fix_files(self, params))
 
     @property
     def changed_paths(self) -> Mapping[str, Path]:
@@ -207,7 +207,7 @@ class Check(Result):
         new = {name: path for name, path in self.fixed_site.paths.items() if path is not old[name]}
         return {f"{make_file_name(name)}.csv": path for name, path in new.items()}
 
-    def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
+    def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
         """Write the report, and the files of the fixes, whole or not at all.
 
         Parameters
@@ -220,15 +220,15 @@ class Check(Result):
         force : bool, default False
             True overwrites files of the same names and removes other results; other files stay.
         """
-        super().save(folder, *(about or (Folder(folder),)), force=force)
+        super().save(folder, *(related or (Folder(folder),)), force=force)
 
-    def _write(self, folder: Folder, *about: Any) -> None:
+    def _write(self, folder: Folder, *related: Any) -> None:
         from locplan.advice.files import write_files
         from locplan.advice.report import write_report
 
         self.table().write_csv(folder / "check.csv")
-        write_files(folder, self, (*about, ())[1])
-        write_report(folder / "report.html", self, *about)
+        write_files(folder, self, (*related, ())[1])
+        write_report(folder / "report.html", self, *related)
 
     def figure(self, *_: Any) -> Figure:
         """Draw the map with its routes, weak spots, and where drives fail.
@@ -242,7 +242,7 @@ class Check(Result):
 
         return check_figure(self)
 
-    def report(self, folder: Folder | None = None, *about: Any) -> str:
+    def report(self, folder: Folder | None = None, *related: Any) -> str:
         """Return the output of a check, in at most 25 lines.
 
         Parameters
@@ -254,7 +254,7 @@ class Check(Result):
         """
         from locplan.advice.text import check_report
 
-        return check_report(self, folder, *about)
+        return check_report(self, folder, *related)
 
 
 def explain_spots(

@@ -13,11 +13,11 @@ from locplan.advice.check_drives import EFFORTS, FixTrials
 from locplan.advice.check_result import Check, explain_spots
 from locplan.advice.driving import Site
 from locplan.advice.fixes import apply_fixes
-from locplan.advice.map_reading import Reading
+from locplan.advice.map_reading import MapReading
 from locplan.advice.rates import is_better, rank_fixes
-from locplan.advice.recorded import recorded
-from locplan.advice.routes import Stations, routes_of
-from locplan.advice.weak_spots import WeakSpot, weak_spots
+from locplan.advice.recorded import analyze_recordings
+from locplan.advice.routes import Stations, plan_routes
+from locplan.advice.weak_spots import WeakSpot, find_weak_spots
 from locplan.errors import LocplanError
 from locplan.field.config import COARSE_STRIDE, FieldConfig, equip_robot
 from locplan.field.field import CovarianceField
@@ -133,10 +133,10 @@ def check(
     }
     map_faults = faults(grid, source)
     map_faults.refuse_mask()
-    report_finding(in_short.faults(map_faults))
-    reading, paths = _meant(grid, source, robot, stations, EFFORTS[effort].routes, seed)
-    drives = recorded(recordings, reading, map_faults, robot, filter_map, seed, threads)
-    for sentence in drives.said:
+    report_finding(in_short.format_faults(map_faults))
+    reading, paths = _read_map_and_plan_routes(grid, source, robot, stations, EFFORTS[effort].routes, seed)
+    drives = analyze_recordings(recordings, reading, map_faults, robot, filter_map, seed, threads)
+    for sentence in drives.sentences:
         report_finding(sentence)
     for fault in drives.faults:
         if fault not in map_faults:
@@ -144,18 +144,18 @@ def check(
     if filter_map is not None:  # the filter does not read the map's file
         reading = replace(reading, reasons=(), is_sure=False)
     if drives.stretch != 1:
-        reading = reading.scaled(drives.stretch)
+        reading = reading.with_scale(drives.stretch)
     site = Site(reading.grid, site_filter_map, drives.robot, paths, drives.stretch)
-    field, costs, spots = _field_and_spots(site, threads, steps["field"])
-    report_finding(in_short.spots(spots))
+    field, costs, spots = _compute_field_and_spots(site, threads, steps["field"])
+    report_finding(in_short.format_spots(spots))
     trials = FixTrials(site, EFFORTS[effort], drives, seed, threads)
     baseline = trials.drive_baseline(spots, steps["baseline"])
-    report_finding(in_short.baseline(baseline.rates))
+    report_finding(in_short.format_baseline(baseline.rates))
     results = []
     for result in trials.try_fixes(reading, drives.faults.repaired_map, costs, field, steps["fixes"]):
         results.append(result)
         if is_better(result):
-            report_finding(in_short.fix(result, baseline.rates))
+            report_finding(in_short.format_fix(result, baseline.rates))
     before, after, confirmed = trials.combine(results, steps["together"])
     return Check(
         grid=grid,
@@ -166,46 +166,46 @@ def check(
         baseline=baseline.rates,
         passage=baseline.passage,
         fixes=tuple(rank_fixes(results)),
-        recommended=trials.taken,
+        recommended=trials.recommended_kinds,
         before=before,
         after=after,
         confirmed=confirmed,
-        recorded=drives.said,
+        recorded=drives.sentences,
         findings=drives.findings,
         preset_choice=trials.preset_choice,
         site=site,
-        fixed_site=apply_fixes(trials.tried, trials.taken, site),
+        fixed_site=apply_fixes(trials.tried, trials.recommended_kinds, site),
         source=source,
         reading=reading,
-        made={kind: trials.tried[kind].made for kind in trials.taken},
+        artifacts={kind: trials.tried[kind].made for kind in trials.recommended_kinds},
         assumed=assumed,
         effort=effort,
         seed=seed,
     )
 
 
-def _meant(
+def _read_map_and_plan_routes(
     grid: OccupancyGrid,
     source: MapSource | None,
     robot: Robot,
     stations: Stations | None,
     count: int,
     seed: int,
-) -> tuple[Reading, dict[str, Path]]:
+) -> tuple[MapReading, dict[str, Path]]:
     """How the map's file should be read, and the routes on it."""
-    reading = Reading.of(grid, source)
+    reading = MapReading.from_source(grid, source)
     try:
-        return reading, routes_of(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
+        return reading, plan_routes(Costmap.blank(reading.grid, robot=robot), stations, count, seed)
     except LocplanError:
         if not reading.is_sure:
             raise
         # If the robot fits only into what should be unknown, the routes are there, and the
         # corrected file is no fix: no route would be left on it.
-        routes = routes_of(Costmap.blank(grid, robot=robot), stations, count, seed)
-        return Reading(grid), routes
+        routes = plan_routes(Costmap.blank(grid, robot=robot), stations, count, seed)
+        return MapReading(grid), routes
 
 
-def _field_and_spots(
+def _compute_field_and_spots(
     site: Site, threads: int | None, progress: ProgressCallback
 ) -> tuple[CovarianceField, Costmap, tuple[WeakSpot, ...]]:
     """The field, its costmap, and the weak spots."""
@@ -215,4 +215,4 @@ def _field_and_spots(
     costs = Costmap.from_field(site.world, field, robot=site.robot)
     robot_filter = site.robot.filter
     reach = robot_filter.reach(lidar) if isinstance(robot_filter, Amcl) else lidar.range
-    return field, costs, weak_spots(costs, field, reach, site.paths)
+    return field, costs, find_weak_spots(costs, field, reach, site.paths)

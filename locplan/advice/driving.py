@@ -46,7 +46,7 @@ class Site:
         return hasher.hexdigest()
 
 
-class Driver:
+class SiteRunner:
     """Drives of one site by their numbers.
 
     Parameters
@@ -75,12 +75,12 @@ class Driver:
         """Drive each route with the drives of some numbers."""
         routes = drive_open(self._simulator, self.site.paths, numbers, progress=progress).values()
         log_error = [0.5 * np.log(drives.mean_squares + FLOOR) for drives in routes]
-        lost_at = [_lost_at(drives) for drives in routes]
+        lost_at = [_find_loss_distances(drives) for drives in routes]
         off_at_end = [drives.off_at_end for drives in routes]
         lost = ~np.isnan(lost_at)
         return Outcome(np.array(log_error), lost, np.array(lost_at), np.array(off_at_end))
 
-    def arrivals(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
+    def drive_closed_loop(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
         """Drive each route steered by the filter's pose; none in a world that is stretched."""
         if self.site.stretch != 1:
             return []
@@ -88,7 +88,7 @@ class Driver:
         return [*arrivals_by_route.values()]
 
 
-def _lost_at(drives: Drives) -> Floats:
+def _find_loss_distances(drives: Drives) -> Floats:
     """Return the distance along the path where each drive is first lost, else NaN, (n,) [m]."""
     is_lost = drives.position_error > LOST
     return np.where(drives.lost, drives.distance[is_lost.argmax(axis=1)], np.nan)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan.advice.weak_spots import CLEAR, WeakSpot, gathered, is_within, points_of
+from locplan.advice.weak_spots import CLEAR, WeakSpot, group_positions, are_inside, sample_path
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.path import Path
@@ -29,7 +29,7 @@ from locplan.simulation.arrivals import (
 
 LETTERS = ascii_uppercase[:6]
 """Letters of the worst places; further weak spots have none."""
-TOGETHER = 2.0
+STOP_RADIUS = 2.0
 """Distance within which closed-loop drives stop at one place [m]."""
 STOPS = {
     ELSEWHERE: "stop in the wrong place",
@@ -68,24 +68,24 @@ def blame_spots(
     spots, failures
         The spots with letters and the numbers of failed drives, and the failures of each route.
     """
-    lines = {name: points_of(path) for name, path in paths.items()}
+    lines = {name: sample_path(path) for name, path in paths.items()}
     wide = 0.08 * float(np.ptp(np.concatenate([*lines.values()]), axis=0).max())
     blames = [
-        _blame(spots, line, paths[name].length, at[np.isfinite(at)])
+        _blame_route(spots, line, paths[name].length, at[np.isfinite(at)])
         for (name, line), at in zip(lines.items(), lost_at, strict=True)
     ]
     loss_positions = [positions for _, positions in blames]
     owner, all_positions = (np.concatenate(parts) for parts in zip(*blames, strict=True))
-    places = [_with_lost(spot, all_positions[owner == n], wide) for n, spot in enumerate(spots)]
+    places = [_place_losses(spot, all_positions[owner == n], wide) for n, spot in enumerate(spots)]
     unowned = np.flatnonzero(owner < 0)
-    for at, members in gathered(all_positions[unowned], wide):
+    for at, members in group_positions(all_positions[unowned], wide):
         owner[unowned[members]] = len(places)
         near = {name: np.linalg.norm(line - at, axis=1).min() for name, line in lines.items()}
         passing = tuple(name for name, distance in near.items() if distance <= wide)
         places.append(_place_without_area(at, CLEAR, passing, lost=len(members)))
-    stops = _stops(arrivals)
+    stops = _collect_stops(arrivals)
     stop_owner = np.full(len(stops), -1)
-    for at, members in gathered(np.array([stop.xy for stop in stops]).reshape(-1, 2), TOGETHER):
+    for at, members in group_positions(np.array([stop.xy for stop in stops]).reshape(-1, 2), STOP_RADIUS):
         if len(members) >= 2:
             stop_owner[members] = len(places)
             kinds = {stops[n].what for n in members}
@@ -94,7 +94,7 @@ def blame_spots(
             places.append(
                 _place_without_area(at, f"drives {stopping}", passing, stopped=len(members))
             )
-    order = sorted(range(len(places)), key=lambda n: places[n].hurts, reverse=True)
+    order = sorted(range(len(places)), key=lambda n: places[n].severity, reverse=True)
     letters = dict(zip(order, LETTERS, strict=False))
     failures = []
     ends = np.cumsum([len(positions) for positions in loss_positions])[:-1]
@@ -123,11 +123,11 @@ class _Stop(NamedTuple):
     """The end of a closed-loop drive that does not reach the goal."""
 
     route: str
-    what: str
+    outcome: str
     xy: tuple[float, float]
 
 
-def _stops(arrivals: Mapping[str, Arrivals]) -> list[_Stop]:
+def _collect_stops(arrivals: Mapping[str, Arrivals]) -> list[_Stop]:
     """Return the drives that stop wrongly, and not for want of a way in their world."""
     return [
         _Stop(name, drive.fault or drive.outcome, drive.end[:2])
@@ -165,7 +165,7 @@ def _main_letters(owners: Ints, letters: Mapping[int, str]) -> str:
     return ", ".join(filter(None, place_letters))
 
 
-def _blame(
+def _blame_route(
     spots: Sequence[WeakSpot], line: Floats, length: float, lost_at: Floats
 ) -> tuple[Ints, Floats]:
     """Number of the spot that each lost drive of a route left last, else -1, and where it was."""
@@ -173,16 +173,16 @@ def _blame(
     since = lost_at[:, None] - distance
     # A robot drives up to 10 m from a spot until it is lost because of it.
     near = (since >= -0.5) & (since <= 10.0)
-    spot_distances = [np.where(near & is_within(spot, line), distance, -1.0).max(axis=1) for spot in spots]
+    spot_distances = [np.where(near & are_inside(spot, line), distance, -1.0).max(axis=1) for spot in spots]
     owner = np.argmax([np.full(len(lost_at), -0.5), *spot_distances], axis=0) - 1
     return owner, np.column_stack([np.interp(lost_at, distance, spot) for spot in line.T])
 
 
-def _with_lost(spot: WeakSpot, where: Floats, wide: float) -> WeakSpot:
+def _place_losses(spot: WeakSpot, loss_positions: Floats, wide: float) -> WeakSpot:
     """A spot with its lost drives, placed where most of those in it are."""
-    inner_positions = where[is_within(spot, where)]
-    at = gathered(inner_positions, wide)[0][0] if len(inner_positions) else (spot.x, spot.y)
-    return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(where))
+    inner_positions = loss_positions[are_inside(spot, loss_positions)]
+    at = group_positions(inner_positions, wide)[0][0] if len(inner_positions) else (spot.x, spot.y)
+    return replace(spot, x=float(at[0]), y=float(at[1]), lost=len(loss_positions))
 
 
 SPARE = 0.3
@@ -243,7 +243,7 @@ def find_passage(
     ]
     if not ends:
         return None
-    middle, members = gathered(np.array([end for _, end in ends]), TOGETHER)[0]
+    middle, members = group_positions(np.array([end for _, end in ends]), STOP_RADIUS)[0]
     routes = tuple(dict.fromkeys(ends[n][0] for n in members))
     # A wall may be a cell thick.
     points = np.concatenate([paths[name].resample(grid.resolution).xy for name in routes])

@@ -24,9 +24,9 @@ from locplan._support.drawing import (
     make_logarithmic,
 )
 from locplan._support.kernels.arrays import Floats
-from locplan.advice.landmark_objects import outline_of
+from locplan.advice.landmark_objects import place_outline
 from locplan.advice.landmarks import EXPECTED, PAYING_SHARE, Landmarks, Verification
-from locplan.advice.weak_spots import points_of
+from locplan.advice.weak_spots import sample_path
 from locplan.maps.figures import draw_cells, draw_map, drawn_size, crop_map, map_size, downsample
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import (
@@ -87,7 +87,7 @@ def tuning_figure(tuning: Tuning) -> Figure:
     off_at_end.set_ylabel(f"drives {OFF_SHORT} at the end [%]")
     off_at_end.set_ylim(bottom=-0.04 * off_at_end.get_ylim()[1])
     figure.key(errors.get_legend_handles_labels()[0], ncols=3)
-    figure.title(f"{tuning.conclusion}. {tuning.where}, {tuning.robot.known_lidar.title}")
+    figure.title(f"{tuning.conclusion}. {tuning.map_names}, {tuning.robot.known_lidar.title}")
     return figure
 
 
@@ -158,7 +158,7 @@ def place_labels(check: Check, size: float) -> list[Label]:
     ]
     labels: list[Label] = []
     marks: list[Label] = []
-    for kind, text, place in _named(check):
+    for kind, text, place in _list_labels(check):
         # The mark of a failure stays visible.
         is_mark = kind == "failure"
         marks += [Label("mark", "", place, place)] * is_mark
@@ -180,7 +180,7 @@ def _overlap(text: str, at: tuple[float, float], other: Label, size: float) -> b
     return abs(x - left) < size * wide and abs(y - low) < size
 
 
-def _named(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
+def _list_labels(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
     """Kind, text and place of each label."""
     for spot in check.spots:
         if spot.letter:
@@ -196,7 +196,7 @@ def _named(check: Check) -> Iterator[tuple[str, str, tuple[float, float]]]:
     yield from (("end", name, (x, y)) for name, (x, y) in ends.items() if name)
     failing = [route for route in check.routes if route.rates.has_failure]
     for route in failing[:N_NAMED]:
-        x, y = points_of(route.path)[len(points_of(route.path)) // 2].tolist()
+        x, y = sample_path(route.path)[len(sample_path(route.path)) // 2].tolist()
         yield "route", failure_text(route), (x, y)
 
 
@@ -208,7 +208,7 @@ def failure_text(route: RouteResult) -> str:
     return f"{100 * rates.reached.value:.0f} % reach the goal"
 
 
-def drawn_part(grid: OccupancyGrid) -> OccupancyGrid:
+def crop_to_free(grid: OccupancyGrid) -> OccupancyGrid:
     """The part of a map in which a robot can be, with its walls.
 
     Parameters
@@ -231,7 +231,7 @@ def check_figure(check: Check) -> Figure:
     check : Check
         The result of `locplan.check`.
     """
-    part = drawn_part(check.site.world)
+    part = crop_to_free(check.site.world)
     figure = Picture(figsize=map_size(part), layout="constrained")
     axes = figure.subplots()
     draw_map(axes, part)
@@ -300,12 +300,12 @@ PLOT_HEIGHT, PLOT_WIDTH = 2.9, 4.6
 """Size of the plots, where they stand below the maps or beside them [inch]."""
 
 
-def _panels(
-    grid: OccupancyGrid, said: Sequence[str], plots: int
+def _make_panels(
+    grid: OccupancyGrid, title_lines: Sequence[str], plots: int
 ) -> tuple[Figure, Any, list[Axes], list[Axes]]:
     """An empty figure, its part for two maps, these maps, and plots.
 
-    The lines of its title, `said`, are broken where they are too wide.
+    The lines of its title, `title_lines`, are broken where they are too wide.
     """
     wide, high = drawn_size(grid)
     # Ratio of a map's height to its width up to which two maps stand above each other.
@@ -320,7 +320,7 @@ def _panels(
         wide, high = scale * wide, scale * high
     width, height = columns * (wide + LABELS) + BAR, rows * (high + LABELS)
     width = width + PLOT_WIDTH if tall else max(width, MIN_WIDTH)
-    lines = [part for line in said for part in break_title(line, width)]
+    lines = [part for line in title_lines for part in break_title(line, width)]
     # Height of a line of the title [inch].
     top = 0.24 * (len(lines) + 1)
     height = max(height, plots * PLOT_HEIGHT) if tall else height + PLOT_HEIGHT
@@ -335,29 +335,29 @@ def _panels(
     return figure, parts[0], list(upper.ravel()), list(lower.ravel())
 
 
-def landmarks_figure(made: Landmarks, verification: Verification | None = None) -> Figure:
+def landmarks_figure(landmarks: Landmarks, verification: Verification | None = None) -> Figure:
     """Maps before and after with the routes, the expected deviation, and the error on the way.
 
     Parameters
     ----------
-    made : Landmarks
+    landmarks : Landmarks
         The placement, as `place_landmarks` returns it.
     verification : Verification, optional
         Drives of `Landmarks.verify`; with them the routes are coloured by the mean position error.
     """
     grids = [
-        crop_map(grid, list(made.setting.routes.values()))
-        for grid in (made.setting.grid, made.grid)
+        crop_map(grid, list(landmarks.setting.routes.values()))
+        for grid in (landmarks.setting.grid, landmarks.grid)
     ]
-    title = f"{made.setting.grid.name or 'map'}: {len(made)} x {made.setting.kind.title}"
+    title = f"{landmarks.setting.grid.name or 'map'}: {len(landmarks)} x {landmarks.setting.kind.title}"
     title_lines = [title, verification.verdict if verification else "not verified by drives"]
-    title_lines.append(f"with {made.setting.robot.title}")
-    figure, part, maps, plots = _panels(grids[0], title_lines, 2 if verification else 1)
+    title_lines.append(f"with {landmarks.setting.robot.title}")
+    figure, part, maps, plots = _make_panels(grids[0], title_lines, 2 if verification else 1)
     profiles = list(verification.profiles.values()) if verification else []
-    _draw_maps(part, maps, grids, made, profiles)
-    _draw_gains(plots[0], made)
+    _draw_maps(part, maps, grids, landmarks, profiles)
+    _draw_gains(plots[0], landmarks)
     if verification:
-        _draw_errors_along(plots[1], verification)
+        _draw_route_errors(plots[1], verification)
     return figure
 
 
@@ -365,7 +365,7 @@ def _draw_maps(
     figure: Any,
     axes: Sequence[Axes],
     grids: Sequence[OccupancyGrid],
-    made: Landmarks,
+    landmarks: Landmarks,
     profiles: Sequence[tuple[Drives, Drives]],
 ) -> None:
     """Draw the map without and with landmarks, and the routes over both."""
@@ -377,7 +377,7 @@ def _draw_maps(
         draw_map(map_axes, grid)
         map_axes.set_title(("before", "after")[n], fontsize="medium", loc="left")
         map_axes.label_outer()
-        for k, path in enumerate(made.setting.routes.values()):
+        for k, path in enumerate(landmarks.setting.routes.values()):
             if profiles:
                 xy, error = drive_profiles[k][n][:, 1:3], drive_profiles[k][n][:-1, 4]
                 map_axes.plot(*xy.T, color="black", linewidth=5.0, zorder=2)
@@ -387,43 +387,43 @@ def _draw_maps(
             draw_ends(map_axes, path.xy[0], path.xy[-1])
     if image is not None:
         draw_along_bar(figure, image, list(axes))
-    shapes = [outline_of(made.setting.kind.shape, pose) for pose in made.poses]
+    shapes = [place_outline(landmarks.setting.kind.shape, pose) for pose in landmarks.poses]
     faces = PolyCollection(shapes, facecolor=style.VERMILION, edgecolor="black", zorder=4)
     axes[1].add_collection(faces)
-    _draw_numbers(axes[1], made)
+    _draw_numbers(axes[1], landmarks)
 
 
-def _draw_numbers(axes: Axes, made: Landmarks) -> None:
+def _draw_numbers(axes: Axes, landmarks: Landmarks) -> None:
     """Draw the landmarks' numbers beside them, away from the nearest route."""
     from scipy.spatial import cKDTree
 
-    routes = made.setting.routes.values()
+    routes = landmarks.setting.routes.values()
     points = np.concatenate([path.resample(0.1).xy for path in routes])
     near = cKDTree(points)
-    for number, at in enumerate(made.positions, 1):
+    for number, at in enumerate(landmarks.positions, 1):
         route_offset = at - points[near.query(at)[1]]
         label_offset = 17 * route_offset / (float(np.hypot(*route_offset)) or 1.0)
         draw_number(axes, number, tuple(at.tolist()), tuple(label_offset.tolist()), style.VERMILION)
 
 
-def _draw_gains(axes: Axes, made: Landmarks) -> None:
+def _draw_gains(axes: Axes, landmarks: Landmarks) -> None:
     """Draw the expected deviation over the number of landmarks."""
-    numbers: NDArray[Any] = np.arange(len(made.curve))
-    axes.plot(numbers, made.expected, "o-", color=style.VERMILION, markersize=4)
-    if made.expected[-1] > 0 and made.expected[0] > 10 * made.expected[-1]:
+    numbers: NDArray[Any] = np.arange(len(landmarks.curve))
+    axes.plot(numbers, landmarks.expected_deviations, "o-", color=style.VERMILION, markersize=4)
+    if landmarks.expected_deviations[-1] > 0 and landmarks.expected_deviations[0] > 10 * landmarks.expected_deviations[-1]:
         make_logarithmic(axes.yaxis)
     else:
-        axes.set_ylim(0, 1.05 * float(made.expected.max()) or 1.0)
-    if 0 < made.paying < len(made):
-        axes.axvline(made.paying, color="0.6", linewidth=0.8)
+        axes.set_ylim(0, 1.05 * float(landmarks.expected_deviations.max()) or 1.0)
+    if 0 < landmarks.paying < len(landmarks):
+        axes.axvline(landmarks.paying, color="0.6", linewidth=0.8)
         note = f"further ones: less\nthan {PAYING_SHARE:.0%} each"
         at = "data", "axes fraction"
-        axes.annotate(note, (made.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
+        axes.annotate(note, (landmarks.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="number of landmarks", ylabel=EXPECTED.heading)
 
 
-def _draw_errors_along(axes: Axes, verification: Verification) -> None:
+def _draw_route_errors(axes: Axes, verification: Verification) -> None:
     """Draw the error of drives along the first route, before and after."""
     routes = verification.profiles
     name, pair = next(iter(routes.items()))
@@ -449,7 +449,7 @@ def _draw_errors_along(axes: Axes, verification: Verification) -> None:
     axes.legend(fontsize="small", frameon=False)
 
 
-def mended_figure(mended: Mended) -> Figure:
+def repair_figure(mended: Mended) -> Figure:
     """Draw the map as it is and mended, side by side.
 
     Parameters

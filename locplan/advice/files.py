@@ -20,13 +20,13 @@ Params: TypeAlias = Folder | str | Sequence[Folder] | None
 """The user's parameter files of Nav2."""
 
 
-def files_of(check: Check, params: Params = ()) -> dict[str, str]:
+def describe_fix_files(check: Check, params: Params = ()) -> dict[str, str]:
     """The files of the recommended fixes, and what to do with each; see `Check.written`."""
     values, params = "put its lines under amcl in yours", as_files(params)
     if {REACH, SETTINGS} & {*check.recommended} and has_amcl(params):
         values = "your parameters, changed"
         if len(params) > 1:
-            values = f"{' and '.join(each.name for each in params)} in one file, changed"
+            values = f"{' and '.join(parameter_path.name for parameter_path in params)} in one file, changed"
     mask = {"mask/nav2.yaml": "parameters with the mask's; see mask/README.md for its planner"}
     texts_by_kind = {
         WALLS: {"map.yaml": f"the map for all of Nav2, with {check.reading.title}"},
@@ -34,7 +34,7 @@ def files_of(check: Check, params: Params = ()) -> dict[str, str]:
         REACH: {"nav2_params.yaml": values},
         SETTINGS: {"nav2_params.yaml": values},
         PATHS: mask
-        if check.made.get(PATHS)
+        if check.artifacts.get(PATHS)
         else dict.fromkeys(check.changed_paths, "the path of a route, to follow or to export"),
         LANDMARKS: {"landmarks.csv": "where each pole goes"},
     }
@@ -84,12 +84,12 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         filter_map = check.fixed_site.filter_map
         write_filter_map(folder, reading.in_metres(filter_map) if WALLS in kinds else filter_map)
     if LANDMARKS in kinds:
-        placed = check.made[LANDMARKS]
+        placed = check.artifacts[LANDMARKS]
         write_rows(folder / "landmarks.csv", ("x", "y"), placed.poses[:, :2].tolist())
         save_map(placed.grid, folder / "map_with_landmarks.yaml")
     if PATHS in kinds:
         for name, path in check.changed_paths.items():
             path.save(folder / name)
-        if mask := check.made.get(PATHS):
+        if mask := check.artifacts.get(PATHS):
             ways = {file.removesuffix(".csv"): route_path for file, route_path in check.changed_paths.items()}
             nav2_keepout(folder / "mask", mask, params=base, paths=ways)

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple, Protocol
 
 from locplan._support.kernels.arrays import Floats
 from locplan._support.progress import ProgressCallback
-from locplan.advice.driving import Driver, Site
+from locplan.advice.driving import SiteRunner, Site
 from locplan.advice.landmark_objects import Pole, with_objects
 from locplan.advice.landmarks import place_landmarks
-from locplan.advice.map_reading import Reading
+from locplan.advice.map_reading import MapReading
 from locplan.advice.preset_choice import PresetChoice
 from locplan.advice.trials import WORTHWHILE, Outcome
 from locplan.errors import ConfigError
@@ -52,11 +52,11 @@ class Fix:
     """Returns the site with it."""
     is_sure: bool = False
     """True if it is to be done whatever drives show."""
-    made: Any = None
+    artifact: Any = None
     """What its files are made of: a mask's costmap, or landmarks."""
 
 
-def fixes(site: Site, reading: Reading, mended: OccupancyGrid) -> Iterator[Fix]:
+def list_fixes(site: Site, reading: MapReading, mended: OccupancyGrid) -> Iterator[Fix]:
     """Yield the fixes of the map and of the robot's file that suit a site.
 
     Parameters
@@ -119,7 +119,7 @@ def preset_settings(choice: PresetChoice) -> Fix | None:
     )
 
 
-def chosen_paths(
+def propose_paths(
     site: Site, choices: Mapping[str, Choice], score: Callable[[Site], float]
 ) -> Fix | None:
     """The recommended paths of routes, or a mask on which these or others are the cheapest.
@@ -137,7 +137,7 @@ def chosen_paths(
     paths_by_route = {name: choice.path for name, choice in useful_choices.items() if choice.path}
     if not paths_by_route:
         return None
-    best = _ways(site, paths_by_route, "other paths", "routes for Nav2")
+    best = _make_paths_fix(site, paths_by_route, "other paths", "routes for Nav2")
     # A mask leads from everywhere to everywhere, and is worth a little more than routes.
     best_score = score(best.apply(site)) - math.log(WORTHWHILE)
     for choice in useful_choices.values():
@@ -146,26 +146,26 @@ def chosen_paths(
         usable_paths = {name: path for name, path in ways.items() if path and path.length}
         if len(usable_paths) < len(ways):
             continue
-        mask_fix = _ways(site, usable_paths, "a keepout mask, other paths", "a mask for Nav2", mask)
+        mask_fix = _make_paths_fix(site, usable_paths, "a keepout mask, other paths", "a mask for Nav2", mask)
         if (mask_score := score(mask_fix.apply(site))) < best_score:
             best, best_score = mask_fix, mask_score
     return best
 
 
-def _ways(
-    site: Site, paths: Mapping[str, Path], what: str, effort: str, mask: Costmap | None = None
+def _make_paths_fix(
+    site: Site, paths: Mapping[str, Path], subject: str, effort: str, mask: Costmap | None = None
 ) -> Fix:
     """The fix of other paths; those that are as long as they were count as the old ones."""
     longer = {name: path.length - site.paths[name].length for name, path in paths.items()}
-    changed = {name: paths[name] for name, more in longer.items() if abs(more) > 0.01}
-    more = sum(longer.values()) / max(1, len(changed))
-    detail = f"{what} on {len(changed)} of {len(site.paths)} routes, {more:+.1f} m"
+    changed = {name: paths[name] for name, extra_length in longer.items() if abs(extra_length) > 0.01}
+    extra_length = sum(longer.values()) / max(1, len(changed))
+    detail = f"{subject} on {len(changed)} of {len(site.paths)} routes, {extra_length:+.1f} m"
     title = "keepout mask" if mask else "other paths"
 
     def apply(old: Site) -> Site:
         return replace(old, paths={**old.paths, **changed})
 
-    return Fix(PATHS, title, detail, effort, apply, made=mask)
+    return Fix(PATHS, title, detail, effort, apply, artifact=mask)
 
 
 class Poles(NamedTuple):
@@ -177,7 +177,7 @@ class Poles(NamedTuple):
     """The map with them."""
 
 
-def landmarks(site: Site, threads: int | None) -> Fix | None:
+def place_poles(site: Site, threads: int | None) -> Fix | None:
     """Three poles beside the routes; None where none may stand or none helps.
 
     Parameters
@@ -205,13 +205,13 @@ def landmarks(site: Site, threads: int | None) -> Fix | None:
 
     poles = Poles(poses, with_objects(site.world, kind, poses))
     count = f"{len(poses)} poles"
-    return Fix(LANDMARKS, count, f"{count} beside the routes", count, apply, made=poles)
+    return Fix(LANDMARKS, count, f"{count} beside the routes", count, apply, artifact=poles)
 
 
-def apply_fixes(tried: Mapping[str, Fix], kinds: tuple[str, ...], site: Site) -> Site:
+def apply_fixes(fixes_by_kind: Mapping[str, Fix], kinds: tuple[str, ...], site: Site) -> Site:
     """A site with several fixes, one after the other: the mended map is that of the right file."""
     for kind in sorted(kinds, key=KINDS.index):
-        site = tried[kind].apply(site)
+        site = fixes_by_kind[kind].apply(site)
     return site
 
 
@@ -223,7 +223,7 @@ class DriveOnce(Protocol):
     ) -> Outcome: ...
 
 
-def driver_of(seed: int, threads: int | None) -> DriveOnce:
+def make_site_runner(seed: int, threads: int | None) -> DriveOnce:
     """Return a function that drives sites, but each drive only once."""
     outcomes: dict[str, dict[int, Outcome]] = defaultdict(dict)
 
@@ -232,7 +232,7 @@ def driver_of(seed: int, threads: int | None) -> DriveOnce:
         new = [number for number in numbers if number not in site_outcomes]
         if new:
             missing = range(new[0], new[-1] + 1)
-            new_outcomes = Driver(site, seed, threads)(missing, progress)
+            new_outcomes = SiteRunner(site, seed, threads)(missing, progress)
             for place, number in enumerate(missing):
                 site_outcomes[number] = new_outcomes.select(drives=slice(place, place + 1))
         return Outcome.join([site_outcomes[number] for number in numbers])

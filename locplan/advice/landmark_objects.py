@@ -146,7 +146,7 @@ def check_object(kind: object) -> None:
         raise ConfigError(f"the object must be a Pole or a Box, not {short_repr(kind)}")
 
 
-def parsed_object(text: str) -> LandmarkObject:
+def parse_object(text: str) -> LandmarkObject:
     """The object in a text such as pole:0.2 or box:0.6,0.3.
 
     Parameters
@@ -222,12 +222,12 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     check_grid(grid)
     check_object(kind)
     cells = grid.cells.copy()
-    for pose in checked_poses(poses):
-        cells[cells_under(grid, kind, pose)] = OCCUPIED
+    for pose in parse_object_poses(poses):
+        cells[find_covered_cells(grid, kind, pose)] = OCCUPIED
     return dataclasses.replace(grid, cells=cells)
 
 
-def cells_under(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tuple[Ints, Ints]:
+def find_covered_cells(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that an object fills, as `with_objects` says.
 
     Parameters
@@ -239,10 +239,10 @@ def cells_under(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tupl
     pose : (3,) array
         Its centre in the world, and its heading [m, m, rad].
     """
-    return filled_cells(grid, kind.shape, on_grid(grid, pose[None])[0])
+    return find_filled_cells(grid, kind.shape, map_poses_from_world(grid, pose[None])[0])
 
 
-def checked_poses(poses: Iterable[Any]) -> Floats:
+def parse_object_poses(poses: Iterable[Any]) -> Floats:
     """Poses (x, y) or (x, y, heading) as an array (n, 3) [m, m, rad]."""
     rows = []
     for pose in poses:
@@ -256,13 +256,13 @@ def checked_poses(poses: Iterable[Any]) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def on_grid(grid: OccupancyGrid, poses: Floats) -> Floats:
+def map_poses_from_world(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Poses in the world as (row, col, heading) on the map [cells, cells, rad]."""
     rows, cols = grid.world_to_grid(poses[:, 0], poses[:, 1])
     return np.column_stack([rows, cols, poses[:, 2] - grid.origin[2]])
 
 
-def filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints, Ints]:
+def find_filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that a shape fills; see `with_objects`.
 
     The position is continuous [cells], the heading from the columns' axis towards that of the rows.
@@ -271,7 +271,7 @@ def filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints,
     filled, resolution = distances <= 1e-9, grid.resolution
     # Width of an object up to which the cells that its outline meets are filled, too [cells].
     if 2 * min(shape.half_length, shape.half_width) < 2.0 * resolution:
-        at = _outline(shape, float(pose[2]), resolution / 8) / resolution + pose[1::-1]
+        at = _sample_outline(shape, float(pose[2]), resolution / 8) / resolution + pose[1::-1]
         at_row, at_col = np.floor(at[:, 1]).astype(int), np.floor(at[:, 0]).astype(int)
         inside = (at_row >= rows.start) & (at_row < rows.stop)
         inside &= (at_col >= cols.start) & (at_col < cols.stop)
@@ -280,7 +280,7 @@ def filled_cells(grid: OccupancyGrid, shape: Shape, pose: Floats) -> tuple[Ints,
     return filled_rows + rows.start, filled_cols + cols.start
 
 
-def outline_of(shape: Shape, pose: Floats, around: int = 24) -> Floats:
+def place_outline(shape: Shape, pose: Floats, around: int = 24) -> Floats:
     """Corners of a shape at a pose (x, y, heading), or points around a round one, (n, 2) [m]."""
     if shape.is_round:
         angle = np.linspace(0, 2 * math.pi, around, endpoint=False)
@@ -291,12 +291,12 @@ def outline_of(shape: Shape, pose: Floats, around: int = 24) -> Floats:
     return np.asarray(pose[:2] + corners @ np.array([(cos, sin), (-sin, cos)]))
 
 
-def _outline(shape: Shape, heading: float, step: float) -> Floats:
+def _sample_outline(shape: Shape, heading: float, step: float) -> Floats:
     """Points x, y along the outline of a shape at the origin, at most `step` apart [m]."""
     origin = np.array([0.0, 0.0, heading])
     if shape.is_round:
-        return outline_of(shape, origin, math.ceil(2 * math.pi * shape.half_length / step))
-    corners = outline_of(shape, origin)
+        return place_outline(shape, origin, math.ceil(2 * math.pi * shape.half_length / step))
+    corners = place_outline(shape, origin)
     sides = []
     for corner, next_corner in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         count = math.ceil(float(np.hypot(*(next_corner - corner))) / step)

@@ -13,7 +13,7 @@ import numpy as np
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.poses import compute_travel_distances
 from locplan._support.progress import ProgressCallback
-from locplan.advice.landmark_objects import Shape, filled_cells, outline_of
+from locplan.advice.landmark_objects import Shape, find_filled_cells, place_outline
 from locplan.advice.landmark_sight import Sight
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import UNKNOWN
@@ -91,7 +91,7 @@ class Passages:
         return any(owners.count(part_label) > 1 for part_label in np.unique(old_parts[before & ~after]).tolist())
 
 
-WALL_GAP, APART = 0.05, 0.05
+WALL_GAP, OBJECT_GAP = 0.05, 0.05
 """Minimum distance of an object from a wall, and between two objects [m]."""
 SPACING = 0.5
 """Distance between the places along walls and beside routes [m]."""
@@ -99,13 +99,13 @@ CLEARANCE = 0.2
 """Distance that routes and passages keep from the objects, added to the robot's radius [m]."""
 
 
-def counted(reasons: Iterable[str]) -> str:
+def count_reasons(reasons: Iterable[str]) -> str:
     """How many places were refused for which reason."""
     counts = Counter(reasons).items()
-    return ", ".join(f"{why} ({count})" for why, count in counts) or "there are no places"
+    return ", ".join(f"{reason} ({count})" for reason, count in counts) or "there are no places"
 
 
-def candidate_places(
+def list_candidate_places(
     grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
 ) -> Floats:
     """Return poses of an object along walls and free-standing, not yet checked, (n, 3).
@@ -114,14 +114,14 @@ def candidate_places(
     """
     return np.concatenate(
         [
-            _along_walls(grid, shape),
-            _free_standing(grid, shape),
-            _beside_routes(grid, shape, routes, keep),
+            _place_along_walls(grid, shape),
+            _place_free_standing(grid, shape),
+            _place_beside_routes(grid, shape, routes, keep),
         ]
     )
 
 
-def _along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
+def _place_along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
     """Poses every `SPACING` [m] along the walls, at least `WALL_GAP` clear of them."""
     import cv2
 
@@ -154,7 +154,7 @@ def _along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
     return np.concatenate(pose_lists)
 
 
-def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
+def _place_free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
     """Poses on a lattice of a metre, where the clearance is above 1.2 m."""
     # Spacing of free-standing candidates [m].
     step = 1.0 / grid.resolution
@@ -162,10 +162,10 @@ def _free_standing(grid: OccupancyGrid, shape: Shape) -> Floats:
     row, col = (v.ravel() for v in np.meshgrid(rows, cols, indexing="ij"))
     ways = (0.0,) if shape.half_length == shape.half_width else (0.0, math.pi / 2)
     poses = [np.column_stack([row, col, np.full(len(row), way)]) for way in ways]
-    return _in_the_open(grid, np.concatenate(poses))
+    return _select_open_poses(grid, np.concatenate(poses))
 
 
-def _in_the_open(grid: OccupancyGrid, poses: Floats) -> Floats:
+def _select_open_poses(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Those of some poses where the clearance is above 1.2 m."""
     rows, cols = np.floor(poses[:, :2]).astype(int).T
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
@@ -174,7 +174,7 @@ def _in_the_open(grid: OccupancyGrid, poses: Floats) -> Floats:
     return np.asarray(poses[grid.free[at] & (grid.clearance[at] > 1.2)])
 
 
-def _beside_routes(
+def _place_beside_routes(
     grid: OccupancyGrid, shape: Shape, routes: Iterable[Path], keep: float
 ) -> Floats:
     """Poses every `SPACING` [m] on both sides of routes through the open, as near as allowed.
@@ -195,10 +195,10 @@ def _beside_routes(
                 at_row, at_col = row + np.cos(ahead) * side_offset, col - np.sin(ahead) * side_offset
                 heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
                 pose_lists.append(np.column_stack([at_row, at_col, heading]))
-    return _in_the_open(grid, np.concatenate(pose_lists))
+    return _select_open_poses(grid, np.concatenate(pose_lists))
 
 
-def refusals(
+def find_refusals(
     places: Floats,
     grid: OccupancyGrid,
     passages: Passages,
@@ -231,8 +231,8 @@ def refusals(
 
     def reason(pose: Pose) -> str:
         row, col, heading = pose.tolist()
-        cells = filled_cells(grid, shape, pose)
-        corners = outline_of(shape, np.array([0.0, 0.0, heading])) / resolution
+        cells = find_filled_cells(grid, shape, pose)
+        corners = place_outline(shape, np.array([0.0, 0.0, heading])) / resolution
         reach = np.abs(corners[:, ::-1]).max(axis=0) - 1e-6
         is_outside = (pose[:2] < reach) | (pose[:2] > grid.shape - reach)
         if is_outside.any() or unknown[cells].any():
@@ -250,30 +250,30 @@ def refusals(
     return [reason(pose) for pose in places]
 
 
-def too_close(shape: Shape, pose: Floats, others: Floats, resolution: float) -> bool:
-    """Whether an object would stand closer than `APART` to another one [cells, cells, rad]."""
-    distances = np.hypot(*(others[:, :2] - pose[:2]).T) * resolution
-    near = others[distances < 2 * shape.reach + APART]
-    return any(shape.is_round or _boxes_near(shape, pose, other, resolution) for other in near)
+def is_too_close(shape: Shape, pose: Floats, other_poses: Floats, resolution: float) -> bool:
+    """Whether an object would stand closer than `OBJECT_GAP` to another one [cells, cells, rad]."""
+    distances = np.hypot(*(other_poses[:, :2] - pose[:2]).T) * resolution
+    near = other_poses[distances < 2 * shape.reach + OBJECT_GAP]
+    return any(shape.is_round or _are_boxes_close(shape, pose, other, resolution) for other in near)
 
 
-def _boxes_near(shape: Shape, one: Floats, other: Floats, resolution: float) -> bool:
-    """Whether two rectangles come closer than `APART`; points along one against the other."""
+def _are_boxes_close(shape: Shape, first: Floats, second: Floats, resolution: float) -> bool:
+    """Whether two rectangles come closer than `OBJECT_GAP`; points along one against the other."""
     along, across = np.meshgrid(
         np.linspace(-shape.half_length, shape.half_length, 9),
         np.linspace(-shape.half_width, shape.half_width, 9),
     )
-    for base, against in ((one, other), (other, one)):
+    for base, against in ((first, second), (second, first)):
         cos, sin = math.cos(base[2]), math.sin(base[2])
         x = cos * along - sin * across + (base[1] - against[1]) * resolution
         y = sin * along + cos * across + (base[0] - against[0]) * resolution
-        if (shape.distance(x, y, against[2]) < APART).any():
+        if (shape.distance(x, y, against[2]) < OBJECT_GAP).any():
             return True
     return False
 
 
 @dataclass
-class Search:
+class LandmarkSearch:
     """A greedy search for the places that lower the objective of `Sight` most."""
 
     sight: Sight
@@ -295,34 +295,34 @@ class Search:
         curve = []
         while True:
             self.sight.start(np.array(selected, np.int64))
-            curve.append(self.sight.value())
-            best = self.best(selected, bounds) if len(selected) < count else None
+            curve.append(self.sight.compute_objective())
+            best = self.find_best(selected, bounds) if len(selected) < count else None
             if progress:
                 progress(count if best is None else len(selected) + 1, count)
             if best is None:
                 return selected, np.array(curve)
             selected.append(best)
 
-    def best(self, others: list[int], bounds: Floats | None = None) -> int | None:
+    def find_best(self, other_places: list[int], bounds: Floats | None = None) -> int | None:
         """Return the best allowed place added to others; None if none lowers the objective.
 
         With `bounds` (n,), which no gain exceeds, the search is lazy: places are looked at from the
         greatest bound on, until none of the rest can gain more. Gains with fewer objects are such
         bounds as far as the objective has diminishing returns; they are lowered in place.
         """
-        self.sight.start(np.array(others, np.int64))
-        value = self.sight.value()
+        self.sight.start(np.array(other_places, np.int64))
+        value = self.sight.compute_objective()
         # Share of the objective by which a place must lower it.
         min_gain = 1e-6 * value
-        waiting = np.setdiff1d(np.arange(len(self.places)), others)
+        waiting = np.setdiff1d(np.arange(len(self.places)), other_places)
         lot = max(len(waiting), 1)
         if bounds is not None:
             waiting, lot = waiting[np.argsort(-bounds[waiting], kind="stable")], self.lazy
         gains = np.full(len(self.places), -np.inf)
-        passages = self.around(others)
+        passages = self.make_passages(other_places)
         for begin in range(0, len(waiting), lot):
             part = waiting[begin : begin + lot]
-            gains[part] = value - self.sight.values(part)
+            gains[part] = value - self.sight.compute_objectives(part)
             rest = -np.inf
             if bounds is not None:
                 bounds[part] = gains[part]
@@ -330,27 +330,27 @@ class Search:
             for n in np.argsort(-gains, kind="stable").tolist():
                 if not gains[n] > min_gain or gains[n] < rest:
                     break
-                if self.is_allowed(n, others, passages):
+                if self.is_allowed(n, other_places, passages):
                     return int(n)
                 gains[n] = -np.inf
             if not rest > min_gain:
                 return None
         return None
 
-    def around(self, chosen: list[int]) -> Passages:
+    def make_passages(self, placed: list[int]) -> Passages:
         """Return the robot's space with objects at these places."""
         passages = self.passages.copy()
-        for n in chosen:
+        for n in placed:
             passages.place(self.places[n])
         return passages
 
-    def is_allowed(self, place: int, others: list[int], passages: Passages) -> bool:
+    def is_allowed(self, place: int, other_places: list[int], passages: Passages) -> bool:
         """True if an object may stand at a place together with others."""
         pose, sight = self.places[place], self.sight
-        near = too_close(sight.shape, pose, self.places[others], sight.grid.resolution)
+        near = is_too_close(sight.shape, pose, self.places[other_places], sight.grid.resolution)
         return not near and not passages.cuts(pose)
 
-    def at_random(self, count: int, random: np.random.Generator) -> list[int]:
+    def draw_random_places(self, count: int, random: np.random.Generator) -> list[int]:
         """Return places drawn at random that are allowed together, at most `count`."""
         selected: list[int] = []
         passages = self.passages.copy()
@@ -363,7 +363,7 @@ class Search:
         return selected
 
 
-def poses_in_world(grid: OccupancyGrid, places: Floats) -> Floats:
+def poses_from_places(grid: OccupancyGrid, places: Floats) -> Floats:
     """Return places (row, col, heading) on a map as poses in the world, (n, 3) [m, m, rad]."""
     x, y = grid.grid_to_world(places[:, 0], places[:, 1])
     return np.column_stack([x, y, places[:, 2] + grid.origin[2]])

@@ -20,7 +20,7 @@ from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.path import Path
 from locplan.robots.amcl import OMNIDIRECTIONAL, Amcl
 from locplan.robots.robot import Robot
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 
 SIGMA = 2.0
 """Standard deviation of a beam's end, in times of the filter's own sigma_hit [1].
@@ -37,7 +37,7 @@ MIN_VARIANCE = 1e-8
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class RouteViews:
     """Poses of a robot, what it sees there on the map, and its models."""
 
     rays: Any
@@ -50,38 +50,38 @@ class Surroundings:
     """`objectives.Motion`: how the covariance of the filter's pose grows on the way."""
 
 
-def surroundings(
+def make_route_views(
     grid: OccupancyGrid, lines: Sequence[Poses], shape: Shape, robot: Robot
-) -> Surroundings:
-    """Look around on a map at poses in the world, `step_of` apart on each line."""
-    rays = _rays_at(world_to_map_frame(grid, np.concatenate(lines)), shape, robot, grid.resolution)
+) -> RouteViews:
+    """Look around on a map at poses in the world, `compute_look_step` apart on each line."""
+    rays = _make_rays(world_to_map_frame(grid, np.concatenate(lines)), shape, robot, grid.resolution)
     count = len(rays.first)
     check_memory(
         f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
     )
     update = max(robot.amcl.update_min_d, 1e-3)
-    a_step = _information(robot, rays.beams, grid.resolution, step_of(robot) / update)
-    return Surroundings(rays, np.cumsum([0, *map(len, lines)]), a_step, _motion_of(robot))
+    a_step = _make_sensing(robot, rays.beams, grid.resolution, compute_look_step(robot) / update)
+    return RouteViews(rays, np.cumsum([0, *map(len, lines)]), a_step, _make_motion(robot))
 
 
-def lines_along(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -> list[Poses]:
-    """Poses about every `step_of` [m] along each path.
+def sample_lines(grid: OccupancyGrid, paths: Mapping[str, Path], robot: Robot) -> list[Poses]:
+    """Poses about every `compute_look_step` [m] along each path.
 
     Raises
     ------
     LocplanError
         If a path leaves the free cells.
     """
-    lines, step = [], step_of(robot)
+    lines, step = [], compute_look_step(robot)
     for name, path in paths.items():
-        poses = poses_along(path, grid, f"path {name}")
+        poses = make_path_poses(path, grid, f"path {name}")
         way = compute_travel_distances(poses)
         at = np.searchsorted(way, np.arange(0.0, way[-1] + step / 2, step) - 1e-9)
         lines.append(poses[np.unique(at.clip(0, len(poses) - 1))])
     return lines
 
 
-def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any:
+def _make_rays(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any:
     """`landmarks.Rays` at poses in the map's own axes, so dense that no object is missed."""
     from locplan.advice.kernels.landmarks import Rays
 
@@ -106,16 +106,16 @@ def _rays_at(poses: Poses, shape: Shape, robot: Robot, resolution: float) -> Any
         lidar.sees_all_round,
         max(lidar.min_range, amcl.laser_min_range, 0.0),
         reach,
-        _swing_of(amcl, resolution),
+        _compute_swing(amcl, resolution),
     )
 
 
-def step_of(robot: Robot) -> float:
+def compute_look_step(robot: Robot) -> float:
     """Distance between two looks around [m]."""
     return min(max(robot.amcl.update_min_d, MIN_STEP), MAX_STEP)
 
 
-def _swing_of(amcl: Amcl, resolution: float) -> float:
+def _compute_swing(amcl: Amcl, resolution: float) -> float:
     """How fast the information of a beam falls with its range, see `landmarks.Rays` [1 / m^2].
 
     It is the variance of the heading in one update over that of a beam's end at which it still
@@ -127,7 +127,7 @@ def _swing_of(amcl: Amcl, resolution: float) -> float:
     return narrow * turn / (SIGMA * max(amcl.sigma_hit, resolution)) ** 2
 
 
-def _information(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
+def _make_sensing(robot: Robot, rays: int, resolution: float, looks: float) -> Any:
     """`objectives.Sensing` of a filter: the curvature of its log-weight, per look around.
 
     A product of likelihoods adds the curvature of each beam. The other model of Nav2 weighs by
@@ -145,7 +145,7 @@ def _information(robot: Robot, rays: int, resolution: float, looks: float) -> An
     return Sensing(looks * share * curvature, share * likelihood**3)
 
 
-def _motion_of(robot: Robot) -> Any:
+def _make_motion(robot: Robot) -> Any:
     """`objectives.Motion` of a filter with its updates, and of the odometry."""
     from locplan.advice.kernels.objectives import Motion
 
@@ -180,7 +180,7 @@ class Sight:
 
     grid: OccupancyGrid
     """The map without objects."""
-    seen: Surroundings
+    route_views: RouteViews
     shape: Shape
     places: Floats
     """Row, column and heading of each place on the map, (m, 3) [cells, cells, rad]."""
@@ -194,83 +194,83 @@ class Sight:
 
     def __post_init__(self) -> None:
         from locplan._support.kernels.rays import empty_squares
-        from locplan.advice.kernels.landmarks import Outline, Scene, Surfaces, hits_of_map, sums_of
+        from locplan.advice.kernels.landmarks import Outline, LandmarkScene, Surfaces, cast_map_hits, sum_hits
 
-        rays, resolution = self.seen.rays, self.grid.resolution
+        rays, resolution = self.route_views.rays, self.grid.resolution
         count, occupied = len(rays.first), self.grid.cells == OCCUPIED
         self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
         surfaces = Surfaces(empty_squares(occupied), surface_normals(occupied), resolution)
-        hits_of_map(surfaces, rays, self._hits_of_map)
-        self.own = np.ascontiguousarray(
+        cast_map_hits(surfaces, rays, self._hits_of_map)
+        self.candidate_poses = np.ascontiguousarray(
             np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])
         )
         self.outline = Outline(*self.shape)
         self.hits = self._hits_of_map.copy()
-        self.sums = sums_of(self.hits, rays)
-        self.scene = Scene(self.hits, self.sums, rays, self.outline)
+        self.sums = sum_hits(self.hits, rays)
+        self.scene = LandmarkScene(self.hits, self.sums, rays, self.outline)
         self._sums_of_map = self.sums.copy()
         self._touched = np.zeros(count, bool)
-        self.sightings = self._found()
+        self.sightings = self._find_sightings()
 
-    def start(self, chosen: Ints) -> None:
+    def start(self, place_numbers: Ints) -> None:
         """Begin from objects at these places, (k,)."""
-        from locplan.advice.kernels.landmarks import HITS, add_object, sum_up
+        from locplan.advice.kernels.landmarks import HITS, add_object, write_sums
 
-        touched, rays = self._touched, self.seen.rays
+        touched, rays = self._touched, self.route_views.rays
         self.hits[touched] = self._hits_of_map[touched]
         self.sums[touched] = self._sums_of_map[touched]
         touched[:] = False
-        for x, y, heading in self.own[chosen]:
+        for x, y, heading in self.candidate_poses[place_numbers]:
             add_object(self.hits, rays, self.outline, x, y, heading, touched)
-        sum_up(self.hits, rays, touched, self.sums)
+        write_sums(self.hits, rays, touched, self.sums)
         self.sums[:, HITS] = self._sums_of_map[:, HITS]
 
-    def value(self) -> float:
+    def compute_objective(self) -> float:
         """Return the objective with the objects [m^2]."""
         from locplan.advice.kernels.landmarks import XX, YY
-        from locplan.advice.kernels.objectives import covariances
+        from locplan.advice.kernels.objectives import compute_route_covariances
 
-        route_views = self.seen
-        _, after = covariances(self.sums, route_views.rays.poses, route_views.routes, route_views.a_step, route_views.motion)
+        route_views = self.route_views
+        _, after = compute_route_covariances(self.sums, route_views.rays.poses, route_views.routes, route_views.a_step, route_views.motion)
         return float((after[:, XX] + after[:, YY]).mean())
 
-    def values(self, indices: Ints) -> Floats:
+    def compute_objectives(self, indices: Ints) -> Floats:
         """Return the objective with an object at each of these places as well, (m,) [m^2]."""
-        from locplan.advice.kernels.objectives import uncertainties
+        from locplan.advice.kernels.objectives import compute_uncertainties
 
-        route_views = self.seen
+        route_views = self.route_views
         kernel_arguments = self.sightings, self.scene, route_views.routes, route_views.a_step, route_views.motion
         return np.concatenate(
-            self._lots(
-                lambda part: uncertainties(self.own, part, *kernel_arguments), np.asarray(indices, np.int64)
+            self._run_in_lots(
+                lambda part: compute_uncertainties(self.candidate_poses, part, *kernel_arguments), np.asarray(indices, np.int64)
             )
         )
 
-    def _found(self) -> Any:
+    def _find_sightings(self) -> Any:
         """Which poses see which place, and by which rays."""
         from locplan.advice.kernels.landmarks import Sightings, find_sightings
 
-        candidate_poses, kernel_arguments = self.own, (self._hits_of_map, self.seen.rays, self.outline)
+        candidate_poses, kernel_arguments = self.candidate_poses, (self._hits_of_map, self.route_views.rays, self.outline)
         counts, all_numbers = np.zeros(len(candidate_poses), np.int64), np.arange(len(candidate_poses))
 
-        def sightings(starts: Ints) -> Sightings:
+        def fill_sightings(starts: Ints) -> Sightings:
             room = starts[-1]
             new_sightings = Sightings(starts, np.empty(room, np.int32), np.empty((room, 2), np.int16))
-            self._lots(
+            self._run_in_lots(
                 lambda lot: find_sightings(candidate_poses, lot[0], lot[-1] + 1, *kernel_arguments, new_sightings, counts), all_numbers
             )
             return new_sightings
 
-        sightings(np.zeros(len(candidate_poses) + 1, np.int64))
+        fill_sightings(np.zeros(len(candidate_poses) + 1, np.int64))
         starts = np.concatenate([[0], np.cumsum(counts)])
         check_memory(
             f"{starts[-1]:,} sightings of {len(counts):,} places",
             8.0 * starts[-1],
             "take shorter routes",
         )
-        return sightings(starts)
+        return fill_sightings(starts)
 
-    def _lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
+    def _run_in_lots(self, run: Callable[[Ints], Any], indices: Ints) -> list[Any]:
         """What a function gives for the indices of each lot of places."""
         lots = np.split(indices, range(LOT, len(indices), LOT))
         with ThreadPoolExecutor(self.threads) as pool:

@@ -22,20 +22,20 @@ from locplan._support.tables import nan_to_none, wrap_lines
 from locplan.advice.landmark_objects import (
     LandmarkObject,
     check_object,
-    on_grid,
-    outline_of,
+    map_poses_from_world,
+    place_outline,
     with_objects,
 )
 from locplan.advice.landmark_search import (
     CLEARANCE,
     Passages,
-    Search,
-    candidate_places,
-    counted,
-    poses_in_world,
-    refusals,
+    LandmarkSearch,
+    list_candidate_places,
+    count_reasons,
+    poses_from_places,
+    find_refusals,
 )
-from locplan.advice.landmark_sight import Sight, lines_along, surroundings
+from locplan.advice.landmark_sight import Sight, sample_lines, make_route_views
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equip_robot
 from locplan.maps.files import save_map
@@ -47,9 +47,9 @@ from locplan.planning.path import Path
 from locplan.planning.plans import plan
 from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
-from locplan.simulation.drives import RATES, Drives, Rated, check_drives, rates_of
+from locplan.simulation.drives import RATES, Drives, RateProperties, check_drives, format_rates
 from locplan.simulation.simulator import Simulator
-from locplan.simulation.verdict import DriveSet, Verdict, compare
+from locplan.simulation.verdict import DriveSet, Verdict, compare_drives
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ OUTCOME = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Outcome(Rated):
+class VerificationDrives(RateProperties):
     """Drives along some routes with one set of objects, or several."""
 
     drives: tuple[Drives, ...]
@@ -93,18 +93,18 @@ class Outcome(Rated):
         return np.concatenate([route_drives.off_at_end for route_drives in self.drives])
 
     def __repr__(self) -> str:
-        return f"Outcome({self.number} drives, {rates_of(self)})"
+        return f"Outcome({self.number} drives, {format_rates(self)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verification:
     """Drives without landmarks, with them, and with as many objects at random places."""
 
-    before: Outcome
+    before: VerificationDrives
     """Drives without landmarks."""
-    after: Outcome
+    after: VerificationDrives
     """Drives with them."""
-    random: Outcome | None
+    random: VerificationDrives | None
     """Drives with objects at random places; None if no other places are allowed."""
     profiles: Mapping[str, tuple[Drives, Drives]]
     """Drives of each route before and after."""
@@ -117,7 +117,7 @@ class Verification:
     @cached_property
     def comparison(self) -> Verdict:
         """The verdict on the drives with landmarks beside those without, with its figures."""
-        return compare(*(DriveSet.from_drives(drive_group.drives) for drive_group in (self.before, self.after)))
+        return compare_drives(*(DriveSet.from_drives(drive_group.drives) for drive_group in (self.before, self.after)))
 
     @property
     def word(self) -> str:
@@ -137,13 +137,13 @@ class Verification:
         lost = before.lost_rate.value
         error = f"{before.rmse.value:.2f} -> {after.rmse.value:.2f} m"
         if self.none_lost:
-            few = f"{lost:.0%} of the drives were" if lost else "no drive was"
-            said = f"{self.word}: {few} lost to begin with; error {error}"
-            return said + (f", {random.rmse.value:.2f} m at random places" if random else "")
-        said = f"{self.word}: {lost:.0%} of the drives lost before,"
-        said += f" {after.lost_rate.value:.0%} after"
-        said += f", {random.lost_rate.value:.0%} at random places" if random else ""
-        return f"{said}; error {error}"
+            lost_text = f"{lost:.0%} of the drives were" if lost else "no drive was"
+            sentence = f"{self.word}: {lost_text} lost to begin with; error {error}"
+            return sentence + (f", {random.rmse.value:.2f} m at random places" if random else "")
+        sentence = f"{self.word}: {lost:.0%} of the drives lost before,"
+        sentence += f" {after.lost_rate.value:.0%} after"
+        sentence += f", {random.lost_rate.value:.0%} at random places" if random else ""
+        return f"{sentence}; error {error}"
 
     def table(self) -> Table:
         """The drives on each map: how many went wrong, and their errors."""
@@ -177,7 +177,7 @@ ROUND_COLUMNS = tuple(
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class PlacementSetting:
     """What landmarks are placed for: the map, the routes, and the robot."""
 
     grid: OccupancyGrid
@@ -186,14 +186,14 @@ class Setting:
     """The object, of which several are placed."""
     routes: Mapping[str, Path]
     """Routes of the robot by name."""
-    planned: bool
+    is_planned: bool
     """True if the routes are shortest paths, to be planned again among the objects."""
     robot: Robot
     """The robot that was simulated."""
     zones: Zones = field(default_factory=Zones)
     """The zones, of which no-go ones have neither objects nor planned routes in them."""
 
-    def on(self, grid: OccupancyGrid) -> Mapping[str, Path]:
+    def replan_routes(self, grid: OccupancyGrid) -> Mapping[str, Path]:
         """The routes that were given, or the shortest paths between their ends on a map.
 
         Parameters
@@ -206,7 +206,7 @@ class Setting:
         LocplanError
             If the landmarks close a way.
         """
-        if not self.planned:
+        if not self.is_planned:
             return self.routes
         costs = Costmap.blank(grid, robot=self.robot, zones=self.zones)
         paths = {}
@@ -246,13 +246,13 @@ class Landmarks(Result):
         },
     )
 
-    setting: Setting
+    setting: PlacementSetting
     """The map, the routes and the robot that they are placed for."""
     poses: Floats
     """World x, y and heading of each, (k, 3) [m, m, rad]."""
     curve: Floats
     """Expected mean of P_xx + P_yy along the routes with 0, 1, ... landmarks, (k + 1,) [m^2]."""
-    search: Search
+    search: LandmarkSearch
     """The search, for places at random."""
 
     grid: OccupancyGrid = field(init=False)
@@ -262,7 +262,7 @@ class Landmarks(Result):
         set_frozen_fields(self, grid=with_objects(self.setting.grid, self.setting.kind, self.poses))
 
     def __repr__(self) -> str:
-        low, high = self.expected[-1], self.expected[0]
+        low, high = self.expected_deviations[-1], self.expected_deviations[0]
         return (
             f"Landmarks({len(self)} x {self.setting.kind.title} in {self.grid.name or 'map'},"
             f" {EXPECTED.title} {high:.3g} -> {low:.3g})"
@@ -282,7 +282,7 @@ class Landmarks(Result):
         return -np.diff(self.curve)
 
     @property
-    def expected(self) -> Floats:
+    def expected_deviations(self) -> Floats:
         """Expected deviation of the position along routes, the root of the curve, (k + 1,) [m]."""
         return np.asarray(self.curve**0.5)
 
@@ -292,7 +292,7 @@ class Landmarks(Result):
 
         Each one after lowers what is expected by less than 5 %.
         """
-        steps = 1 - self.expected[1:] / np.maximum(self.expected[:-1], 1e-12)
+        steps = 1 - self.expected_deviations[1:] / np.maximum(self.expected_deviations[:-1], 1e-12)
         paying = np.flatnonzero(steps >= PAYING_SHARE)
         return int(paying[-1]) + 1 if paying.size else 0
 
@@ -310,7 +310,7 @@ class Landmarks(Result):
         """The landmarks in order of gain, and what is expected with each and those before it."""
         kind, shape = self.setting.kind, self.setting.kind.shape
         object_values = kind.word, 2 * shape.half_length, 2 * shape.half_width
-        values = self.poses.tolist(), self.gains.tolist(), self.expected[1:].tolist()
+        values = self.poses.tolist(), self.gains.tolist(), self.expected_deviations[1:].tolist()
         rows = enumerate(zip(*values, strict=True), 1)
         return Table(
             ROUND_COLUMNS if self.setting.kind.word == "pole" else COLUMNS,
@@ -320,7 +320,7 @@ class Landmarks(Result):
     def _write(self, folder: FilePath, verification: Verification | None = None) -> None:
         table = self.table()
         table.write_csv(folder / "landmarks.csv")
-        outlines = (outline_of(self.setting.kind.shape, pose) for pose in self.poses)
+        outlines = (place_outline(self.setting.kind.shape, pose) for pose in self.poses)
         table.write_geojson(folder / "landmarks.geojson", outlines)
         if verification:
             verification.table().write_csv(folder / "verification.csv")
@@ -349,7 +349,7 @@ class Landmarks(Result):
                 "map_with_landmarks": {"digest": self.grid.digest},
                 "object": {"kind": setting.kind.word, **vars(setting.kind)},
                 "landmarks": self.table().records(),
-                EXPECTED.name: self.expected.tolist(),
+                EXPECTED.name: self.expected_deviations.tolist(),
                 "paying": self.paying,
                 "routes": {name: path.length for name, path in setting.routes.items()},
                 "robot": setting.robot.summary(),
@@ -374,19 +374,19 @@ class Landmarks(Result):
         return landmarks_figure(self, verification)
 
 
-def landmarks_report(made: Landmarks, verification: Verification | None = None) -> str:
+def landmarks_report(landmarks: Landmarks, verification: Verification | None = None) -> str:
     """What the drives say, then the landmarks in order of gain."""
-    setting = made.setting
+    setting = landmarks.setting
     verdict = [verification.verdict if verification else "not verified: nothing was driven"]
     verdict.append(f"with {setting.robot.title}")
     gains = [
-        f"{len(made)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without any:"
-        f" {made.expected[0]:.3f}"
+        f"{len(landmarks)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without any:"
+        f" {landmarks.expected_deviations[0]:.3f}"
     ]
-    if made.advice:
-        gains.append(made.advice)
+    if landmarks.advice:
+        gains.append(landmarks.advice)
     drives = [str(verification.table())] if verification else []
-    return "\n".join([str(made.table()), *wrap_lines(gains), *drives, *wrap_lines(verdict)])
+    return "\n".join([str(landmarks.table()), *wrap_lines(gains), *drives, *wrap_lines(verdict)])
 
 
 MAX_PLACES = 8
@@ -467,21 +467,21 @@ def place_landmarks(
     if (paths is None) == (places is None):
         raise ConfigError("give either paths or places")
     zones = check_zones(zones)
-    routes = routes_of(grid, paths, places, robot.radius, zones)
-    search = _search_along(grid, kind, routes, robot, zones, threads)
+    routes = parse_routes(grid, paths, places, robot.radius, zones)
+    search = _prepare_search(grid, kind, routes, robot, zones, threads)
     place_numbers, curve = search.run(count, progress)
-    setting = Setting(grid, kind, routes, paths is None, robot, zones)
-    return Landmarks(setting, poses_in_world(grid, search.places[place_numbers]), curve, search)
+    setting = PlacementSetting(grid, kind, routes, paths is None, robot, zones)
+    return Landmarks(setting, poses_from_places(grid, search.places[place_numbers]), curve, search)
 
 
-def _search_along(
+def _prepare_search(
     grid: OccupancyGrid,
     kind: LandmarkObject,
     routes: Mapping[str, Path],
     robot: Robot,
     zones: Zones,
     threads: int,
-) -> Search:
+) -> LandmarkSearch:
     """Return the search among the allowed places that the robot can see from its routes.
 
     Raises
@@ -491,27 +491,27 @@ def _search_along(
     """
     from scipy.spatial import cKDTree
 
-    lines = lines_along(grid, routes, robot)
+    lines = sample_lines(grid, routes, robot)
     passages = Passages(grid, kind.shape, robot.radius, CLEARANCE)
-    route_views = surroundings(grid, lines, kind.shape, robot)
+    route_views = make_route_views(grid, lines, kind.shape, robot)
     keep, closed = robot.radius + CLEARANCE, zones.cells(grid, "no-go")
-    candidates = candidate_places(grid, kind.shape, routes.values(), keep)
-    robots = cKDTree(on_grid(grid, np.concatenate(lines))[:, :2])
+    candidates = list_candidate_places(grid, kind.shape, routes.values(), keep)
+    robots = cKDTree(map_poses_from_world(grid, np.concatenate(lines))[:, :2])
     within = (route_views.rays.most + kind.shape.reach) / grid.resolution
     candidates = candidates[np.isfinite(robots.query(candidates[:, :2], distance_upper_bound=within)[0])]
     clear_of = [path.resample(grid.resolution / 2).xy for path in routes.values()]
     at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
-    reasons = refusals(candidates, grid, passages, at, keep, closed)
+    reasons = find_refusals(candidates, grid, passages, at, keep, closed)
     allowed = np.array([not reason for reason in reasons], bool)
     if not allowed.any():
         raise ConfigError(
             f"no {kind.title} may stand within the lidar's range of the robot:"
-            f" {counted(reasons)}; give a smaller object, or smaller no-go zones"
+            f" {count_reasons(reasons)}; give a smaller object, or smaller no-go zones"
         )
-    return Search(Sight(grid, route_views, kind.shape, candidates[allowed], threads), passages)
+    return LandmarkSearch(Sight(grid, route_views, kind.shape, candidates[allowed], threads), passages)
 
 
-def routes_of(
+def parse_routes(
     grid: OccupancyGrid, paths: Any, places: Any, robot_radius: float, zones: Zones
 ) -> dict[str, Path]:
     """Routes by name: the paths that were given, or the shortest ones between places.
@@ -525,42 +525,42 @@ def routes_of(
     """
     if paths is not None:
         raw_paths = {"path": paths} if isinstance(paths, Path) else paths
-        named = _named(raw_paths, "path", "paths by name")
-        if not named:
+        values_by_name = _name_values(raw_paths, "path", "paths by name")
+        if not values_by_name:
             raise ConfigError("there must be at least one path along which landmarks help")
         routes = {
             str(name): path if isinstance(path, Path) else Path(np.asarray(path))
-            for name, path in named.items()
+            for name, path in values_by_name.items()
         }
         for name, path in routes.items():
             if crosses_no_go(zones, grid, path):
                 raise ConfigError(f"path {name} crosses a no-go zone; change the path or the zone")
         return routes
-    named = _named(places, "place", "positions x, y in metres")
-    if not 2 <= len(named) <= MAX_PLACES:
+    values_by_name = _name_values(places, "place", "positions x, y in metres")
+    if not 2 <= len(values_by_name) <= MAX_PLACES:
         raise ConfigError(
-            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(named)};"
+            f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(values_by_name)};"
             " give longer lists of routes as paths"
         )
-    ends = {str(name): check_position(xy, name=f"place {name}") for name, xy in named.items()}
+    ends = {str(name): check_position(xy, name=f"place {name}") for name, xy in values_by_name.items()}
     costs = Costmap.blank(grid, robot=robot_radius, zones=zones)
     for name, xy in ends.items():
         costs.find_cell(xy, name)
     routes = {}
-    for (one, start), (other, goal) in combinations(ends.items(), 2):
+    for (first, start), (second, goal) in combinations(ends.items(), 2):
         shortest = plan(costs, start, goal).path
         if shortest is None:
-            raise LocplanError(f"no path leads from {one} to {other}; name places that are joined")
-        routes[f"{one} to {other}"] = shortest
+            raise LocplanError(f"no path leads from {first} to {second}; name places that are joined")
+        routes[f"{first} to {second}"] = shortest
     return routes
 
 
-def _named(values: Any, word: str, what: str) -> Mapping[Any, Any]:
+def _name_values(values: Any, word: str, requirement: str) -> Mapping[Any, Any]:
     """What has names already, or is numbered from 1."""
     if isinstance(values, Mapping):
         return values
     if not isinstance(values, Iterable) or isinstance(values, str):
-        raise ConfigError(f"{word}s must be {what}, not {short_repr(values)}")
+        raise ConfigError(f"{word}s must be {requirement}, not {short_repr(values)}")
     return {f"{word} {n}": value for n, value in enumerate(values, 1)}
 
 
@@ -606,7 +606,7 @@ def verify_landmarks(
     check_drives(drives)
     check_integer("random_sets", random_sets, 1, 1000)
     setting = landmarks.setting
-    random_maps = _maps_with_random_objects(landmarks, min(random_sets, drives // 2), seed)
+    random_maps = _make_random_maps(landmarks, min(random_sets, drives // 2), seed)
     n_random = drives // max(len(random_maps), 1)
     maps = [setting.grid, landmarks.grid, *random_maps]
     counts = [drives, drives, *[n_random] * len(random_maps)]
@@ -614,21 +614,21 @@ def verify_landmarks(
     outcomes = []
     for grid, count, report in zip(maps, counts, callbacks, strict=True):
         simulator = Simulator(grid, setting.robot, seed=seed, threads=threads)
-        drives_by_route = drive_open(simulator, setting.on(grid), range(count), progress=report)
-        outcomes.append(Outcome(tuple(drives_by_route.values())))
+        drives_by_route = drive_open(simulator, setting.replan_routes(grid), range(count), progress=report)
+        outcomes.append(VerificationDrives(tuple(drives_by_route.values())))
     before, after, *at_random = outcomes
-    pooled = Outcome(tuple(line_drives for outcome in at_random for line_drives in outcome.drives))
+    pooled = VerificationDrives(tuple(line_drives for outcome in at_random for line_drives in outcome.drives))
     pairs = zip(before.drives, after.drives, strict=True)
     profiles = dict(zip(setting.routes, pairs, strict=True))
     return Verification(before, after, pooled if at_random else None, profiles, seed)
 
 
-def _maps_with_random_objects(landmarks: Landmarks, n_sets: int, seed: int) -> list[OccupancyGrid]:
+def _make_random_maps(landmarks: Landmarks, n_sets: int, seed: int) -> list[OccupancyGrid]:
     """Return maps with objects at random places; none if too few places are allowed."""
     grid, kind, search = landmarks.setting.grid, landmarks.setting.kind, landmarks.search
     # Stream of random numbers of places at random, next to those of `Simulator`.
-    choices = [search.at_random(len(landmarks), make_generator(seed, 100, n)) for n in range(n_sets)]
+    choices = [search.draw_random_places(len(landmarks), make_generator(seed, 100, n)) for n in range(n_sets)]
     if not all(choices):
         return []
-    poses = [poses_in_world(grid, search.places[choice]) for choice in choices]
+    poses = [poses_from_places(grid, search.places[choice]) for choice in choices]
     return [with_objects(grid, kind, object_poses) for object_poses in poses]

@@ -83,7 +83,7 @@ class Limit:
         compared = {">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt}
         return bool(compared[self.sign](nearest, self.number))
 
-    def said(self, check: Check) -> str:
+    def format_result(self, check: Check) -> str:
         """The figure with its interval beside the limit.
 
         Parameters
@@ -93,6 +93,6 @@ class Limit:
         """
         value, low, high = FIGURES[self.figure](check)
         scale, unit = (100, " %") if self.figure in SHARES else (1, "")
-        known = f"{scale * value:.3g} [{scale * low:.3g}, {scale * high:.3g}]{unit}"
-        said = "failed" if self.fails(check) else "passed"
-        return f"{said}: {self.figure} is {known}, it fails on {self.text}"
+        figure_text = f"{scale * value:.3g} [{scale * low:.3g}, {scale * high:.3g}]{unit}"
+        result_word = "failed" if self.fails(check) else "passed"
+        return f"{result_word}: {self.figure} is {figure_text}, it fails on {self.text}"

@@ -9,7 +9,7 @@ from locplan.maps.grid import OccupancyGrid
 
 
 @dataclass(frozen=True)
-class Reading:
+class MapReading:
     """How a map's file should be read, and what is to be changed in it."""
 
     grid: OccupancyGrid
@@ -22,7 +22,7 @@ class Reading:
     """Factor that its lengths should have."""
 
     @classmethod
-    def of(cls, grid: OccupancyGrid, source: MapSource | None) -> Reading:
+    def from_source(cls, grid: OccupancyGrid, source: MapSource | None) -> MapReading:
         """By other thresholds, where dark greys seem to be walls, or unknown is read as free.
 
         Parameters
@@ -47,7 +47,7 @@ class Reading:
         """The changes, in words."""
         return " and ".join(self.reasons)
 
-    def scaled(self, factor: float) -> Reading:
+    def with_scale(self, factor: float) -> MapReading:
         """The same with another resolution; its grid stays in the lengths of the file."""
         resolution = self.grid.resolution * factor
         sentence = f"resolution {resolution:.4g}, as the ranges of recorded drives say"

@@ -44,18 +44,18 @@ def next_action(
         written.
     """
     if check.is_fine:
-        return Action(_nothing_to_do(check), "", {})
+        return Action(_describe_no_action(check), "", {})
     map_file = str(Folder(check.source.file).resolve()) if check.source else "MAP"
     repeat_command = get_command_line() or ["locplan", "check", map_file]
     if check.recommended and folder is None:
-        titles = " and ".join(fix.title for fix in check.advised)
+        titles = " and ".join(fix.title for fix in check.recommended_fixes)
         command = shlex.join([*repeat_command, "-o", "report"])
-        return Action(f"write the files for {titles}:", command, check.written(params))
+        return Action(f"write the files for {titles}:", command, check.list_written_files(params))
     if check.recommended and folder:
-        commands = _commands(check, folder, repeat_command, map_file, params)
-        doing = " and ".join(_instructions(check, folder, params))
+        commands = _make_commands(check, folder, repeat_command, map_file, params)
+        doing = " and ".join(_list_instructions(check, folder, params))
         then = ", then check again" if "locplan check" in commands else ""
-        return Action(f"{doing}{then}:", commands, check.written(params))
+        return Action(f"{doing}{then}:", commands, check.list_written_files(params))
     if check.passage:
         return Action(*_correct_footprint(check, repeat_command), {})
     return Action(*_try_further(check, repeat_command, map_file), {})
@@ -65,7 +65,7 @@ def remaining_text(check: Check) -> str:
     """Describe what the recommended fixes leave; empty if nothing is left or recommended."""
     if not check.recommended:
         return ""
-    if not any(map(is_better, check.advised)):
+    if not any(map(is_better, check.recommended_fixes)):
         if WALLS in check.recommended:
             return "The map file is wrong, though drives do not show that it matters much."
         return "A recording shows that the settings help, simulated drives do not."
@@ -77,7 +77,7 @@ def remaining_text(check: Check) -> str:
     return f"{share} drives {get_lost}.{further if check.effort == 'quick' else ''}"
 
 
-def _nothing_to_do(check: Check) -> str:
+def _describe_no_action(check: Check) -> str:
     """Return the sentence for a robot that rarely fails, and for which no fix is needed."""
     rare = ": failures are rare, and no fix helps" if check.baseline.has_failure else ""
     sentences = [f"Nothing to do{rare}."]
@@ -88,16 +88,16 @@ def _nothing_to_do(check: Check) -> str:
         title = f"{cheap[0].title[:1].upper()}{cheap[0].title[1:]}"
         sentences.append(f"{title}{detail} would lower the error from {now} to {then}.")
     if check.effort == "quick":
-        most = 100 * check.baseline.lost.high
-        sentences.append(f"A quick check may miss a loss of up to {most:.0f} %.")
+        max_loss = 100 * check.baseline.lost.high
+        sentences.append(f"A quick check may miss a loss of up to {max_loss:.0f} %.")
     return " ".join(sentences)
 
 
-def _instructions(check: Check, folder: Folder, params: Params) -> list[str]:
+def _list_instructions(check: Check, folder: Folder, params: Params) -> list[str]:
     """Return what to do for each recommended fix; one parameter file may hold two fixes."""
     file = folder / "nav2_params.yaml"
     parameters = f"copy the amcl section of {file} into your parameters"
-    kinds = {fix.kind for fix in check.advised}
+    kinds = {fix.kind for fix in check.recommended_fixes}
     if {REACH, SETTINGS} & kinds and has_amcl(as_files(params)):
         parameters = f"start Nav2 with {file}"
     texts = {
@@ -106,37 +106,37 @@ def _instructions(check: Check, folder: Folder, params: Params) -> list[str]:
         REACH: parameters,
         SETTINGS: parameters,
     }
-    for fix in check.advised:
+    for fix in check.recommended_fixes:
         if fix.kind == PATHS:
             texts[PATHS] = f"give Nav2 the {fix.title}"
         if fix.kind == LANDMARKS:
             texts[LANDMARKS] = f"put up {fix.title} at the places in {folder / 'landmarks.csv'}"
-    return [*dict.fromkeys(texts[fix.kind] for fix in check.advised)]
+    return [*dict.fromkeys(texts[fix.kind] for fix in check.recommended_fixes)]
 
 
-def _correct_footprint(check: Check, again: list[str]) -> tuple[str, str]:
+def _correct_footprint(check: Check, repeat_command: list[str]) -> tuple[str, str]:
     """Return what to do if robots fail with perfect localization, and the command for it."""
     passage, robot = check.passage, check.site.robot
     widen = "widen the passage, or " if passage and passage.is_narrow else ""
     if robot.outline is not None:
         sentence = f"{widen}correct the outline in the robot's file, then check again:"
-        return sentence, shlex.join(again)
-    command = [word for word in again if not word.startswith("--set=footprint=")]
+        return sentence, shlex.join(repeat_command)
+    command = [word for word in repeat_command if not word.startswith("--set=footprint=")]
     return (
         f"{widen}give the robot's true radius, now {robot.footprint:g} m, and check again:",
         shlex.join([*command, f"--set=footprint={robot.footprint:g}"]),
     )
 
 
-def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, str]:
+def _try_further(check: Check, repeat_command: list[str], map_file: str) -> tuple[str, str]:
     """Return what to do if no fix is better, and the command for it."""
     if check.effort == "quick":
         return (
             "no fix helps so far. Try other paths and poles, on three times as many drives:",
-            shlex.join([word for word in again if word != "--effort=quick"]),
+            shlex.join([word for word in repeat_command if word != "--effort=quick"]),
         )
     if check.recorded:
-        drive = [word.partition("=")[2] for word in again if word.startswith("--recording=")]
+        drive = [word.partition("=")[2] for word in repeat_command if word.startswith("--recording=")]
         command = ["locplan", "recording", *drive[:1], map_file, "-o", "recording"]
         return "no fix helps. See where the scans do not fit the map:", shlex.join(command)
     return (
@@ -145,38 +145,38 @@ def _try_further(check: Check, again: list[str], map_file: str) -> tuple[str, st
     )
 
 
-def _commands(check: Check, folder: Folder, again: list[str], map_file: str, params: Params) -> str:
+def _make_commands(check: Check, folder: Folder, repeat_command: list[str], map_file: str, params: Params) -> str:
     """Return commands that put the fixes in force, or check that they help, a line each."""
-    kinds, own = {*check.recommended}, folder.resolve()
+    kinds, absolute_folder = {*check.recommended}, folder.resolve()
     lines = []
-    mask, params = bool(check.made.get(PATHS)), as_files(params)
+    mask, params = bool(check.artifacts.get(PATHS)), as_files(params)
     # Before Nav2, which waits for its maps.
-    for place, is_needed in ((own, MEND in kinds), (own / "mask", mask)):
+    for place, is_needed in ((absolute_folder, MEND in kinds), (absolute_folder / "mask", mask)):
         if is_needed:
             lines.append(["ros2", "launch", str(place / "localizability.launch.xml")])
     if {WALLS, LANDMARKS} & kinds:
         name = "map_with_landmarks.yaml" if LANDMARKS in kinds else "map.yaml"
-        map_file = str(own / name)
+        map_file = str(absolute_folder / name)
     arguments = [f"map:={map_file}"]
     settings = {REACH, SETTINGS} & kinds and has_amcl(params)
-    changed = str(own / "nav2_params.yaml") if settings else ""
+    changed = str(absolute_folder / "nav2_params.yaml") if settings else ""
     if mask and params:  # which has the other changes, too
         parameter_name = "nav2.yaml" if changed or len(params) == 1 else "merged.yaml"
-        changed = str(own / "mask" / parameter_name)
+        changed = str(absolute_folder / "mask" / parameter_name)
     if changed:
         arguments.append(f"params_file:={changed}")
     if len(arguments) > 1 or {WALLS, LANDMARKS} & kinds:
         lines.append(["ros2", "launch", "nav2_bringup", "bringup_launch.py", *arguments])
     if PATHS in kinds and not mask:
-        paths = [f"--path={own / name}" for name in check.changed_paths]
-        to = ["--to", "nav2-routes", *paths, "-o", str(own / "routes")]
+        paths = [f"--path={absolute_folder / name}" for name in check.changed_paths]
+        to = ["--to", "nav2-routes", *paths, "-o", str(absolute_folder / "routes")]
         lines.append(["locplan", "export", map_file, *to])
     if len(arguments) == 1 and not {WALLS, LANDMARKS, PATHS} & kinds:
         # The user merges the lines of these files by hand, and can check before what they do.
-        again = [word for word in again if MEND not in kinds or "--filter-map" not in word]
+        repeat_command = [word for word in repeat_command if MEND not in kinds or "--filter-map" not in word]
         file_options = {MEND: ("--filter-map", "map_amcl.yaml"), SETTINGS: ("--robot", "nav2_params.yaml")}
         for fix, (option, name) in file_options.items():
             if fix in kinds or (fix == SETTINGS and REACH in kinds):
-                again += [option, str(folder / name)]
-        lines.append(again)
+                repeat_command += [option, str(folder / name)]
+        lines.append(repeat_command)
     return "\n".join(map(shlex.join, lines))

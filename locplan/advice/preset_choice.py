@@ -17,14 +17,14 @@ from locplan._support.poses import Poses, find_update_poses
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column, Table
 from locplan._support.saved import to_plain_data
-from locplan.advice.trials import is_hopeless
+from locplan.advice.trials import is_futile
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import PRECISE, amcl_presets, describe_preset
 from locplan.simulation.drives import OFF, Drives, rate_column
-from locplan.simulation.levels import USUAL
-from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare
+from locplan.simulation.levels import NO_FAULT
+from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare_drives
 
-OWN, BASELINE = "your settings", "baseline"
+USER_SETTINGS, BASELINE = "your settings", "baseline"
 """Name of the user's settings, which may be Nav2's defaults, and their word in tables."""
 LEVEL_DRIVES = 64
 """Least number of drives at each level, if fewer do not decide it.
@@ -44,7 +44,7 @@ RESULTS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class LevelCase:
     """Simulated drives with any settings at one level of disturbance."""
 
     name: str
@@ -125,7 +125,7 @@ class PresetChoice:
     @property
     def is_preset(self) -> bool:
         """True if a preset is to be used, and not the user's settings."""
-        return self.name != OWN
+        return self.name != USER_SETTINGS
 
     @property
     def untested_error(self) -> float | None:
@@ -164,7 +164,7 @@ class PresetChoice:
             result
             for result in self.results
             if result.settings == self.name
-            and not result.case.endswith(USUAL.name)
+            and not result.case.endswith(NO_FAULT.name)
             and result.off_at_end.value > 0
         ]
         if self.recordings or not self.is_preset or not levels:
@@ -173,7 +173,7 @@ class PresetChoice:
         baseline = [
             format_rate(result.off_at_end)
             for result in self.results
-            if (result.settings, result.case) == (OWN, hardest.case)
+            if (result.settings, result.case) == (USER_SETTINGS, hardest.case)
         ]
         rates = f"{format_rate(hardest.off_at_end)} off at the end, {BASELINE}"
         return f"Level {hardest.case}: {rates} {baseline[0] if baseline else 'not driven'}."
@@ -215,7 +215,7 @@ class PresetChoice:
             )
         return (
             f"Lost: {OFF} at some time. The usual level decides. At every other level"
-            f" the safe preset must not be off at the end significantly more often than {OWN}, and"
+            f" the safe preset must not be off at the end significantly more often than {USER_SETTINGS}, and"
             " the precise one only rarely."
         )
 
@@ -241,7 +241,7 @@ def choice_values(choice: PresetChoice) -> dict[str, object]:
 
 def choose_preset(
     user_settings: Amcl,
-    cases: Sequence[Case],
+    cases: Sequence[LevelCase],
     lines: Sequence[Poses],
     recordings: Sequence[RecordedCase] = (),
     *,
@@ -295,7 +295,7 @@ def choose_preset(
         if not objection:
             return trial.choose(name, lines)
         trial.objections[name] = objection
-    return trial.choose(OWN, lines)
+    return trial.choose(USER_SETTINGS, lines)
 
 
 class _PresetTrial:
@@ -304,23 +304,23 @@ class _PresetTrial:
     def __init__(
         self,
         user_settings: Amcl,
-        cases: Sequence[Case],
+        cases: Sequence[LevelCase],
         recordings: Sequence[RecordedCase],
         drives_all: bool,
         progress: ProgressCallback | None,
     ) -> None:
         self.presets = amcl_presets(user_settings)
         self.objections = dict[str, str]()
-        self._settings = {OWN: user_settings, **self.presets}
-        self._usual = [case for case in cases if case.is_usual]
-        self._others = [case for case in cases if not case.is_usual]
+        self._settings = {USER_SETTINGS: user_settings, **self.presets}
+        self._base_cases = [case for case in cases if case.is_usual]
+        self._fault_cases = [case for case in cases if not case.is_usual]
         self._recordings = recordings
-        self._driven = defaultdict[tuple[str, str], list[DriveSet]](list)  # up to each look
+        self._drive_sets = defaultdict[tuple[str, str], list[DriveSet]](list)  # up to each look
         self._drives_all = drives_all
         self._replayed = dict[tuple[str, str], Drives]()
         self._verdicts = dict[str, Verdict]()
         self._progress = progress
-        n_cases = len(self._usual) + len(recordings or self._others)
+        n_cases = len(self._base_cases) + len(recordings or self._fault_cases)
         self._n_steps = n_cases * len(self._settings)
 
     def compare_at_usual_level(self, name: str) -> None:
@@ -328,37 +328,37 @@ class _PresetTrial:
 
         A preset that does not lead at an earlier look is not driven further.
         """
-        last = max(len(case.looks) for case in self._usual)
+        last = max(len(case.looks) for case in self._base_cases)
         for n_looks in range(last if self._drives_all else 1, last + 1):
             pairs = [
-                [self._drive(settings, case, n_looks) for settings in (OWN, name)]
-                for case in self._usual
+                [self._drive(settings, case, n_looks) for settings in (USER_SETTINGS, name)]
+                for case in self._base_cases
             ]
             baseline, alternative = (DriveSet.join(sets) for sets in zip(*pairs, strict=True))
-            if is_hopeless(baseline, alternative):
+            if is_futile(baseline, alternative):
                 break
         # Both presets share the error probability. A look that only ends drives spends none of it.
-        self._verdicts[name] = compare(
+        self._verdicts[name] = compare_drives(
             baseline, alternative, looks_left=None, n_alternatives=len(self.presets)
         )
 
     def drive_all(self) -> None:
         """Drive all settings in all cases."""
-        for case in (*self._usual, *self._others):
+        for case in (*self._base_cases, *self._fault_cases):
             for name in self._settings:
                 self._drive(name, case)
 
     def object_at_levels(self, name: str) -> str:
         """Return why simulated drives speak against a preset; empty if they do not."""
-        usual = self._verdicts[name]
-        if usual.word != BETTER:
-            return f"{name} settings are not better than {OWN}: {usual.word}"
-        for case in self._usual:
+        base_verdict = self._verdicts[name]
+        if base_verdict.word != BETTER:
+            return f"{name} settings are not better than {USER_SETTINGS}: {base_verdict.word}"
+        for case in self._base_cases:
             if self._compare(name, case).word == WORSE:
                 return f"{name} settings are worse at {case.name}"
-        return next(filter(None, (self._find_harm(name, case) for case in self._others)), "")
+        return next(filter(None, (self._find_harm(name, case) for case in self._fault_cases)), "")
 
-    def _find_harm(self, name: str, case: Case) -> str:
+    def _find_harm(self, name: str, case: LevelCase) -> str:
         """Return the harm that a preset does at a level; empty if it does none.
 
         Drives end as soon as that is known.
@@ -381,35 +381,35 @@ class _PresetTrial:
             elif n_drives >= LEVEL_DRIVES / 2 or drives.can_be_off_more_often(looks_left):
                 verdict = self._compare(name, case, n_looks)
                 off = verdict.off_at_end
-                if verdict.more_off and off:
-                    return f"{harm}, {OWN} in {format_rate(off.baseline)}"
+                if verdict.has_more_off and off:
+                    return f"{harm}, {USER_SETTINGS} in {format_rate(off.baseline)}"
                 is_half = n_drives >= LEVEL_DRIVES / 2
                 if is_half and off and off.alternative.value <= off.baseline.value:
                     return ""  # all drives would hardly show that more are off
         return ""
 
-    def _looks_at(self, case: Case) -> Iterator[int]:
+    def _looks_at(self, case: LevelCase) -> Iterator[int]:
         """Yield the numbers of looks after which a level may be decided."""
         yield from range(len(case.looks) if self._drives_all else 1, len(case.looks) + 1)
 
     def object_on_recordings(self, name: str) -> str:
         """Return why recorded drives, or then simulated ones, speak against a preset."""
         for recording in self._recordings:
-            before, after = (self._replay(settings, recording) for settings in (OWN, name))
+            before, after = (self._replay(settings, recording) for settings in (USER_SETTINGS, name))
             if objection := find_objection(before, after):
                 return f"{name} settings: {objection} on {recording.name}"
         self.compare_at_usual_level(name)
         if self._verdicts[name].word == WORSE:
-            return f"{name} settings are worse than {OWN} in simulation"
+            return f"{name} settings are worse than {USER_SETTINGS} in simulation"
         return ""
 
     def choose(self, name: str, lines: Sequence[Poses]) -> PresetChoice:
         """Return the choice of some settings with all that was driven."""
         results = [
             self._result(settings, case)
-            for case in (*self._usual, *self._others)
+            for case in (*self._base_cases, *self._fault_cases)
             for settings in self._settings
-            if (settings, case.name) in self._driven
+            if (settings, case.name) in self._drive_sets
         ] + [
             self._result_on_recording(settings, recording.name)
             for recording in self._recordings
@@ -419,18 +419,18 @@ class _PresetTrial:
         if self._progress:
             self._progress(self._n_steps, self._n_steps)
         return PresetChoice(
-            user_settings=self._settings[OWN],
+            user_settings=self._settings[USER_SETTINGS],
             name=name,
             results=tuple(results),
             verdicts=self._verdicts,
             objections=self.objections,
-            cost_ratio=_cost_ratio(self._settings[OWN], self._settings[name], lines),
+            cost_ratio=_compute_cost_ratio(self._settings[USER_SETTINGS], self._settings[name], lines),
             recordings=tuple(recording.name for recording in self._recordings),
         )
 
-    def _drive(self, name: str, case: Case, n_looks: int | None = None) -> DriveSet:
+    def _drive(self, name: str, case: LevelCase, n_looks: int | None = None) -> DriveSet:
         """Return the drives with some settings up to a look, by default all."""
-        parts = self._driven[name, case.name]
+        parts = self._drive_sets[name, case.name]
         for first, last in [*itertools.pairwise((0, *case.looks))][len(parts) : n_looks]:
             parts.append(case.drive(self._settings[name], range(first, last)))
             self._report_step()
@@ -445,18 +445,18 @@ class _PresetTrial:
 
     def _report_step(self) -> None:
         if self._progress:
-            self._progress(len(self._driven) + len(self._replayed), self._n_steps)
+            self._progress(len(self._drive_sets) + len(self._replayed), self._n_steps)
 
-    def _compare(self, name: str, case: Case, n_looks: int | None = None) -> Verdict:
-        sets = (self._drive(settings, case, n_looks) for settings in (OWN, name))
-        return compare(*sets, looks_left=len(case.looks) - n_looks if n_looks else 0)
+    def _compare(self, name: str, case: LevelCase, n_looks: int | None = None) -> Verdict:
+        sets = (self._drive(settings, case, n_looks) for settings in (USER_SETTINGS, name))
+        return compare_drives(*sets, looks_left=len(case.looks) - n_looks if n_looks else 0)
 
-    def _result(self, name: str, case: Case) -> CaseResult:
-        drives = DriveSet.join(self._driven[name, case.name])
-        n_looks = min(len(self._driven.get((settings, case.name), ())) for settings in (OWN, name))
-        if name == OWN:
+    def _result(self, name: str, case: LevelCase) -> CaseResult:
+        drives = DriveSet.join(self._drive_sets[name, case.name])
+        n_looks = min(len(self._drive_sets.get((settings, case.name), ())) for settings in (USER_SETTINGS, name))
+        if name == USER_SETTINGS:
             word = BASELINE
-        elif [case] == self._usual:
+        elif [case] == self._base_cases:
             word = self._verdicts[name].word
         else:
             word = self._compare(name, case, n_looks).word if n_looks else ""
@@ -464,8 +464,8 @@ class _PresetTrial:
         return CaseResult(name, case.name, *rates, len(drives.lost), word)
 
     def _result_on_recording(self, name: str, recording: str) -> CaseResult:
-        runs, before = self._replayed[name, recording], self._replayed.get((OWN, recording))
-        if name == OWN:
+        runs, before = self._replayed[name, recording], self._replayed.get((USER_SETTINGS, recording))
+        if name == USER_SETTINGS:
             word = BASELINE
         else:
             word = "contradicted" if before and find_objection(before, runs) else "confirmed"
@@ -485,15 +485,15 @@ def find_objection(before: Drives, after: Drives) -> str:
         return f"{after.off_at_end.sum()} of {len(after.errors)} runs are off at the end"
     n_lost = [int(drives.lost.sum()) for drives in (before, after)]
     if n_lost[1] > n_lost[0]:
-        return f"{n_lost[1]} of {len(after.errors)} runs get lost, {n_lost[0]} with {OWN},"
+        return f"{n_lost[1]} of {len(after.errors)} runs get lost, {n_lost[0]} with {USER_SETTINGS},"
     errors = [drives.rmse.value for drives in (before, after)]
     if errors[1] > errors[0]:
         user_error, error = map(format_metres, errors)
-        return f"the error is {error}, {user_error} with {OWN},"
+        return f"the error is {error}, {user_error} with {USER_SETTINGS},"
     return ""
 
 
-def _cost_ratio(before: Amcl, after: Amcl, lines: Sequence[Poses]) -> float:
+def _compute_cost_ratio(before: Amcl, after: Amcl, lines: Sequence[Poses]) -> float:
     """Return the beams that settings compare along some lines over those of others."""
     beams = [
         amcl.max_beams

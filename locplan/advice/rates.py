@@ -144,7 +144,7 @@ def is_better(fix: FixResult) -> bool:
     return fix.verdict == BETTER
 
 
-def helps(fix: FixResult, baseline: DriveRates) -> bool:
+def is_helpful(fix: FixResult, baseline: DriveRates) -> bool:
     """True if a fix is worth being recommended.
 
     A cheap fix may lower the error alone. If no drive fails because of localization, no fix is,
@@ -198,7 +198,7 @@ def rank_fixes(fixes: Sequence[FixResult]) -> list[FixResult]:
     return sorted(fixes, key=key)
 
 
-def rates_of(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> DriveRates:
+def compute_drive_rates(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> DriveRates:
     """Compute the rates of drives along some routes.
 
     A route counts as much as any other in the closed loop, however often it was driven.

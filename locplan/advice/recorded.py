@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 
 from locplan._support.intervals import Interval, format_percent
 from locplan._support.kernels.arrays import Bools
-from locplan.advice.map_reading import Reading
+from locplan.advice.map_reading import MapReading
 from locplan.errors import LocplanError
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFault, MapFaults
-from locplan.recordings.calibration import odometry_noise, scan_noise
+from locplan.recordings.calibration import fit_odometry_noise, fit_scan_noise
 from locplan.recordings.faults import RecordingFaults, find_recording_faults
-from locplan.recordings.map_fit import find_misfits, fit_to_map, range_fit
+from locplan.recordings.map_fit import find_misfits, fit_to_map, fit_ranges
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import ReplayedDrive, find_replay_limit, sparse_notes
 from locplan.robots.robot import Robot
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordingEvidence:
     """The robot and the map as recorded drives say they are; as given without any."""
 
     robot: Robot
@@ -29,7 +29,7 @@ class Recorded:
     """Faults of the map, those that the drives show first."""
     stretch: float = 1.0
     """Ratio of the true lengths to those of the map; 1 unless it surely is another."""
-    said: tuple[str, ...] = ()
+    sentences: tuple[str, ...] = ()
     """What they say, in sentences without a full stop."""
     findings: tuple[str, ...] = ()
     """Those sentences that report how the map fits, and what is wrong with a drive."""
@@ -39,15 +39,15 @@ class Recorded:
     """The drives over which settings can be replayed: they fit the map, and have enough scans."""
 
 
-def recorded(
+def analyze_recordings(
     recordings: Sequence[Recording],
-    reading: Reading,
-    known: MapFaults,
+    reading: MapReading,
+    map_faults: MapFaults,
     robot: Robot,
     filter_map: OccupancyGrid | None,
     seed: int,
     threads: int | None,
-) -> Recorded:
+) -> RecordingEvidence:
     """Look at what recorded drives say.
 
     Parameters
@@ -56,7 +56,7 @@ def recorded(
         The drives.
     reading : Reading
         How the map's file should be read.
-    known : MapFaults
+    map_faults : MapFaults
         Faults of the map.
     robot : Robot
         The robot as given.
@@ -90,10 +90,10 @@ def recorded(
             )
     misfits: tuple[MapFault, ...] = ()
     if fitting:
-        ranges = range_fit(grid, fitting)
+        ranges = fit_ranges(grid, fitting)
         longest = max(fitting, key=len)
         faulty = faults[list(recordings).index(longest)].faulty_steps
-        robot, noise_sentences = _calibrated(longest, grid, robot, faulty, threads)
+        robot, noise_sentences = _calibrate_robot(longest, grid, robot, faulty, threads)
         sentences += noise_sentences
         try:
             # On a map whose resolution is wrong, all walls seem to be.
@@ -102,16 +102,16 @@ def recorded(
             sentences.append(f"walls: {error}")
     stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
     of_ranges = ranges.faults(grid) if ranges else ()
-    known = replace(known, meant=grid, found=(*of_ranges, *misfits, *known))
+    map_faults = replace(map_faults, meant=grid, found=(*of_ranges, *misfits, *map_faults))
     sound = (recording in fitting and drive_faults.is_sound for recording, drive_faults in zip(recordings, faults, strict=True))
     if stretch != 1:  # the poses are in other lengths than those of the map
         replays = []
-    return Recorded(
-        robot, known, stretch, tuple(sentences), tuple(findings), tuple(sound), tuple(replays)
+    return RecordingEvidence(
+        robot, map_faults, stretch, tuple(sentences), tuple(findings), tuple(sound), tuple(replays)
     )
 
 
-def _calibrated(
+def _calibrate_robot(
     drive: Recording, grid: OccupancyGrid, robot: Robot, faulty: Bools, threads: int | None
 ) -> tuple[Robot, list[str]]:
     """The robot whose lidar and odometry err as on a drive, and what that is."""
@@ -120,7 +120,7 @@ def _calibrated(
         return f"{name} {value.value:.3g} [{value.low:.2g}, {value.high:.2g}] {unit}"
 
     try:
-        scans = scan_noise(drive, grid, threads=threads)
+        scans = fit_scan_noise(drive, grid, threads=threads)
     except LocplanError as error:
         return robot, [f"calibration: {error}"]
     changes = scans.settings()
@@ -128,7 +128,7 @@ def _calibrated(
         f"lidar as recorded: {format_percent(scans.outliers)} of the beams end anywhere,"
         f" {format_percent(scans.blocked)} are blocked"
     ]
-    noise = odometry_noise(drive, robot.amcl, faulty)
+    noise = fit_odometry_noise(drive, robot.amcl, faulty)
     if noise is None:
         return robot.with_settings(changes), [*sentences, "odometry: too short a drive, taken as it was"]
     changes |= noise.settings()

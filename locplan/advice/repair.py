@@ -31,7 +31,7 @@ from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
 from locplan.simulation.drives import Drives, check_drives
 from locplan.simulation.simulator import Simulator
-from locplan.simulation.verdict import DriveSet, compare
+from locplan.simulation.verdict import DriveSet, compare_drives
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,10 +100,10 @@ class Mended(Result):
     """How the map was read, if its thresholds are to be changed for planning, too; else None."""
 
     def __repr__(self) -> str:
-        return f"Mended({self.grid.name or 'map'}, {self.changed:,} cells)"
+        return f"Mended({self.grid.name or 'map'}, {self.n_changed:,} cells)"
 
     @property
-    def changed(self) -> int:
+    def n_changed(self) -> int:
         """Number of cells that are other ones on the map for the filter."""
         return int(np.count_nonzero(self.grid.cells != self.filter_map.cells))
 
@@ -112,7 +112,7 @@ class Mended(Result):
         return {
             **self.faults.summary(),
             "filter_map": {"name": self.filter_map.name, "digest": self.filter_map.digest},
-            "changed_cells": self.changed,
+            "changed_cells": self.n_changed,
             "verdicts": self.table().records(),
             "undriven": self.undriven,
             "seed": self.seed,
@@ -130,41 +130,41 @@ class Mended(Result):
         )
         return Table.from_records(columns, self.verdicts)
 
-    def _write(self, folder: FilePath, *about: object) -> None:
+    def _write(self, folder: FilePath, *related: object) -> None:
         self.table().write_csv(folder / "mend.csv")
-        if self.changed:
+        if self.n_changed:
             write_filter_map(folder, self.filter_map)
         if self.source is not None:
             (folder / "map.yaml").write_text(meant_header(self.source), "utf-8")
 
     def figure(self) -> Figure:
         """Draw the map as it is and mended, side by side."""
-        from locplan.advice.figures import mended_figure
+        from locplan.advice.figures import repair_figure
 
-        return mended_figure(self)
+        return repair_figure(self)
 
     def report(self) -> str:
         """What was mended, and what drives say."""
-        return mended_report(self)
+        return repair_report(self)
 
 
-def mended_report(mended: Mended) -> str:
+def repair_report(mended: Mended) -> str:
     """What was mended, and what drives say."""
     lines = [mended.faults.report()]
-    if not mended.changed:
+    if not mended.n_changed:
         return "\n".join([*lines, "nothing to mend"])
     if mended.faults.is_solid:
         lines.append(CONCERNED)
-    world, planned = "as it is", "the map as it is"
+    world, planning_map = "as it is", "the map as it is"
     if mended.source is not None:
         free, occupied = mended.source.meant_thresholds
-        planned = f"map.yaml, which has free_thresh {free:g} and occupied_thresh {occupied:g}"
+        planning_map = f"map.yaml, which has free_thresh {free:g} and occupied_thresh {occupied:g}"
         world = "as its greys are meant"
         if np.array_equal(*(grid.cells == OCCUPIED for grid in (mended.grid, mended.filter_map))):
             lines.append(
                 "no wall is another: a filter that knows its place gains nothing; plans do"
             )
-    lines.append(f"{mended.changed:,} cells are other ones for the filter; plan on {planned}")
+    lines.append(f"{mended.n_changed:,} cells are other ones for the filter; plan on {planning_map}")
     if mended.undriven:
         return "\n".join([*lines, f"no verdict by drives: {mended.undriven}"])
     lines += [
@@ -242,7 +242,7 @@ def mend(
     if robot.filter != default:
         filters["the robot's"] = robot
     try:
-        ways = _ways(world, robot, paths, seed)
+        ways = _plan_random_paths(world, robot, paths, seed)
     except ConfigError as error:
         return Mended(grid, mended, map_faults, (), seed, str(error), file)
     callbacks = split_progress(progress, [2 * paths * drives] * len(filters))
@@ -260,11 +260,11 @@ def mend(
             ]
             for filter_map, tell in zip((grid, mended), map_callbacks, strict=True)
         )
-        verdicts.append(_verdict(name, as_is, hollow))
+        verdicts.append(_make_verdict(name, as_is, hollow))
     return Mended(grid, mended, map_faults, tuple(verdicts), seed, source=file)
 
 
-def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:
+def _plan_random_paths(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:
     """Shortest paths between random places, far apart where the map has such."""
     costs = Costmap.blank(grid, robot=robot)
     for distance in DISTANCES:
@@ -279,9 +279,9 @@ def _ways(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str,
     return {name: path for name, path in path_pairs if path is not None}
 
 
-def _verdict(name: str, as_is: Sequence[Drives], mended: Sequence[Drives]) -> MapVerdict:
+def _make_verdict(name: str, as_is: Sequence[Drives], mended: Sequence[Drives]) -> MapVerdict:
     """The verdict of the drives along all paths together."""
-    comparison = compare(DriveSet.from_drives(as_is), DriveSet.from_drives(mended))
+    comparison = compare_drives(DriveSet.from_drives(as_is), DriveSet.from_drives(mended))
     return MapVerdict(name, *comparison.lost, comparison.ratio, comparison.word)
 
 
@@ -300,7 +300,7 @@ def check_concerned(parameters: FilePath | None) -> None:
         )
 
 
-def offer(grid: OccupancyGrid) -> str | None:
+def format_solid_wall_warning(grid: OccupancyGrid) -> str | None:
     """Say in a sentence that a filter gets lost on a map, and that it can be mended; else None.
 
     Parameters

@@ -13,7 +13,7 @@ from locplan._support.intervals import Interval, format_rate
 from locplan._support.output import replacing
 from locplan._support.public import load_templates
 from locplan.advice.check_result import Check
-from locplan.advice.figures import SIZE, caption, drawn_part, place_labels
+from locplan.advice.figures import SIZE, caption, crop_to_free, place_labels
 from locplan.advice.next_step import next_action, remaining_text
 from locplan.advice.text import (
     fix_rows,
@@ -31,7 +31,7 @@ GREYS = np.array([40, 190, 255], np.uint8)
 """Shades of occupied, unknown and free."""
 
 
-class Drawing(NamedTuple):
+class MapDrawing(NamedTuple):
     """The part of the map that is drawn as an image, and where positions lie on it."""
 
     data: str
@@ -46,11 +46,11 @@ class Drawing(NamedTuple):
     """Units of the drawing in a cell."""
 
     @classmethod
-    def of(cls, grid: OccupancyGrid) -> Drawing:
+    def from_map(cls, grid: OccupancyGrid) -> MapDrawing:
         """Draw what is known of a map in its own axes, without the origin's yaw."""
         import cv2
 
-        grid = drawn_part(grid)
+        grid = crop_to_free(grid)
         image = GREYS[downsample(grid.cells)[::-1] // 127]
         data = base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
         scale = 900 / max(grid.shape)  # the longer side in the drawing's units
@@ -79,7 +79,7 @@ def bar(rate: Interval) -> dict[str, float]:
     return {"value": value, "low": low, "width": high - low}
 
 
-def write_report(path: Path, check: Check, *about: Any) -> None:
+def write_report(path: Path, check: Check, *related: Any) -> None:
     """Write the report, whole or not at all.
 
     Parameters
@@ -104,8 +104,8 @@ def write_report(path: Path, check: Check, *about: Any) -> None:
         settings=settings_texts(check),
         remaining=remaining_text(check),
         caption=caption(check),
-        action=next_action(check, *about),
-        drawing=(drawing := Drawing.of(check.site.world)),
+        action=next_action(check, *related),
+        drawing=(drawing := MapDrawing.from_map(check.site.world)),
         labels=place_labels(check, drawing.label),
         lost=[xy for route in check.routes for xy in drawing.at(route.lost_at)],
         stopped=[xy for route in check.routes for xy in drawing.at(route.stopped_at)],

@@ -24,7 +24,7 @@ Stations = str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 """A file of stations or queries, stations, positions by name, or (start, goal) pairs [m]."""
 
 
-def routes_of(costs: Costmap, stations: Stations | None, count: int, seed: int) -> dict[str, Path]:
+def plan_routes(costs: Costmap, stations: Stations | None, count: int, seed: int) -> dict[str, Path]:
     """The shortest path of each route by its name.
 
     Parameters
@@ -38,7 +38,7 @@ def routes_of(costs: Costmap, stations: Stations | None, count: int, seed: int) 
     seed : int
         Seed of those that are drawn at random.
     """
-    queries = _far_apart(costs, count, seed) if stations is None else _between(costs, stations)
+    queries = _make_distant_queries(costs, count, seed) if stations is None else _make_station_queries(costs, stations)
     if len(queries) > MAX_ROUTES:
         step = math.ceil(len(queries) / MAX_ROUTES)
         queries = queries[::step]
@@ -58,7 +58,7 @@ def routes_of(costs: Costmap, stations: Stations | None, count: int, seed: int) 
     return paths
 
 
-def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
+def _make_station_queries(costs: Costmap, stations: Stations) -> Sequence[Query]:
     """Queries between each two stations, or those that a file has."""
     if isinstance(stations, Mapping):
         stations = [Station(str(name), *map(float, xy)) for name, xy in stations.items()]
@@ -67,9 +67,9 @@ def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
     ):
         station_list = [*stations]
         queries = [
-            Query(f"{one.name} to {other.name}", (one.x, one.y), (other.x, other.y))
-            for n, one in enumerate(station_list)
-            for other in station_list[n + 1 :]
+            Query(f"{first.name} to {second.name}", (first.x, first.y), (second.x, second.y))
+            for n, first in enumerate(station_list)
+            for second in station_list[n + 1 :]
         ]
     else:
         queries = [*normalize_queries(costs, stations, 0.0, 1)]
@@ -78,14 +78,14 @@ def _between(costs: Costmap, stations: Stations) -> Sequence[Query]:
     return queries
 
 
-def _far_apart(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
+def _make_distant_queries(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
     """Queries between the places far apart of `locplan.planning.describe_map`, and more if needed.
 
     Further ones are drawn in the main part of the map.
     """
     description = describe_map(costs.grid, robot=costs.robot_radius)
     if not description.pairs:
-        return _named(random_queries(costs, count, seed, min_distance=0.5))
+        return _number_queries(random_queries(costs, count, seed, min_distance=0.5))
     ends = [(room_pair.start, room_pair.goal) for room_pair in description.pairs[:count]]
     queries = [Query("", (start.x, start.y), (goal.x, goal.y)) for start, goal in ends]
     (x, y), (to_x, to_y) = (room_pair[:2] for room_pair in (queries[0].start, queries[0].goal))
@@ -93,10 +93,10 @@ def _far_apart(costs: Costmap, count: int, seed: int) -> Sequence[Query]:
         min_distance = min(10.0, math.hypot(x - to_x, y - to_y) / 2)
         main = replace(costs, density=np.where(description.main_part, costs.density, np.inf))
         queries += random_queries(main, count - len(queries), seed, min_distance=min_distance)
-    return _named(queries)
+    return _number_queries(queries)
 
 
-def _named(queries: Sequence[Query]) -> list[Query]:
+def _number_queries(queries: Sequence[Query]) -> list[Query]:
     """Queries whose ends have numbers for names, one for each place."""
     numbers: dict[Any, int] = {}
 

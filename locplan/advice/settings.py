@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from locplan.advice.driving import Site
-from locplan.advice.preset_choice import Case, PresetChoice, choose_preset, find_objection
-from locplan.advice.recorded import Recorded
-from locplan.advice.tuning import cut_path, simulated_cases
+from locplan.advice.preset_choice import LevelCase, PresetChoice, choose_preset, find_objection
+from locplan.advice.recorded import RecordingEvidence
+from locplan.advice.tuning import cut_path, make_simulated_cases
 from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 
 HARMFUL_FIRST = (STANDSTILL, REVERSAL, KINKED_MAP, SLIP, TURNS)
 """The levels at which presets must do no harm. The first harm ends the drives with a preset."""
@@ -19,8 +19,8 @@ HARMFUL_FIRST = (STANDSTILL, REVERSAL, KINKED_MAP, SLIP, TURNS)
 
 def choose_settings(
     site: Site,
-    usual: Case,
-    recorded: Recorded,
+    base_case: LevelCase,
+    recorded: RecordingEvidence,
     *,
     drives_all: bool,
     seed: int,
@@ -36,7 +36,7 @@ def choose_settings(
     ----------
     site : Site
         The site of the baseline.
-    usual : Case
+    base_case : Case
         The usual level along all routes.
     recorded : Recorded
         What recorded drives show.
@@ -46,7 +46,7 @@ def choose_settings(
         See `locplan.check`.
     """
     random = np.random.default_rng(seed)
-    levels = simulated_cases(
+    levels = make_simulated_cases(
         site.world,
         site.robot,
         [cut_path(path, random.random()) for path in site.paths.values()],
@@ -58,15 +58,15 @@ def choose_settings(
     )
     return choose_preset(
         site.robot.amcl,
-        [usual, *levels],
-        [poses_along(path, site.world) for path in site.paths.values()],
+        [base_case, *levels],
+        [make_path_poses(path, site.world) for path in site.paths.values()],
         recorded.replays,
         are_recordings_sound=all(recorded.are_sound),
         drives_all=drives_all,
     )
 
 
-def is_contradicted(site: Site, fixed_site: Site, recorded: Recorded) -> bool:
+def is_contradicted(site: Site, fixed_site: Site, recorded: RecordingEvidence) -> bool:
     """True if the filter's settings and map with some fixes do not hold on a recorded drive.
 
     Parameters

@@ -26,28 +26,28 @@ from locplan.simulation.drives import LOST
 from locplan.simulation.verdict import BETTER
 
 
-def faults(found: MapFaults) -> str:
+def format_faults(map_faults: MapFaults) -> str:
     """Name the faults of the map."""
-    kinds = "; ".join(f"{fault.kind}: {fault.what}" for fault in found)
+    kinds = "; ".join(f"{fault.kind}: {fault.what}" for fault in map_faults)
     return f"map: {kinds or 'no fault that the map alone shows'}"
 
 
-def spots(found: Sequence[WeakSpot]) -> str:
+def format_spots(weak_spots: Sequence[WeakSpot]) -> str:
     """Describe the worst weak spot, and count the others."""
-    if not found:
+    if not weak_spots:
         return "weak spots: none"
-    first = found[0]
-    more = f", and {len(found) - 1} more" if len(found) > 1 else ""
-    return f"weak spots: {first.size} at {first.place}, {first.missing}{more}"
+    first = weak_spots[0]
+    rest_text = f", and {len(weak_spots) - 1} more" if len(weak_spots) > 1 else ""
+    return f"weak spots: {first.size} at {first.place}, {first.missing}{rest_text}"
 
 
-def baseline(rates: DriveRates) -> str:
+def format_baseline(rates: DriveRates) -> str:
     """Report the rates of the baseline."""
     lost = f"lost (error > {LOST:g} m) in {format_rate(rates.lost)} of {rates.n_drives} drives"
     return f"baseline: {lost}; {format_rate(rates.reached)} reach the goal"
 
 
-def fix(result: FixResult, before: DriveRates) -> str:
+def format_fix(result: FixResult, before: DriveRates) -> str:
     """Report the gain of a fix that is better."""
     return f"{result.title}: lost {format_rate(before.lost)} -> {format_rate(result.rates.lost)}"
 
@@ -106,13 +106,13 @@ def problem_text(route: RouteResult) -> str:
     """Describe how drives along a route fail, and at which places; empty if none does."""
     rates, problems = route.rates, []
     if rates.lost.value > 0:
-        problems.append(_at("lost", route.lost_near))
+        problems.append(_add_place("lost", route.lost_near))
     if rates.endings:
-        problems.append(_at(FAILS[_main_ending(rates)], route.stopped_near))
+        problems.append(_add_place(FAILS[_main_ending(rates)], route.stopped_near))
     return ", ".join(problems)
 
 
-def _at(problem: str, letters: str) -> str:
+def _add_place(problem: str, letters: str) -> str:
     return f"{problem} at {letters}" if letters else problem
 
 
@@ -187,7 +187,7 @@ def fix_rows(check: Check) -> list[FixRow]:
     rows = [FixRow("none", "", check.baseline, "")]
     if check.confirmed:
         titles, details = (
-            " + ".join(getattr(fix, name) for fix in check.advised) for name in ("title", "detail")
+            " + ".join(getattr(fix, name) for fix in check.recommended_fixes) for name in ("title", "detail")
         )
         change = _change(check.confirmed.word, check.confirmed.ratio)
         rows.append(FixRow(titles, details, check.after, change, True))
@@ -205,7 +205,7 @@ def _change(verdict: str, ratio: Interval) -> str:
     return f"-{100 * (1 - ratio.value):.0f} %" if ratio.value < 1 else "fewer lost"
 
 
-def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str:
+def check_report(check: Check, folder: Folder | None = None, *related: Any) -> str:
     """Return the output of a check, in at most 25 lines.
 
     Parameters
@@ -217,10 +217,10 @@ def check_report(check: Check, folder: Folder | None = None, *about: Any) -> str
     *about
         See `next_action`.
     """
-    action = next_action(check, folder, *about)
+    action = next_action(check, folder, *related)
     last = wrap_lines([f"Next: {action.sentence}" if action.command else action.sentence])
     last += [f"  {line}" for line in action.command.splitlines()]
-    first = wrap_lines([*headline(check), *_remarks(check)])
+    first = wrap_lines([*headline(check), *_list_remarks(check)])
     findings = [f"map: {fault.sentence}" for fault in check.faults if fault.boxes]
     findings += check.findings
     notes = [text for text in check.recorded if text not in check.findings]
@@ -284,9 +284,9 @@ def _replay_table(check: Check, *, is_complete: bool) -> list[str]:
         Column("settings", value=lambda result: result.settings),
         Column("case", title="drives", value=lambda result: result.case),
         Column("error", title="error", value=lambda result: format_metres(result.error.value)),
-        Column("lost", title="lost", value=lambda result: _share(result.lost)),
+        Column("lost", title="lost", value=lambda result: _format_share(result.lost)),
         Column(
-            "off_at_end", title="off at the end", value=lambda result: _share(result.off_at_end)
+            "off_at_end", title="off at the end", value=lambda result: _format_share(result.off_at_end)
         ),
     )
     results = [
@@ -302,7 +302,7 @@ def _drives_text(rates: DriveRates) -> str:
     return lost + (reached if rates.n_closed else "")
 
 
-def _remarks(check: Check) -> list[str]:
+def _list_remarks(check: Check) -> list[str]:
     """Return what is unusual: an assumed lidar, and a filter's map of another size."""
     remarks = []
     if check.assumed:
@@ -330,17 +330,17 @@ def _rate_columns() -> tuple[Column, ...]:
     if is_narrow:
         off_at_end, reached = "off at end", "at goal"
     return (
-        Column("lost", title="lost", value=lambda row: _share(row.rates.lost)),
-        Column("off_at_end", title=off_at_end, value=lambda row: _share(row.rates.off_at_end)),
-        Column("reached", title=reached, value=lambda row: _share(row.rates.reached)),
+        Column("lost", title="lost", value=lambda row: _format_share(row.rates.lost)),
+        Column("off_at_end", title=off_at_end, value=lambda row: _format_share(row.rates.off_at_end)),
+        Column("reached", title=reached, value=lambda row: _format_share(row.rates.reached)),
     )
 
 
-def _share(rate: Interval) -> str:
-    return _unbroken(format_rate(rate))
+def _format_share(rate: Interval) -> str:
+    return _make_unbreakable(format_rate(rate))
 
 
-def _unbroken(text: str) -> str:
+def _make_unbreakable(text: str) -> str:
     """Return a text that `_table` does not break."""
     return text.replace(" ", "\u00a0")
 
@@ -361,7 +361,7 @@ def _fix_table(check: Check, n_rows: int) -> list[str]:
     columns = (
         Column("fix", value=lambda row: row.title),
         *_rate_columns(),
-        Column("error", title="error", value=lambda row: _unbroken(row.error)),
+        Column("error", title="error", value=lambda row: _make_unbreakable(row.error)),
     )
     rows = fix_rows(check)
     title = _count_rows("fix", "fixes", n_rows, len(rows) - 1)

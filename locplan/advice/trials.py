@@ -13,7 +13,7 @@ import numpy as np
 
 from locplan._support.intervals import Interval
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare, confirm
+from locplan.simulation.verdict import BETTER, DriveSet, Verdict, compare_drives, confirm
 
 WORTHWHILE = 0.9
 """Ratio of errors from which on a fix is worth its effort, as for paths."""
@@ -67,7 +67,7 @@ class Outcome(NamedTuple):
         return DriveSet(self.log_error.ravel(), self.lost.ravel(), self.off_at_end.ravel())
 
 
-class Contrast(NamedTuple):
+class FixContrast(NamedTuple):
     """Comparison of the drives with a fix with those without it."""
 
     verdict: Verdict
@@ -80,10 +80,10 @@ class Contrast(NamedTuple):
     @property
     def keeps_more(self) -> bool:
         """True if the fix is better because it keeps drives from getting lost."""
-        return self.verdict.word == BETTER and self.verdict.fewer_lost
+        return self.verdict.word == BETTER and self.verdict.has_fewer_lost
 
 
-def contrast(before: Outcome, after: Outcome, *, n_alternatives: int = 1) -> Contrast:
+def compare_fix(before: Outcome, after: Outcome, *, n_alternatives: int = 1) -> FixContrast:
     """Compare two sets of drives of the same numbers.
 
     Parameters
@@ -95,30 +95,30 @@ def contrast(before: Outcome, after: Outcome, *, n_alternatives: int = 1) -> Con
     """
     log_ratios = after.log_error - before.log_error
     saved = (before.lost & ~after.lost).sum(), (after.lost & ~before.lost).sum()
-    gain = paired_shares(*saved, log_ratios.size)
-    return Contrast(
-        compare(before.drive_set, after.drive_set, n_alternatives=n_alternatives),
+    gain = compare_paired_shares(*saved, log_ratios.size)
+    return FixContrast(
+        compare_drives(before.drive_set, after.drive_set, n_alternatives=n_alternatives),
         gain,
         float(log_ratios.mean()) - gain.value,
     )
 
 
-def paired_shares(ones: int, others: int, trials: int) -> Interval:
+def compare_paired_shares(n_first: int, n_second: int, trials: int) -> Interval:
     """Difference of two shares of paired trials, by Bonett and Price's adjusted interval.
 
     Parameters
     ----------
-    ones, others : int
+    n_first, n_second : int
         Number of the trials of which only the first, and only the second, is true.
     trials : int
         Number of all trials.
     """
-    p, q = (ones + 1) / (trials + 2), (others + 1) / (trials + 2)
+    p, q = (n_first + 1) / (trials + 2), (n_second + 1) / (trials + 2)
     half = 1.96 * math.sqrt((p + q - (p - q) ** 2) / (trials + 2))
-    return Interval((ones - others) / trials, max(-1.0, p - q - half), min(1.0, p - q + half))
+    return Interval((n_first - n_second) / trials, max(-1.0, p - q - half), min(1.0, p - q + half))
 
 
-def is_hopeless(before: DriveSet, after: DriveSet) -> bool:
+def is_futile(before: DriveSet, after: DriveSet) -> bool:
     """True if a fix has shown after a few drives that it is not better.
 
     Parameters
@@ -135,7 +135,7 @@ def is_hopeless(before: DriveSet, after: DriveSet) -> bool:
 class Trial(NamedTuple):
     """The drives with one fix."""
 
-    contrast: Contrast
+    contrast: FixContrast
     """The comparison with the drives without it."""
     outcome: Outcome
     """The drives."""
@@ -145,8 +145,8 @@ class Trial(NamedTuple):
 
 def try_fix(
     drive: Callable[[range], Outcome],
-    few: tuple[range, Outcome],
-    many: tuple[range, Outcome],
+    trial_drives: tuple[range, Outcome],
+    full_drives: tuple[range, Outcome],
 ) -> Trial:
     """Drive with a fix a few times, and if it leads, with the drives that judge it.
 
@@ -154,15 +154,15 @@ def try_fix(
     ----------
     drive : callable
         Drives with the fix.
-    few, many : (range, Outcome)
+    trial_drives, full_drives : (range, Outcome)
         Numbers of the drives, and the drives without the fix.
     """
-    outcome = drive(few[0])
-    first = contrast(few[1], outcome)
-    if is_hopeless(few[1].drive_set, outcome.drive_set) and first.verdict.word != BETTER:
+    outcome = drive(trial_drives[0])
+    first = compare_fix(trial_drives[1], outcome)
+    if is_futile(trial_drives[1].drive_set, outcome.drive_set) and first.verdict.word != BETTER:
         return Trial(first, outcome, True)
-    outcome = drive(many[0])
-    return Trial(contrast(many[1], outcome), outcome, False)
+    outcome = drive(full_drives[0])
+    return Trial(compare_fix(full_drives[1], outcome), outcome, False)
 
 
 class Combination(NamedTuple):
@@ -181,39 +181,39 @@ DriveFixes = Callable[[tuple[str, ...], range], Outcome]
 
 
 def select_fixes(
-    sure: tuple[str, ...],
+    certain: tuple[str, ...],
     order: Sequence[str],
     drive: DriveFixes,
-    known: range,
+    selection_numbers: range,
     costly: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """Select fixes to combine until neither lost drives nor the error fall further.
 
     Parameters
     ----------
-    sure : tuple of str
+    certain : tuple of str
         Kinds of those that are done whatever drives show.
     order : sequence of str
         Kinds of those that are better alone, the best first.
     drive : callable
         Drives with fixes of some kinds.
-    known : range
+    selection_numbers : range
         Numbers of the drives that judged the fixes.
     costly : sequence of str, default ()
         Kinds that must keep drives from getting lost; a lower error alone is not worth them.
     """
-    kinds = sure or tuple(order[:1])
-    while kind := _next_fix(kinds, order, drive, known, costly):
+    kinds = certain or tuple(order[:1])
+    while kind := _find_next_fix(kinds, order, drive, selection_numbers, costly):
         kinds = (*kinds, kind)
-    for kind in [kind for kind in kinds if kind not in sure]:
+    for kind in [kind for kind in kinds if kind not in certain]:
         reduced = tuple(other for other in kinds if other != kind)
-        if reduced and _is_superfluous(drive(reduced, known), drive(kinds, known)):
+        if reduced and _is_superfluous(drive(reduced, selection_numbers), drive(kinds, selection_numbers)):
             kinds = reduced
     return kinds
 
 
 def confirm_fixes(
-    sure: tuple[str, ...], taken: tuple[str, ...], drive: DriveFixes, known: range, fresh: range
+    certain: tuple[str, ...], kinds: tuple[str, ...], drive: DriveFixes, selection_numbers: range, fresh: range
 ) -> Combination:
     """Confirm a combination of fixes by fresh drives, which alone decide.
 
@@ -221,52 +221,52 @@ def confirm_fixes(
 
     Parameters
     ----------
-    sure : tuple of str
+    certain : tuple of str
         Kinds of the fixes that are done whatever drives show.
-    taken : tuple of str
+    kinds : tuple of str
         Kinds of all fixes of the combination.
     drive : callable
         Drives with fixes of some kinds.
-    known : range
+    selection_numbers : range
         Numbers of the drives that selected the fixes.
     fresh : range
         Numbers of other drives.
     """
-    numbers = known
-    if taken != sure:
-        n_routes = len(drive(taken, fresh[:1]).lost)
+    numbers = selection_numbers
+    if kinds != certain:
+        n_routes = len(drive(kinds, fresh[:1]).lost)
         half = (len(fresh) + 1) // 2
         is_early = half * n_routes >= MIN_FRESH
         verdict = confirm(
-            lambda numbers: (drive(sure, numbers).drive_set, drive(taken, numbers).drive_set),
+            lambda numbers: (drive(certain, numbers).drive_set, drive(kinds, numbers).drive_set),
             fresh,
             looks=[half, len(fresh)] if is_early and half < len(fresh) else [len(fresh)],
         )
         numbers = fresh[: verdict.n_drives // n_routes]
-        taken = taken if verdict.word == BETTER else sure
-    return Combination(taken, drive((), numbers), drive(taken, numbers))
+        kinds = kinds if verdict.word == BETTER else certain
+    return Combination(kinds, drive((), numbers), drive(kinds, numbers))
 
 
-def _next_fix(
-    taken: tuple[str, ...],
+def _find_next_fix(
+    kinds: tuple[str, ...],
     order: Sequence[str],
     drive: DriveFixes,
-    known: range,
+    selection_numbers: range,
     costly: Sequence[str],
 ) -> str:
     """Return the fix that is better in addition to others and gains most; empty if none is."""
-    left = [kind for kind in order if kind not in taken]
+    left = [kind for kind in order if kind not in kinds]
     scores = {}
     for kind in left:
-        outcomes = drive(taken, known), drive((*taken, kind), known)
-        addition = contrast(*outcomes, n_alternatives=len(left))
+        outcomes = drive(kinds, selection_numbers), drive((*kinds, kind), selection_numbers)
+        addition = compare_fix(*outcomes, n_alternatives=len(left))
         is_better = addition.verdict.word == BETTER
         if addition.keeps_more or (is_better and kind not in costly):
             scores[kind] = addition.score
     return min(scores, key=lambda kind: scores[kind], default="")
 
 
-def _is_superfluous(without: Outcome, together: Outcome) -> bool:
+def _is_superfluous(reduced: Outcome, combined: Outcome) -> bool:
     """True if one of several fixes neither keeps a drive from getting lost nor lowers the error."""
-    addition = contrast(without, together)
+    addition = compare_fix(reduced, combined)
     return addition.verdict.ratio.value > SUPERFLUOUS and addition.gain.value <= 0

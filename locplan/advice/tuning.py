@@ -22,8 +22,8 @@ from locplan._support.runs import get_command_line
 from locplan._support.tables import REPORT_WIDTH, nan_to_none
 from locplan.advice.preset_choice import (
     LEVEL_DRIVES,
-    OWN,
-    Case,
+    USER_SETTINGS,
+    LevelCase,
     CaseResult,
     PresetChoice,
     choice_values,
@@ -37,22 +37,22 @@ from locplan.planning.plans import plan
 from locplan.planning.queries import random_queries
 from locplan.recordings.faults import find_recording_faults
 from locplan.recordings.recording import Recording
-from locplan.recordings.replays import RUNS, ReplayedDrive, Tracks, find_replay_limit, sparse_notes
+from locplan.recordings.replays import RUNS, ReplayedDrive, ReplayInputs, find_replay_limit, sparse_notes
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import AMCL_PRESETS, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.amcl_parameters import (
     BeamsLeft,
-    differing_names,
-    warn_of_settings,
+    find_differing_names,
+    list_setting_warnings,
     write_tuned,
 )
 from locplan.simulation.driver import drive_open
 from locplan.simulation.drives import check_drives
-from locplan.simulation.levels import LEVELS, USUAL, Level, levels_for, select_paths
+from locplan.simulation.levels import LEVELS, NO_FAULT, Level, select_levels, select_paths
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet
-from locplan.simulation.worlds import about_filter, check_filter_map, check_of_one_map, poses_along
+from locplan.simulation.worlds import summarize_filter_map, check_filter_map, check_single_map, make_path_poses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,10 +95,10 @@ class Tuning(Result):
     """Limits of the result, in sentences without a full stop."""
 
     def __repr__(self) -> str:
-        return f"Tuning({self.where}, {self.choice.name})"
+        return f"Tuning({self.map_names}, {self.choice.name})"
 
     @property
-    def where(self) -> str:
+    def map_names(self) -> str:
         """Names of the maps."""
         return ", ".join(grid.name or "map" for grid in self.grids)
 
@@ -111,7 +111,7 @@ class Tuning(Result):
     def changes(self) -> dict[str, float | str]:
         """Parameters to change, by their names; empty if no preset is to be used."""
         user_settings, winner = self.robot.amcl, self.winner
-        return {name: getattr(winner, name) for name in differing_names(user_settings, winner)}
+        return {name: getattr(winner, name) for name in find_differing_names(user_settings, winner)}
 
     @property
     def conclusion(self) -> str:
@@ -119,17 +119,17 @@ class Tuning(Result):
         choice = self.choice
         if not choice.is_preset:
             reasons = "; ".join(choice.objections.values()) or "they are those of the presets"
-            return f"Keep {OWN}: {reasons}"
+            return f"Keep {USER_SETTINGS}: {reasons}"
         if choice.recordings:
             before, after = (
-                self._first_result(name, choice.recordings) for name in (OWN, choice.name)
+                self._first_result(name, choice.recordings) for name in (USER_SETTINGS, choice.name)
             )
             errors = (
                 f"{format_metres(after.error.value)} on {after.case}, {format_metres(before.error.value)}"
             )
-            return f"Use {choice.title}: an error of {errors} with {OWN}"
+            return f"Use {choice.title}: an error of {errors} with {USER_SETTINGS}"
         less = 100 * (1 - choice.verdicts[choice.name].ratio.value)
-        return f"Use {choice.title}: {less:.0f} % less error than with {OWN}"
+        return f"Use {choice.title}: {less:.0f} % less error than with {USER_SETTINGS}"
 
     def _first_result(self, name: str, cases: tuple[str, ...]) -> CaseResult:
         return next(r for r in self.choice.results if r.settings == name and r.case in cases)
@@ -150,10 +150,10 @@ class Tuning(Result):
 
         return tuning_figure(self)
 
-    def _write(self, folder: FilePath, *about: Any) -> None:
-        write_tuned(folder / "nav2_params.yaml", self.winner, *about)
+    def _write(self, folder: FilePath, *related: Any) -> None:
+        write_tuned(folder / "nav2_params.yaml", self.winner, *related)
 
-    def summary(self, *about: Any, **more: Any) -> dict[str, object]:
+    def summary(self, *related: Any, **details: Any) -> dict[str, object]:
         """Everything in numbers, fit for JSON.
 
         Parameters
@@ -173,7 +173,7 @@ class Tuning(Result):
                 "beams_compared": self.beams_left.compared,
                 "beams_returned": self.beams_left.returned,
                 **{name: getattr(self, name) for name in ("paths", "drives", "seed")},
-                **about_filter(self.filter_map),
+                **summarize_filter_map(self.filter_map),
                 "robot": self.robot.summary(),
                 "recording": self.recording or None,
             }
@@ -211,7 +211,7 @@ def tuning_report(tuning: Tuning) -> str:
     elif tuning.recording:
         lines.append(
             _wrap(
-                f"No preset holds on your drive: keep {OWN}. Look at how well the map fits there,"
+                f"No preset holds on your drive: keep {USER_SETTINGS}. Look at how well the map fits there,"
                 " and how far odometry drifts (locplan recording FILE MAP)."
             )
         )
@@ -267,7 +267,7 @@ def plan_random_paths(costs: Costmap, count: int, seed: int) -> list[Path]:
     return [cut_path(path, random.random()) for path in paths if path is not None]
 
 
-def simulated_cases(
+def make_simulated_cases(
     grid: OccupancyGrid,
     robot: Robot,
     paths: Sequence[Path],
@@ -279,7 +279,7 @@ def simulated_cases(
     stretch: float = 1.0,
     seed: int = 1,
     threads: int | None = None,
-) -> list[Case]:
+) -> list[LevelCase]:
     """Return a case for each level of disturbance that can affect the paths.
 
     Parameters
@@ -299,7 +299,7 @@ def simulated_cases(
     paths_by_name = {f"{n}": path for n, path in enumerate(paths, 1)}
 
     @cache
-    def simulator_with(amcl: Amcl) -> Simulator:
+    def make_simulator(amcl: Amcl) -> Simulator:
         return Simulator(
             grid,
             replace(robot, filter=amcl),
@@ -309,41 +309,41 @@ def simulated_cases(
             stretch=stretch,
         )
 
-    def case_at(level: Level) -> Case:
-        is_usual = level == USUAL
+    def make_case(level: Level) -> LevelCase:
+        is_usual = level == NO_FAULT
         affected = select_paths(level, paths_by_name, grid)
         min_count = 0 if is_usual else math.ceil(LEVEL_DRIVES / len(affected))
         count = max(drives, min_count)
         looks = {min(count, math.ceil(n / len(affected))) for n in LEVEL_LOOKS}
 
         def drive(amcl: Amcl, numbers: range) -> DriveSet:
-            drives_by_path = drive_open(simulator_with(amcl), affected, numbers, level=level)
+            drives_by_path = drive_open(make_simulator(amcl), affected, numbers, level=level)
             return DriveSet.from_drives(drives_by_path.values())
 
-        return Case(
+        return LevelCase(
             f"{label} {level.name}".strip(),
             drive,
             (count,) if is_usual else (*sorted(looks - {count}), count),
             "" if is_usual else level.phrase,
         )
 
-    return [case_at(level) for level in levels_for(paths, grid, levels)]
+    return [make_case(level) for level in select_levels(paths, grid, levels)]
 
 
-def cut_path(path: Path, where: float) -> Path:
+def cut_path(path: Path, fraction: float) -> Path:
     """Return a part of a path of at most 40 m.
 
     Parameters
     ----------
     path : Path
         The path.
-    where : float
+    fraction : float
         Where the part begins: 0 at the start of the path, 1 so that it ends at the goal.
     """
     spare = path.length - LONGEST
     if spare <= 0:
         return path
-    first, last = where * spare, where * spare + LONGEST
+    first, last = fraction * spare, fraction * spare + LONGEST
     inner = (path.distance > first) & (path.distance < last)
 
     def cut(values: Floats) -> Floats:
@@ -368,7 +368,7 @@ def tune(
     drives: int = DRIVES,
     levels: Sequence[Level] = LEVELS,
     filter_map: OccupancyGrid | None = None,
-    others: Mapping[str, object] | None = None,
+    further_parameters: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -398,7 +398,7 @@ def tune(
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, if it differs from `grid`; see
         `locplan.simulation.simulate`.
-    others : mapping of str to object, optional
+    further_parameters : mapping of str to object, optional
         Further parameters in the user's file, such as `z_short`, for the warnings.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal results.
@@ -430,7 +430,7 @@ def tune(
     grids = as_list(grid)
     for map_grid in grids:
         check_grid(map_grid)
-    check_of_one_map(filter_map, grids)
+    check_single_map(filter_map, grids)
     check_integer("paths", paths, FEWEST_PATHS, 1000)
     check_drives(drives)
     simulators = [
@@ -443,12 +443,12 @@ def tune(
     cases = [
         case
         for map_grid, map_paths, label in zip(grids, ways, labels, strict=True)
-        for case in simulated_cases(
+        for case in make_simulated_cases(
             map_grid, simulated_robot, map_paths, levels, drives=drives, label=label, **shared
         )
     ]
     lines = [
-        poses_along(path, map_grid) for map_grid, map_paths in zip(grids, ways, strict=True) for path in map_paths
+        make_path_poses(path, map_grid) for map_grid, map_paths in zip(grids, ways, strict=True) for path in map_paths
     ]
     choice = choose_preset(simulated_robot.amcl, cases, lines, progress=progress)
     beams_left = min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned)
@@ -457,7 +457,7 @@ def tune(
         robot=simulated_robot,
         choice=choice,
         beams_left=beams_left,
-        warnings=warn_of_settings(simulated_robot, choice.settings, beams_left, others),
+        warnings=list_setting_warnings(simulated_robot, choice.settings, beams_left, further_parameters),
         paths=paths,
         drives=drives,
         seed=seed,
@@ -465,15 +465,15 @@ def tune(
     )
 
 
-def as_list(one_or_more: Any) -> list[Any]:
+def as_list(single_or_many: Any) -> list[Any]:
     """Return a map or a recording, or a sequence of them that is not empty, as a list.
 
     Parameters
     ----------
-    one_or_more : object
+    single_or_many : object
         A map, a recording, or a sequence of them.
     """
-    values = one_or_more
+    values = single_or_many
     is_sequence = isinstance(values, Sequence) and not isinstance(values, str) and len(values) > 0
     return [*values] if is_sequence else [values]
 
@@ -508,7 +508,7 @@ def tune_on_drive(
     *,
     drives: int = RUNS,
     filter_map: OccupancyGrid | None = None,
-    others: Mapping[str, object] | None = None,
+    further_parameters: Mapping[str, object] | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
@@ -571,7 +571,7 @@ def tune_on_drive(
             f"{len(recordings)} drives need one map, or one for each in their order, not"
             f" {len(grids)}"
         )
-    check_of_one_map(filter_map, grids)
+    check_single_map(filter_map, grids)
     check_drives(drives)
     check_integer("seed", seed, 0)
     check_threads(threads)
@@ -584,19 +584,19 @@ def tune_on_drive(
             recordings, grids * (len(recordings) // len(grids)), labels, strict=True
         )
     ]
-    for each in drives_on_maps:
-        _check_drive(each)
-    faults = [find_recording_faults(each.recording, each.grid) for each in drives_on_maps]
+    for replayed_drive in drives_on_maps:
+        _check_drive(replayed_drive)
+    faults = [find_recording_faults(replayed_drive.recording, replayed_drive.grid) for replayed_drive in drives_on_maps]
     maps = [*dict.fromkeys(grids)]
     map_labels = number_names([map_grid.name or "map" for map_grid in maps]) if maps[1:] else [""]
     cases = []
     for map_grid, label in zip(maps, map_labels, strict=True):
         paths = plan_random_paths(Costmap.blank(map_grid, robot=drive_robot), SIMULATED_PATHS, seed)
-        cases += simulated_cases(
+        cases += make_simulated_cases(
             map_grid,
             drive_robot,
             paths,
-            [USUAL],
+            [NO_FAULT],
             drives=SIMULATED_DRIVES,
             label=label,
             filter_map=filter_map,
@@ -614,8 +614,8 @@ def tune_on_drive(
     beams_left = min(map(_beams_left, drives_on_maps), key=lambda left: left.returned)
     sparse = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, drive_robot.amcl))
     of_faults = [
-        f"{each.name}: {text.rstrip('.')}"
-        for each, fault in zip(drives_on_maps, faults, strict=True)
+        f"{replayed_drive.name}: {text.rstrip('.')}"
+        for replayed_drive, fault in zip(drives_on_maps, faults, strict=True)
         for text in fault.sentences
     ]
     return Tuning(
@@ -623,7 +623,7 @@ def tune_on_drive(
         robot=drive_robot,
         choice=choice,
         beams_left=beams_left,
-        warnings=warn_of_settings(drive_robot, choice.settings, beams_left, others),
+        warnings=list_setting_warnings(drive_robot, choice.settings, beams_left, further_parameters),
         paths=SIMULATED_PATHS,
         drives=SIMULATED_DRIVES,
         seed=seed,
@@ -635,13 +635,13 @@ def tune_on_drive(
 
 def _check_drive(drive: ReplayedDrive) -> None:
     """Raise a RecordingError if a drive cannot be replayed, or is too short."""
-    Tracks(drive.recording, check_filter_map(drive.filter_map, drive.grid))
+    ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
     if limit := find_replay_limit(drive.recording):
         raise RecordingError(f"{drive.name}: {limit}")
 
 
 def _beams_left(drive: ReplayedDrive) -> BeamsLeft:
     """Return the beams that return on a drive."""
-    tracks = Tracks(drive.recording, check_filter_map(drive.filter_map, drive.grid))
+    tracks = ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
     ends = tracks.ends(drive.robot.amcl)
     return BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))

@@ -69,7 +69,7 @@ class Ring(NamedTuple):
     """Row and column of a cell of the area, beside the ring."""
 
 
-def rings_of(mask: Bools) -> list[Ring]:
+def trace_rings(mask: Bools) -> list[Ring]:
     """All rings along the edges of the cells of a mask, (H, W).
 
     Cells that meet at a corner alone do not belong together: both sides keep a quarter of a cell
@@ -103,11 +103,11 @@ def rings_of(mask: Bools) -> list[Ring]:
     corner[turns[1] & turns[3]] += corner_shift[turns[1] & turns[3]]
     return [
         Ring(corner[ring], (int(cell[ring[0], 0]), int(cell[ring[0], 1])))
-        for ring in _cycles(after.tolist())
+        for ring in _find_cycles(after.tolist())
     ]
 
 
-def _cycles(after: list[int]) -> list[list[int]]:
+def _find_cycles(after: list[int]) -> list[list[int]]:
     """The cycles of a permutation."""
     visited = bytearray(len(after))
     cycles = []
@@ -128,7 +128,7 @@ def signed_area(corners: NDArray[Any]) -> float:
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
 
 
-def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
+def thin_rings(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
     """The corners that are left of an area's rings, as sorted indices, by Douglas and Peucker.
 
     `tolerance` is the greatest distance of a corner that is left out [cells]; less is taken where
@@ -136,7 +136,7 @@ def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
     """
     exact = sum(map(signed_area, rings))
     while tolerance >= 1 / 8:
-        corner_indices = [_kept(ring, tolerance) for ring in rings]
+        corner_indices = [_simplify_ring(ring, tolerance) for ring in rings]
         left = (ring[k] for ring, k in zip(rings, corner_indices, strict=True))
         areas = [signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
         have_same_sign = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
@@ -146,7 +146,7 @@ def thinned(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
     return [np.arange(len(ring)) for ring in rings]
 
 
-def _kept(ring: Ints, tolerance: float) -> Ints:
+def _simplify_ring(ring: Ints, tolerance: float) -> Ints:
     """Indices of the corners that Douglas and Peucker keep."""
     import cv2
 
@@ -155,24 +155,24 @@ def _kept(ring: Ints, tolerance: float) -> Ints:
     return np.sort([index[tuple(at)] for at in corners.tolist()])
 
 
-def untangled(rings: Sequence[Ints], kept: Sequence[Ints]) -> list[Ints]:
+def untangle_rings(rings: Sequence[Ints], corner_indices: Sequence[Ints]) -> list[Ints]:
     """The corners that are left, and as many more as it takes that no lines meet."""
-    kept = list(kept)
+    corner_indices = list(corner_indices)
     while True:
-        corners = [ring[k] for ring, k in zip(rings, kept, strict=True)]
+        corners = [ring[k] for ring, k in zip(rings, corner_indices, strict=True)]
         bounds = np.cumsum([0, *map(len, corners)])
-        met = meeting(corners)
+        met = find_meeting_lines(corners)
         if not met.any():
-            return kept
+            return corner_indices
         for n in np.flatnonzero(np.add.reduceat(met, bounds[:-1])).tolist():
             lines = np.flatnonzero(met[bounds[n] : bounds[n + 1]]).tolist()
-            extra_corners = [_between(rings[n], kept[n], line) for line in lines]
-            kept[n] = np.unique(np.concatenate([kept[n], *extra_corners]))
+            extra_corners = [_find_farthest_corner(rings[n], corner_indices[n], line) for line in lines]
+            corner_indices[n] = np.unique(np.concatenate([corner_indices[n], *extra_corners]))
 
 
-def _between(ring: Ints, kept: Ints, line: int) -> Ints:
+def _find_farthest_corner(ring: Ints, corner_indices: Ints, line: int) -> Ints:
     """Index of the corner farthest from a line that left it out; none if it left out none."""
-    first, last = kept[line], kept[(line + 1) % len(kept)]
+    first, last = corner_indices[line], corner_indices[(line + 1) % len(corner_indices)]
     left_out = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
     if not left_out.size:
         return left_out
@@ -182,7 +182,7 @@ def _between(ring: Ints, kept: Ints, line: int) -> Ints:
     return np.asarray(left_out[farthest : farthest + 1])
 
 
-def meeting(rings: Sequence[Ints]) -> Bools:
+def find_meeting_lines(rings: Sequence[Ints]) -> Bools:
     """Whether each line of the rings, one after the other, meets any but its neighbours' ends."""
     sizes = [len(ring) for ring in rings]
     start = np.concatenate(rings)
@@ -203,8 +203,8 @@ def meeting(rings: Sequence[Ints]) -> Bools:
         a, b = np.nonzero(near)
         i, j = chunk[a], candidates[b]
         along, across = end[i] - start[i], end[j] - start[j]
-        touch = _sides(along, start[i], start[j], end[j]) <= 0
-        touch &= _sides(across, start[j], start[i], end[i]) <= 0
+        touch = _compare_sides(along, start[i], start[j], end[j]) <= 0
+        touch &= _compare_sides(across, start[j], start[i], end[i]) <= 0
         neighbours = (after[i] == j) | (after[j] == i)
         back = (_cross(along, across) == 0) & (np.sum(along * across, axis=1) < 0)
         bad = np.where(neighbours, back, touch)
@@ -212,19 +212,19 @@ def meeting(rings: Sequence[Ints]) -> Bools:
     return met
 
 
-def _sides(along: Ints, origin: Ints, one: Ints, other: Ints) -> Ints:
+def _compare_sides(along: Ints, origin: Ints, first: Ints, second: Ints) -> Ints:
     """At most 0 where two points do not lie strictly on one side of a line."""
-    return np.sign(_cross(along, one - origin)) * np.sign(_cross(along, other - origin))
+    return np.sign(_cross(along, first - origin)) * np.sign(_cross(along, second - origin))
 
 
 def _cross(a: Ints, b: Ints) -> Ints:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
-def polygons_of(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict[int, list[Ints]]:
+def make_polygons(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict[int, list[Ints]]:
     """The rings of each label, its outline first; holes of fewer cells are filled."""
     of_label: dict[int, list[Ring]] = {}
-    for ring in rings_of(mask):
+    for ring in trace_rings(mask):
         of_label.setdefault(int(labels[ring.cell]), []).append(ring)
     rings, corner_indices, owners = [], [], []
     for label, label_rings in of_label.items():
@@ -235,16 +235,16 @@ def polygons_of(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> dict
         filled = (areas[holes] > -min_hole) & (total <= 0.02 * areas[first])
         corners = [label_rings[n].corners for n in (first, *np.array(holes, int)[~filled].tolist())]
         rings += corners
-        corner_indices += thinned(corners, 1.0)  # [cells], which makes steps straight
+        corner_indices += thin_rings(corners, 1.0)  # [cells], which makes steps straight
         owners += [label] * len(corners)
     polygons: dict[int, list[Ints]] = {}
     if rings:
-        for label, ring, indices in zip(owners, rings, untangled(rings, corner_indices), strict=True):
+        for label, ring, indices in zip(owners, rings, untangle_rings(rings, corner_indices), strict=True):
             polygons.setdefault(label, []).append(ring[indices])
     return polygons
 
 
-def middle_of(inside: Bools) -> tuple[int, int]:
+def find_middle_cell(inside: Bools) -> tuple[int, int]:
     """Of the cells far from the edge of an area (H, W), that nearest to their mean."""
     import cv2
 
@@ -308,7 +308,7 @@ def degenerate_areas(
     check_instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
     if field.grid.digest != costs.grid.digest:
         raise FieldError("the field belongs to another map than the costmap; compute it for this")
-    threshold = _half_free(costs, field, threshold)
+    threshold = _choose_threshold(costs, field, threshold)
     grid = costs.grid
     cell_area = grid.resolution**2
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(
@@ -319,28 +319,28 @@ def degenerate_areas(
     large = large[np.argsort(-sizes[large], kind="stable")]
     is_large = np.isin(np.arange(len(sizes)), large)
     # Holes below 0.1 m^2 are filled, such as the legs of tables.
-    polygons = polygons_of(is_large[labels], labels, min(0.1, min_area) / cell_area)
-    points = _points_of(field, labels)
+    polygons = make_polygons(is_large[labels], labels, min(0.1, min_area) / cell_area)
+    points = _group_covariances(field, labels)
     areas = []
     for label in large.tolist():
         left, low, width, height = boxes[label, :4].tolist()
         window = slice(low, low + height), slice(left, left + width)
         inside = labels[window] == label
-        row, col = middle_of(inside)
+        row, col = find_middle_cell(inside)
         covariance = points.get(label)
         if covariance is None:
-            covariance = _read(field, np.argwhere(inside) + np.array([low, left]))
+            covariance = _read_covariances(field, np.argwhere(inside) + np.array([low, left]))
         outline, *holes = (
             np.stack(grid.grid_to_world(*corners.T[::-1] / QUARTERS), axis=1)
             for corners in polygons[label]
         )
         middle = grid.position(row + low, col + left)
-        statistics = _deviations_of(covariance) | {"area": float(sizes[label])}
+        statistics = _summarize_covariances(covariance) | {"area": float(sizes[label])}
         areas.append(DegenerateArea(outline, tuple(holes), middle, **statistics))
     return tuple(areas)
 
 
-def _half_free(costs: Costmap, field: CovarianceField, threshold: float | None) -> float:
+def _choose_threshold(costs: Costmap, field: CovarianceField, threshold: float | None) -> float:
     """A threshold, or half of the u of a place that is featureless along one line.
 
     Such a place, well marked across, is a corridor without features. Its u is 1 by the deviation of
@@ -364,7 +364,7 @@ def _half_free(costs: Costmap, field: CovarianceField, threshold: float | None) 
     return (share ** (1 / 3) if settings.law == "cube-root" else share) / 2
 
 
-def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, Floats]:
+def _group_covariances(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, Floats]:
     """The covariances on the lattice points of each label, (n, d, d)."""
     owner = np.where(field.is_evaluated, labels[:: field.stride, :: field.stride], 0)
     rows, cols = np.nonzero(owner)
@@ -375,7 +375,7 @@ def _points_of(field: CovarianceField, labels: NDArray[np.int32]) -> dict[int, F
     return dict(zip(label_values.tolist(), parts, strict=True)) if label_values.size else {}
 
 
-def _read(field: CovarianceField, cells: Ints) -> Floats:
+def _read_covariances(field: CovarianceField, cells: Ints) -> Floats:
     """Covariances at some cells (n, 2) of an area that lies between the lattice's points."""
     sampled_cells = cells[:: -(-len(cells) // 50)]
     xy = np.column_stack(field.grid.grid_to_world(*(sampled_cells + 0.5).T))
@@ -383,7 +383,7 @@ def _read(field: CovarianceField, cells: Ints) -> Floats:
     return covariances[np.isfinite(covariances).all(axis=(1, 2))]
 
 
-def _deviations_of(covariance: Floats) -> dict[str, Any]:
+def _summarize_covariances(covariance: Floats) -> dict[str, Any]:
     """What the covariances of places (n, d, d) say of their area: fields of `DegenerateArea`."""
     major, minor, direction = position_axes(covariance)
     heading = scalar(covariance, "heading_std")
@@ -462,7 +462,7 @@ class WeakSpot:
         return (self.outline, *self.holes) if len(self.outline) else ()
 
     @property
-    def hurts(self) -> tuple[float, ...]:
+    def severity(self) -> tuple[float, ...]:
         """What it is ranked by: failed drives, and deviation x length x number of routes."""
         weight = self.position_std * self.length if self.rings else 0.0
         return self.lost + self.stopped, self.stopped, weight * len(self.routes), weight
@@ -472,7 +472,7 @@ ROUND, CLEAR = "no corner fixes the heading", "the filter errs although scans fi
 """What is missing if only the heading is uncertain, and at a place where scans are not weak."""
 
 
-def weak_spots(
+def find_weak_spots(
     costs: Costmap, field: CovarianceField, reach: float, paths: Mapping[str, Path]
 ) -> tuple[WeakSpot, ...]:
     """The weak spots of a map, first those of the largest deviation x length x routes that pass.
@@ -491,12 +491,12 @@ def weak_spots(
     paths : mapping of str to Path
         The routes by name.
     """
-    lines = {name: points_of(path) for name, path in paths.items()}
+    lines = {name: sample_path(path) for name, path in paths.items()}
     reachable = _mark_reachable(costs, lines)
     costs = replace(costs, u=np.where(reachable, costs.u, np.nan))
     free = np.count_nonzero(reachable) * costs.grid.resolution**2
-    spots = [_spot(area, costs.grid, reach, lines) for area in _areas(costs, field, free)]
-    return tuple(sorted(spots, key=lambda each: each.hurts, reverse=True))
+    spots = [_make_spot(area, costs.grid, reach, lines) for area in _find_areas(costs, field, free)]
+    return tuple(sorted(spots, key=lambda spot: spot.severity, reverse=True))
 
 
 def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
@@ -526,7 +526,7 @@ def _mark_reachable(costs: Costmap, lines: Mapping[str, Floats]) -> Bools:
     return np.asarray(near & costs.grid.free)
 
 
-def _areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[DegenerateArea, ...]:
+def _find_areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[DegenerateArea, ...]:
     """Degenerate areas, none of which takes most of the map unless nothing divides it."""
     areas: tuple[DegenerateArea, ...] = ()
     for threshold in (None, 0.6, 0.7, 0.8, 0.9):  # minimum u of a spot's cells
@@ -538,20 +538,20 @@ def _areas(costs: Costmap, field: CovarianceField, free: float) -> tuple[Degener
     return areas
 
 
-def _spot(
+def _make_spot(
     area: DegenerateArea, grid: OccupancyGrid, reach: float, lines: Mapping[str, Floats]
 ) -> WeakSpot:
     direction = area.direction % math.pi
     along = np.array([math.cos(direction), math.sin(direction)])
     length, width = (float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1]))
-    passing = {name: inner_points for name, line in lines.items() if len(inner_points := line[is_within(area, line)])}
+    passing = {name: inner_points for name, line in lines.items() if len(inner_points := line[are_inside(area, line)])}
     longest = max(passing.values(), key=len, default=np.array([area.middle]))
     x, y = longest[len(longest) // 2].tolist()
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2
     degrees = round(math.degrees(direction)) % 180
     axis = {0: "x", 9: "y", 18: "x"}.get(round(degrees / 10), f"{degrees} deg")
     missing = f"no features along {axis}"
-    if seen_around(grid, (x, y), reach) < 0.35:  # of the directions
+    if compute_visible_share(grid, (x, y), reach) < 0.35:  # of the directions
         missing = f"few walls within {reach:g} m"
     elif turns:
         missing = ROUND
@@ -573,7 +573,7 @@ def _spot(
     )
 
 
-def seen_around(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> float:
+def compute_visible_share(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> float:
     """Share of 72 directions from a place in which a wall stands within a range [m]."""
     angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     steps = np.arange(0.0, reach, grid.resolution / 2)
@@ -585,12 +585,12 @@ def seen_around(grid: OccupancyGrid, xy: tuple[float, float], reach: float) -> f
     return float((walls & is_inside).any(axis=1).mean())
 
 
-def points_of(path: Path) -> Floats:
+def sample_path(path: Path) -> Floats:
     """Points of a path every quarter of a metre, (n, 2) [m]."""
     return np.asarray(path.resample(0.25, even=True).xy)
 
 
-def inside(outline: Floats, points: Floats) -> Bools:
+def are_inside_outline(outline: Floats, points: Floats) -> Bools:
     """Which of some points (n, 2) lie in an outline, (n,)."""
     import cv2
 
@@ -601,15 +601,15 @@ def inside(outline: Floats, points: Floats) -> Bools:
     return np.array(tested) >= 0
 
 
-def is_within(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
+def are_inside(area: DegenerateArea | WeakSpot, points: Floats) -> Bools:
     """Which of some points lie in an area, and in none of its holes."""
-    is_inside = inside(area.outline, points)
+    is_inside = are_inside_outline(area.outline, points)
     for hole in area.holes:
-        is_inside &= ~inside(hole, points)
+        is_inside &= ~are_inside_outline(hole, points)
     return is_inside
 
 
-def gathered(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:
+def group_positions(xy: Floats, radius: float) -> list[tuple[Floats, Ints]]:
     """Positions in groups, the largest first: one within a radius of all, and which they are.
 
     Parameters

@@ -18,7 +18,7 @@ from locplan import __version__
 from locplan._support.checks import check_file_path, short_repr
 from locplan._support.public import load_templates
 from locplan._support.reading import read_text
-from locplan.comparison.statistics import MEASURES, Array, Run, best_so_far, median_costs, query_of
+from locplan.comparison.statistics import MEASURES, Array, Run, best_so_far, compute_median_costs, query_from_run
 from locplan.errors import LocplanError, MapError
 from locplan.maps.files import load_map
 from locplan.maps.grid import OccupancyGrid
@@ -26,7 +26,7 @@ from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.planning.queries import Query
 
 
-def read_map(file: Path) -> OccupancyGrid:
+def read_benchmark_map(file: Path) -> OccupancyGrid:
     """Read a map of map_server or, if its name ends in .map, of MovingAI."""
     return read_movingai_map(file) if file.suffix == ".map" else load_map(file)
 
@@ -124,7 +124,7 @@ OUTCOMES: Mapping[str, str] = {
     "Crash": "crashed",
     "Aborted": "",
     "Infeasible": "infeasible",
-    **{each.capitalize(): each for each in ("unreachable", "error", "hung", "out of memory")},
+    **{status.capitalize(): status for status in ("unreachable", "error", "hung", "out of memory")},
     "Not found": "not found",
 }
 """Statuses of runs by their names in logs, in the order of their numbers there; those up to
@@ -173,10 +173,10 @@ def write_ompl_logs(
         raise LocplanError("there are no runs to write a log of")
     environment = load_templates("locplan.comparison")
     environment.filters |= {"line": _line, "word": _word, "number": _number}
-    template, costs = environment.get_template("ompl.log"), median_costs(ordered)
-    queries = Counter(setting for setting, _ in {query_of(run) for run in ordered})
+    template, costs = environment.get_template("ompl.log"), compute_median_costs(ordered)
+    queries = Counter(setting for setting, _ in {query_from_run(run) for run in ordered})
     logs: dict[str, str] = {}
-    for (setting, query), group in groupby(ordered, query_of):
+    for (setting, query), group in groupby(ordered, query_from_run):
         problem_runs, task = list(group), "{}, {}, weight {:g}".format(*setting)
         reference = costs.get(((setting, query), baseline or ""), math.nan)
         logs[f"{len(logs):04d}.log"] = template.render(

@@ -16,18 +16,18 @@ from typing import Any
 
 from locplan._support.checks import check_workers, check_instance, check_choice, short_repr, usable_cores, check_integer
 from locplan._support.output import temporary_folder
-from locplan.comparison.benchmarks import read_map, read_scenarios
+from locplan.comparison.benchmarks import read_benchmark_map, read_scenarios
 from locplan.comparison.journal import Journal
-from locplan.comparison.planners import PlannerSpec, robot_of_maps, specs_of
+from locplan.comparison.planners import PlannerSpec, find_costmap_robot, make_specs
 from locplan.comparison.result import Case, Comparison
-from locplan.comparison.runs import Order, orders_of, put_costmap, runs_of
+from locplan.comparison.runs import Job, make_jobs, put_costmap, run_jobs
 from locplan.comparison.settings import (
     Execution,
     RandomQueries,
-    described_field,
-    described_queries,
-    digest_of,
-    resolved_queries,
+    describe_field_config,
+    describe_queries,
+    compute_map_digest,
+    resolve_queries,
     versions,
 )
 from locplan.comparison.workers import Workers
@@ -115,15 +115,15 @@ def compare(
         If anything is wrong with the input, before the first run.
     """
     execution = execution or Execution()
-    queries = resolved_queries(queries)
+    queries = resolve_queries(queries)
     weight_list = [float(weights)] if isinstance(weights, (int, float)) else weights
     if weight_list is not None:
         _check_each_once("weight", weight_list)
     seeds = _checked_seeds(seeds)
     fields = named_configs(configs, robot)
-    robot_planner = default_planner(robot or robot_of_maps(maps))
+    robot_planner = default_planner(robot or find_costmap_robot(maps))
     planners = ("grid", robot_planner) if planners is None else planners
-    specs = _specs(planners, _driven(robot, fields), execution.time_limit)
+    specs = _make_specs(planners, _select_simulated_robot(robot, fields), execution.time_limit)
     labels = [spec.label for spec in specs]
     baseline = baseline or max(labels, key=lambda label: label == robot_planner)
     check_choice("baseline", baseline, labels)
@@ -132,7 +132,7 @@ def compare(
     radius = (robot or Robot()).radius
     zones = check_zones(zones)
     make_case = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
-    maps_by_name = name_maps(maps, read_map)
+    maps_by_name = name_maps(maps, read_benchmark_map)
     for name, map_or_costmap in maps_by_name.items():
         if isinstance(map_or_costmap, OccupancyGrid):
             check_on_map(zones, map_or_costmap)
@@ -140,11 +140,11 @@ def compare(
             raise ConfigError(f"map {short_repr(name)} is a costmap with its own zones; leave zones out")
     settings = {
         "versions": versions(),
-        "maps": {name: digest_of(map_or_costmap) for name, map_or_costmap in maps_by_name.items()},
-        "fields": {label: described_field(config) for label, config in fields.items()},
+        "maps": {name: compute_map_digest(map_or_costmap) for name, map_or_costmap in maps_by_name.items()},
+        "fields": {label: describe_field_config(config) for label, config in fields.items()},
         "criterion": criterion,
         **({"zones": zones.digest} if zones else {}),
-        "queries": described_queries(queries),
+        "queries": describe_queries(queries),
         "planners": {spec.label: spec.identity() for spec in specs},
         "weights": weight_list and [float(weight) for weight in weight_list],
         "seeds": seeds,
@@ -158,16 +158,16 @@ def compare(
         Workers(specs, check_workers(execution.workers), **limits, scratch=folder) as workers,
     ):
         cases: list[Case] = []
-        jobs: list[Order] = []
+        jobs: list[Job] = []
         headed = any(spec.planner.space not in ("R2", LATTICE) for spec in specs)
         for case, costs in _cases(maps_by_name, fields, criterion, queries, headed, make_case):
             home = folder / str(len(cases))
             costs = costs if robot is None else dataclasses.replace(costs, robot=robot)
             put_costmap(costs, home)  # they may be many: no more than one is in memory here
-            jobs += orders_of(case, costs, home, specs, _weights(weight_list, case, costs), seeds)
+            jobs += make_jobs(case, costs, home, specs, _weights(weight_list, case, costs), seeds)
             cases.append(case)
-        runs = runs_of(jobs, specs, workers.run, journal, execution.progress)
-    description = _about(execution, specs, queries, began) | {
+        runs = run_jobs(jobs, specs, workers.run, journal, execution.progress)
+    description = _describe_comparison(execution, specs, queries, began) | {
         "weights": list(dict.fromkeys(run.task.weight for run in runs)),
         "seeds": seeds,
         "robot": robot and robot.summary(),
@@ -175,7 +175,7 @@ def compare(
     return Comparison(tuple(runs), baseline, {case.key: case for case in cases}, description)
 
 
-def _about(
+def _describe_comparison(
     execution: Execution, specs: Sequence[PlannerSpec], queries: Any, began: datetime
 ) -> dict[str, Any]:
     """Versions, the machine, the planners, random queries and the limits, fit for JSON."""
@@ -192,9 +192,9 @@ def _about(
     }
 
 
-def _specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
+def _make_specs(planners: Any, robot: Robot | None, time_limit: float | None) -> list[PlannerSpec]:
     is_single = isinstance(planners, (str, Planner, PlannerSpec)) or callable(planners)
-    specs = specs_of([planners] if is_single else planners)
+    specs = make_specs([planners] if is_single else planners)
     return [spec.with_time_limit(time_limit).with_robot(robot) for spec in specs]
 
 
@@ -215,7 +215,7 @@ def named_configs(
     return {label: config_from_settings(config) for label, config in configs.items()}
 
 
-def _driven(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | None:
+def _select_simulated_robot(robot: Robot | None, fields: Mapping[str, FieldConfig]) -> Robot | None:
     """The robot that is simulated: its lidar is left to the fields where these differ in it."""
     lidars = {getattr(config.estimator, "lidar", None) for config in fields.values()}
     if robot is None or lidars <= {robot.lidar, None}:
@@ -246,7 +246,7 @@ def _cases(
     criterion: str | None,
     queries: Any,
     headed: bool,
-    made: partial[Case],
+    make_case: partial[Case],
 ) -> Iterator[tuple[Case, Costmap]]:
     """A case of each kind for each map, with its costmap; all cases of a map have its queries."""
     for name, map_or_costmap in maps.items():
@@ -255,10 +255,10 @@ def _cases(
         map_queries = queries[name] if isinstance(queries, Mapping) else queries
         case_queries: tuple[Query, ...] = ()
         if isinstance(map_or_costmap, Costmap):
-            cases = [Case(name, "own cost", map_or_costmap.grid, map_or_costmap.robot_radius, own=map_or_costmap)]
+            cases = [Case(name, "own cost", map_or_costmap.grid, map_or_costmap.robot_radius, user_costmap=map_or_costmap)]
         else:
             cases = [
-                made(
+                make_case(
                     name,
                     label,
                     map_or_costmap,
@@ -273,14 +273,14 @@ def _cases(
             yield dataclasses.replace(case, queries=case_queries), costs
 
 
-def _queries(asked: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
+def _queries(query_source: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
     """The queries that `resolved_queries` has left random, or in a file."""
-    if isinstance(asked, RandomQueries):
-        return normalize_queries(costs, asked.count, asked.min_distance, asked.seed, headed)
-    if isinstance(asked, (str, os.PathLike)) and Path(asked).suffix == ".scen":
+    if isinstance(query_source, RandomQueries):
+        return normalize_queries(costs, query_source.count, query_source.min_distance, query_source.seed, headed)
+    if isinstance(query_source, (str, os.PathLike)) and Path(query_source).suffix == ".scen":
         # A file may hold fifteen thousand.
-        return tuple(read_scenarios(asked, costs.grid, count=100))
-    return normalize_queries(costs, asked, 0.0, 1, headed)
+        return tuple(read_scenarios(query_source, costs.grid, count=100))
+    return normalize_queries(costs, query_source, 0.0, 1, headed)
 
 
 def _weights(weights: Sequence[float] | None, case: Case, costs: Costmap) -> list[float]:

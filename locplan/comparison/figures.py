@@ -14,7 +14,7 @@ from locplan._support import drawing as styles
 from locplan._support.checks import make_printable
 from locplan._support.drawing import Picture, label_plainly
 from locplan._support.kernels.arrays import Floats
-from locplan.comparison.statistics import Run, Setting, grouped, median_costs, query_of
+from locplan.comparison.statistics import Run, RunSetting, group_records, compute_median_costs, query_from_run
 from locplan.field.figures import draw_field
 from locplan.maps.figures import draw_map
 from locplan.planning.figures import draw_ends, draw_path
@@ -40,9 +40,9 @@ def cost_figure(comparison: Comparison) -> Figure:
     comparison : Comparison
         The comparison.
     """
-    rows = _compared(comparison.standings())
+    rows = _select_compared(comparison.standings())
     if len(rows) > MAX_ROWS:
-        rows = _compared(comparison.standings(pooled=True))[:MAX_ROWS]
+        rows = _select_compared(comparison.standings(pooled=True))[:MAX_ROWS]
     figure = Picture(figsize=(7, 1.0 + 0.34 * max(len(rows), 1)), layout="constrained")
     axes = figure.subplots()
     axes.axvline(1, color="0.2", linewidth=1.4)
@@ -62,7 +62,7 @@ def cost_figure(comparison: Comparison) -> Figure:
     return figure
 
 
-def _compared(rows: list[Standing]) -> list[Standing]:
+def _select_compared(rows: list[Standing]) -> list[Standing]:
     """Return the rows of planners that solved a query of the baseline's, the baseline aside."""
     return [row for row in rows if row.summary.planner != row.cost.baseline and row.cost.pairs]
 
@@ -105,7 +105,7 @@ def _row_names(rows: list[Standing]) -> list[str]:
     ]
 
 
-class Scene(NamedTuple):
+class QueryScene(NamedTuple):
     """A query at one weight, with a path of each planner."""
 
     case: Case
@@ -120,13 +120,13 @@ class Scene(NamedTuple):
         return f"{self.query.name} on {self.case.map}, {self.case.config}, weight {self.weight:g}"
 
 
-def most_telling_scene(comparison: Comparison) -> Scene | None:
+def find_most_telling_scene(comparison: Comparison) -> QueryScene | None:
     """Return the query at which most planners' J differs most from the baseline's.
 
     It is None if the baseline has no path on a known map.
     """
-    queries = grouped(median_costs(comparison.runs).items(), lambda item: item[0][0])
-    gaps: dict[tuple[Setting, str], float] = {}
+    queries = group_records(compute_median_costs(comparison.runs).items(), lambda median_cost: median_cost[0][0])
+    gaps: dict[tuple[RunSetting, str], float] = {}
     for (setting, name), median_costs_of_query in queries.items():
         costs = {planner: cost for (_, planner), cost in median_costs_of_query}
         reference = costs.pop(comparison.baseline, 0.0)
@@ -138,19 +138,19 @@ def most_telling_scene(comparison: Comparison) -> Scene | None:
     setting, name = max(gaps, key=lambda key: (round(gaps[key], 9), key[0].weight))
     case = comparison.cases[str(setting.map), setting.config]
     query = next(query for query in case.queries if query.name == name)
-    return Scene(case, query, _typical_runs(comparison, setting, name), setting.weight)
+    return QueryScene(case, query, _typical_runs(comparison, setting, name), setting.weight)
 
 
-def _typical_runs(comparison: Comparison, setting: Setting, query: str) -> dict[str, Run]:
-    runs = [run for run in comparison.runs if query_of(run) == (setting, query) and run.xy]
-    groups = grouped(runs, lambda run: run.task.planner)
+def _typical_runs(comparison: Comparison, setting: RunSetting, query: str) -> dict[str, Run]:
+    runs = [run for run in comparison.runs if query_from_run(run) == (setting, query) and run.xy]
+    groups = group_records(runs, lambda run: run.task.planner)
     ordered = {
         name: sorted(group, key=lambda run: run.measures["cost"]) for name, group in groups.items()
     }
     return {name: group[(len(group) - 1) // 2] for name, group in ordered.items()}
 
 
-def path_figure(scene: Scene) -> Figure:
+def scene_figure(scene: QueryScene) -> Figure:
     """Draw the paths of a query over the field, or over the map of a user's own costmap.
 
     Parameters

@@ -106,7 +106,7 @@ class Journal:
         if torn:
             self._file.truncate(sum(len(line) + 1 for line in lines))
         for number, line in enumerate(lines[1:], 2):
-            run = self._parsed(number, line)
+            run = self._parse_run(number, line)
             self.runs[run.task] = run
 
     @property
@@ -132,7 +132,7 @@ class Journal:
                 " or replace them with force=True"
             )
 
-    def _parsed(self, number: int, line: str) -> Run:
+    def _parse_run(self, number: int, line: str) -> Run:
         try:
             run: Run = decode_tree(Run, parse_json(line))
             if run.status not in STATUSES or math.isnan(run.task.weight):

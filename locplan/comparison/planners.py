@@ -41,7 +41,7 @@ class PlannerSpec:
     """The planner with its options, as `locplan.planning.requests.planner_for` makes it."""
 
     @classmethod
-    def of(cls, planner: AnyPlanner | PlannerSpec) -> PlannerSpec:
+    def parse(cls, planner: AnyPlanner | PlannerSpec) -> PlannerSpec:
         """Make a spec from text, a function or a Planner.
 
         Parameters
@@ -64,17 +64,17 @@ class PlannerSpec:
         ('RRTstar:iterations=500,range=2', {'iterations': 500, 'settings': {'range': 2}})
         """
         if isinstance(planner, str):
-            return _parsed(planner)
+            return _parse_spec(planner)
         if isinstance(planner, PlannerSpec):
             return cls(planner.label, make_planner(planner.planner))
-        made = make_planner(planner)
-        if made.name == "<lambda>":
+        planner_object = make_planner(planner)
+        if planner_object.name == "<lambda>":
             raise ConfigError(
                 "a planner must be a name or a function with a name, such as"
                 f" PlannerSpec('mine', FunctionPlanner(f)), not {short_repr(planner)}"
             )
-        options = ",".join(f"{name}={value}" for name, value in find_changed_options(made).items())
-        return cls(f"{made.name}:{options}" if options else made.name, made)
+        options = ",".join(f"{name}={value}" for name, value in find_changed_options(planner_object).items())
+        return cls(f"{planner_object.name}:{options}" if options else planner_object.name, planner_object)
 
     def with_time_limit(self, limit: float | None) -> PlannerSpec:
         """The spec with a time limit, if the planner takes one and has no end of its own.
@@ -85,7 +85,7 @@ class PlannerSpec:
             Time after which a planner ends [s], above 0; None changes nothing.
         """
         ends = "iterations" in find_changed_options(self.planner)
-        return self if ends else self._with("time_limit", limit)
+        return self if ends else self._with_option("time_limit", limit)
 
     def with_robot(self, robot: Robot | None) -> PlannerSpec:
         """The spec with a robot, if the planner drives one and has none of its own.
@@ -95,9 +95,9 @@ class PlannerSpec:
         robot : Robot or None
             The robot; None changes nothing.
         """
-        return self._with("robot", robot)
+        return self._with_option("robot", robot)
 
-    def _with(self, option: str, value: Any) -> PlannerSpec:
+    def _with_option(self, option: str, value: Any) -> PlannerSpec:
         is_decided = value is None or option in find_changed_options(self.planner)
         if is_decided or not has_option(self.planner, option):
             return self
@@ -106,7 +106,7 @@ class PlannerSpec:
         return dataclasses.replace(self, planner=changed)
 
     @property
-    def guarded(self) -> bool:
+    def is_user_planner(self) -> bool:
         """Whether the planner is a user's own."""
         return own_planner(self.planner) is not None
 
@@ -148,7 +148,7 @@ class PlannerSpec:
         """
         options, planner = find_changed_options(self.planner), own_planner(self.planner)
         if planner is None:
-            return [self.planner.name, {name: _plain(value) for name, value in options.items()}]
+            return [self.planner.name, {name: _plain_option(value) for name, value in options.items()}]
         code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
         version_text = "no version" if self.version is None else f"version {self.version}"
         texts = {name: short_repr(value) for name, value in options.items()}
@@ -182,7 +182,7 @@ class PlannerSpec:
         return run_planner(planner, costs, *stops)
 
 
-def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
+def make_specs(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
     """Specs of all planners, checked, each with a label of its own.
 
     Parameters
@@ -195,7 +195,7 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
     ConfigError
         If there are no planners, two have one label, or one is wrong.
     """
-    specs = [PlannerSpec.of(planner) for planner in planners]
+    specs = [PlannerSpec.parse(planner) for planner in planners]
     if not specs:
         raise ConfigError("a comparison needs at least one planner")
     labels = [spec.label for spec in specs]
@@ -203,12 +203,12 @@ def specs_of(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec]:
         name = f"planner {short_repr(spec.label)}"
         if labels.count(spec.label) > 1:
             raise ConfigError(f"{name} is there twice; leave one out, or name it anew")
-        if spec.guarded:  # it is sent to workers by value
+        if spec.is_user_planner:  # it is sent to workers by value
             require_extra("cloudpickle", "functions", f"{name}, one of your own,")
     return specs
 
 
-def robot_of_maps(maps: Any) -> Robot | None:
+def find_costmap_robot(maps: Any) -> Robot | None:
     """The robot of the first map that is a costmap for one that is no circle."""
     maps_and_costmaps = maps.values() if isinstance(maps, Mapping) else maps
     maps_and_costmaps = maps_and_costmaps if isinstance(maps_and_costmaps, Iterable) else [maps_and_costmaps]
@@ -216,7 +216,7 @@ def robot_of_maps(maps: Any) -> Robot | None:
     return next((robot for robot in robots if needs_lattice(robot)), None)
 
 
-def _parsed(text: str) -> PlannerSpec:
+def _parse_spec(text: str) -> PlannerSpec:
     name, _, rest = text.partition(":")
     name = name.strip()
     parts = [part.strip() for part in rest.split(",") if part.strip()]
@@ -263,7 +263,7 @@ def parse_options(text: str, rest: str) -> dict[str, Any]:
     return options
 
 
-def _plain(option: Any) -> Any:
+def _plain_option(option: Any) -> Any:
     """The value of an option, fit for JSON."""
     return option.summary() if isinstance(option, Robot) else option
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 from markupsafe import Markup, escape
 
 from locplan._support.public import render_png, load_templates
-from locplan.comparison.figures import cost_figure, most_telling_scene, path_figure
+from locplan.comparison.figures import cost_figure, find_most_telling_scene, scene_figure
 from locplan.comparison.result import Comparison, Standing
-from locplan.comparison.statistics import Run, grouped
+from locplan.comparison.statistics import Run, group_records
 
 MAX_FAILURES = 30
 """Number of kinds of failures that the report lists."""
@@ -30,7 +30,7 @@ class Answer(NamedTuple):
     sentences: list[str]
 
 
-class Drawing(NamedTuple):
+class ReportPicture(NamedTuple):
     """A picture with its caption and the text that stands for it."""
 
     data: str
@@ -39,16 +39,16 @@ class Drawing(NamedTuple):
     text: str
 
 
-def write_report(path: Path, comparison: Comparison) -> None:
+def write_comparison_report(path: Path, comparison: Comparison) -> None:
     """Write the report; names, labels and notes may hold any text."""
     environment = load_templates("locplan.comparison", autoescape=True, lstrip_blocks=True)
-    environment.filters |= {"breakable": breakable, "key": key, "number": number}
+    environment.filters |= {"breakable": breakable, "key": format_sort_key, "number": format_number}
     script = environment.get_template("report.js").render()
     rows = comparison.standings()
     text = environment.get_template("report.html").render(
         comparison=comparison,
-        answers=list(answers(comparison)),
-        drawings=list(drawings(comparison)),
+        answers=list(find_answers(comparison)),
+        drawings=list(draw_pictures(comparison)),
         rows=rows,
         varying=[
             name for name in ("map", "config", "weight") if len({_part(r, name) for r in rows}) > 1
@@ -56,18 +56,18 @@ def write_report(path: Path, comparison: Comparison) -> None:
         solved=sum(run.status == "solved" for run in comparison.runs),
         queries=len({(run.task.map, run.task.query) for run in comparison.runs}),
         maps=comparison.answers(),
-        failures=failures(comparison),
+        failures=group_failures(comparison),
         max_failures=MAX_FAILURES,
-        settings=settings(comparison),
+        settings=collect_settings(comparison),
         script=Markup(script),
         digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
     )
     path.write_text(text, encoding="utf-8", errors="replace")
 
 
-def answers(comparison: Comparison) -> Iterator[Answer]:
+def find_answers(comparison: Comparison) -> Iterator[Answer]:
     """Yield the answer for each kind of field, over all maps, at the greatest weight."""
-    groups = grouped(comparison.standings(pooled=True), lambda row: row.setting.config)
+    groups = group_records(comparison.standings(pooled=True), lambda row: row.setting.config)
     for config, group in groups.items():
         weight = max(row.setting.weight for row in group)
         rows = [row for row in group if row.setting.weight == weight]
@@ -91,24 +91,24 @@ def _title(rows: list[Standing]) -> str:
     return f"No planner beats {baseline}"
 
 
-def drawings(comparison: Comparison) -> Iterator[Drawing]:
+def draw_pictures(comparison: Comparison) -> Iterator[ReportPicture]:
     """Yield the picture of the costs, and that of the paths if there are any."""
     rows = [
         f"{row.summary.planner} {row.cost.estimate.value:.3f}"
         for row in comparison.standings(pooled=True)
         if row.cost.pairs
     ]
-    yield Drawing(
+    yield ReportPicture(
         _url(cost_figure(comparison)),
         f"Cost J as a multiple of that of {comparison.baseline}, with 95 % intervals. Grey: no"
         " significant difference.",
         f"J as a multiple of that of {comparison.baseline}: {'; '.join(rows)}.",
     )
-    scene = most_telling_scene(comparison)
+    scene = find_most_telling_scene(comparison)
     if scene is not None:
         costs = [f"{name} {run.measures['cost']:.1f} m" for name, run in scene.runs.items()]
-        yield Drawing(
-            _url(path_figure(scene)),
+        yield ReportPicture(
+            _url(scene_figure(scene)),
             f"Paths where the planners differ most: {scene.title}.",
             f"Paths of {scene.title}, with J: {'; '.join(costs)}.",
         )
@@ -118,23 +118,23 @@ def _url(figure: Any) -> str:
     return f"data:image/png;base64,{base64.b64encode(render_png(figure, dpi=130)).decode()}"
 
 
-def failures(comparison: Comparison) -> list[list[Run]]:
+def group_failures(comparison: Comparison) -> list[list[Run]]:
     """Return the runs without a path, grouped by kind of failure, the most frequent first."""
 
     def kind(run: Run) -> tuple[str, ...]:
         return run.status, run.task.planner, run.task.map, run.note
 
-    groups = grouped((run for run in comparison.runs if run.status != "solved"), kind)
+    groups = group_records((run for run in comparison.runs if run.status != "solved"), kind)
     return sorted(groups.values(), key=len, reverse=True)
 
 
-def settings(comparison: Comparison) -> dict[str, str]:
+def collect_settings(comparison: Comparison) -> dict[str, str]:
     """Return versions, options, the machine and the time, each by its name in the report."""
     names = (
         *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers"),
         *("began", "time_limit", "random_queries"),
     )
-    report_settings = {name: str(comparison.about[name]) for name in names if name in comparison.about}
+    report_settings = {name: str(comparison.description[name]) for name in names if name in comparison.description}
     for case in comparison.cases.values():
         config = json.dumps(case.settings and case.settings.to_json())
         field_text = f"{config}, u of {case.criterion}" if case.criterion else config
@@ -160,12 +160,12 @@ def breakable(label: str) -> Markup:
     return Markup(str(escape(label)).replace(":", ":<wbr>").replace(",", ",<wbr>"))
 
 
-def key(value: float) -> str:
+def format_sort_key(value: float) -> str:
     """Return the key by which a table is sorted; what is not known comes last."""
     return f"{value:.9g}" if math.isfinite(value) else "x"
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Return text with four significant digits above 10, three above 1 and two below."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else "–"

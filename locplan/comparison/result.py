@@ -17,7 +17,7 @@ from locplan._support.saved import to_plain_data
 from locplan._support.tables import wrap_lines
 from locplan.comparison import statistics
 from locplan.comparison.benchmarks import write_ompl_logs
-from locplan.comparison.statistics import Contrast, Run, Setting, Summary, contrasts
+from locplan.comparison.statistics import PlannerContrast, Run, RunSetting, Summary, compute_contrasts
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
@@ -48,7 +48,7 @@ class Case:
     """The scalar that u is made of; None for a user's own costmap."""
     zones: Zones = dataclasses.field(default_factory=Zones)
     """The zones of the map."""
-    own: Costmap | None = None
+    user_costmap: Costmap | None = None
     """The user's own costmap, which has no field."""
     queries: tuple[Query, ...] = ()
     """The queries."""
@@ -63,8 +63,8 @@ class Case:
     def costmap(self) -> tuple[Costmap, CovarianceField | None]:
         """The costmap, of the estimator's own weight, and the field that it is made of."""
         if self.settings is None:
-            assert self.own is not None
-            return self.own, None
+            assert self.user_costmap is not None
+            return self.user_costmap, None
         covariance_field = self.field_of(self.grid, self.settings)
         options: Any = {"robot": self.robot_radius, "criterion": self.criterion, "zones": self.zones}
         return Costmap.from_field(self.grid, covariance_field, **options), covariance_field
@@ -80,16 +80,16 @@ class Standing:
 
     summary: Summary
     """The statistics of the planner by itself."""
-    contrasts: Mapping[str, Contrast]
+    contrasts: Mapping[str, PlannerContrast]
     """The comparisons with the baseline, by measure."""
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> RunSetting:
         """The map, the field's settings and the weight."""
         return self.summary.setting
 
     @property
-    def cost(self) -> Contrast:
+    def cost(self) -> PlannerContrast:
         """J compared with the baseline's."""
         return self.contrasts["cost"]
 
@@ -119,24 +119,24 @@ def _failure(runs: Sequence[Run], planner: str) -> str:
 
 
 def _median(name: str) -> Callable[[Standing], float]:
-    return lambda each: each.contrasts[name].ours.median
+    return lambda standing: standing.contrasts[name].ours.median
 
 
 STANDINGS = (
-    Column("map", value=lambda each: each.setting.map),
-    Column("config", value=lambda each: each.setting.config),
-    Column("weight", "m", value=lambda each: each.setting.weight),
-    Column("planner", title="planner", value=lambda each: each.summary.planner),
-    Column("success", "", "solved", 0, "%", value=lambda each: each.summary.success.value),
-    Column("pairs", "", "n", 0, value=lambda each: each.cost.pairs),
-    Column("ratio", "", "ratio\nof J", 3, value=lambda each: each.cost.estimate.value),
-    Column("ratio_low", value=lambda each: each.cost.estimate.low),
-    Column("ratio_high", value=lambda each: each.cost.estimate.high),
+    Column("map", value=lambda standing: standing.setting.map),
+    Column("config", value=lambda standing: standing.setting.config),
+    Column("weight", "m", value=lambda standing: standing.setting.weight),
+    Column("planner", title="planner", value=lambda standing: standing.summary.planner),
+    Column("success", "", "solved", 0, "%", value=lambda standing: standing.summary.success.value),
+    Column("pairs", "", "n", 0, value=lambda standing: standing.cost.pairs),
+    Column("ratio", "", "ratio\nof J", 3, value=lambda standing: standing.cost.estimate.value),
+    Column("ratio_low", value=lambda standing: standing.cost.estimate.low),
+    Column("ratio_high", value=lambda standing: standing.cost.estimate.high),
     Column("cost", "m", "J", value=_median("cost")),
-    Column("baseline_cost", "m", "base\nJ", value=lambda each: each.cost.theirs.median),
+    Column("baseline_cost", "m", "base\nJ", value=lambda standing: standing.cost.theirs.median),
     Column("integrated_u", "m", "∫u", value=_median("integrated_u")),
     Column("seconds", "s", "time", 3, value=_median("seconds")),
-    Column("sentence", value=lambda each: each.cost.sentence),
+    Column("sentence", value=lambda standing: standing.cost.sentence),
 )
 
 
@@ -162,7 +162,7 @@ class Comparison(Result):
     """The label of the planner that the others are compared with."""
     cases: Mapping[tuple[str, str], Case]
     """The map, settings and queries of each case, by the names of map and settings."""
-    about: Mapping[str, Any] = field(default_factory=dict)
+    description: Mapping[str, Any] = field(default_factory=dict)
     """Settings, versions, the machine and the time of the comparison, fit for JSON."""
     command: str = ""
     """Command that repeats the comparison, which the report shows."""
@@ -170,8 +170,8 @@ class Comparison(Result):
     def __repr__(self) -> str:
         planners = dict.fromkeys(run.task.planner for run in self.runs)
         failures = filter(None, (_failure(self.runs, planner) for planner in planners))
-        about = "; ".join([", ".join(planners), *failures])
-        return f"Comparison({len(self.runs)} runs of {about})"
+        planners_text = "; ".join([", ".join(planners), *failures])
+        return f"Comparison({len(self.runs)} runs of {planners_text})"
 
     def summaries(self, *, pooled: bool = False) -> list[Summary]:
         """Success, medians and quartiles of each planner.
@@ -181,9 +181,9 @@ class Comparison(Result):
         pooled : bool, default False
             True takes all maps together; by default each map has its own.
         """
-        return statistics.summaries(self.runs, pooled)
+        return statistics.compute_summaries(self.runs, pooled)
 
-    def contrasts(self, *, pooled: bool = False) -> list[Contrast]:
+    def contrasts(self, *, pooled: bool = False) -> list[PlannerContrast]:
         """Each planner and measure compared with the baseline's, with interval and sentence.
 
         Parameters
@@ -191,7 +191,7 @@ class Comparison(Result):
         pooled : bool, default False
             True takes all maps together, each query alike; by default each map has its own.
         """
-        return contrasts(self.runs, self.baseline, pooled)
+        return compute_contrasts(self.runs, self.baseline, pooled)
 
     def standings(self, *, pooled: bool = False) -> list[Standing]:
         """Each planner's statistics, by map, settings and weight.
@@ -201,12 +201,12 @@ class Comparison(Result):
         pooled : bool, default False
             True takes all maps together; by default each map has its own.
         """
-        contrasts_by_planner: dict[tuple[Setting, str], dict[str, Contrast]] = {}
+        contrasts_by_planner: dict[tuple[RunSetting, str], dict[str, PlannerContrast]] = {}
         for summary in self.contrasts(pooled=pooled):
             contrasts_by_planner.setdefault((summary.setting, summary.planner), {})[summary.measure] = summary
         summaries = self.summaries(pooled=pooled)
         rows = [Standing(summary, contrasts_by_planner[summary.setting, summary.planner]) for summary in summaries]
-        cases = [statistics.setting_of(run, pooled)[:2] for run in self.runs]
+        cases = [statistics.setting_from_run(run, pooled)[:2] for run in self.runs]
         order = {case: n for n, case in enumerate(dict.fromkeys([*self.cases, *cases]))}
         return sorted(rows, key=lambda row: (order[row.setting[:2]], row.setting.weight))
 
@@ -216,8 +216,8 @@ class Comparison(Result):
         for case, group in itertools.groupby(self.standings(), lambda row: row.setting[:2]):
             rows = list(group)
             weight = rows[-1].setting.weight
-            said = [row.answer for row in rows if row.setting.weight == weight]
-            text = f"At weight {weight:g}, {case[1]}: {'; '.join(filter(None, said))}."
+            row_answers = [row.answer for row in rows if row.setting.weight == weight]
+            text = f"At weight {weight:g}, {case[1]}: {'; '.join(filter(None, row_answers))}."
             texts.setdefault(str(case[0]), []).append(text)
         return {name: " ".join(sentences) for name, sentences in texts.items()}
 
@@ -235,10 +235,10 @@ class Comparison(Result):
             rows = list(group)
             parts.append(f"{setting.map}, {setting.config}, weight {setting.weight:g}")
             parts.append(str(Table.from_records(STANDINGS, rows)))
-            runs = [run for run in self.runs if statistics.setting_of(run) == setting]
+            runs = [run for run in self.runs if statistics.setting_from_run(run) == setting]
             sentences = [
                 _failure(runs, r.summary.planner)
-                or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._undriven(r)}"
+                or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._format_undrivable(r)}"
                 for r in rows
             ]
             parts += wrap_lines(sentences)
@@ -248,15 +248,15 @@ class Comparison(Result):
         )
         return "\n".join([*parts, *wrap_lines([note])])
 
-    def _undriven(self, row: Standing) -> str:
+    def _format_undrivable(self, row: Standing) -> str:
         """How many of a planner's paths the robot cannot drive, for the end of a sentence."""
         row_key = row.setting, row.summary.planner
         runs = [
             r
             for r in self.runs
-            if (statistics.setting_of(r), r.task.planner) == row_key and r.measures
+            if (statistics.setting_from_run(r), r.task.planner) == row_key and r.measures
         ]
-        count = sum(run.note.startswith(Run.undriven) for run in runs)
+        count = sum(run.note.startswith(Run.undrivable_note) for run in runs)
         return f"; the robot cannot drive {count} of its {len(runs)} paths" if count else ""
 
     def to_frame(self) -> Any:
@@ -266,7 +266,7 @@ class Comparison(Result):
     def summary(self) -> dict[str, Any]:
         """The settings and all statistics, fit for JSON."""
         return {
-            **self.about,
+            **self.description,
             "cases": [
                 {
                     "map": case.map,
@@ -285,7 +285,7 @@ class Comparison(Result):
             "contrasts": [_plain(contrast) for contrast in self.contrasts()],
         }
 
-    def write_files(self, folder: Path, *about: Any) -> None:
+    def write_files(self, folder: Path, *related: Any) -> None:
         """Write the report, the tables and OMPL's logs into a folder that is there.
 
         Parameters
@@ -295,19 +295,19 @@ class Comparison(Result):
         *about
             What `summary` takes.
         """
-        from locplan.comparison.report import write_report
+        from locplan.comparison.report import write_comparison_report
 
-        write_report(folder / "report.html", self)
+        write_comparison_report(folder / "report.html", self)
         self.table().write_csv(folder / "comparison.csv")
         Table.from_records(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
-        seconds, size = (self.about.get(name) or math.nan for name in ("time_limit", "memory"))
+        seconds, size = (self.description.get(name) or math.nan for name in ("time_limit", "memory"))
         write_ompl_logs(
             self.runs,
             folder / "ompl_logs",
             baseline=self.baseline,
             time_limit=seconds,
             memory_limit=size / 1e6,  # in MB
-            started=datetime.fromisoformat(self.about["began"]),
+            started=datetime.fromisoformat(self.description["began"]),
         )
 
     def figure(self) -> Figure:
@@ -319,6 +319,6 @@ class Comparison(Result):
         return cost_figure(self)
 
 
-def _plain(figures: Summary | Contrast) -> dict[str, Any]:
+def _plain(figures: Summary | PlannerContrast) -> dict[str, Any]:
     """Return statistics as plain data, with the map, field and weight by name."""
     return to_plain_data(figures) | {"setting": figures.setting._asdict()}

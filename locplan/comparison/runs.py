@@ -21,7 +21,7 @@ from locplan._support.checks import short_repr
 from locplan._support.progress import ProgressCallback
 from locplan.comparison.journal import Journal
 from locplan.comparison.planners import PlannerSpec
-from locplan.comparison.statistics import MEASURES, Run, Task, grouped
+from locplan.comparison.statistics import MEASURES, Run, Task, group_records
 from locplan.errors import ConfigError, LocplanError
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path as Route
@@ -38,7 +38,7 @@ LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Order:
+class Job:
     """A task with everything that a worker needs for it."""
 
     task: Task
@@ -50,20 +50,20 @@ class Order:
     """Index of the planner among those that the worker was given."""
 
 
-def orders_of(
+def make_jobs(
     case: Case,
     costs: Costmap,
     home: Path,
     specs: Sequence[PlannerSpec],
     weights: Sequence[float],
     seeds: Sequence[int],
-) -> Iterator[Order]:
+) -> Iterator[Job]:
     """Yield the orders of a case, whose costmap is in the folder `home`."""
     _check_queries(case, costs, {spec.planner.space for spec in specs})
     for weight, query, (planner_index, spec) in itertools.product(weights, case.queries, enumerate(specs)):
         for seed in spec.seeds(seeds):
             task = Task(case.map, case.config, query.name, weight, spec.label, int(seed))
-            yield Order(task, home, query.start, query.goal, planner_index)
+            yield Job(task, home, query.start, query.goal, planner_index)
 
 
 def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
@@ -76,14 +76,14 @@ def _check_queries(case: Case, costs: Costmap, spaces: Iterable[str]) -> None:
         try:
             check_ends(costs, query.start[headed], query.goal[headed], space=space)
         except LocplanError as error:
-            where = f"map {short_repr(case.map)}, query {short_repr(query.name)}"
-            raise LocplanError(f"{where}: {error}") from None
+            query_text = f"map {short_repr(case.map)}, query {short_repr(query.name)}"
+            raise LocplanError(f"{query_text}: {error}") from None
 
 
-def runs_of(
-    orders: Sequence[Order],
+def run_jobs(
+    jobs: Sequence[Job],
     specs: Sequence[PlannerSpec],
-    start: Callable[[Sequence[Order]], Iterator[Run]],
+    start: Callable[[Sequence[Job]], Iterator[Run]],
     journal: Journal | None,
     progress: ProgressCallback | None,
 ) -> list[Run]:
@@ -93,36 +93,36 @@ def runs_of(
     no version: nobody knows if it has changed.
     """
     journal_runs = journal.runs if journal else {}
-    lasting = [spec.label for spec in specs if not spec.guarded or spec.version is not None]
+    lasting = [spec.label for spec in specs if not spec.is_user_planner or spec.version is not None]
     runs = {
         job.task: run
-        for job in orders
-        if (run := journal_runs.get(job.task)) and not run.ended and run.task.planner in lasting
+        for job in jobs
+        if (run := journal_runs.get(job.task)) and not run.is_aborted and run.task.planner in lasting
     }
     for spec in specs:
         count = sum(task.planner == spec.label for task in runs)
-        if spec.guarded and count:
+        if spec.is_user_planner and count:
             LOG.warning("planner %s: %d runs cached, version %s", spec.label, count, spec.version)
     if progress:
-        progress(len(runs), len(orders))
-    for run in start(_longest_first([o for o in orders if o.task not in runs], specs)):
+        progress(len(runs), len(jobs))
+    for run in start(_longest_first([o for o in jobs if o.task not in runs], specs)):
         runs[run.task] = run
         if journal:
             journal.add(run)
         if progress:
-            progress(len(runs), len(orders))
-    return [runs[job.task] for job in orders]
+            progress(len(runs), len(jobs))
+    return [runs[job.task] for job in jobs]
 
 
-def _longest_first(orders: Sequence[Order], specs: Sequence[PlannerSpec]) -> list[Order]:
+def _longest_first(jobs: Sequence[Job], specs: Sequence[PlannerSpec]) -> list[Job]:
     """Sort by costmap, and within each put long runs first, so that none is left at the end."""
 
-    def limit(order: Order) -> float:
+    def limit(order: Job) -> float:
         spec = specs[order.planner]
-        unknown = math.inf if spec.guarded else 0.0
+        unknown = math.inf if spec.is_user_planner else 0.0
         return unknown if spec.time_limit is None else spec.time_limit
 
-    groups = grouped(orders, lambda order: (order.costs, order.task.weight))
+    groups = group_records(jobs, lambda order: (order.costs, order.task.weight))
     return [job for costmap_jobs in groups.values() for job in sorted(costmap_jobs, key=limit, reverse=True)]
 
 
@@ -138,8 +138,8 @@ def put_costmap(costs: Costmap, folder: Path) -> None:
             (folder / f"{n}.raw").write_bytes(buffer.raw())
         (folder / "about.pickle").write_bytes(pickled_costmap)
     except OSError as error:
-        why = error.strerror or error
-        raise LocplanError(f"{folder}: cannot be written ({why}); TMPDIR names another") from None
+        reason = error.strerror or error
+        raise LocplanError(f"{folder}: cannot be written ({reason}); TMPDIR names another") from None
 
 
 @lru_cache(maxsize=1)
@@ -161,13 +161,13 @@ def weighted_costmap(folder: Path, weight: float) -> Costmap:
     return costs if costs.weight == weight else costs.with_weight(weight)
 
 
-def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
+def perform_job(planner: PlannerSpec, job: Job, memory: float) -> Run:
     """Make one run within a limit of memory [bytes]; an exception of the planner is a result."""
     began = time.perf_counter()
     try:
-        costs = weighted_costmap(order.costs, order.task.weight)
+        costs = weighted_costmap(job.costs, job.task.weight)
         with limited_memory(memory):
-            result = planner.plan(costs, order.start, order.goal, order.task.seed)
+            result = planner.plan(costs, job.start, job.goal, job.task.seed)
     except MemoryError as error:
         status, note = "out of memory", str(error) or "the planner ran out of memory"
     except LocplanError as error:
@@ -175,13 +175,13 @@ def perform(planner: PlannerSpec, order: Order, memory: float) -> Run:
     except BaseException as error:  # sys.exit in a planner shall not end the comparison
         status, note = "error", f"{type(error).__name__}: {error}"
     else:
-        run = run_of(order.task, result)
-        return dataclasses.replace(run, note=undriven(costs, result.path) or run.note)
+        run = run_from_plan(job.task, result)
+        return dataclasses.replace(run, note=find_driving_fault(costs, result.path) or run.note)
     elapsed = time.perf_counter() - began
-    return Run(order.task, status, elapsed, elapsed, note=(note.splitlines() or [""])[0])
+    return Run(job.task, status, elapsed, elapsed, note=(note.splitlines() or [""])[0])
 
 
-def run_of(task: Task, result: Plan) -> Run:
+def run_from_plan(task: Task, result: Plan) -> Run:
     """A plan as a run; the caller measures the wall time and adds it."""
     seconds, path = float(result.solve_time), result.path
     path_results: dict[str, Any] = {}
@@ -189,7 +189,7 @@ def run_of(task: Task, result: Plan) -> Run:
         names = [name for name in MEASURES if name not in ("seconds", "turning")]
         metric_values = {name: float(getattr(result.metrics, name, math.nan)) for name in names}
         history = ((float(at), float(cost)) for at, cost in result.history)
-        path_results["measures"] = metric_values | {"turning": turning(path)}
+        path_results["measures"] = metric_values | {"turning": measure_turning(path)}
         path_results["history"] = tuple(point for point in history if math.isfinite(sum(point)))
         path_results["xy"] = tuple(map(tuple, path.xy.tolist()))
     expanded = None if result.expanded is None else int(result.expanded)
@@ -197,17 +197,17 @@ def run_of(task: Task, result: Plan) -> Run:
     return Run(task, str(result.status), seconds, seconds, **run_fields)
 
 
-def undriven(costs: Costmap, path: Route | None) -> str:
+def find_driving_fault(costs: Costmap, path: Route | None) -> str:
     """Why a robot with an outline or a turning radius cannot drive a path; empty where it can."""
     robot = costs.robot
     if path is None or robot is None or not (robot.outline or robot.kinematics.turning_radius):
         return ""
     faults = path_faults(costs.grid, path, robot)
-    found = [f"{each.kind} near {each.x:.2f},{each.y:.2f}" for each in faults]
-    return f"{Run.undriven}: {found[0]}" if found else ""
+    fault_texts = [f"{fault.kind} near {fault.x:.2f},{fault.y:.2f}" for fault in faults]
+    return f"{Run.undrivable_note}: {fault_texts[0]}" if fault_texts else ""
 
 
-def turning(path: Route) -> float:
+def measure_turning(path: Route) -> float:
     """The sum of all changes of direction along a path [rad].
 
     >>> round(turning(Route(np.array([(0, 0), (1, 0), (1, 1), (1, 1), (0, 1)]))), 4)

@@ -77,10 +77,10 @@ class Execution:
             check_memory("runs of so much memory", self.memory, "set less")
 
 
-def resolved_queries(queries: Any) -> Any:
+def resolve_queries(queries: Any) -> Any:
     """Return random queries, a file, queries, or a mapping of these."""
     if isinstance(queries, Mapping):
-        return {name: resolved_queries(map_queries) for name, map_queries in queries.items()}
+        return {name: resolve_queries(map_queries) for name, map_queries in queries.items()}
     if is_integer(queries):
         return RandomQueries(queries)
     if isinstance(queries, (RandomQueries, str, os.PathLike)):
@@ -89,10 +89,10 @@ def resolved_queries(queries: Any) -> Any:
     return normalize_queries(nowhere, queries, 0.0, 1)
 
 
-def described_queries(queries: Any) -> Any:
+def describe_queries(queries: Any) -> Any:
     """Return what `resolved_queries` returned, fit for JSON."""
     if isinstance(queries, Mapping):
-        return {str(name): described_queries(map_queries) for name, map_queries in queries.items()}
+        return {str(name): describe_queries(map_queries) for name, map_queries in queries.items()}
     if isinstance(queries, (str, os.PathLike)):
         return read_text(Path(queries))
     if isinstance(queries, RandomQueries):
@@ -100,22 +100,22 @@ def described_queries(queries: Any) -> Any:
     return [dataclasses.asdict(query) for query in queries]
 
 
-def described_field(config: FieldConfig) -> list[Any]:
+def describe_field_config(config: FieldConfig) -> list[Any]:
     """Return the settings of a field and the version of a user's estimator, fit for JSON."""
     return [config.to_json(), getattr(config.estimator, "version", None)]
 
 
-def digest_of(given: OccupancyGrid | Costmap) -> str:
+def compute_map_digest(map_or_costmap: OccupancyGrid | Costmap) -> str:
     """Return a digest of everything in a map or costmap that paths and measures depend on."""
-    if isinstance(given, OccupancyGrid):
-        return given.digest
+    if isinstance(map_or_costmap, OccupancyGrid):
+        return map_or_costmap.digest
     content = hashlib.blake2b(digest_size=16)
     # The simulated choice takes its lidar from the settings.
-    settings = given.settings and json.dumps(given.settings.to_json(), sort_keys=True)
-    robot = [given.robot.digest] if given.robot else []
-    digest_parts = given.grid.digest, given.robot_radius, given.weight, settings, *robot
+    settings = map_or_costmap.settings and json.dumps(map_or_costmap.settings.to_json(), sort_keys=True)
+    robot = [map_or_costmap.robot.digest] if map_or_costmap.robot else []
+    digest_parts = map_or_costmap.grid.digest, map_or_costmap.robot_radius, map_or_costmap.weight, settings, *robot
     content.update(repr(digest_parts).encode())
-    for layer in (given.density, given.u, given.e, given.u_of_heading, given.e_of_heading):
+    for layer in (map_or_costmap.density, map_or_costmap.u, map_or_costmap.e, map_or_costmap.u_of_heading, map_or_costmap.e_of_heading):
         if layer is not None:
             content.update(np.ascontiguousarray(layer).view(np.uint8).data)
     return content.hexdigest()

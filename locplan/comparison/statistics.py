@@ -80,7 +80,7 @@ class Task:
 class Run:
     """The outcome of a task; a run without a path has no measures."""
 
-    undriven: ClassVar[str] = "the robot cannot drive it"
+    undrivable_note: ClassVar[str] = "the robot cannot drive it"
     """How the note of a path begins that the robot's outline or turning radius does not allow."""
     task: Task
     """The map, query, weight, planner and seed of the run."""
@@ -103,7 +103,7 @@ class Run:
     """Number of cells that a grid planner expanded; None for other planners."""
 
     @property
-    def ended(self) -> bool:
+    def is_aborted(self) -> bool:
         """Whether it was ended from outside, which may go otherwise the next time."""
         return self.status in ("crashed", "hung", "out of memory")
 
@@ -129,7 +129,7 @@ def _cell(name: str, run: Run) -> float | str:
 RUN_COLUMNS = tuple(
     dataclasses.replace(column, value=partial(_cell, column.name))
     for column in (
-        *(Column(each.name) for each in dataclasses.fields(Task)),
+        *(Column(task_field.name) for task_field in dataclasses.fields(Task)),
         *(Column("status"), Column("seconds"), Column("wall_seconds", "s")),
         *(Column("note"), Column("expanded")),
         *(column for name, column in MEASURES.items() if name != "seconds"),
@@ -138,7 +138,7 @@ RUN_COLUMNS = tuple(
 """The columns of a table with a row for each run."""
 
 
-def grouped(records: Iterable[Record], key: Callable[[Record], Key]) -> dict[Key, list[Record]]:
+def group_records(records: Iterable[Record], key: Callable[[Record], Key]) -> dict[Key, list[Record]]:
     """The records by a key, in the order in which the keys come first."""
     groups: dict[Key, list[Record]] = {}
     for record in records:
@@ -149,7 +149,7 @@ def grouped(records: Iterable[Record], key: Callable[[Record], Key]) -> dict[Key
 Array = NDArray[np.float64]
 
 
-class Setting(NamedTuple):
+class RunSetting(NamedTuple):
     """Map, settings of the field and weight: runs are compared only where they share these."""
 
     map: str | None
@@ -177,7 +177,7 @@ class Quartiles(NamedTuple):
 class Summary:
     """Statistics of one planner by itself; do not compare them: planners solve different runs."""
 
-    setting: Setting
+    setting: RunSetting
     """The map, the field's settings and the weight of the runs."""
     planner: str
     """The planner's label."""
@@ -191,7 +191,7 @@ class Summary:
     """Median and quartiles over the solved runs, by the names of `MEASURES`."""
 
 
-def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
+def compute_summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
     """Success, medians and quartiles for every map, configuration, weight and planner.
 
     The interval of the success rate is Wilson's (J. Am. Stat. Assoc. 22, 1927) for as many trials
@@ -203,31 +203,31 @@ def summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary]:
         solved = [run for run in group if run.status == "solved"]
         shares = [np.mean([run.status == "solved" for run in query_runs]) for _, query_runs in by_query(group)]
         success = compute_wilson_interval(float(np.mean(shares)), len(shares))
-        columns = zip(MEASURES, values_of(solved).T, strict=True)
-        measures = {name: quartiles(column) for name, column in columns}
+        columns = zip(MEASURES, tabulate_measures(solved).T, strict=True)
+        measures = {name: compute_quartiles(column) for name, column in columns}
         planner_summaries.append(Summary(setting, planner, len(group), len(solved), success, measures))
     return planner_summaries
 
 
-def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[Setting, str], list[Run]]:
+def by_planner(runs: Iterable[Run], pooled: bool) -> dict[tuple[RunSetting, str], list[Run]]:
     """The runs by setting and planner."""
-    return grouped(runs, lambda run: (setting_of(run, pooled), run.task.planner))
+    return group_records(runs, lambda run: (setting_from_run(run, pooled), run.task.planner))
 
 
-def setting_of(run: Run, pooled: bool = False) -> Setting:
+def setting_from_run(run: Run, pooled: bool = False) -> RunSetting:
     """The setting of a run; with `pooled` it is that of all maps together."""
-    return Setting(None if pooled else run.task.map, run.task.config, run.task.weight)
+    return RunSetting(None if pooled else run.task.map, run.task.config, run.task.weight)
 
 
-Query = tuple[Setting, str]
+Query = tuple[RunSetting, str]
 
 
-def query_of(run: Run) -> Query:
+def query_from_run(run: Run) -> Query:
     """The setting and the query of a run."""
-    return setting_of(run), run.task.query
+    return setting_from_run(run), run.task.query
 
 
-def values_of(runs: Sequence[Run]) -> Array:
+def tabulate_measures(runs: Sequence[Run]) -> Array:
     """The measures of some runs, a row each, in the order of `MEASURES`; NaN if not finite."""
     rows = [[run.measure(name) for name in MEASURES] for run in runs]
     values = np.array(rows, float).reshape(-1, len(MEASURES))
@@ -236,10 +236,10 @@ def values_of(runs: Sequence[Run]) -> Array:
 
 def by_query(runs: Iterable[Run]) -> Iterable[tuple[tuple[str, str], list[Run]]]:
     """The runs of each query, with its map and name."""
-    return grouped(runs, lambda run: (run.task.map, run.task.query)).items()
+    return group_records(runs, lambda run: (run.task.map, run.task.query)).items()
 
 
-def quartiles(values: Array) -> Quartiles:
+def compute_quartiles(values: Array) -> Quartiles:
     """Median and quartiles of the known values."""
     finite_values = values[~np.isnan(values)]
     if not finite_values.size:
@@ -248,10 +248,10 @@ def quartiles(values: Array) -> Quartiles:
     return Quartiles(median, lower, upper, finite_values.size)
 
 
-def median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
+def compute_median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
     """The median J over seeds by query and planner [m]; none of a query without a path."""
     solved = (run for run in runs if math.isfinite(run.measure("cost")))
-    groups = grouped(solved, lambda run: (query_of(run), run.task.planner))
+    groups = group_records(solved, lambda run: (query_from_run(run), run.task.planner))
     return {
         key: float(np.median([run.measures["cost"] for run in query_runs])) for key, query_runs in groups.items()
     }
@@ -267,17 +267,17 @@ def best_so_far(run: Run) -> list[tuple[float, float]]:
     return [(time, best := min(best, cost)) for time, cost in sorted(points)]
 
 
-ENOUGH = 5
+MIN_QUERIES = 5
 """Number of queries with which 95 % intervals held the truth in 80-95 % of trials."""
 
 
 @dataclass(frozen=True)
-class Contrast:
+class PlannerContrast:
     """A planner's measure compared with the baseline's, over the queries that both have solved."""
 
     derived: ClassVar[tuple[str, ...]] = ("pairs", "sentence")
 
-    setting: Setting
+    setting: RunSetting
     """The map, the field's settings and the weight of the runs."""
     planner: str
     """The planner's label."""
@@ -304,7 +304,7 @@ class Contrast:
     @property
     def is_sure(self) -> bool:
         """True if there are enough queries for an interval."""
-        return self.pairs >= ENOUGH and bool(np.isfinite(self.estimate).all())
+        return self.pairs >= MIN_QUERIES and bool(np.isfinite(self.estimate).all())
 
     @property
     def sentence(self) -> str:
@@ -313,8 +313,8 @@ class Contrast:
             return ""
         if not self.pairs:
             return f"no query that {self.baseline} and it both solve"
-        if self.pairs < ENOUGH:
-            return f"too few queries to tell ({self.pairs} of {ENOUGH})"
+        if self.pairs < MIN_QUERIES:
+            return f"too few queries to tell ({self.pairs} of {MIN_QUERIES})"
         if np.isnan(self.estimate.value):
             return f"{self.baseline} has none of it"
         if not np.isfinite(self.estimate).all():
@@ -337,7 +337,7 @@ class Contrast:
         return f"[{100 * low + 0.0:.3g}, {100 * high + 0.0:.3g}]"
 
 
-def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[Contrast]:
+def compute_contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[PlannerContrast]:
     """Every planner and measure compared with the baseline's on the same queries.
 
     `pooled` takes all maps together, each query alike, with the maps as strata. Intervals are
@@ -348,7 +348,7 @@ def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[
     the queries take another way all three fall short (10 queries: 89 %; BCa 91 %). Each interval
     stands for one comparison: of many, one in twenty misses.
     """
-    medians = query_medians(runs, pooled)
+    medians = compute_query_medians(runs, pooled)
     planners = sorted({planner for _, planner in medians})
     if baseline not in planners:
         raise LocplanError(f"{baseline}: no runs to compare with; there are {', '.join(planners)}")
@@ -365,8 +365,8 @@ def contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[
             if kind == RATIO:
                 is_comparable &= (planner_values > 0) & (baseline_values > 0)
             compared_values = planner_values[is_comparable], baseline_values[is_comparable]
-            estimate, middles = _estimate(kind, *compared_values, maps[is_comparable]), map(quartiles, compared_values)
-            planner_contrasts.append(Contrast(setting, planner, baseline, measure, kind, estimate, *middles))
+            estimate, middles = _estimate(kind, *compared_values, maps[is_comparable]), map(compute_quartiles, compared_values)
+            planner_contrasts.append(PlannerContrast(setting, planner, baseline, measure, kind, estimate, *middles))
     return planner_contrasts
 
 
@@ -374,11 +374,11 @@ Medians = dict[tuple[str, str], Array]
 """The measures of a query, by its map and name, in the order of `MEASURES`."""
 
 
-def query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[Setting, str], Medians]:
+def compute_query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[RunSetting, str], Medians]:
     """The medians over seeds of the solved runs of each query, by setting and planner."""
     return {
         key: {
-            query: _columnwise_median(values_of(query_runs))
+            query: _columnwise_median(tabulate_measures(query_runs))
             for query, query_runs in by_query(run for run in group if run.status == "solved")
         }
         for key, group in by_planner(runs, pooled).items()
@@ -391,12 +391,12 @@ def _columnwise_median(values: Array) -> Array:
     return np.array([np.median(finite_values) if finite_values.size else np.nan for finite_values in columns])
 
 
-def _estimate(kind: str, ours: Array, theirs: Array, maps: NDArray[np.intp]) -> Interval:
+def _estimate(kind: str, planner_values: Array, baseline_values: Array, maps: NDArray[np.intp]) -> Interval:
     """The estimate with Student's interval, the maps as strata."""
-    if not ours.size or (kind == SUMS and not theirs.any()):
+    if not planner_values.size or (kind == SUMS and not baseline_values.any()):
         return Interval(np.nan, np.nan, np.nan)
-    values = _pseudo_values(kind, ours, theirs)
-    middle = ours.sum() / theirs.sum() if kind == SUMS else values.mean()
+    values = _pseudo_values(kind, planner_values, baseline_values)
+    middle = planner_values.sum() / baseline_values.sum() if kind == SUMS else values.mean()
     half = _half_width(values, maps)
     low, high = middle - half, middle + half
     if kind == RATIO:
@@ -406,15 +406,15 @@ def _estimate(kind: str, ours: Array, theirs: Array, maps: NDArray[np.intp]) -> 
     return Interval(float(middle), float(low), float(high))
 
 
-def _pseudo_values(kind: str, ours: Array, theirs: Array) -> Array:
+def _pseudo_values(kind: str, planner_values: Array, baseline_values: Array) -> Array:
     """The jackknife's value of each query: n times the whole less n - 1 times the rest."""
     if kind == RATIO:
-        return np.log(ours / theirs)
+        return np.log(planner_values / baseline_values)
     if kind == DIFFERENCE:
-        return ours - theirs
+        return planner_values - baseline_values
     with np.errstate(divide="ignore", invalid="ignore"):
-        without = (ours.sum() - ours) / (theirs.sum() - theirs)
-    return np.asarray(len(ours) * ours.sum() / theirs.sum() - (len(ours) - 1) * without)
+        without = (planner_values.sum() - planner_values) / (baseline_values.sum() - baseline_values)
+    return np.asarray(len(planner_values) * planner_values.sum() / baseline_values.sum() - (len(planner_values) - 1) * without)
 
 
 def _half_width(values: Array, maps: NDArray[np.intp]) -> float:

@@ -29,7 +29,7 @@ from typing import IO, Any
 from locplan._support.checks import usable_memory
 from locplan._support.supervision import end_with_parent
 from locplan.comparison.planners import PlannerSpec
-from locplan.comparison.runs import Order, forbid_core_files, perform
+from locplan.comparison.runs import Job, forbid_core_files, perform_job
 from locplan.comparison.statistics import Run
 from locplan.errors import LocplanError
 
@@ -58,9 +58,9 @@ class Workers:
         self._limits = [patience if limit is None else 2 * limit + 10.0 for limit in limits]
         # A fair share by default, so that the machine has some left.
         memory = usable_memory() / count if memory is None else memory
-        self._greeting = pickle.dumps((memory, _pickled(planners)))
+        self._greeting = pickle.dumps((memory, _pickle_planners(planners)))
         self._scratch = scratch
-        self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
+        self._orders: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Run | Exception] = queue.SimpleQueue()
         self._processes: dict[int, _Process] = {}
         self._threads = [
@@ -84,7 +84,7 @@ class Workers:
         for thread in self._threads:
             thread.join(1.0)
 
-    def run(self, orders: Sequence[Order]) -> Iterator[Run]:
+    def run(self, orders: Sequence[Job]) -> Iterator[Run]:
         """Start the runs in this order as workers become free, and yield each when it is done."""
         for order in orders:
             self._orders.put(order)
@@ -178,7 +178,7 @@ class _Process:
         finally:
             self._deadline = math.inf
 
-    def perform(self, order: Order, limit: float) -> Run:
+    def perform(self, order: Job, limit: float) -> Run:
         """Return the run of an order, which may take up to the limit [s]."""
         began = time.perf_counter()
         run: Run | None = self.ask(pickle.dumps(order), limit)
@@ -186,7 +186,7 @@ class _Process:
         if run is None:
             status, note = self._failure(limit)
             run = Run(order.task, status, wall, wall, note=note)
-        if run.ended:
+        if run.is_aborted:
             self.end()  # nobody knows how much memory one has left that ran out of it
         return dataclasses.replace(run, wall_seconds=wall)
 
@@ -230,7 +230,7 @@ class _Process:
         return "crashed", f"its process was ended by {signal.Signals(-code).name}{doubt}"
 
 
-def _pickled(planners: Sequence[PlannerSpec]) -> bytes:
+def _pickle_planners(planners: Sequence[PlannerSpec]) -> bytes:
     """Return the planners as they are sent to workers."""
     remedy = "put it into a module"
     try:
@@ -247,7 +247,7 @@ def _pickled(planners: Sequence[PlannerSpec]) -> bytes:
         ) from None
 
 
-def main(parent: int) -> None:
+def run_worker(parent: int) -> None:
     """Carry out the orders that come from standard input, until it is closed.
 
     The first message is the memory of a run [bytes] and the planners; the answer is empty, or the
@@ -274,7 +274,7 @@ def main(parent: int) -> None:
         _answer(answers, "")
         while True:
             order = pickle.load(orders)
-            _answer(answers, perform(planners[order.planner], order, memory))
+            _answer(answers, perform_job(planners[order.planner], order, memory))
 
 
 def _answer(stream: Any, answer: Any) -> None:

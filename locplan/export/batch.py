@@ -16,7 +16,7 @@ from locplan._support.progress import working
 from locplan._support.saved import to_plain_data
 from locplan._support.tables import format_table
 from locplan.errors import LocplanError
-from locplan.export.plain_files import field
+from locplan.export.plain_files import write_field_file
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import SCALARS
 from locplan.field.field import CovarianceField
@@ -82,7 +82,7 @@ class FieldJob:
 
     def _write(self, file: Path, computed: CovarianceField) -> None:
         if file.suffix.lower() == FIELD_SUFFIX:
-            field(file, computed)
+            write_field_file(file, computed)
         else:
             from locplan._support.drawing import save_figure
             from locplan.field.figures import field_figure
@@ -218,13 +218,13 @@ def field_runs_table(runs: Sequence[FieldRun]) -> str:
     """
     rows, std = [], SCALARS["position_std"]
     for run in runs:
-        if (found := run.summary) is None:
+        if (summary := run.summary) is None:
             rows.append([map_name_from_file(run.file), "–", "–", "–", "–", "failed"])
         else:
-            position = f"{found.position_std.median_text(std.factor)} {std.unit}"
-            cells, share = f"{found.cells_evaluated:,}", f"{found.saturated_share:.0%}"
-            texts = [position, found.e.median_text(), share, f"{run.seconds:.1f} s"]
-            rows.append([found.map, cells, *texts])
+            position = f"{summary.position_std.median_text(std.factor)} {std.unit}"
+            cells, share = f"{summary.cells_evaluated:,}", f"{summary.saturated_share:.0%}"
+            texts = [position, summary.e.median_text(), share, f"{run.seconds:.1f} s"]
+            rows.append([summary.map, cells, *texts])
     errors = [f"failed: {run.error}" for run in runs if run.error]
     columns = ["map", "cells", "median position std", "median e", "saturated", "took"]
     return "\n".join([format_table(columns, rows), *errors])

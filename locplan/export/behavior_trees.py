@@ -9,20 +9,20 @@ from typing import Any
 from locplan._support.reading import read_text
 from locplan.errors import LocplanError
 from locplan.export.masks import NavPlanner
-from locplan.export.parameters import Robot
+from locplan.export.parameters import Nav2Robot
 from locplan.robots.parameters import Nav2Parameters
 
 SMOOTHER = "simple_smoother"
 
 
-def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
+def edit_tree(path: str | Path, planner_name: str, *, smooth: bool) -> str:
     """The text of a behaviour tree of Nav2 that plans with the planner that is called so.
 
     Parameters
     ----------
     path : path
         The tree's file; all else in it stays.
-    called : str
+    planner_name : str
         Name of the planner.
     smooth : bool
         Whether its paths are smoothed.
@@ -34,32 +34,32 @@ def edited_tree(path: str | Path, called: str, *, smooth: bool) -> str:
     """
     text = read_text(Path(path), 2**20)
     # A name between braces is that of a selector's choice, where the tree has one.
-    chosen = r"(?!\{)" if "<PlannerSelector" in text else ""
-    planner_id_pattern = rf"planner_id=([\"']){chosen}.*?\1"
+    selector_guard = r"(?!\{)" if "<PlannerSelector" in text else ""
+    planner_id_pattern = rf"planner_id=([\"']){selector_guard}.*?\1"
 
-    def planning(node: re.Match[str]) -> str:
-        own = node[0]
-        if "planner_id=" not in own:
-            own = f'{own[:-2].rstrip()} planner_id="{called}"/>'
-        own = re.sub(planner_id_pattern, f'planner_id="{called}"', own)
-        out = re.search(r"\bpath=[\"'](\{.*?\})[\"']", own)
+    def edit_node(node: re.Match[str]) -> str:
+        node_text = node[0]
+        if "planner_id=" not in node_text:
+            node_text = f'{node_text[:-2].rstrip()} planner_id="{planner_name}"/>'
+        node_text = re.sub(planner_id_pattern, f'planner_id="{planner_name}"', node_text)
+        out = re.search(r"\bpath=[\"'](\{.*?\})[\"']", node_text)
         if not (smooth and out) or "<SmoothPath" in text:
-            return own
+            return node_text
         path = f'unsmoothed_path="{out[1]}" smoothed_path="{out[1]}"'
-        return f'<Sequence>{own}<SmoothPath {path} smoother_id="{SMOOTHER}"/></Sequence>'
+        return f'<Sequence>{node_text}<SmoothPath {path} smoother_id="{SMOOTHER}"/></Sequence>'
 
-    edited_text, count = re.subn(r"<ComputePath(?:ToPose|ThroughPoses)\b[^>]*/>", planning, text)
+    edited_text, count = re.subn(r"<ComputePath(?:ToPose|ThroughPoses)\b[^>]*/>", edit_node, text)
     if not count:
         raise LocplanError(
             f"{path}: has no ComputePathToPose or ComputePathThroughPoses; give the behaviour tree"
             " by which the robot navigates"
         )
     selected = r"(<PlannerSelector\b[^>]*\bdefault_planner=)([\"']).*?\2"
-    return re.sub(selected, rf'\g<1>"{called}"', edited_text)
+    return re.sub(selected, rf'\g<1>"{planner_name}"', edited_text)
 
 
-def with_tree(
-    robot: Robot, merged: Nav2Parameters, called: str, planner: NavPlanner, folder: Path
+def merge_tree(
+    robot: Nav2Robot, merged: Nav2Parameters, planner_name: str, planner: NavPlanner, folder: Path
 ) -> tuple[Nav2Parameters, str | None]:
     """Parameters by which Nav2 takes a robot's tree from a folder, and the tree; None without one.
 
@@ -67,7 +67,7 @@ def with_tree(
     """
     if robot.tree is None:
         return merged, None
-    text = edited_tree(robot.tree, called, smooth=planner.any_angle)
+    text = edit_tree(robot.tree, planner_name, smooth=planner.any_angle)
     file = str(folder.resolve() / "tree.xml")
     kinds = {"ToPose": "to_pose", "ThroughPoses": "through_poses"}
     tree_parameters = {

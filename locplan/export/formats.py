@@ -37,11 +37,11 @@ class MaskOptions(NoOptions):
     that weight · u just fits."""
 
     def __post_init__(self) -> None:
-        from locplan.export.masks import checked_planner
+        from locplan.export.masks import find_planner
 
         super().__post_init__()
         if self.planner:
-            checked_planner(self.planner, self.planner_param)
+            find_planner(self.planner, self.planner_param)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +106,9 @@ def write_speed(target: Path, job: ExportJob, options: SpeedOptions) -> ExportSu
     lead = mask_options.pop("speed_lead")
     if lead is None:  # of 1 s
         lead = job.robot.kinematics.speed if job.robot else LEAD
-    least = nav2_speed(target, job.costs, lead=lead, force=job.force, **mask_options)
-    row = "in the most degenerate place", f"{least} % of the robot's speed"
-    values = {"slowest": options.slowest, "lead": lead, "min_percent": least}
+    min_percent = nav2_speed(target, job.costs, lead=lead, force=job.force, **mask_options)
+    row = "in the most degenerate place", f"{min_percent} % of the robot's speed"
+    values = {"slowest": options.slowest, "lead": lead, "min_percent": min_percent}
     return ExportSummary(values, (row,))
 
 
@@ -143,12 +143,12 @@ def check_routes(options: RoutesOptions, paths: int) -> None:
 
 def write_routes(target: Path, job: ExportJob, options: RoutesOptions) -> ExportSummary:
     """Write the paths as a route graph, or our costs into one."""
-    from locplan.export.parameters import Robot
+    from locplan.export.parameters import Nav2Robot
     from locplan.export.recommended_ways import nav2_routes
     from locplan.export.user_graph import nav2_graph
 
-    robot = Robot.of(options.params, options.distro)
-    robot.warn(robot.of_radius(job.costs.robot_radius))
+    robot = Nav2Robot.from_files(options.params, options.distro)
+    robot.warn(robot.note_larger_radius(job.costs.robot_radius))
     export_options = dict(vars(options)) | {"force": job.force}
     graph, set_cost = export_options.pop("graph"), export_options.pop("set_cost")
     if graph:
@@ -170,10 +170,10 @@ class PathOptions(InFrame):
 
 def write_path(target: Path, job: ExportJob, options: PathOptions) -> ExportSummary:
     """Write the only path of a job."""
-    from locplan.export.plain_files import path
+    from locplan.export.plain_files import write_path_file
 
     (route,) = job.paths.values()
-    path(target, route, **vars(options))
+    write_path_file(target, route, **vars(options))
     return ExportSummary({"length": route.length}, (("length", f"{route.length:.2f} m"),))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan.export.route_graph import Pairs, Positions, space_of
+from locplan.export.route_graph import Pairs, Positions, make_space
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
 
@@ -32,18 +32,18 @@ Ways = dict[str, list[int]]
 """The nodes of each way, from start to goal."""
 
 
-class Lines:
+class LineCosts:
     """The costs of straight lines on a map, also of those that graze blocked cells.
 
-    A line is free, too, if it is a step `aside` [cells].
+    A line is free, too, if it is a step `side_tolerance` [cells].
     """
 
-    def __init__(self, costs: Costmap, aside: float = 0.0) -> None:
+    def __init__(self, costs: Costmap, side_tolerance: float = 0.0) -> None:
         from locplan._support.kernels.search import bordered_half
 
         self.resolution = costs.grid.resolution
-        self.aside = aside * self.resolution
-        _, *self.frame = space_of(costs)
+        self.side_tolerance = side_tolerance * self.resolution
+        _, *self.frame = make_space(costs)
         price = costs.unblocked_density
         priced = np.isfinite(price)
         self.density = np.where(priced, price, price[priced].max(initial=1.0))
@@ -58,12 +58,12 @@ class Lines:
         # A twentieth of a cell counts as none: planned paths touch the corners of blocked cells,
         # and Nav2 keeps positions in single precision.
         grazed = 0.05
-        if self.aside:
+        if self.side_tolerance:
             blocked_lines = np.flatnonzero(within > grazed)
             ends = xy[pairs[blocked_lines]]
             along = ends[:, 1] - ends[:, 0]
             length = np.maximum(np.hypot(*along.T), 1e-9)[:, None]
-            side_steps = self.aside * along[:, ::-1] * (1, -1) / length
+            side_steps = self.side_tolerance * along[:, ::-1] * (1, -1) / length
             end_pairs = np.arange(2 * len(blocked_lines)).reshape(-1, 2)
             for shifted_ends in (ends - side_steps[:, None], ends + side_steps[:, None]):
                 shifted_lines = shifted_ends.reshape(-1, 2), end_pairs
@@ -82,12 +82,12 @@ class Lines:
         half = bordered_half(np.nan_to_num(layer), 1)
         return np.asarray(line_costs(half, *self.frame, xy, pairs)) * self.resolution
 
-    def along(self, xy: Positions) -> Floats:
+    def compute_chain_costs(self, xy: Positions) -> Floats:
         """J of the lines from each position to the next [m]."""
         return self.costs(xy, np.column_stack([np.arange(len(xy) - 1), np.arange(1, len(xy))]))
 
 
-def joined(lines: Lines, paths: Mapping[str, Path]) -> tuple[Positions, Ways]:
+def join_paths(lines: LineCosts, paths: Mapping[str, Path]) -> tuple[Positions, Ways]:
     """Nodes, and each path's way over them; a path takes the lanes of those before it.
 
     The longest path comes first, since it is most likely to be the lane of others. The next ones
@@ -97,15 +97,15 @@ def joined(lines: Lines, paths: Mapping[str, Path]) -> tuple[Positions, Ways]:
     ways: Ways = {}
     for name in sorted(paths, key=lambda name: -paths[name].length):
         lanes = np.array([two for way in ways.values() for two in pairwise(way)], int)
-        nodes, way = _with_lane(lines, nodes, lanes.reshape(-1, 2), divided(paths[name]))
+        nodes, way = _add_path(lines, nodes, lanes.reshape(-1, 2), divide_path(paths[name]))
         for other in ways.values():
-            way = _between_same(lines, nodes, way, other)
+            way = _share_way(lines, nodes, way, other)
         ways[name] = way
     return nodes, {name: ways[name] for name in paths}
 
 
-def _between_same(
-    lines: Lines, nodes: Positions, way: list[int], other: Sequence[int]
+def _share_way(
+    lines: LineCosts, nodes: Positions, way: list[int], other: Sequence[int]
 ) -> list[int]:
     """The way, which takes that of another one between nodes of both where it is close and cheap.
 
@@ -116,20 +116,20 @@ def _between_same(
         return way
     (a, b), (i, j) = ([node_list.index(common[k]) for k in (0, -1)] for node_list in (way, list(other)))
     way_part, other_part = way[a : b + 1], list(other[i : j + 1] if i < j else other[j : i + 1][::-1])
-    limit = COSTLIER * lines.along(nodes[way_part]).sum()
-    if way_part == other_part or lines.along(nodes[other_part]).sum() > limit or apart(nodes, way_part, other_part):
+    limit = COSTLIER * lines.compute_chain_costs(nodes[way_part]).sum()
+    if way_part == other_part or lines.compute_chain_costs(nodes[other_part]).sum() > limit or are_apart(nodes, way_part, other_part):
         return way
-    return _without_loops(way[:a] + other_part + way[b + 1 :])
+    return _remove_loops(way[:a] + other_part + way[b + 1 :])
 
 
-def apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
+def are_apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
     """Whether two ways lie farther apart than ways that are one."""
     first_xy, second_xy = (Path(nodes[list(node_list)]).resample(SPACING).xy for node_list in (way, other))
     distances = np.hypot(*(first_xy[:, None] - second_xy[None]).transpose(2, 0, 1))
     return bool(max(distances.min(axis=0).max(), distances.min(axis=1).max()) > MERGED)
 
 
-def _without_loops(way: Sequence[int]) -> list[int]:
+def _remove_loops(way: Sequence[int]) -> list[int]:
     """A way that comes to no node twice, as a server's routes do."""
     result: dict[int, None] = {}
     for node in way:
@@ -139,7 +139,7 @@ def _without_loops(way: Sequence[int]) -> list[int]:
     return list(result)
 
 
-def _first_alike(xy: Positions) -> Ints:
+def _find_first_equal(xy: Positions) -> Ints:
     """The number of the first position that is one place with each."""
     from scipy.spatial import cKDTree
 
@@ -149,15 +149,15 @@ def _first_alike(xy: Positions) -> Ints:
     return first
 
 
-def _with_lane(
-    lines: Lines, nodes: Positions, lanes: Pairs, xy: Positions
+def _add_path(
+    lines: LineCosts, nodes: Positions, lanes: Pairs, xy: Positions
 ) -> tuple[Positions, list[int]]:
     """The nodes with those that a path adds to them, and its way."""
     from scipy.sparse import coo_array
 
     old = len(nodes)
     all_nodes = np.concatenate([nodes, xy])
-    position_nodes = old + _first_alike(xy)  # the number of each position, an old one where it is there
+    position_nodes = old + _find_first_equal(xy)  # the number of each position, an old one where it is there
     links = np.empty((0, 2), int)
     if old:
         distances = np.hypot(*(nodes[:, None] - xy[None]).transpose(2, 0, 1))
@@ -174,16 +174,16 @@ def _with_lane(
     usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
     pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
     graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(all_nodes), len(all_nodes))).tocsr()
-    way = _cheapest(graph, int(position_nodes[0]), int(position_nodes[-1]), directed=False)
-    direct_way = _without_loops(position_nodes.tolist())
-    if lines.along(all_nodes[way]).sum() > COSTLIER * lines.along(all_nodes[direct_way]).sum():
+    way = _find_cheapest_route(graph, int(position_nodes[0]), int(position_nodes[-1]), directed=False)
+    direct_way = _remove_loops(position_nodes.tolist())
+    if lines.compute_chain_costs(all_nodes[way]).sum() > COSTLIER * lines.compute_chain_costs(all_nodes[direct_way]).sum():
         way = direct_way
     added = sorted(node for node in way if node >= old)
     number = {node: old + n for n, node in enumerate(added)}
     return np.concatenate([nodes, all_nodes[added]]), [number.get(node, node) for node in way]
 
 
-def divided(path: Path) -> Positions:
+def divide_path(path: Path) -> Positions:
     """The corners of a path, and positions between them, in the single precision of Nav2."""
     between = np.arange(0.0, path.length, SPACING)
     at = np.union1d(path.distance, between)
@@ -193,7 +193,7 @@ def divided(path: Path) -> Positions:
     return xy.astype(np.float32).astype(np.float64)
 
 
-def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions, Ways]:
+def straighten_ways(lines: LineCosts, nodes: Positions, ways: Ways) -> tuple[Positions, Ways]:
     """Nodes and ways without the nodes that a straight line makes needless.
 
     Ends and nodes where ways part stay, and no way moves farther than `SPACING`.
@@ -211,7 +211,7 @@ def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions,
         first, second = sorted(neighbours[node])
         replaced_nodes = [node, *replaced.get(frozenset((first, node)), [])]
         replaced_nodes += replaced.get(frozenset((node, second)), [])
-        if second in neighbours[first] or _aside(nodes[[first, second]], nodes[replaced_nodes]) > SPACING:
+        if second in neighbours[first] or _measure_offset(nodes[[first, second]], nodes[replaced_nodes]) > SPACING:
             continue
         pairs = np.array([(first, node), (node, second), (first, second)])
         before, after, straight = lines.costs(nodes, pairs)
@@ -226,7 +226,7 @@ def straightened(lines: Lines, nodes: Positions, ways: Ways) -> tuple[Positions,
     return nodes[left], shorter_ways
 
 
-def _aside(ends: Positions, xy: Positions) -> Any:
+def _measure_offset(ends: Positions, xy: Positions) -> Any:
     """Maximum distance of positions from the line between two."""
     along = ends[1] - ends[0]
     offsets = xy - ends[0]
@@ -234,13 +234,13 @@ def _aside(ends: Positions, xy: Positions) -> Any:
     return np.abs(across).max() / max(np.hypot(*along), 1e-9)
 
 
-def followed_costs(
-    nodes: Floats, edges: Pairs, price: Floats, least: Floats, ways: list[list[int]], worth: Floats
+def adjust_costs(
+    nodes: Floats, edges: Pairs, price: Floats, min_costs: Floats, ways: list[list[int]], worth: Floats
 ) -> tuple[Floats, list[bool]]:
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
 
     The sum of the changes is the least there is. Not all ways are followed where they contradict
-    one another, such as two ways between the same nodes. A route that is not `apart` from a way
+    one another, such as two ways between the same nodes. A route that is not `are_apart` from a way
     counts as that way.
 
     Parameters
@@ -249,7 +249,7 @@ def followed_costs(
         World positions [m].
     edges : (m, 2) array of int
         Pairs of nodes, from the first to the second.
-    price, least : (m,) arrays
+    price, min_costs : (m,) arrays
         The costs as they should be, and their lower bounds.
     ways : sequence of sequences of int
         The nodes of each way.
@@ -258,32 +258,32 @@ def followed_costs(
     """
     index = {(i, j): n for n, (i, j) in enumerate(edges.tolist())}
 
-    def over(ways: list[list[int]]) -> Floats:
+    def mark_edges(ways: list[list[int]]) -> Floats:
         """1 for the edges of each way, (ways, edges)."""
         used = np.zeros((len(ways), len(edges)))
         for row, way in zip(used, ways, strict=True):
             row[[index[two] for two in pairwise(way)]] = 1
         return used
 
-    cost, used = price, over(ways)
+    cost, used = price, mark_edges(ways)
     excess, way_numbers = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
     for _ in range(50):
         routes = {
             n: route
-            for n, route in enumerate(_cheapest_routes(edges, cost, used, ways))
-            if apart(nodes, ways[n], route)
+            for n, route in enumerate(_find_cheapest_routes(edges, cost, used, ways))
+            if are_apart(nodes, ways[n], route)
         }
         numbers = np.array(list(routes), int)
-        extra_edges = used[numbers] - over([*routes.values()])
+        extra_edges = used[numbers] - mark_edges([*routes.values()])
         new = zip(numbers, extra_edges, strict=True)
         if all((excess[way_numbers == n] == row).all(axis=1).any() for n, row in new):
             break
         way_numbers, excess = np.concatenate([way_numbers, numbers]), np.vstack([excess, extra_edges])
-        cost = _min_changed(price, least, excess, way_numbers, worth)
+        cost = _solve_costs(price, min_costs, excess, way_numbers, worth)
     return cost, [n not in routes for n in range(len(ways))]
 
 
-def _cheapest_routes(
+def _find_cheapest_routes(
     edges: Pairs, cost: Floats, used: Floats, ways: Sequence[Sequence[int]]
 ) -> Iterator[list[int]]:
     """The nodes of the cheapest route between the ends of each way."""
@@ -293,10 +293,10 @@ def _cheapest_routes(
     for way, way_edges in zip(ways, used, strict=True):
         costlier = cost + way_edges * MARGIN / 2 / way_edges.sum()  # a tie would be followed by chance only
         graph = csr_array((costlier, edges.T), shape=(count, count))
-        yield _cheapest(graph, way[0], way[-1])
+        yield _find_cheapest_route(graph, way[0], way[-1])
 
 
-def _cheapest(graph: Any, start: int, goal: int, directed: bool = True) -> list[int]:
+def _find_cheapest_route(graph: Any, start: int, goal: int, directed: bool = True) -> list[int]:
     """The nodes of the cheapest route in a sparse matrix of costs."""
     from scipy.sparse.csgraph import dijkstra
 
@@ -307,8 +307,8 @@ def _cheapest(graph: Any, start: int, goal: int, directed: bool = True) -> list[
     return route[::-1]
 
 
-def _min_changed(
-    price: Floats, least: Floats, excess: Floats, of_way: Ints, weights: Floats
+def _solve_costs(
+    price: Floats, min_costs: Floats, excess: Floats, way_numbers: Ints, weights: Floats
 ) -> Floats:
     """The costs nearest to `price` with ``excess @ cost <= -MARGIN``, but for contradictions.
 
@@ -318,13 +318,13 @@ def _min_changed(
     from scipy.sparse import block_array, csr_array, eye_array
 
     edges, identity = len(price), eye_array(len(price))
-    missed = csr_array((of_way[:, None] == np.arange(len(weights))).astype(float))
+    missed = csr_array((way_numbers[:, None] == np.arange(len(weights))).astype(float))
     changes = [[identity, -identity, None], [-identity, -identity, None]]
     limits = block_array([[csr_array(excess), None, -missed], *changes])
     solution = linprog(
         np.concatenate([np.zeros(edges), np.ones(edges), weights]),
         limits,
-        np.concatenate([np.full(len(of_way), -MARGIN), price, -price]),
-        bounds=[(low, None) for low in least] + [(0, None)] * (edges + len(weights)),
+        np.concatenate([np.full(len(way_numbers), -MARGIN), price, -price]),
+        bounds=[(low, None) for low in min_costs] + [(0, None)] * (edges + len(weights)),
     )
-    return np.asarray(np.maximum(solution.x[:edges], least))
+    return np.asarray(np.maximum(solution.x[:edges], min_costs))

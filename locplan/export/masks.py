@@ -78,7 +78,7 @@ class CostmapInflation:
     """Distance from the centre of an occupied cell up to which the robot would touch it [m]."""
 
     @classmethod
-    def of(cls, parameters: Nav2Parameters) -> CostmapInflation | None:
+    def from_parameters(cls, parameters: Nav2Parameters) -> CostmapInflation | None:
         """That of a robot's parameters, or None where they have none.
 
         Parameters
@@ -98,7 +98,7 @@ class CostmapInflation:
         return dataclasses.replace(self, inflation=inflation)
 
     @classmethod
-    def carried(cls, costs: Costmap, layer: CostmapInflation | None) -> CostmapInflation | None:
+    def for_mask(cls, costs: Costmap, layer: CostmapInflation | None) -> CostmapInflation | None:
         """Return the inflation that a mask carries, of the costmap's robot; None without any.
 
         Parameters
@@ -221,7 +221,7 @@ def _theta_star_weight(cost: float, excess: float) -> float:
     return excess / (full - free * (1 + excess))
 
 
-def _smac(
+def _make_smac_planner(
     name: str, kind: str, parameter: str, default: float, seconds: float, **assumed: Any
 ) -> NavPlanner:
     """A Smac planner, which multiplies each step by 1 less its `retrospective_penalty`.
@@ -241,8 +241,8 @@ def _smac(
 PLANNERS = {
     planner.name: planner
     for planner in (
-        _smac("smac2d", "2D", "cost_travel_multiplier", 1.0, 10.0),
-        _smac(
+        _make_smac_planner("smac2d", "2D", "cost_travel_multiplier", 1.0, 10.0),
+        _make_smac_planner(
             *("smac-hybrid", "Hybrid", "cost_penalty", 2.0, 25.0),
             retrospective_penalty=0.015,  # its default
             use_quadratic_cost_penalty=False,
@@ -296,7 +296,7 @@ class Conversion:
 
     def facts(self) -> ExportSummary:
         """Return the facts by name, and as rows of a table for people."""
-        paths = [nan_to_none(dataclasses.asdict(each)) for each in self.paths]
+        paths = [nan_to_none(dataclasses.asdict(nav2_path)) for nav2_path in self.paths]
         values = {
             "planner": self.planner.name,
             "parameter": self.planner.parameter,
@@ -306,7 +306,7 @@ class Conversion:
             "largest_quantisation_error": self.quantisation,
             "mean_quantisation_error": self.mean_quantisation,
             "most_saturated": self.most_saturated,
-            "closed_gaps": [list(each) for each in self.closed],
+            "closed_gaps": [list(gap_values) for gap_values in self.closed],
             "paths": paths,
         }
         parameter = self.planner.parameter
@@ -317,7 +317,7 @@ class Conversion:
             ("cells that would cost more", f"{self.saturated_share:.1%}"),
             ("rounding of this cost", f"{self.mean_quantisation:.4f} a metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
-            *((f"{each.planner} for {each.name}", each.text) for each in self.paths),
+            *((f"{nav2_path.planner} for {nav2_path.name}", nav2_path.text) for nav2_path in self.paths),
             *(
                 ("closed gap", "{:.2f}, {:.2f}: {:.2f} m from walls".format(*gap))
                 for gap in self.closed
@@ -326,7 +326,7 @@ class Conversion:
         return ExportSummary(values, rows)
 
 
-def checked_planner(name: str, param: float | None) -> NavPlanner:
+def find_planner(name: str, param: float | None) -> NavPlanner:
     """One of `PLANNERS`; another name, or a parameter that it cannot have, is a ConfigError."""
     check_choice("planner", name, PLANNERS)
     planner = PLANNERS[name]
@@ -337,17 +337,17 @@ def checked_planner(name: str, param: float | None) -> NavPlanner:
     return planner
 
 
-def values_for(
+def compute_mask_values(
     density: Floats,
     planner: NavPlanner,
-    greatest: float,
+    max_excess: float,
     param: float | None,
     counted: Bools | None = None,
 ) -> tuple[NDArray[np.int8], Conversion, Bools]:
     """The values of a mask by which a planner has `density` as costs.
 
     Where the density is infinite the values are -1. By default the planner's parameter is such
-    that the excess `greatest` over 1 just fits. The last array is True in the cells that saturate,
+    that the excess `max_excess` over 1 just fits. The last array is True in the cells that saturate,
     of the `counted` ones, by default of all.
     """
     is_finite = np.isfinite(density)
@@ -358,7 +358,7 @@ def values_for(
     if planner.parameter is None:
         param = math.nan
     elif param is None:  # the least of three decimals
-        min_parameter = planner.parameter_for(float(costs[-1]), greatest) if greatest > 0 else 1.0
+        min_parameter = planner.parameter_for(float(costs[-1]), max_excess) if max_excess > 0 else 1.0
         param = math.ceil(min_parameter * 1000 - 1e-9) / 1000
     charged = planner.excess(costs, param)
     nearest = np.searchsorted((charged[1:] + charged[:-1]) / 2, excess)
@@ -437,15 +437,15 @@ def keepout_mask(
     greatest, density = costs.max_excess, costs.unblocked_density
     if np.isnan(greatest):
         greatest = float(costs.density[passable].max()) - 1
-    runs = checked_planner(planner, planner_param)
+    runs = find_planner(planner, planner_param)
     counted = None
     if not runs.caveat:
         greatest += AT_WALLS
         density = mask_density(costs, inflation)
         counted = costs.grid.clearance >= follower_room(costs.robot_radius)
-    values, conversion, saturated = values_for(density, runs, greatest, planner_param, counted)
+    values, conversion, saturated = compute_mask_values(density, runs, greatest, planner_param, counted)
     if saturated.any():
-        middle = costs.grid.position(*_middle(saturated))
+        middle = costs.grid.position(*_find_middle(saturated))
         conversion = dataclasses.replace(conversion, most_saturated=middle)
     near = costs.grid.closer_than(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
@@ -453,7 +453,7 @@ def keepout_mask(
     return values, conversion
 
 
-def _middle(cells: Bools) -> tuple[int, int]:
+def _find_middle(cells: Bools) -> tuple[int, int]:
     """Row and column of the cell that lies deepest among cells of its kind."""
     import cv2
 

@@ -16,34 +16,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from locplan.errors import LocplanError
-from locplan.export.behavior_trees import with_tree
+from locplan.export.behavior_trees import merge_tree
 from locplan.export.masks import (
     Conversion,
     CostmapInflation,
     PlannedPath,
-    checked_planner,
+    find_planner,
     follower_room,
     keepout_mask,
 )
 from locplan.export.parameters import (
     Params,
-    Robot,
-    differences,
-    parameter_files,
-    with_costmap,
-    with_planner,
-    yaml_text,
+    Nav2Robot,
+    describe_differences,
+    make_parameter_files,
+    add_filter,
+    add_planner,
+    dump_parameters,
 )
 from locplan.export.planned_paths import (
     check_paths,
-    checked_paths,
+    compare_nav2_paths,
     close_gaps,
-    narrow_places,
-    steeper_inflation,
+    note_narrow_places,
+    suggest_inflation,
 )
 from locplan.export.registry import DISTRO, LEAD, SLOWEST, export_folder
-from locplan.export.servers import Server, write_servers
-from locplan.export.values import speed_mask, unturn, write_values
+from locplan.export.servers import LifecycleNode, write_servers
+from locplan.export.values import compute_speed_mask, unturn, write_values
 from locplan.maps.zones import FILE as ZONES, Zones
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.metrics import costs_caption
@@ -123,14 +123,14 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    robot, paths, choice = Robot.of(params, distro, tree), paths or {}, None
+    robot, paths, choice = Nav2Robot.from_files(params, distro, tree), paths or {}, None
     if not isinstance(costs, Costmap):
         choice, costs = costs, costs.costmap()
-        paths = {candidate.name: candidate.path for candidate in [choice.chosen] if candidate} | {**paths}
+        paths = {candidate.name: candidate.path for candidate in [choice.recommended_candidate] if candidate} | {**paths}
     planner = planner or robot.planner(costs.grid.free.size)
-    caveat = checked_planner(planner, None).caveat
-    layer = CostmapInflation.of(robot.parameters)
-    inflation = None if caveat else CostmapInflation.carried(costs, layer)
+    caveat = find_planner(planner, None).caveat
+    layer = CostmapInflation.from_parameters(robot.parameters)
+    inflation = None if caveat else CostmapInflation.for_mask(costs, layer)
     values, conversion = keepout_mask(
         costs, planner=planner, inflation=inflation, planner_param=planner_param
     )
@@ -140,28 +140,28 @@ def nav2_keepout(
         conversion = dataclasses.replace(conversion, closed=tuple(gaps))
     masks, lead = {"keepout": values}, costs.robot.kinematics.speed if costs.robot else LEAD
     if costs.zones.has("slow"):
-        masks["speed"] = speed_mask(costs, 1.0, lead)
-        robot.warn(robot.of_speed("localizability_speed_filter"))
-    merged, called = with_planner(robot, with_costmap(robot, *masks), conversion)
-    merged, edited = with_tree(robot, merged, called, conversion.planner, Path(folder))
-    robot.warn(robot.of_planner(called))
+        masks["speed"] = compute_speed_mask(costs, 1.0, lead)
+        robot.warn(robot.note_speed_filters("localizability_speed_filter"))
+    merged, planner_name = add_planner(robot, add_filter(robot, *masks), conversion)
+    merged, edited = merge_tree(robot, merged, planner_name, conversion.planner, Path(folder))
+    robot.warn(robot.note_other_planners(planner_name))
     if caveat:
         robot.warn(iter([f"{planner} does not follow a mask: {caveat}"]))
-    compared = checked_paths(costs, values, conversion, paths, layer)
+    compared = compare_nav2_paths(costs, values, conversion, paths, layer)
     conversion = dataclasses.replace(conversion, paths=tuple(compared))
-    title = f"Localizability mask for {conversion.planner.plugin} ({called})"
-    metadata: dict[str, Any] = {"planner_id": called, "conversion": conversion.facts().values}
+    title = f"Localizability mask for {conversion.planner.plugin} ({planner_name})"
+    metadata: dict[str, Any] = {"planner_id": planner_name, "conversion": conversion.facts().values}
     if "speed" in masks:
         metadata["lead"] = lead
     if choice:
         metadata["choice"] = {"taken": choice.taken, "answer": choice.answer}
-    planning = _Planning(conversion, called, edited, bool(inflation), choice)
-    if layer and planning.left:
-        option = steeper_inflation(costs, values, robot, planning.left, conversion, paths, layer)
+    planning = _MaskPlanning(conversion, planner_name, edited, bool(inflation), choice)
+    if layer and planning.untaken_paths:
+        option = suggest_inflation(costs, values, robot, planning.untaken_paths, conversion, paths, layer)
         planning = dataclasses.replace(planning, option=option)
-    robot.warn(narrow_places(planning.planned, costs.robot_radius))
-    _write(folder, title, costs, masks, robot, merged, metadata, planning, force=force)
-    _write_left(Path(folder), costs, robot, planning, paths, force=force)
+    robot.warn(note_narrow_places(planning.mask_paths, costs.robot_radius))
+    _write_mask(folder, title, costs, masks, robot, merged, metadata, planning, force=force)
+    _write_untaken_paths(Path(folder), costs, robot, planning, paths, force=force)
     return conversion
 
 
@@ -206,23 +206,23 @@ def nav2_speed(
     LocplanError
         If the folder cannot be written, a setting is out of its range, or there is no field.
     """
-    values = speed_mask(costs, slowest, lead)
-    robot = Robot.of(params, distro)
-    least = 100 - int(values.max())
-    title = f"Speed mask: the robot keeps {least} % of its speed or more"
-    metadata = {"slowest": slowest, "lead": lead, "min_percent": least}
-    robot.warn(robot.of_speed("localizability_speed_filter"))
-    merged = with_costmap(robot, "speed")
+    values = compute_speed_mask(costs, slowest, lead)
+    robot = Nav2Robot.from_files(params, distro)
+    min_percent = 100 - int(values.max())
+    title = f"Speed mask: the robot keeps {min_percent} % of its speed or more"
+    metadata = {"slowest": slowest, "lead": lead, "min_percent": min_percent}
+    robot.warn(robot.note_speed_filters("localizability_speed_filter"))
+    merged = add_filter(robot, "speed")
     masks = {"speed": values}
-    _write(folder, title, costs, masks, robot, merged, metadata, force=force)
-    return least
+    _write_mask(folder, title, costs, masks, robot, merged, metadata, force=force)
+    return min_percent
 
 
-def _write_left(
+def _write_untaken_paths(
     folder: Path,
     costs: Costmap,
-    robot: Robot,
-    planning: _Planning,
+    robot: Nav2Robot,
+    planning: _MaskPlanning,
     paths: Mapping[str, Route],
     *,
     force: bool,
@@ -230,25 +230,25 @@ def _write_left(
     """Write the paths that the mask's planner does not take as a route graph, and say so."""
     from locplan.export.recommended_ways import nav2_routes
 
-    if not planning.left:
+    if not planning.untaken_paths:
         return
     routes = folder.with_name(f"{folder.name}-routes")
-    untaken_paths = {each.name: paths[each.name] for each in planning.left}
+    untaken_paths = {nav2_path.name: paths[nav2_path.name] for nav2_path in planning.untaken_paths}
     route_options: Any = {"distro": robot.distribution.name, "params": robot.files}
     try:
         nav2_routes(routes, costs, untaken_paths, **route_options, force=force)
-        then = f"{routes} has it as a route graph"
+        route_text = f"{routes} has it as a route graph"
     except LocplanError as error:  # the mask is there, and of use for other paths
-        then = f"it has no route graph: {error}"
+        route_text = f"it has no route graph: {error}"
     robot.warn(
-        f"{each.planner} would not take {each.name} ({each.text}); {then}" for each in planning.left
+        f"{nav2_path.planner} would not take {nav2_path.name} ({nav2_path.text}); {route_text}" for nav2_path in planning.untaken_paths
     )
     if planning.option:
         robot.warn(iter([planning.option]))
 
 
 @dataclass(frozen=True)
-class _Planning:
+class _MaskPlanning:
     """What an export says of the planner of a mask."""
 
     conversion: Conversion
@@ -260,26 +260,26 @@ class _Planning:
     """A change of the inflation with which the planner takes more of the paths; empty without."""
 
     @property
-    def planned(self) -> list[PlannedPath]:
+    def mask_paths(self) -> list[PlannedPath]:
         """The paths that the mask's planner takes."""
         planner_name = self.conversion.planner.name
         return [nav2_path for nav2_path in self.conversion.paths if nav2_path.planner == planner_name]
 
     @property
-    def left(self) -> list[PlannedPath]:
+    def untaken_paths(self) -> list[PlannedPath]:
         """What the mask's planner takes in place of recommended paths."""
-        return [nav2_path for nav2_path in self.planned if not nav2_path.follows]
+        return [nav2_path for nav2_path in self.mask_paths if not nav2_path.follows]
 
 
-def _write(
+def _write_mask(
     folder: str | Path,
     title: str,
     costs: Costmap,
     masks: Mapping[str, NDArray[np.int8]],
-    robot: Robot,
+    robot: Nav2Robot,
     merged: Nav2Parameters,
-    about: dict[str, Any],
-    planning: _Planning | None = None,
+    metadata: dict[str, Any],
+    planning: _MaskPlanning | None = None,
     *,
     force: bool,
 ) -> None:
@@ -289,7 +289,7 @@ def _write(
     """
     from locplan.export import figures as _figures
 
-    changed, added = differences(robot.parameters.content, merged.content)
+    changed, added = describe_differences(robot.parameters.content, merged.content)
     robot.warn_changed(merged)
     kind, values = next(iter(masks.items()))
     base = f"localizability_{kind}"
@@ -297,8 +297,8 @@ def _write(
     servers = [
         server for mask_kind, stem in stems.items() for server in _mask_servers(mask_kind, stem)
     ]
-    about = {"kind": f"nav2-{kind}", **summarize_costs(costs), **about}
-    about |= {"distro": robot.distribution.name, "changed_parameters": changed}
+    metadata = {"kind": f"nav2-{kind}", **summarize_costs(costs), **metadata}
+    metadata |= {"distro": robot.distribution.name, "changed_parameters": changed}
     unturned, file = unturn(costs), robot.file and robot.file.name
     grid = unturned.grid
     template_values: dict[str, Any] = {
@@ -308,15 +308,15 @@ def _write(
         "file": file,
         "planning": planning,
     }
-    template_values |= {"changed": changed, "added": added, "others": robot.others}
+    template_values |= {"changed": changed, "added": added, "others": robot.other_files}
     template_values |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
-    template_values |= {"namespace": robot.parameters.namespace, "lead": about.get("lead"), "base": base}
+    template_values |= {"namespace": robot.parameters.namespace, "lead": metadata.get("lead"), "base": base}
     template_values |= {"room": follower_room(costs.robot_radius), "masks": list(masks)}
     has_objects = robot.distribution.vector_objects and kind == "keepout"
     shapes = _no_go_shapes(unturned.zones) if has_objects else {}
     template_values["shapes"] = len(shapes)
-    parameters, template_values["comments"] = parameter_files(robot.parameters, merged)
-    with export_folder(folder, "nav2-mask.md", about, force, **template_values) as temporary:
+    parameters, template_values["comments"] = make_parameter_files(robot.parameters, merged)
+    with export_folder(folder, "nav2-mask.md", metadata, force, **template_values) as temporary:
         for name, content in parameters.items():
             (temporary / name).write_bytes(content)
         if planning and planning.tree is not None:
@@ -335,7 +335,7 @@ def _write(
         _figures.save_preview(temporary, figure, dpi=90)
 
 
-def _mask_servers(kind: str, stem: str) -> list[Server]:
+def _mask_servers(kind: str, stem: str) -> list[LifecycleNode]:
     """The nodes that publish a mask and the meaning of its values."""
     base = f"localizability_{kind}"
     topic = {"topic_name": f"/{base}_mask", "frame_id": "map"}
@@ -345,8 +345,8 @@ def _mask_servers(kind: str, stem: str) -> list[Server]:
     topics = {"filter_info_topic": f"/{base}_info", "mask_topic": f"/{base}_mask"}
     law = topics | dict(zip(("type", "base", "multiplier"), laws[kind], strict=True))
     return [
-        Server("nav2_map_server", "map_server", f"{base}_mask_server", topic, files),
-        Server("nav2_map_server", "costmap_filter_info_server", f"{base}_info_server", law),
+        LifecycleNode("nav2_map_server", "map_server", f"{base}_mask_server", topic, files),
+        LifecycleNode("nav2_map_server", "costmap_filter_info_server", f"{base}_info_server", law),
     ]
 
 
@@ -376,4 +376,4 @@ def _write_vector_objects(folder: Path, shapes: Mapping[str, Any], resolution: f
             "ros__parameters": {"type": 0, **topics, "base": 0.0, "multiplier": 1.0}
         },
     }
-    (folder / VECTOR_OBJECTS).write_text(yaml_text(content), "utf-8")
+    (folder / VECTOR_OBJECTS).write_text(dump_parameters(content), "utf-8")

@@ -25,7 +25,7 @@ from locplan.robots.parameters import (
 )
 
 
-def yaml_text(content: Mapping[str, Any]) -> str:
+def dump_parameters(content: Mapping[str, Any]) -> str:
     """Parameters as YAML, in which ROS reads each text as a text."""
     import yaml
 
@@ -42,7 +42,7 @@ def yaml_text(content: Mapping[str, Any]) -> str:
     return text
 
 
-def parameter_files(before: Nav2Parameters, after: Nav2Parameters) -> tuple[dict[str, bytes], bool]:
+def make_parameter_files(before: Nav2Parameters, after: Nav2Parameters) -> tuple[dict[str, bytes], bool]:
     """Return the files of a robot's parameters with ours, and whether nav2.yaml has its comments.
 
     nav2.yaml is a copy of the robot's file that has what is changed; a merger if several files
@@ -54,24 +54,24 @@ def parameter_files(before: Nav2Parameters, after: Nav2Parameters) -> tuple[dict
     before, after : Nav2Parameters
         The robot's own parameters, and the same with ours.
     """
-    text, has_comments = _text_of(before, after)
+    text, has_comments = _make_nav2_yaml(before, after)
     files = {"nav2.yaml": text}
     if len(before.files) > 1:
-        files["merged.yaml"] = yaml_text(after.merge_files().content).encode()
+        files["merged.yaml"] = dump_parameters(after.merge_files().content).encode()
     return files, has_comments
 
 
-def _text_of(before: Nav2Parameters, after: Nav2Parameters) -> tuple[bytes, bool]:
+def _make_nav2_yaml(before: Nav2Parameters, after: Nav2Parameters) -> tuple[bytes, bool]:
     """Text of the only file that is changed, or of all in one, and whether comments are in it."""
     pairs = list(zip(before.files, after.files, strict=False))
     changed = [new for old, new in pairs if old.content != new.content] or [*after.files][:1]
     path = changed[0].path if len(changed) == 1 else None
     if path is None:
-        return yaml_text(after.merge_files().content).encode(), False
+        return dump_parameters(after.merge_files().content).encode(), False
     try:
         return edited_files(before, after).get(path) or path.read_bytes(), True
     except LocplanError:
-        return yaml_text(changed[0].content).encode(), False
+        return dump_parameters(changed[0].content).encode(), False
 
 
 def write_merged(target: Path, paths: Sequence[str | Path]) -> None:
@@ -89,35 +89,35 @@ def write_merged(target: Path, paths: Sequence[str | Path]) -> None:
     LocplanError
         If a file cannot be read.
     """
-    target.write_text(yaml_text(read_parameters(*paths).merge_files().content), "utf-8")
+    target.write_text(dump_parameters(read_parameters(*paths).merge_files().content), "utf-8")
 
 
-def differences(theirs: Any, merged: Any) -> tuple[list[str], list[str]]:
+def describe_differences(before: Any, merged: Any) -> tuple[list[str], list[str]]:
     """A sentence's part for each of a robot's own values that is another, and for each new one."""
     changed, added = [], []
-    for name, own, value in _values_of(theirs, merged):
+    for name, old_value, value in _iterate_values(before, merged):
         if isinstance(value, list):  # of names, to which ours are added
-            new = [str(list_name) for list_name in value if list_name not in (own or [])]
-            if gone := [str(list_name) for list_name in own or [] if list_name not in value]:
-                changed.append(f"{name}: without {', '.join(gone)}")
+            new = [str(list_name) for list_name in value if list_name not in (old_value or [])]
+            if removed_names := [str(list_name) for list_name in old_value or [] if list_name not in value]:
+                changed.append(f"{name}: without {', '.join(removed_names)}")
             if new:
                 added.append(f"{name}: {', '.join(new)}")
-        elif own is None:
+        elif old_value is None:
             added.append(f"{name}: {scalar_text(value)}")
-        elif own != value:
-            changed.append(f"{name}: {scalar_text(value)} (was {scalar_text(own)})")
+        elif old_value != value:
+            changed.append(f"{name}: {scalar_text(value)} (was {scalar_text(old_value)})")
     return changed, added
 
 
-def _values_of(theirs: Any, merged: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+def _iterate_values(before: Any, merged: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Name, value before and value after of each parameter; nodes' own levels are left out."""
     if not isinstance(merged, dict):
-        yield name, theirs, merged
+        yield name, before, merged
         return
-    old_values = theirs if isinstance(theirs, dict) else {}
+    old_values = before if isinstance(before, dict) else {}
     for key, value in merged.items():
         inner = name if key in ("ros__parameters", name) else f"{name}.{key}".strip(".")
-        yield from _values_of(old_values.get(key), value, inner)
+        yield from _iterate_values(old_values.get(key), value, inner)
 
 
 Params: TypeAlias = str | Path | Sequence[str | Path] | None
@@ -163,8 +163,8 @@ class Distribution:
 
 
 DISTRIBUTIONS = {
-    each.name: each
-    for each in (
+    distro.name: distro
+    for distro in (
         Distribution("humble", True, False, "launch", unsure_field=False),
         Distribution("jazzy", graph_by="parameters", unsure_field=False),
         Distribution("kilted"),
@@ -175,7 +175,7 @@ DISTRIBUTIONS = {
 """Distributions that exports are made for, by name."""
 
 
-def distribution(name: str) -> Distribution:
+def find_distribution(name: str) -> Distribution:
     """A distribution of ROS 2 by its name.
 
     Parameters
@@ -201,7 +201,7 @@ class RobotWarning(UserWarning):
 
 
 @dataclass(frozen=True)
-class Robot:
+class Nav2Robot:
     """A robot's own parameters of Nav2, into which ours are merged."""
 
     distribution: Distribution
@@ -214,14 +214,14 @@ class Robot:
     """The file of its behaviour tree, if it is given."""
 
     @classmethod
-    def of(cls, params: Params, distro: str, tree: str | Path | None = None) -> Robot:
+    def from_files(cls, params: Params, distro: str, tree: str | Path | None = None) -> Nav2Robot:
         """Read the files and warn of the distribution's faults; a LocplanError where it cannot."""
         paths = [params] if isinstance(params, (str, os.PathLike)) else params or ()
         files = tuple(map(Path, paths))
         tree_path = Path(tree) if tree else None
-        robot = cls(distribution(distro), files, read_parameters(*files), tree_path)
+        robot = cls(find_distribution(distro), files, read_parameters(*files), tree_path)
         robot.distribution.warn()
-        robot.warn(robot._misspelt())
+        robot.warn(robot._note_misspelt_plugins())
         return robot
 
     @property
@@ -233,7 +233,7 @@ class Robot:
         return self.files[at] if self.files else None
 
     @property
-    def others(self) -> list[str]:
+    def other_files(self) -> list[str]:
         """Names of its other files."""
         return [parameter_file.name for parameter_file in self.files if parameter_file != self.file]
 
@@ -260,42 +260,42 @@ class Robot:
 
     def warn_changed(self, merged: Nav2Parameters) -> None:
         """Warn of values of its file that are others in an export."""
-        changed, _ = differences(self.parameters.content, merged.content)
+        changed, _ = describe_differences(self.parameters.content, merged.content)
         if self.file and changed:
-            found = f"the exported nav2.yaml has other values than {self.file.name}"
-            warnings.warn(ParametersChanged(f"{found}: {'; '.join(changed)}"), stacklevel=5)
+            sentence = f"the exported nav2.yaml has other values than {self.file.name}"
+            warnings.warn(ParametersChanged(f"{sentence}: {'; '.join(changed)}"), stacklevel=5)
 
-    def of_planner(self, called: str) -> Iterator[str]:
+    def note_other_planners(self, planner_name: str) -> Iterator[str]:
         """That ours stands beside its own planners, and why."""
         caveats = {nav_planner.plugin: nav_planner.caveat for nav_planner in PLANNERS.values()}
-        others = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != called]
-        if others and called not in self.planners:
-            why = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
+        other_planners = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != planner_name]
+        if other_planners and planner_name not in self.planners:
+            reason = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
             yield (
-                f"its planners are {', '.join(others)}{why}; {called} is added for the mask, and"
+                f"its planners are {', '.join(other_planners)}{reason}; {planner_name} is added for the mask, and"
                 " plans only where it is selected, as the folder's README.md says"
             )
 
-    def of_speed(self, own: str) -> Iterator[str]:
+    def note_speed_filters(self, filter_name: str) -> Iterator[str]:
         """That another speed filter limits the same robot."""
         advice = "both publish limits, and the one that came last counts: merge the masks, or leave"
         for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
             for name, value in self.parameters.node_parameters(costmap).items():
                 layer, _, last = name.rpartition(".")
-                if last == "plugin" and layer != own and str(value).endswith("SpeedFilter"):
-                    where = costmap.partition("/")[0]
-                    yield f"{where} has a speed filter, {layer}; {advice} one out"
+                if last == "plugin" and layer != filter_name and str(value).endswith("SpeedFilter"):
+                    costmap_name = costmap.partition("/")[0]
+                    yield f"{costmap_name} has a speed filter, {layer}; {advice} one out"
 
-    def of_radius(self, radius: float) -> Iterator[str]:
+    def note_larger_radius(self, radius: float) -> Iterator[str]:
         """That it is larger than the robot that lanes were made for."""
-        own = self.parameters.node_parameters(GLOBAL_COSTMAP).get("robot_radius")
-        if isinstance(own, (int, float)) and own > radius + 1e-9 and math.isfinite(own):
+        robot_radius = self.parameters.node_parameters(GLOBAL_COSTMAP).get("robot_radius")
+        if isinstance(robot_radius, (int, float)) and robot_radius > radius + 1e-9 and math.isfinite(robot_radius):
             yield (
-                f"its robot_radius is {own:g} m, but the ways are for {radius:g} m; give"
-                f" --set footprint={own:g}"
+                f"its robot_radius is {robot_radius:g} m, but the ways are for {radius:g} m; give"
+                f" --set footprint={robot_radius:g}"
             )
 
-    def _misspelt(self) -> Iterator[str]:
+    def _note_misspelt_plugins(self) -> Iterator[str]:
         """That its planners are written as in another distribution."""
         server = self.parameters.node_parameters(PLANNER_SERVER)
         for name in self.planners:
@@ -306,7 +306,7 @@ class Robot:
                 yield f"{name} is {plugin}, as from jazzy on, but humble has / for ::"
 
 
-def with_costmap(robot: Robot, *kinds: str) -> Nav2Parameters:
+def add_filter(robot: Nav2Robot, *kinds: str) -> Nav2Parameters:
     """Parameters with our filters in the global costmap, and in its list of them."""
     names = robot.parameters.names(GLOBAL_COSTMAP, "filters")
     changes: dict[str, Any] = {}
@@ -319,12 +319,12 @@ def with_costmap(robot: Robot, *kinds: str) -> Nav2Parameters:
             # The controller server obeys this one.
             filter_settings |= {"speed_limit_topic": f"{robot.parameters.namespace}/speed_limit"}
         names = names if plugin in names else [*names, plugin]
-        changes |= _settings(plugin, filter_settings)
+        changes |= _prefix_settings(plugin, filter_settings)
     return robot.parameters.with_values(GLOBAL_COSTMAP, {"filters": names, **changes})
 
 
-def with_planner(
-    robot: Robot, merged: Nav2Parameters, conversion: Conversion
+def add_planner(
+    robot: Nav2Robot, merged: Nav2Parameters, conversion: Conversion
 ) -> tuple[Nav2Parameters, str]:
     """Parameters with the planner that a conversion is for, and the planner's name.
 
@@ -348,13 +348,13 @@ def with_planner(
     if same_type:
         del planner_settings["plugin"]
     planner_list = names if name in names else [*names, name]
-    changes = {"planner_plugins": planner_list, **_settings(name, planner_settings)}
+    changes = {"planner_plugins": planner_list, **_prefix_settings(name, planner_settings)}
     for other, other_type in robot.planners.items():  # Nav2 fills in a type of its own list only
         if planner_list != names and other_type and f"{other}.plugin" not in server:
             changes[f"{other}.plugin"] = other_type.replace("::", "/" if runs.slashes else "::")
     return merged.with_values(PLANNER_SERVER, changes), name
 
 
-def _settings(name: str, own: dict[str, Any]) -> dict[str, Any]:
+def _prefix_settings(name: str, settings: dict[str, Any]) -> dict[str, Any]:
     """The settings of a plugin by their names in ROS."""
-    return {f"{name}.{key}": value for key, value in own.items()}
+    return {f"{name}.{key}": value for key, value in settings.items()}

@@ -20,7 +20,7 @@ from locplan.planning.path import Path
 PATH_SUFFIXES = ".csv", ".json", ".geojson", ".yaml"
 
 
-def path(
+def write_path_file(
     path: str | os.PathLike[str], route: Path, *, frame: str = FRAME, step: float | None = None
 ) -> None:
     """Write a path; the suffix chooses the format.
@@ -32,7 +32,7 @@ def path(
 
     Parameters
     ----------
-    path : path
+    write_path_file : path
         The file, named *.csv, *.json, *.geojson or *.yaml; one that is there is replaced.
     route : Path
         The path.
@@ -71,7 +71,7 @@ def path(
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def field(path: str | os.PathLike[str], computed: CovarianceField) -> None:
+def write_field_file(path: str | os.PathLike[str], computed: CovarianceField) -> None:
     """Write a field, as `CovarianceField.save`, with the degeneracy "u_map" of the map's cells.
 
     ``numpy.load`` reads it without locplan. "u_map" merges several headings by their mean

@@ -20,7 +20,7 @@ from locplan.export.masks import (
     follower_room,
     mask_density,
 )
-from locplan.export.parameters import Robot
+from locplan.export.parameters import Nav2Robot
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.costmap import Costmap
@@ -30,11 +30,11 @@ from locplan.planning.plans import plan
 from locplan.robots.parameters import PLANNER_SERVER
 
 Position = tuple[float, float]
-BEYOND = 0.4
+PRICE_DISTANCE = 0.4
 """Distance beyond the robot at which the prices of inflated cells are compared [m]."""
 
 
-def costmap_costs(
+def compute_costmap_costs(
     grid: OccupancyGrid,
     values: NDArray[np.int8] | None = None,
     inflation: CostmapInflation | None = None,
@@ -50,13 +50,13 @@ def costmap_costs(
     return np.where(grid.free | (grid.cells == OCCUPIED), cost, LETHAL)
 
 
-def unblocked(costs: Costmap) -> Costmap:
+def unblock_costmap(costs: Costmap) -> Costmap:
     """The costmap without the robot's radius, for the paths of a smaller robot; walls stay."""
     density = costs.unblocked_density  # zones included
     return Costmap.from_density(costs.grid, np.where(np.isnan(density), np.inf, density))
 
 
-def planned(
+def simulate_nav2_planner(
     planner: NavPlanner,
     param: float,
     grid: OccupancyGrid,
@@ -79,7 +79,7 @@ def planned(
 
 def check_paths(costs: Costmap, paths: Mapping[str, Path]) -> None:
     """Raise a ConfigError if a path is no way on the map."""
-    free = unblocked(costs)
+    free = unblock_costmap(costs)
     for name, path in paths.items():
         if not 0 < path_metrics(free, path).cost < math.inf:
             raise ConfigError(
@@ -87,7 +87,7 @@ def check_paths(costs: Costmap, paths: Mapping[str, Path]) -> None:
             )
 
 
-def checked_paths(
+def compare_nav2_paths(
     costs: Costmap,
     values: NDArray[np.int8],
     conversion: Conversion,
@@ -100,16 +100,16 @@ def checked_paths(
     """
     if conversion.planner.caveat or not paths:
         return
-    cost = costmap_costs(costs.grid, values, layer)
+    cost = compute_costmap_costs(costs.grid, values, layer)
     for name, path in paths.items():
-        yield judged(costs, cost, conversion.planner, conversion.param, name, path)
+        yield compare_nav2_path(costs, cost, conversion.planner, conversion.param, name, path)
 
 
-def steeper_inflation(
+def suggest_inflation(
     costs: Costmap,
     values: NDArray[np.int8],
-    robot: Robot,
-    left: Sequence[PlannedPath],
+    robot: Nav2Robot,
+    untaken_paths: Sequence[PlannedPath],
     conversion: Conversion,
     paths: Mapping[str, Path],
     layer: CostmapInflation,
@@ -122,10 +122,10 @@ def steeper_inflation(
     steeper, planner = layer.steeper, conversion.planner
     if steeper is None:
         return ""
-    cost = costmap_costs(costs.grid, values, steeper)
-    steep_paths = (judged(costs, cost, planner, conversion.param, p.name, paths[p.name]) for p in left)
-    taken = [f"{each.name} ({each.text})" for each in steep_paths if each.follows]
-    if not taken:
+    cost = compute_costmap_costs(costs.grid, values, steeper)
+    steep_paths = (compare_nav2_path(costs, cost, planner, conversion.param, p.name, paths[p.name]) for p in untaken_paths)
+    path_texts = [f"{nav2_path.name} ({nav2_path.text})" for nav2_path in steep_paths if nav2_path.follows]
+    if not path_texts:
         return ""
     server = robot.parameters.node_parameters(PLANNER_SERVER)
     names = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
@@ -133,29 +133,29 @@ def steeper_inflation(
     today = planner.default if not isinstance(today, (int, float)) else float(today)
 
     def price(inflation: CostmapInflation, parameter: float) -> float:
-        return float(planner.excess(np.array(252 * inflation.share_beyond(BEYOND)), parameter))
+        return float(planner.excess(np.array(252 * inflation.share_beyond(PRICE_DISTANCE)), parameter))
 
     yours, factor = layer.inflation.cost_scaling_factor, steeper.inflation.cost_scaling_factor
     return (
-        f"{planner.name} takes {', '.join(taken)} if global_costmap has"
+        f"{planner.name} takes {', '.join(path_texts)} if global_costmap has"
         f" {layer.layer}.cost_scaling_factor: {factor:.1f} (yours is {yours:g}). Obstacles that the"
-        f" sensors see then inflate less: {BEYOND:g} m beyond the robot a cell costs"
+        f" sensors see then inflate less: {PRICE_DISTANCE:g} m beyond the robot a cell costs"
         f" {price(steeper, conversion.param):.2f} per metre instead of"
         f" {price(layer, conversion.param):.2f} ({price(layer, today):.2f} without the mask's"
         f" {planner.parameter})"
     )
 
 
-def judged(
+def compare_nav2_path(
     costs: Costmap, cost: Floats, planner: NavPlanner, param: float, name: str, path: Path
 ) -> PlannedPath:
     """The path that a planner takes between the ends of a recommended one, beside it."""
-    free, nav2_path = unblocked(costs), route_between(costs, cost, planner, param, path)
+    free, nav2_path = unblock_costmap(costs), plan_between_ends(costs, cost, planner, param, path)
     if nav2_path is None:
         return PlannedPath(name, planner.name, math.nan, math.nan, math.nan)
     recommended = path_metrics(free, path).cost
-    xy, clearance = clearance_along(costs.grid, nav2_path)
-    narrowest, room = narrowest_of(xy, clearance)
+    xy, clearance = measure_clearance(costs.grid, nav2_path)
+    narrowest, room = find_narrowest(xy, clearance)
     return PlannedPath(
         name,
         planner.name,
@@ -164,22 +164,22 @@ def judged(
         float(clearance.min()),
         narrowest,
         room,
-        max(1.0, roomy_cost(costs, path) / recommended),
+        max(1.0, compute_roomy_cost(costs, path) / recommended),
     )
 
 
-def route_between(
+def plan_between_ends(
     costs: Costmap, cost: Floats, planner: NavPlanner, param: float, path: Path
 ) -> Path | None:
     """The path of a planner between the ends of another; None without any."""
     ends: tuple[Position, Position] = tuple(map(tuple, path.xy[[0, -1]]))  # type: ignore[assignment]
     try:
-        return planned(planner, param, costs.grid, cost, *ends)
+        return simulate_nav2_planner(planner, param, costs.grid, cost, *ends)
     except PoseError:  # an end is too close to a wall for Nav2's footprint
         return None
 
 
-def roomy_cost(costs: Costmap, path: Path) -> float:
+def compute_roomy_cost(costs: Costmap, path: Path) -> float:
     """J of the best path that keeps a follower's room, between the ends of another; 0 without any.
 
     The recommended path may pass where a follower stops.
@@ -192,10 +192,10 @@ def roomy_cost(costs: Costmap, path: Path) -> float:
         best = plan(roomy, start, goal, planner="grid", allow_corner_cutting=True).path
     except PoseError:
         return 0.0
-    return path_metrics(unblocked(costs), best).cost if best else 0.0
+    return path_metrics(unblock_costmap(costs), best).cost if best else 0.0
 
 
-def clearance_along(grid: OccupancyGrid, path: Path) -> tuple[Floats, Floats]:
+def measure_clearance(grid: OccupancyGrid, path: Path) -> tuple[Floats, Floats]:
     """Positions (n, 2) along a path a cell apart, and the distance from walls of each [m]."""
     xy = path.resample(grid.resolution).xy
     rows, cols = (values.astype(int) for values in grid.world_to_grid(*xy.T))
@@ -203,7 +203,7 @@ def clearance_along(grid: OccupancyGrid, path: Path) -> tuple[Floats, Floats]:
     return xy, grid.clearance[rows, cols]
 
 
-def narrowest_of(xy: Floats, clearance: Floats) -> tuple[Position, float]:
+def find_narrowest(xy: Floats, clearance: Floats) -> tuple[Position, float]:
     """Position and distance from walls of the narrowest place; infinite on a short path.
 
     Half a metre at both ends does not count: docks are at walls.
@@ -258,25 +258,25 @@ def close_gaps(
     for path in paths.values():
         before = _Trial(costs, values, conversion, path, layer)
         while before.path and len(gaps) < MAX_GAPS:
-            (x, y), clearance = narrowest_of(before.xy, before.clearance)
+            (x, y), clearance = find_narrowest(before.xy, before.clearance)
             if not _is_gap(costs, before.xy, (x, y), clearance):
                 break
-            gap_distances = _distance_from(costs, (x, y))
+            gap_distances = _compute_distances(costs, (x, y))
             disc = costs.grid.free & (gap_distances <= clearance + 1.5 * costs.grid.resolution)
-            if (disc & _around_ends(costs, path)).any():
+            if (disc & _find_end_cells(costs, path)).any():
                 break
             trial_values = values.copy()
             trial_values[disc] = CLOSED
             after = _Trial(costs, trial_values, conversion, path, layer)
             wider = after.path is not None and after.shortfall < 0.8 * before.shortfall
-            if not wider or after.cost > MAX_DETOUR * before.cost or _cuts(costs, values, disc):
+            if not wider or after.cost > MAX_DETOUR * before.cost or _cuts_off_region(costs, values, disc):
                 break
             values, before = trial_values, after
             gaps.append((x, y, clearance))
     return values, gaps
 
 
-def narrow_places(paths: Sequence[PlannedPath], radius: float) -> Iterator[str]:
+def note_narrow_places(paths: Sequence[PlannedPath], radius: float) -> Iterator[str]:
     """Yield a note for each path on which a follower lacks room, with the place.
 
     Parameters
@@ -287,11 +287,11 @@ def narrow_places(paths: Sequence[PlannedPath], radius: float) -> Iterator[str]:
         Radius of the robot, with its margin [m].
     """
     room = follower_room(radius)
-    for each in paths:
-        if each.room < room and not math.isnan(each.ratio):
-            x, y = each.narrowest
+    for nav2_path in paths:
+        if nav2_path.room < room and not math.isnan(nav2_path.ratio):
+            x, y = nav2_path.narrowest
             yield (
-                f"{each.planner}'s path for {each.name} passes {each.room:.2f} m from walls at"
+                f"{nav2_path.planner}'s path for {nav2_path.name} passes {nav2_path.room:.2f} m from walls at"
                 f" ({x:.2f}, {y:.2f}); path followers may stop below {room:.2f} m, so try this"
                 " place first"
             )
@@ -308,12 +308,12 @@ class _Trial:
         path: Path,
         layer: CostmapInflation | None,
     ) -> None:
-        cost = costmap_costs(costs.grid, values, layer)
-        self.path = route_between(costs, cost, conversion.planner, conversion.param, path)
+        cost = compute_costmap_costs(costs.grid, values, layer)
+        self.path = plan_between_ends(costs, cost, conversion.planner, conversion.param, path)
         if self.path is None:
             return
-        self.cost = path_metrics(unblocked(costs), self.path).cost
-        self.xy, self.clearance = clearance_along(costs.grid, self.path)
+        self.cost = path_metrics(unblock_costmap(costs), self.path).cost
+        self.xy, self.clearance = measure_clearance(costs.grid, self.path)
         lacking = follower_room(costs.robot_radius) - self.clearance
         # Narrow places count more than proportionally: one of 0.33 m stops a robot more often
         # than three of 0.42 m.
@@ -343,30 +343,30 @@ def _is_gap(costs: Costmap, xy: Floats, at: tuple[float, float], clearance: floa
     return width < 2 * room
 
 
-def _around_ends(costs: Costmap, path: Path) -> Bools:
+def _find_end_cells(costs: Costmap, path: Path) -> Bools:
     """Cells in which the robot stands at the ends of a path."""
     return np.asarray(
-        np.minimum.reduce([_distance_from(costs, tuple(xy)) for xy in path.xy[[0, -1]]])
+        np.minimum.reduce([_compute_distances(costs, tuple(xy)) for xy in path.xy[[0, -1]]])
         <= costs.robot_radius + costs.grid.resolution
     )
 
 
-def _distance_from(costs: Costmap, xy: tuple[float, ...]) -> Floats:
+def _compute_distances(costs: Costmap, xy: tuple[float, ...]) -> Floats:
     """Distance of each cell from a position, (H, W) [m]."""
     row, col = costs.grid.world_to_grid(*xy)
     rows, cols = np.ogrid[: costs.grid.shape[0], : costs.grid.shape[1]]
     return np.asarray(np.hypot(rows + 0.5 - row, cols + 0.5 - col) * costs.grid.resolution)
 
 
-def _cuts(costs: Costmap, values: NDArray[np.int8], disc: Bools) -> bool:
+def _cuts_off_region(costs: Costmap, values: NDArray[np.int8], disc: Bools) -> bool:
     """True if closed cells cut off a part of the free space."""
     import cv2
 
     wide = ~costs.grid.closer_than(costs.robot_radius) & costs.grid.free & (values != CLOSED)
     min_cells = LARGE / costs.grid.resolution**2
 
-    def count(cells: Bools) -> int:
+    def count_regions(cells: Bools) -> int:
         _, _, statistics, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=8)
         return int((statistics[1:, cv2.CC_STAT_AREA] >= min_cells).sum())
 
-    return count(wide & ~disc) > count(wide)
+    return count_regions(wide & ~disc) > count_regions(wide)

@@ -12,8 +12,8 @@ import numpy as np
 
 from locplan._support.records import Column, Table
 from locplan.errors import ConfigError
-from locplan.export.joined_ways import SAME, Lines, divided, followed_costs, joined, straightened
-from locplan.export.parameters import Params, Robot
+from locplan.export.joined_ways import SAME, LineCosts, divide_path, adjust_costs, join_paths, straighten_ways
+from locplan.export.parameters import Params, Nav2Robot
 from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import (
     FINENESS,
@@ -24,12 +24,12 @@ from locplan.export.route_graph import (
     to_geojson,
     write_graph,
 )
-from locplan.export.values import unturn, where_unturned
+from locplan.export.values import unturn, world_to_unrotated_map
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.path import Path
 
-ONE_PLACE = 2 * SAME
+MAX_END_DISTANCE = 2 * SAME
 """Maximum distance of ends that can become one node [m]: each may lie that far from it."""
 
 
@@ -48,7 +48,7 @@ class RecommendedWays:
     two metres of all of it."""
 
     @property
-    def contradicted(self) -> tuple[str, ...]:
+    def conflicting_queries(self) -> tuple[str, ...]:
         """Names of the other queries: their ways contradict those of the ones that are followed."""
         return tuple(name for name in self.ways if name not in self.followed)
 
@@ -57,16 +57,16 @@ class RecommendedWays:
         sizes = {"nodes": len(self.graph.nodes), "edges": len(self.graph.edges)}
         values = {**sizes, "followed": list(self.followed), "changed_edges": self.changed}
         followed = "ways that the server takes", f"{len(self.followed)} of {len(self.ways)}"
-        other = "other routes are cheaper", ", ".join(self.contradicted)
+        other = "other routes are cheaper", ", ".join(self.conflicting_queries)
         size = "nodes, edges", f"{len(self.graph.nodes):,}, {len(self.graph.edges):,}"
-        rows = size, followed, *([other] if self.contradicted else [])
+        rows = size, followed, *([other] if self.conflicting_queries else [])
         return ExportSummary(values, rows)
 
     def __repr__(self) -> str:
         return f"RecommendedWays({len(self.followed)} of {len(self.ways)} followed, {self.graph})"
 
 
-def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWays:
+def make_recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWays:
     """Join paths to a graph on which the cheapest routes are these paths.
 
     Ways within two metres of one another become one where that is free and costs little. The way
@@ -100,15 +100,15 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     >>> recommended_ways(costs, {"there": there, "half": half})
     RecommendedWays(2 of 2 followed, RouteGraph(3 nodes, 4 directed edges))
     """
-    paths = {name: path for name, path in paths.items() if path.length > ONE_PLACE}
+    paths = {name: path for name, path in paths.items() if path.length > MAX_END_DISTANCE}
     if not paths:
         raise ConfigError("there is no way to export; give at least one path of some length")
     check_ways(costs, paths)
-    lines = Lines(costs)
+    lines = LineCosts(costs)
     # A path along the edge of a blocked cell can come to lie beyond it in single precision.
-    if not all(np.isfinite(lines.along(divided(path))).all() for path in paths.values()):
-        lines = Lines(costs, aside=FINENESS)
-    nodes, ways = straightened(lines, *joined(lines, paths))
+    if not all(np.isfinite(lines.compute_chain_costs(divide_path(path))).all() for path in paths.values()):
+        lines = LineCosts(costs, side_tolerance=FINENESS)
+    nodes, ways = straighten_ways(lines, *join_paths(lines, paths))
     forward_ways = [*ways.values()]
     all_ways = forward_ways + [way[::-1] for way in forward_ways]
     edges = np.array(sorted({two for way in all_ways for two in pairwise(way)}))
@@ -116,7 +116,7 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
     price = np.maximum(lines.costs(nodes, edges), length)
     # Ways may contradict one another: the price of one, or of the way back, that is not followed.
     worth = np.repeat([1e3, 1e1], len(forward_ways))
-    cost, followed = followed_costs(nodes, edges, price, length, all_ways, worth)
+    cost, followed = adjust_costs(nodes, edges, price, length, all_ways, worth)
     e, u = (lines.integrals(layer, nodes, edges) for layer in (costs.e, costs.u))
     return RecommendedWays(
         RouteGraph(nodes, edges, length, cost, e, u),
@@ -129,14 +129,14 @@ def recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> RecommendedWa
 def check_ways(costs: Costmap, paths: Mapping[str, Path]) -> None:
     """Raise a ConfigError unless paths are ways on the map that a route can follow."""
     check_precision(costs.grid)
-    lines = Lines(costs)
+    lines = LineCosts(costs)
     for name, path in paths.items():
-        if np.hypot(*(path.xy[-1] - path.xy[0])) <= ONE_PLACE < path.length:
+        if np.hypot(*(path.xy[-1] - path.xy[0])) <= MAX_END_DISTANCE < path.length:
             raise ConfigError(
                 f"path {name} ends where it starts, and a server's route there is empty; give the"
                 " way out and the way back as two paths"
             )
-        if not np.isfinite(lines.along(path.xy)).all():
+        if not np.isfinite(lines.compute_chain_costs(path.xy)).all():
             raise ConfigError(f"path {name} leaves the map's free space; plan it on this map")
 
 
@@ -183,12 +183,12 @@ def nav2_routes(
     LocplanError
         If the folder cannot be written, or a path does not lie in the map's free space.
     """
-    robot = Robot.of(params, distro)
+    robot = Nav2Robot.from_files(params, distro)
     grid = costs.grid
     unturned = unturn(costs)
     if grid.origin[2]:
-        paths = {name: _unturned(grid, path) for name, path in paths.items()}
-    ways = recommended_ways(unturned, paths)
+        paths = {name: _remove_yaw(grid, path) for name, path in paths.items()}
+    ways = make_recommended_ways(unturned, paths)
     name = grid.name or "a map"
     metadata = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
     metadata |= {"queries": list(ways.ways), "followed": list(ways.followed)} | summarize_costs(costs)
@@ -199,17 +199,17 @@ def nav2_routes(
         title = f"{name}: recommended ways of {count} quer{'y' if count == 1 else 'ies'}"
         write_graph(temporary, to_geojson(ways.graph, frame), SCORERS, robot, FilePath(folder))
         save_graph_preview(temporary, unturned, ways.graph, title)
-        _table(ways).write_csv(temporary / "routes.csv")
+        _make_table(ways).write_csv(temporary / "routes.csv")
     return ways
 
 
-def _unturned(grid: OccupancyGrid, path: Path) -> Path:
+def _remove_yaw(grid: OccupancyGrid, path: Path) -> Path:
     """A path on the map without its yaw."""
     heading = None if path.heading is None else path.heading - grid.origin[2]
-    return Path(where_unturned(grid, path.xy), heading)
+    return Path(world_to_unrotated_map(grid, path.xy), heading)
 
 
-def _table(ways: RecommendedWays) -> Table:
+def _make_table(ways: RecommendedWays) -> Table:
     """A row for each query, with the ids of its ends in the graph's file."""
     matrix, rows = ways.graph.matrix, []
     for name, way in ways.ways.items():

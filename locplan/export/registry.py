@@ -31,7 +31,7 @@ NAV2_FILES = {
     "preview.png": "the picture",
 }
 """Purpose of the files for Nav2 by name, the most useful first."""
-ABOUT = "export.json"
+METADATA_FILE = "export.json"
 """The file of a folder that says what it was made of."""
 Distro = Literal["humble", "jazzy", "kilted", "lyrical", "rolling"]
 """A distribution of ROS 2."""
@@ -68,7 +68,7 @@ class ExportJob:
         return [("first", sentence) for sentence in self.choice.advice] if self.choice else []
 
     @classmethod
-    def of_choice(cls, choice: Choice, field: CovarianceField) -> ExportJob:
+    def from_choice(cls, choice: Choice, field: CovarianceField) -> ExportJob:
         """The objects of a choice.
 
         Parameters
@@ -79,11 +79,11 @@ class ExportJob:
             The field of its map, by the choice's `config`.
         """
         choice = choice.with_field(field)
-        paths = {candidate.name: candidate.path for candidate in [choice.chosen] if candidate}
+        paths = {candidate.name: candidate.path for candidate in [choice.recommended_candidate] if candidate}
         return cls(choice.costmap(), field, paths, robot=choice.robot, choice=choice)
 
     @classmethod
-    def of_choices(
+    def from_choices(
         cls, choices: Mapping[str, Choice], field: CovarianceField, paths: Mapping[str, Route]
     ) -> ExportJob:
         """The paths of choices, with further ones, on the costmap of the first choice's field.
@@ -180,7 +180,7 @@ class Format:
 
     name: str
     """The name on the command line."""
-    about: str
+    description: str
     """A few words that describe it."""
     write: Callable[[Path, ExportJob, Any], ExportSummary]
     """The function that writes a job to a target, with an instance of `options`."""
@@ -232,7 +232,7 @@ class Format:
         return Output(target, self.name, force, is_file=bool(self.suffixes), purposes=purposes)
 
 
-def formats() -> dict[str, Format]:
+def list_formats() -> dict[str, Format]:
     """All formats by name."""
     from locplan.export.formats import FORMATS
 
@@ -243,28 +243,28 @@ def formats() -> dict[str, Format]:
 def export_folder(
     target: str | Path,
     readme: str,
-    about: Mapping[str, Any],
+    metadata: Mapping[str, Any],
     force: bool,
     *,
     purposes: Mapping[str, str] = NAV2_FILES,
-    **known: Any,
+    **template_values: Any,
 ) -> Iterator[Path]:
     """Yield a new folder whose files move to `target` when the block succeeds.
 
-    It gets a README.md, which is the template `readme` with what is `known`, and export.json.
+    It gets a README.md, which is the template `readme` with what is `template_values`, and export.json.
     `purposes` are those of its files by name, the most useful first.
     """
-    with Output(Path(target), about["kind"], force, purposes=purposes).writing() as folder:
+    with Output(Path(target), metadata["kind"], force, purposes=purposes).writing() as folder:
         yield folder
-        (folder / "README.md").write_text(rendered(readme, **known), "utf-8")
-        text = json.dumps(about, indent=2, allow_nan=False)
-        (folder / ABOUT).write_text(text + "\n", "utf-8")
+        (folder / "README.md").write_text(render_template(readme, **template_values), "utf-8")
+        text = json.dumps(metadata, indent=2, allow_nan=False)
+        (folder / METADATA_FILE).write_text(text + "\n", "utf-8")
 
 
-def rendered(template: str, **known: Any) -> str:
+def render_template(template: str, **template_values: Any) -> str:
     """The text of one of our templates with what is known."""
     templates = load_templates("locplan.export", keep_trailing_newline=True)
-    return templates.get_template(template).render(known)
+    return templates.get_template(template).render(template_values)
 
 
 def check_has_field(costs: Costmap) -> None:

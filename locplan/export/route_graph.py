@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.tables import make_collection, make_feature, write_geojson
 from locplan.errors import ConfigError
-from locplan.export.parameters import Robot, parameter_files
+from locplan.export.parameters import Nav2Robot, make_parameter_files
 from locplan.export.registry import FRAME
-from locplan.export.servers import Server, write_servers
+from locplan.export.servers import LifecycleNode, write_servers
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
 from locplan.robots.parameters import Nav2Parameters
@@ -28,7 +28,7 @@ Positions = Floats
 """World positions (n, 2) [m]."""
 Pairs = Ints
 """Pairs of nodes (m, 2)."""
-Space = tuple[NDArray[Any], int, tuple[Any, ...]]
+GraphSpace = tuple[NDArray[Any], int, tuple[Any, ...]]
 """Half the density with its border, its columns, and the frame; see
 `locplan.export.kernels.route`.
 """
@@ -70,7 +70,7 @@ class RouteGraph:
         return csr_array(coo_array((self.cost, tuple(self.edges.T)), shape=(count, count)))
 
 
-def space_of(costs: Costmap) -> Space:
+def make_space(costs: Costmap) -> GraphSpace:
     """A costmap as the kernels of route graphs take it.
 
     Raises
@@ -152,7 +152,7 @@ def to_geojson(graph: RouteGraph, frame: str = FRAME) -> dict[str, Any]:
 
 
 def write_graph(
-    folder: Path, graph: Mapping[str, Any], scorers: Mapping[str, Any], robot: Robot, target: Path
+    folder: Path, graph: Mapping[str, Any], scorers: Mapping[str, Any], robot: Nav2Robot, target: Path
 ) -> None:
     """Write a graph's GeoJSON with the server whose scorers make the costs of its edges J.
 
@@ -170,12 +170,12 @@ def write_graph(
     robot_settings, file = robot.parameters.node_parameters(node := "route_server"), "graph.geojson"
     robot_settings.pop("graph_filepath", None)
     merged_settings = Nav2Parameters().with_values(node, robot_settings | server_settings).content[node]["ros__parameters"]
-    server = Server("nav2_route", node, node, merged_settings, {"graph_filepath": file})
+    server = LifecycleNode("nav2_route", node, node, merged_settings, {"graph_filepath": file})
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
     if robot.file:
         place = {"graph_filepath": str(target.resolve() / file)}
         robot.warn_changed(merged := robot.parameters.with_values(node, server_settings | place))
-        for name, content in parameter_files(robot.parameters, merged)[0].items():
+        for name, content in make_parameter_files(robot.parameters, merged)[0].items():
             (folder / name).write_bytes(content)
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from locplan.export.parameters import yaml_text
-from locplan.export.registry import rendered
+from locplan.export.parameters import dump_parameters
+from locplan.export.registry import render_template
 from locplan.maps.files import save_map
 from locplan.maps.grid import OccupancyGrid
 
 
 @dataclass(frozen=True)
-class Server:
+class LifecycleNode:
     """A lifecycle node of Nav2."""
 
     package: str
@@ -30,9 +30,9 @@ class Server:
     """
 
 
-def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) -> None:
+def write_servers(folder: Path, servers: Sequence[LifecycleNode], manager_name: str) -> None:
     """Write the nodes' parameters, and a launch file that starts and activates them."""
-    manager = Server(
+    manager = LifecycleNode(
         "nav2_lifecycle_manager",
         "lifecycle_manager",
         manager_name,
@@ -40,9 +40,9 @@ def write_servers(folder: Path, servers: Sequence[Server], manager_name: str) ->
     )
     nodes = [*servers, manager]
     parameters = {node.name: {"ros__parameters": dict(node.parameters)} for node in nodes}
-    (folder / "servers.yaml").write_text(yaml_text(parameters), "utf-8")
+    (folder / "servers.yaml").write_text(dump_parameters(parameters), "utf-8")
     launch = folder / "localizability.launch.xml"
-    launch.write_text(rendered("servers.launch.xml", nodes=nodes), "utf-8")
+    launch.write_text(render_template("servers.launch.xml", nodes=nodes), "utf-8")
 
 
 def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
@@ -62,10 +62,10 @@ def write_filter_map(folder: Path, grid: OccupancyGrid) -> None:
     save_map(grid, folder / "map_amcl.yaml")
     parameters = {"topic_name": topic, "frame_id": "map"}
     files = {"yaml_filename": "map_amcl.yaml"}
-    server = Server("nav2_map_server", "map_server", "map_amcl_server", parameters, files)
+    server = LifecycleNode("nav2_map_server", "map_server", "map_amcl_server", parameters, files)
     # The lifecycle manager of nav2_bringup knows its own nodes only.
     write_servers(folder, [server], "lifecycle_manager_map_amcl")
     amcl = {"amcl": {"ros__parameters": {"map_topic": topic}}}
-    (folder / "amcl.yaml").write_text(yaml_text(amcl), "utf-8")
-    readme = rendered("filter-map.md", map=grid.name, topic=topic)
+    (folder / "amcl.yaml").write_text(dump_parameters(amcl), "utf-8")
+    readme = render_template("filter-map.md", map=grid.name, topic=topic)
     (folder / "README.md").write_text(readme, "utf-8")

@@ -14,8 +14,8 @@ from locplan._support.checks import FARTHEST, check_file_path, parse_finite_numb
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
-from locplan.export.joined_ways import Lines
-from locplan.export.parameters import Params, Robot
+from locplan.export.joined_ways import LineCosts
+from locplan.export.parameters import Params, Nav2Robot
 from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
 from locplan.export.values import unturn
@@ -60,13 +60,13 @@ class UserGraph:
         """
         path = check_file_path("a route graph", file)
         try:
-            return cls.of(parse_json(read_text(path, MAX_JSON_BYTES)), frame)
+            return cls.from_document(parse_json(read_text(path, MAX_JSON_BYTES)), frame)
         except (ConfigError, ValueError) as error:
             fault = error if isinstance(error, ConfigError) else f"is not JSON: {error}"
             raise LocplanError(f"{path}: {fault}") from None
 
     @classmethod
-    def of(cls, document: object, frame: str = FRAME) -> UserGraph:
+    def from_document(cls, document: object, frame: str = FRAME) -> UserGraph:
         """Return a graph from a FeatureCollection; a ConfigError if it is no route graph."""
         features = document.get("features") if isinstance(document, dict) else None
         if (
@@ -152,7 +152,7 @@ def annotate_graph(
     {'id': 2, 'startid': 0, 'endid': 1, 'metadata': {'localization': 3.0}}
     """
     unturned = unturn(costs)
-    user_graph = UserGraph.of(graph, frame)
+    user_graph = UserGraph.from_document(graph, frame)
     measured, _ = measure_graph(user_graph, unturned, set_cost=set_cost)
     return user_graph.with_costs(measured.cost, set_cost=set_cost)
 
@@ -170,21 +170,21 @@ def measure_graph(
     if len(outside):
         raise ConfigError(
             f"the map, which reaches from {extent_text(grid)}, does not hold"
-            f" {_listed('node', [graph.node_ids[n] for n in outside])}; check the frame and the"
+            f" {_format_ids('node', [graph.node_ids[n] for n in outside])}; check the frame and the"
             " unit of the graph, or remove them"
         )
-    lines, walls = Lines(costs), Lines(Costmap.blank(grid, robot=0.0))
+    lines, walls = LineCosts(costs), LineCosts(Costmap.blank(grid, robot=0.0))
     through = np.flatnonzero(~np.isfinite(walls.costs(graph.nodes, graph.pairs)))
     if len(through):
         raise ConfigError(
-            f"walls or unknown space lie on {_listed('edge', [ids[n] for n in through])}; move the"
+            f"walls or unknown space lie on {_format_ids('edge', [ids[n] for n in through])}; move the"
             " nodes, or remove the edges"
         )
     length = np.hypot(*(graph.nodes[graph.pairs[:, 0]] - graph.nodes[graph.pairs[:, 1]]).T)
     if set_cost and not length.all():
         raise ConfigError(
             "Nav2 takes no cost of 0, which is that of"
-            f" {_listed('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a length;"
+            f" {_format_ids('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a length;"
             " remove them, or leave --set-cost out"
         )
     near = ~np.isfinite(lines.costs(graph.nodes, graph.pairs))
@@ -224,7 +224,7 @@ def nav2_graph(
         If the folder cannot be written, or the graph does not fit the map, see `annotate_graph`.
     """
     user_graph = UserGraph.read(graph, frame)
-    robot = Robot.of(params, distro)
+    robot = Nav2Robot.from_files(params, distro)
     unturned = unturn(costs)
     try:
         measured, near = measure_graph(user_graph, unturned, set_cost=set_cost)
@@ -248,10 +248,10 @@ def nav2_graph(
         save_graph_preview(temporary, unturned, measured, f"{name}: {Path(graph).name}")
     rows = [("nodes, edges", f"{values['nodes']:,}, {values['edges']:,}")]
     if fixed:
-        text = f"that of {_listed('edge', fixed)}, not overridable; --set-cost replaces it"
+        text = f"that of {_format_ids('edge', fixed)}, not overridable; --set-cost replaces it"
         rows.append(("Nav2 keeps the cost", text))
     if near:
-        text = f"{_listed('edge', near)}, where a robot of this radius touches walls"
+        text = f"{_format_ids('edge', near)}, where a robot of this radius touches walls"
         rows.append(("too narrow", text))
     return ExportSummary({**values, "fixed_edges": fixed, "blocked_edges": near}, tuple(rows))
 
@@ -259,8 +259,8 @@ def nav2_graph(
 def _read_nodes(features: Sequence[Any], frame: str) -> dict[int, tuple[float, ...]]:
     """Position [m] of each node by its id."""
     nodes: dict[int, tuple[float, ...]] = {}
-    for place, properties, coordinates in _features_of(features, "Point"):
-        node = _id_of(properties, "id", f"feature {place + 1}, a node,")
+    for place, properties, coordinates in _iterate_features(features, "Point"):
+        node = _parse_id(properties, "id", f"feature {place + 1}, a node,")
         if node in nodes:
             raise ConfigError(f"two nodes have the id {node}; give each node its own id")
         xy = parse_finite_numbers(coordinates)[:2] if isinstance(coordinates, list) else ()
@@ -283,11 +283,11 @@ def _read_edges(
     """Place in the features, and indices of both nodes, of each edge by its id."""
     index = {node: n for n, node in enumerate(node_ids)}
     edges: dict[int, tuple[int, tuple[int, ...]]] = {}
-    for place, properties, _ in _features_of(features, "LineString"):
-        edge = _id_of(properties, "id", f"feature {place + 1}, an edge,")
+    for place, properties, _ in _iterate_features(features, "LineString"):
+        edge = _parse_id(properties, "id", f"feature {place + 1}, an edge,")
         if edge in edges:
             raise ConfigError(f"two edges have the id {edge}; give each edge its own id")
-        ends = {name: _id_of(properties, name, f"edge {edge}") for name in ("startid", "endid")}
+        ends = {name: _parse_id(properties, name, f"edge {edge}") for name in ("startid", "endid")}
         for name, node in ends.items():
             if node not in index:
                 raise ConfigError(
@@ -305,7 +305,7 @@ def _read_edges(
     return edges
 
 
-def _features_of(features: Sequence[Any], kind: str) -> Iterator[tuple[int, Any, Any]]:
+def _iterate_features(features: Sequence[Any], kind: str) -> Iterator[tuple[int, Any, Any]]:
     """Place, properties and coordinates of the features of a kind."""
     for place, feature in enumerate(features):
         geometry = feature.get("geometry")
@@ -315,7 +315,7 @@ def _features_of(features: Sequence[Any], kind: str) -> Iterator[tuple[int, Any,
             yield place, feature_properties, geometry.get("coordinates")
 
 
-def _id_of(properties: Mapping[str, Any], name: str, owner: str) -> int:
+def _parse_id(properties: Mapping[str, Any], name: str, owner: str) -> int:
     value = properties.get(name)
     if not is_integer(value) or not 0 <= value <= MAX_ID:
         fault = "has no" if value is None else f"has {short_repr(value)} as its"
@@ -323,7 +323,7 @@ def _id_of(properties: Mapping[str, Any], name: str, owner: str) -> int:
     return int(value)
 
 
-def _listed(kind: str, ids: Sequence[int]) -> str:
+def _format_ids(kind: str, ids: Sequence[int]) -> str:
     """Such as "edge 7" or "edges 1, 2, 3 and 4 more"."""
-    more = f" and {len(ids) - 10} more" if len(ids) > 10 else ""
-    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:10]))}{more}"
+    count_text = f" and {len(ids) - 10} more" if len(ids) > 10 else ""
+    return f"{kind}{'s' if len(ids) > 1 else ''} {', '.join(map(str, ids[:10]))}{count_text}"

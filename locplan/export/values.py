@@ -27,7 +27,7 @@ class YawWarning(UserWarning):
     """A map's yaw was left out."""
 
 
-def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
+def drop_yaw(grid: OccupancyGrid) -> OccupancyGrid:
     """The map without its yaw, which Nav2's and ROS 1's planners ignore; warns if there is one."""
     x, y, yaw = grid.origin
     if not yaw:
@@ -39,17 +39,17 @@ def without_yaw(grid: OccupancyGrid) -> OccupancyGrid:
 
 def unturn(costs: Costmap) -> Costmap:
     """The costmap and its zones on the map without its yaw; warns if there is one."""
-    grid = without_yaw(costs.grid)
+    grid = drop_yaw(costs.grid)
     if grid is costs.grid:
         return costs
     zones = [
-        dataclasses.replace(zone, polygon=where_unturned(costs.grid, zone.polygon))
+        dataclasses.replace(zone, polygon=world_to_unrotated_map(costs.grid, zone.polygon))
         for zone in costs.zones
     ]
     return dataclasses.replace(costs, grid=grid, zones=Zones(zones))
 
 
-def where_unturned(grid: OccupancyGrid, xy: Floats) -> Floats:
+def world_to_unrotated_map(grid: OccupancyGrid, xy: Floats) -> Floats:
     """World positions (n, 2) as they are on the map without its yaw [m]."""
     unturned = dataclasses.replace(grid, origin=(*grid.origin[:2], 0.0))
     return np.column_stack(unturned.grid_to_world(*grid.world_to_grid(*xy.T)))
@@ -76,7 +76,7 @@ def write_values(stem: Path, values: NDArray[np.int8], grid: OccupancyGrid) -> N
     stem.with_suffix(".yaml").write_text(dump_yaml(yaml_fields, default_flow_style=None), "utf-8")
 
 
-def percent(costs: Costmap) -> NDArray[np.int8]:
+def compute_percent(costs: Costmap) -> NDArray[np.int8]:
     """u in per cent, 0..98, and -1 where it is not known, (H, W).
 
     A StaticLayer of Nav2 takes 99 and 100 for obstacles.
@@ -96,7 +96,7 @@ def percent(costs: Costmap) -> NDArray[np.int8]:
     return np.where(np.isnan(costs.u), -1, values).astype(np.int8)
 
 
-def speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
+def compute_speed_mask(costs: Costmap, slowest: float, lead: float) -> NDArray[np.int8]:
     """The per cent of its speed that a robot gives up, 0..99 (H, W), or -1 where u is not known.
 
     Where a slow zone of the costmap asks for less speed than u, its limit counts. Arguments and
@@ -139,9 +139,9 @@ def ros_map(folder: str | Path, costs: Costmap, *, force: bool = False) -> None:
     """
     from locplan.export import figures as _figures
 
-    values = percent(costs)
+    values = compute_percent(costs)
     metadata = {"kind": "ros-map"} | summarize_costs(costs)
-    grid = without_yaw(costs.grid)
+    grid = drop_yaw(costs.grid)
     purposes = {"README.md": "how to use it", "*.yaml": "u in per cent, as a map of ROS"}
     name = grid.name or "a map"
     with export_folder(

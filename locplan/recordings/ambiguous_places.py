@@ -15,15 +15,15 @@ from locplan.errors import ConfigError
 from locplan.field.config import equip_robot
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.recordings.matching import (
-    APART,
-    AWAY,
+    MODE_DISTANCE,
+    WRONG_DISTANCE,
     MIN_RETURNS,
-    TURNED,
-    Database,
+    MODE_TURN,
+    RangeDatabase,
     ScanOnMap,
     checked_database,
-    in_batches,
-    places_every,
+    run_in_batches,
+    select_spaced_places,
 )
 from locplan.robots.robot import Robot
 
@@ -156,7 +156,7 @@ def find_ambiguous_places(
         )
     workers = check_threads(threads)
     database = checked_database(grid, lidar, robot.radius, None).everywhere
-    positions = places_every(spacing, database.fits, grid.resolution)
+    positions = select_spaced_places(spacing, database.fits, grid.resolution)
     count = 1 if lidar.sees_alike_in_all_headings else HEADINGS
     headings = np.arange(count, dtype=np.float64) * (2 * math.pi / count)
     poses = np.column_stack(
@@ -164,10 +164,10 @@ def find_ambiguous_places(
     )
     ranges = database.scans_at(poses)
 
-    def compare(some: Ints) -> list[tuple[float, float]]:
-        return [_compare_elsewhere(database, ranges[n], poses[n]) for n in some]
+    def compare(scan_numbers: Ints) -> list[tuple[float, float]]:
+        return [_compare_elsewhere(database, ranges[n], poses[n]) for n in scan_numbers]
 
-    values = np.array(in_batches(compare, len(poses), workers, progress)).reshape(-1, count, 2)
+    values = np.array(run_in_batches(compare, len(poses), workers, progress)).reshape(-1, count, 2)
     return AmbiguousPlaces(
         np.column_stack(grid.grid_to_world(positions[:, 1], positions[:, 0])),
         values[..., 0].min(axis=1),
@@ -176,7 +176,7 @@ def find_ambiguous_places(
     )
 
 
-def _compare_elsewhere(database: Database, ranges: Floats, home: Floats) -> tuple[float, float]:
+def _compare_elsewhere(database: RangeDatabase, ranges: Floats, home: Floats) -> tuple[float, float]:
     """Return the minimum excess of poses more than 2 m away, and their share of the posterior.
 
     The scan of a pose, x, y [cells] and heading on the map, is matched with the whole map.
@@ -186,12 +186,12 @@ def _compare_elsewhere(database: Database, ranges: Floats, home: Floats) -> tupl
         return 0.0, 1.0
     distances = np.hypot(*(modes.poses[:, :2] - home[:2]).T) * database.grid.resolution
     turn = np.abs(wrap_angles(modes.poses[:, 2] - home[2]))
-    home_modes = np.flatnonzero((distances < APART) & (turn < TURNED))
+    home_modes = np.flatnonzero((distances < MODE_DISTANCE) & (turn < MODE_TURN))
     if not home_modes.size:  # the robot does not fit quite there
         return 0.0, 1.0
     excess = modes.losses - modes.losses[home_modes[0]]
     weights = np.exp(-(modes.losses - modes.losses.min()))
-    far = distances > AWAY
+    far = distances > WRONG_DISTANCE
     return (
         float(excess[far].min()) if far.any() else math.inf,
         float(weights[far].sum() / weights.sum()),

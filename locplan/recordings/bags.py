@@ -41,7 +41,7 @@ from locplan._support.poses import (
 from locplan._support.progress import ProgressCallback
 from locplan._support.public import require_extra
 from locplan.errors import LocplanError, RecordingError
-from locplan.recordings.logs import Options, ScanRows, Source
+from locplan.recordings.logs import ReadOptions, ScanRows, Source
 from locplan.recordings.recording import Recording
 
 MAX_CHUNK_BYTES = 2**26
@@ -55,7 +55,7 @@ BASES = ("base_footprint", "base_link", "base")
 """Usual names of a robot's frame, after a prefix; that of odometry is odom."""
 
 
-def read_bag(path: Path, options: Options, progress: ProgressCallback | None = None) -> Recording:
+def read_bag(path: Path, options: ReadOptions, progress: ProgressCallback | None = None) -> Recording:
     """Read a drive from a bag; only the topics that are needed are decoded.
 
     Raises
@@ -64,20 +64,20 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
         If the bag is damaged, has no scans or poses, its frames are not connected, or its clock
         runs backwards.
     """
-    with _opened(path) as bag:
+    with _open_bag(path) as bag:
         topic = _scan_topic(bag, options.scan_topic)
         scans = _read_scans(bag, topic, options, progress)
-        bag_poses = _listen(bag, topic, options, scans, progress)
-    scan_poses, notes = bag_poses.located(), bag_poses.notes
-    kept: list[int] = np.flatnonzero(scan_poses.known).tolist()
-    if len(kept) < len(scans.times):
-        notes.append(f"{len(scans.times) - len(kept)} of {len(scans.times)} scans have no pose")
+        bag_poses = _collect_poses(bag, topic, options, scans, progress)
+    scan_poses, notes = bag_poses.find_scan_poses(), bag_poses.notes
+    usable_scans: list[int] = np.flatnonzero(scan_poses.has_pose).tolist()
+    if len(usable_scans) < len(scans.times):
+        notes.append(f"{len(scans.times) - len(usable_scans)} of {len(scans.times)} scans have no pose")
     rows = scans.rows
     if rows.resampled:
         of = f"{rows.resampled} of {len(rows)}"
         notes.append(f"scans of other angles were brought to those of the first ({of})")
     lidar = rows.lidar(scan_poses.mount, scan_poses.upside_down)
-    ranges = rows.finish([scans.order[n] for n in kept])
+    ranges = rows.finish([scans.order[n] for n in usable_scans])
     if scan_poses.upside_down:
         ranges = ranges[:, ::-1]
     ranges.setflags(write=False)
@@ -88,26 +88,26 @@ def read_bag(path: Path, options: Options, progress: ProgressCallback | None = N
         stamps_back=scans.stamps_back,
         notes=tuple(notes),
     )
-    odometry = None if scan_poses.odometry is None else scan_poses.odometry[kept]
-    speeds = None if scan_poses.speeds is None else scan_poses.speeds[kept]
-    times = np.array(scans.times)[kept]
-    return Recording(ranges, lidar, scan_poses.poses[kept], times, odometry, source, speeds)
+    odometry = None if scan_poses.odometry is None else scan_poses.odometry[usable_scans]
+    speeds = None if scan_poses.speeds is None else scan_poses.speeds[usable_scans]
+    times = np.array(scans.times)[usable_scans]
+    return Recording(ranges, lidar, scan_poses.poses[usable_scans], times, odometry, source, speeds)
 
 
-def _scan_topic(bag: Bag, named: str | None) -> str:
+def _scan_topic(bag: Bag, requested_topic: str | None) -> str:
     """The topic of the scans: the one that is named, or the only one."""
-    topics = bag.of_type(Kind.SCAN)
-    if named is not None:
-        if named in topics:
-            return named
-        have = ", ".join(topics) or f"none of type LaserScan, but {bag.listed()}"
-        raise RecordingError(f"has no scans on {named}; scan_topic= can be: {have}")
+    topics = bag.find_topics(MessageType.SCAN)
+    if requested_topic is not None:
+        if requested_topic in topics:
+            return requested_topic
+        have = ", ".join(topics) or f"none of type LaserScan, but {bag.describe_topics()}"
+        raise RecordingError(f"has no scans on {requested_topic}; scan_topic= can be: {have}")
     if not topics:
         raise RecordingError(
-            f"has no scans (sensor_msgs/LaserScan); its topics are {bag.listed()}; record one"
+            f"has no scans (sensor_msgs/LaserScan); its topics are {bag.describe_topics()}; record one"
         )
     if len(topics) > 1:
-        topics = [topic for topic in topics if bag.count([topic])] or topics
+        topics = [topic for topic in topics if bag.count_messages([topic])] or topics
     if len(topics) > 1:
         raise RecordingError(
             f"has scans on {' and '.join(topics)}; choose one with scan_topic={topics[0]!r}"
@@ -116,7 +116,7 @@ def _scan_topic(bag: Bag, named: str | None) -> str:
 
 
 @dataclass(frozen=True)
-class _Scans:
+class _BagScans:
     """The scans of a bag, and in what order of their stamps they were logged."""
 
     rows: ScanRows
@@ -129,7 +129,7 @@ class _Scans:
     """Number of scans with stamps before that of one that was logged earlier."""
 
 
-def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None, int | None]:
+def _window(bag: Bag, options: ReadOptions, margin: float = 0.0) -> tuple[int | None, int | None]:
     """Times of the log between which messages are read [ns], with a margin around them [s]."""
     if options.window is None:
         return None, None
@@ -138,8 +138,8 @@ def _window(bag: Bag, options: Options, margin: float = 0.0) -> tuple[int | None
 
 
 def _read_scans(
-    bag: Bag, topic: str, options: Options, progress: ProgressCallback | None
-) -> _Scans:
+    bag: Bag, topic: str, options: ReadOptions, progress: ProgressCallback | None
+) -> _BagScans:
     rows, stamps, frame = ScanRows(options.range_limits), list[float](), ""
     latest, stamps_back = -np.inf, 0
     window = _window(bag, options)
@@ -162,41 +162,41 @@ def _read_scans(
         within = "" if options.window is None else " in the window"
         raise RecordingError(f"has no scan on {topic}{within}; record again, or read another part")
     _, order = np.unique(np.array(stamps), return_index=True)
-    return _Scans(rows, order.tolist(), [stamps[n] for n in order], frame, stamps_back)
+    return _BagScans(rows, order.tolist(), [stamps[n] for n in order], frame, stamps_back)
 
 
-def _listen(
-    bag: Bag, topic: str, options: Options, scans: _Scans, progress: ProgressCallback | None
-) -> Heard:
+def _collect_poses(
+    bag: Bag, topic: str, options: ReadOptions, scans: _BagScans, progress: ProgressCallback | None
+) -> BagPoses:
     """Transforms, poses and odometry near the times of the scans."""
     window = _window(bag, options, 5.0)
     topics = _pose_topics(bag, options)
-    topic_list = bag.listed()
-    poses = {topic_name: kind for topic_name, kind in topics.items() if kind != Kind.ODOMETRY}
-    bag_poses = Heard(FrameTree([]), scans.times, scans.frame, options, topic_list)
+    topic_list = bag.describe_topics()
+    poses = {topic_name: kind for topic_name, kind in topics.items() if kind != MessageType.ODOMETRY}
+    bag_poses = BagPoses(FrameTree([]), scans.times, scans.frame, options, topic_list)
     for message in bag.messages(poses, *window, progress=progress):
         _take(message, poses, bag_poses, scans.times)
     # The poses of AMCL are few: they need odometry at their own times, too.
     samples = [
         np.concatenate([part[:, 0] for part in topic_name.track.samples()])
         for topic_name in bag_poses.topics.values()
-        if topic_name.kind == Kind.POSE_WITH_COVARIANCE
+        if topic_name.kind == MessageType.POSE_WITH_COVARIANCE
     ]
     knots = np.unique(np.concatenate([scans.times, *samples]))
     times = knots[np.isfinite(knots)].tolist()
     tree = FrameTree(times)
     bag_poses = replace(bag_poses, tree=tree)
-    of_tf = _near_namespace(bag.of_type(Kind.TF), topic)
+    of_tf = _near_namespace(bag.find_topics(MessageType.TF), topic)
     static = [topic_name for topic_name in of_tf if topic_name.endswith("tf_static")]
     for message in bag.messages(static):
         for topic_name in message.content.transforms:
             tree.add_static(topic_name.header.frame_id, topic_name.child_frame_id, _transform(topic_name.transform))
     odometry_topics = topics.keys() - poses.keys()
     topics = {topic_name: kind for topic_name, kind in topics.items() if topic_name in odometry_topics}
-    topics |= {topic_name: Kind.TF for topic_name in of_tf if topic_name not in static}
+    topics |= {topic_name: MessageType.TF for topic_name in of_tf if topic_name not in static}
     count = 0
     for message in bag.messages(topics, *window, progress=progress):
-        if topics[message.topic] != Kind.TF:
+        if topics[message.topic] != MessageType.TF:
             _take(message, topics, bag_poses, times)
             continue
         for topic_name in message.content.transforms:
@@ -204,41 +204,41 @@ def _listen(
             tree.add(time, topic_name.header.frame_id, topic_name.child_frame_id, pose)
         count += 1
         if count % 500 == 0:
-            bag_poses.leave_out_others()
+            bag_poses.drop_unrelated_frames()
     return bag_poses
 
 
-def _take(message: Message, topics: dict[str, str], heard: Heard, times: Sequence[float]) -> None:
+def _take(message: Message, topics: dict[str, str], bag_poses: BagPoses, times: Sequence[float]) -> None:
     """Take a pose of a topic, of the type that is named for it."""
     content, kind = message.content, topics[message.topic]
-    if message.topic not in heard.topics:
-        child = frame_name(content.child_frame_id) if kind == Kind.ODOMETRY else ""
+    if message.topic not in bag_poses.topics:
+        child = frame_name(content.child_frame_id) if kind == MessageType.ODOMETRY else ""
         frame = frame_name(content.header.frame_id)
-        heard.topics[message.topic] = PoseTopic(kind, frame, child, Track(times), Track(times))
-    pose = content.pose if kind == Kind.POSE else content.pose.pose
-    topic, time = heard.topics[message.topic], _seconds(content.header.stamp, message.logged)
-    topic.track.add(time, _transform_of(pose.position, pose.orientation))
-    if kind == Kind.ODOMETRY:
+        bag_poses.topics[message.topic] = PoseTopic(kind, frame, child, Track(times), Track(times))
+    pose = content.pose if kind == MessageType.POSE else content.pose.pose
+    topic, time = bag_poses.topics[message.topic], _seconds(content.header.stamp, message.logged)
+    topic.track.add(time, _transform_from_parts(pose.position, pose.orientation))
+    if kind == MessageType.ODOMETRY:
         topic.speeds.add(time, (content.twist.twist.linear.x, *IDENTITY[1:]))
 
 
-def _pose_topics(bag: Bag, options: Options) -> dict[str, str]:
+def _pose_topics(bag: Bag, options: ReadOptions) -> dict[str, str]:
     """Topics of poses and odometry that may be needed, and their types."""
     topics: dict[str, str] = {}
-    for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
-        topics |= {topic: kind for topic in bag.of_type(kind) if _wanted(topic, kind, options)}
+    for kind in (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE, MessageType.ODOMETRY):
+        topics |= {topic: kind for topic in bag.find_topics(kind) if _is_wanted_topic(topic, kind, options)}
     for name, option in ((options.pose_topic, "pose_topic"), (options.odom_topic, "odom_topic")):
         if name is not None and name not in topics:
-            pose_types = (Kind.POSE_WITH_COVARIANCE, Kind.POSE) if option == "pose_topic" else ()
-            have = ", ".join(bag.of_type(*pose_types, Kind.ODOMETRY)) or "none"
+            pose_types = (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE) if option == "pose_topic" else ()
+            have = ", ".join(bag.find_topics(*pose_types, MessageType.ODOMETRY)) or "none"
             raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
     return topics
 
 
-def _wanted(topic: str, kind: str, options: Options) -> bool:
+def _is_wanted_topic(topic: str, kind: str, options: ReadOptions) -> bool:
     if topic in (options.pose_topic, options.odom_topic):
         return True
-    if kind == Kind.ODOMETRY:
+    if kind == MessageType.ODOMETRY:
         return options.odom_topic is None
     not_the_robots = ("initialpose", "goal_pose", "goal", "move_base_simple/goal")
     return options.pose_topic is None and not topic.endswith(not_the_robots)
@@ -268,10 +268,10 @@ def _seconds(stamp: Any, logged: int) -> float:
 
 def _transform(message: Any) -> Transform:
     """A transform of a geometry_msgs/Transform."""
-    return _transform_of(message.translation, message.rotation)
+    return _transform_from_parts(message.translation, message.rotation)
 
 
-def _transform_of(place: Any, turn: Any) -> Transform:
+def _transform_from_parts(place: Any, turn: Any) -> Transform:
     """A transform of a position and a quaternion."""
     return (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
 
@@ -287,7 +287,7 @@ class PoseTopic(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Place:
+class ScanPoses:
     """Poses of the robot at the scans, and the mount of its lidar."""
 
     poses: Floats
@@ -301,7 +301,7 @@ class Place:
     """Where all of it comes from."""
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def has_pose(self) -> NDArray[np.bool_]:
         """Mask of the scans with a pose, and odometry if there is any; all without any pose."""
         is_finite = np.isfinite(self.poses).all(1)
         if not is_finite.any():
@@ -312,15 +312,15 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Heard:
+class BagPoses:
     """What a bag says about places: transforms, and topics of poses."""
 
     tree: FrameTree
     times: Sequence[float]
     """Times of the scans [s], all of them among the times of the tree."""
     lidar_frame: str
-    options: Options
-    listed: str
+    options: ReadOptions
+    topic_list: str
     """All topics and types, for error messages."""
     topics: dict[str, PoseTopic] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -336,11 +336,11 @@ class Heard:
         """Frame of the poses that is asked for, without a leading slash."""
         return self.options.map_frame.lstrip("/")
 
-    def of_odometry(self) -> dict[str, PoseTopic]:
+    def find_odometry_topics(self) -> dict[str, PoseTopic]:
         """The topics of odometry."""
-        return {name: pose_topic for name, pose_topic in self.topics.items() if pose_topic.kind == Kind.ODOMETRY}
+        return {name: pose_topic for name, pose_topic in self.topics.items() if pose_topic.kind == MessageType.ODOMETRY}
 
-    def located(self) -> Place:
+    def find_scan_poses(self) -> ScanPoses:
         """Find poses, odometry and the lidar's mount in what the bag says.
 
         Raises
@@ -368,10 +368,10 @@ class Heard:
             )
         odometry = None if reported is None else reported[self.at_scans]
         if odometry is not None:
-            known = np.isfinite(odometry[is_located]).all(axis=1).mean()
-            if known < 0.9:
+            odometry_share = np.isfinite(odometry[is_located]).all(axis=1).mean()
+            if odometry_share < 0.9:
                 self.notes.append(
-                    f"{odometry_from} tells odometry at only {known:.0%} of the scans"
+                    f"{odometry_from} tells odometry at only {odometry_share:.0%} of the scans"
                 )
                 odometry, odometry_from = None, ""
         source = Source(
@@ -382,18 +382,18 @@ class Heard:
             lidar_frame=self.lidar_frame,
         )
         speeds = None if odometry is None else self._speeds(odometry_from)
-        return Place(poses, odometry, speeds, mount, upside_down, source)
+        return ScanPoses(poses, odometry, speeds, mount, upside_down, source)
 
     def _speeds(self, odometry_from: str) -> Floats | None:
         """Speeds ahead at the scans, of the topic of odometry; None if there are several, or 0."""
-        topics = self.of_odometry()
+        topics = self.find_odometry_topics()
         if len(topics) != 1 and odometry_from not in topics:
             return None
         topic = topics.get(odometry_from) or next(iter(topics.values()))
         speeds = topic.speeds.at_times()[self.at_scans, 0]
         return speeds if np.nan_to_num(speeds).any() else None
 
-    def leave_out_others(self) -> None:
+    def drop_unrelated_frames(self) -> None:
         """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
         tree = self.tree
         if tree.has_chain(self.map_frame, self.lidar_frame):
@@ -411,7 +411,7 @@ class Heard:
                     f"has no frame {base!r}; base_frame= can be: {', '.join(frames)}"
                 )
             return base
-        reported = [pose_topic.child for pose_topic in self.of_odometry().values() if pose_topic.child]
+        reported = [pose_topic.child for pose_topic in self.find_odometry_topics().values() if pose_topic.child]
         standard_frames = [frame for base in BASES for frame in frames if frame.rpartition("/")[2] == base]
         candidates = [frame for frame in dict.fromkeys(reported + standard_frames) if frame in frames]
         for frame in candidates:
@@ -476,7 +476,7 @@ class Heard:
             topic = self._only_topic()
         if topic is None and not self.options.needs_poses:
             return np.full((len(self.times), 3), np.nan), "", ""
-        is_expected = frame in tree.frames or self.options.map_frame != Options.map_frame
+        is_expected = frame in tree.frames or self.options.map_frame != ReadOptions.map_frame
         if topic is None and reported is not None and not is_expected:
             self.notes.append(
                 f"there are no poses on the map: those of odometry ({odometry_from}) are taken, in"
@@ -485,31 +485,31 @@ class Heard:
             return reported[self.at_scans], odometry_from, ""
         if topic is None:
             raise self._no_poses(base)
-        found = self.topics[topic]
-        if found.track.left_out:
+        pose_topic = self.topics[topic]
+        if pose_topic.track.left_out:
             self.notes.append(
-                f"{found.track.left_out} poses of {topic} are not numbers, and left out"
+                f"{pose_topic.track.left_out} poses of {topic} are not numbers, and left out"
             )
-        if found.track.empty:
+        if pose_topic.track.empty:
             raise RecordingError(f"the poses of {topic} are all not numbers (NaN, or no rotation)")
-        if found.frame != frame:
+        if pose_topic.frame != frame:
             self.notes.append(
-                f"the poses of {topic} are in {found.frame!r}, which is taken for the map's"
+                f"the poses of {topic} are in {pose_topic.frame!r}, which is taken for the map's"
             )
-        poses = project_to_plane(found.track.at_times())
-        poses = poses[self.at_scans] if found.kind == Kind.ODOMETRY else poses
-        if reported is not None and found.kind == Kind.POSE_WITH_COVARIANCE:
-            carried = _carried_poses(self.times, found.track, tree.times, reported)
+        poses = project_to_plane(pose_topic.track.at_times())
+        poses = poses[self.at_scans] if pose_topic.kind == MessageType.ODOMETRY else poses
+        if reported is not None and pose_topic.kind == MessageType.POSE_WITH_COVARIANCE:
+            carried = _carry_poses(self.times, pose_topic.track, tree.times, reported)
             poses = np.where(np.isfinite(carried), carried, poses)
-        return poses, topic, found.frame
+        return poses, topic, pose_topic.frame
 
     def _only_topic(self) -> str | None:
         """The only topic of poses, of the type that tells most; None without any."""
-        for kind in (Kind.POSE_WITH_COVARIANCE, Kind.POSE, Kind.ODOMETRY):
+        for kind in (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE, MessageType.ODOMETRY):
             topics = [
                 name
                 for name, pose_topic in self.topics.items()
-                if pose_topic.kind == kind and (kind != Kind.ODOMETRY or pose_topic.frame == self.map_frame)
+                if pose_topic.kind == kind and (kind != MessageType.ODOMETRY or pose_topic.frame == self.map_frame)
             ]
             if len(topics) == 1:
                 return topics[0]
@@ -521,11 +521,11 @@ class Heard:
 
     def _no_poses(self, base: str) -> RecordingError:
         """Return the error of a bag that has neither poses nor one odometry."""
-        several = [*self.of_odometry()]
+        several = [*self.find_odometry_topics()]
         other = f", or one odometry with odom_topic={several[0]!r}" if several else ""
         if not self.tree.frames:
             return RecordingError(
-                f"has no poses: neither TF nor a topic of poses; its topics are {self.listed};"
+                f"has no poses: neither TF nor a topic of poses; its topics are {self.topic_list};"
                 f" record /tf and /tf_static too{other}"
             )
         return RecordingError(
@@ -538,7 +538,7 @@ class Heard:
         requested_topic, of_poses = self.options.odom_topic, self.options.pose_topic
         topics = [
             name
-            for name, pose_topic in self.of_odometry().items()
+            for name, pose_topic in self.find_odometry_topics().items()
             if name != of_poses and pose_topic.frame != self.map_frame
         ]
         if requested_topic is None:
@@ -558,7 +558,7 @@ class Heard:
         return None, ""
 
 
-def _carried_poses(
+def _carry_poses(
     times: Sequence[float], track: Track, reported_at: Sequence[float], reported: Floats
 ) -> Floats:
     """Poses at n times that odometry carries there from the samples before and after.
@@ -602,7 +602,7 @@ def _carried_poses(
     return carried
 
 
-class Kind(StrEnum):
+class MessageType(StrEnum):
     """Types of messages."""
 
     SCAN = "sensor_msgs/msg/LaserScan"
@@ -631,12 +631,12 @@ class Bag:
         """Time of the log of the first message [ns]."""
         return int(self._reader.start_time)
 
-    def of_type(self, *types: str) -> list[str]:
+    def find_topics(self, *types: str) -> list[str]:
         """Names of the topics of these types that have messages."""
         connections = (connection for connection in self._reader.connections if _type(connection) in types)
         return list(dict.fromkeys(connection.topic for connection in connections))
 
-    def count(self, topics: Collection[str]) -> int:
+    def count_messages(self, topics: Collection[str]) -> int:
         """Number of the messages of some topics."""
         return sum(connection.msgcount for connection in self._reader.connections if connection.topic in topics)
 
@@ -645,7 +645,7 @@ class Bag:
         topics: Collection[str],
         start: int | None = None,
         stop: int | None = None,
-        every: int = 1,
+        step: int = 1,
         progress: ProgressCallback | None = None,
     ) -> Iterator[Message]:
         """Every n-th message of some topics, in the order of the log, within times of it [ns].
@@ -655,37 +655,37 @@ class Bag:
         connections = [topic_connection for topic_connection in self._reader.connections if topic_connection.topic in topics]
         if not connections:
             return
-        total = self.count(topics)
+        total = self.count_messages(topics)
         stream = self._reader.messages(connections=connections, start=start, stop=stop)
         for number, (connection, logged, raw) in enumerate(stream):
             if progress and number % 1000 == 0:
                 progress(min(number, total), total)
-            if number % every == 0:
-                yield self._decoded(connection, logged, raw)
+            if number % step == 0:
+                yield self._decode(connection, logged, raw)
         if progress:
             progress(total, total)
 
-    def _decoded(self, connection: Any, logged: int, raw: bytes) -> Message:
+    def _decode(self, connection: Any, logged: int, raw: bytes) -> Message:
         """A message that was read."""
         store = self._typestore
         decode = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
         return Message(connection.topic, logged, decode(raw, _type(connection)))
 
-    def listed(self) -> str:
+    def describe_topics(self) -> str:
         """The topics and their types, for an error message."""
         connections = self._reader.connections
-        names = {f"{each.topic} ({_type(each).replace('/msg/', '/')})" for each in connections}
+        names = {f"{connection.topic} ({_type(connection).replace('/msg/', '/')})" for connection in connections}
         return ", ".join(sorted(names)) or "none"
 
 
 def _type(connection: Any) -> str:
     """Type of a topic's messages, or the newer one of the same layout."""
     kind = str(connection.msgtype)
-    return Kind.TF if kind == "tf/msg/tfMessage" else kind
+    return MessageType.TF if kind == "tf/msg/tfMessage" else kind
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Bag]:
+def _open_bag(path: Path) -> Iterator[Bag]:
     """Open a bag: a file .mcap, .db3 or .bag, or a folder of rosbag2.
 
     Whatever goes wrong while it is read becomes a RecordingError of one line.
@@ -702,7 +702,7 @@ def _opened(path: Path) -> Iterator[Bag]:
     from rosbags.rosbag2 import Reader as Reader2, reader as reader2, storage_mcap
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    file = _storage_of(path)
+    file = _find_storage(path)
     ros1 = file.suffix == ".bag"
     try:
         for bag_file in file.iterdir() if file.is_dir() else (file,):
@@ -718,7 +718,7 @@ def _opened(path: Path) -> Iterator[Bag]:
             store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
             if ros1:  # its TFMessage is missing
                 transforms = "geometry_msgs/TransformStamped[] transforms"
-                store.register(get_types_from_msg(transforms, Kind.TF))
+                store.register(get_types_from_msg(transforms, MessageType.TF))
             yield Bag(reader, store, ros1)
     except LocplanError:
         raise
@@ -730,14 +730,14 @@ def _opened(path: Path) -> Iterator[Bag]:
         raise RecordingError(f"cannot be read as a bag ({reason}); {remedy}") from None
 
 
-def _storage_of(path: Path) -> Path:
+def _find_storage(path: Path) -> Path:
     """The file or folder that is read: a folder without metadata.yaml stands for its only file."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path
     files = sorted(storage_file for storage_file in path.iterdir() if storage_file.suffix in SUFFIXES)
     if len(files) != 1:
-        found = ", ".join(storage_file.name for storage_file in files) or "no bag"
-        raise RecordingError(f"is a folder without metadata.yaml, with {found}; name one file")
+        contents = ", ".join(storage_file.name for storage_file in files) or "no bag"
+        raise RecordingError(f"is a folder without metadata.yaml, with {contents}; name one file")
     return files[0]
 
 
@@ -746,18 +746,18 @@ def _bound_unpacking(ros1: Any, ros2: Any, mcap: Any) -> None:
     """Put bounds on the functions by which these modules of rosbags unpack, which have none."""
     from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
-    lz4 = partial(_unpacked, LZ4FrameDecompressor)
-    ros1.decompressors.update(bz2=partial(_unpacked, BZ2Decompressor), lz4=lz4)
+    lz4 = partial(_decompress, LZ4FrameDecompressor)
+    ros1.decompressors.update(bz2=partial(_decompress, BZ2Decompressor), lz4=lz4)
     mcap.DECOMPRESSORS["lz4"] = lz4
     zstd: Any = getattr(ros2, "zstd", None)
     if zstd is not None:  # older ones unpack no more than a chunk says of itself
-        unpacked = partial(_unpacked, zstd.ZstdDecompressor)
+        unpacked = partial(_decompress, zstd.ZstdDecompressor)
         mcap.DECOMPRESSORS["zstd"] = unpacked
-        bounded_open = partial(_whole_file, zstd.open)
+        bounded_open = partial(_open_bounded, zstd.open)
         vars(ros2)["zstd"] = SimpleNamespace(open=bounded_open, decompress=unpacked)
 
 
-def _unpacked(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
+def _decompress(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
     """Content of a chunk, which may consist of several frames."""
     parts, room = list[bytes](), MAX_CHUNK_BYTES
     while packed:
@@ -773,7 +773,7 @@ def _unpacked(kind: Callable[[], Any], packed: bytes, _: int = 0) -> bytes:
 
 
 @contextmanager
-def _whole_file(unpack: Callable[..., Any], file: BufferedReader, mode: str) -> Iterator[Any]:
+def _open_bounded(unpack: Callable[..., Any], file: BufferedReader, mode: str) -> Iterator[Any]:
     """A packed file that is open for reading, up to its greatest size."""
     left = MAX_RATIO * os.fstat(file.fileno()).st_size
 

@@ -19,10 +19,10 @@ from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.recordings.evaluation import check_enough
 from locplan.recordings.faults import find_recording_faults
-from locplan.recordings.matching import in_batches
+from locplan.recordings.matching import run_in_batches
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import without_jumps
-from locplan.recordings.trajectory import SMOOTHED, TINY, likeliest_variances
+from locplan.recordings.trajectory import SMOOTHED, TINY, fit_variances
 from locplan.robots.amcl import Amcl
 from locplan.robots.lidar import Lidar
 from locplan.robots.parts import FARTHEST_OBJECT, NEAREST_OBJECT
@@ -97,7 +97,7 @@ class OdometryNoise:
         return {name: abs(getattr(self, name).value) for name in names}
 
 
-def odometry_noise(
+def fit_odometry_noise(
     recording: Recording, amcl: Amcl, faulty: Bools | None = None
 ) -> OdometryNoise | None:
     """Fit the noise of odometry by maximum likelihood; None where the drive is too short.
@@ -123,48 +123,48 @@ def odometry_noise(
     poses, odometry, jumps = without_jumps(recording.poses, recording.odometry, faulty)
     smoothed = recording.source.poses == SMOOTHED
     spans = SMOOTHED_SPANS if smoothed else SPANS
-    needed = SMOOTHED_MIN_STRETCHES if smoothed else MIN_STRETCHES
-    stretches = _Stretches.of(poses, odometry, spans)
+    min_stretches = SMOOTHED_MIN_STRETCHES if smoothed else MIN_STRETCHES
+    stretches = _Stretches.from_drive(poses, odometry, spans)
     blocks = assign_blocks(poses, spans[-1])
-    increments = _Increments.of(poses[updates], odometry[updates])
-    drifts = bootstrap_statistics(stretches.fitted, blocks[stretches.begin], RESAMPLES)
+    increments = _Increments.from_drive(poses[updates], odometry[updates])
+    drifts = bootstrap_statistics(stretches.fit_drifts, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one is hardly apart from odometry's.
-    position, heading = np.nan_to_num([each.low for each in drifts[-2:]]).tolist()
+    position, heading = np.nan_to_num([noise_estimate.low for noise_estimate in drifts[-2:]]).tolist()
     pose_noise = position, math.radians(heading)
-    alphas = bootstrap_statistics(lambda w: increments.fitted(w, *pose_noise), blocks[updates[:-1]], RESAMPLES)
+    alphas = bootstrap_statistics(lambda w: increments.fit_alphas(w, *pose_noise), blocks[updates[:-1]], RESAMPLES)
     turns = np.diff(poses[find_update_poses(poses, math.inf, TURN), 2])
     total_turn = float(np.abs(wrap_angles(turns)).sum())
-    notes = _notes(increments, np.array([each.value for each in alphas]), pose_noise, total_turn)
+    notes = _notes(increments, np.array([noise_estimate.value for noise_estimate in alphas]), pose_noise, total_turn)
     if jumps:
         notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
     if smoothed:
         notes.append("smoothed poses follow odometry between two updates: the alphas are too low")
-    long_enough = len(stretches.way) >= needed
+    long_enough = len(stretches.way) >= min_stretches
     if not long_enough:
-        each = " and ".join(f"{span:g}" for span in spans)
+        noise_estimate = " and ".join(f"{span:g}" for span in spans)
         notes.append(
             "the drive is too short to tell the drifts, which are not written: it has"
-            f" {len(stretches.way)} stretches of {each} m, not {needed}"
+            f" {len(stretches.way)} stretches of {noise_estimate} m, not {min_stretches}"
         )
     values: list[Any] = [*alphas, *drifts, total_turn, len(updates), long_enough, tuple(notes)]
     return OdometryNoise(*values)
 
 
 def _notes(
-    increments: _Increments, alphas: Floats, sure: tuple[float, float], turned: float
+    increments: _Increments, alphas: Floats, pose_noise: tuple[float, float], total_turn: float
 ) -> list[str]:
     notes = []
-    if increments.outweighed(alphas, *sure):
+    if increments.is_outweighed(alphas, *pose_noise):
         notes.append(
             "the recorded poses are noisier than the odometry between two updates of the filter:"
             " the alphas are uncertain; record better poses, as of SLAM or motion capture"
         )
-    if turned < 2 * math.pi:
+    if total_turn < 2 * math.pi:
         notes.append(
-            f"the robot turned by {math.degrees(turned):.0f} deg in all, too little for alpha1,"
+            f"the robot turned by {math.degrees(total_turn):.0f} deg in all, too little for alpha1,"
             " alpha4 and the drifts of heading and turns, which are not written"
         )
-    jumps = increments.jumps(alphas, *sure)
+    jumps = increments.jumps(alphas, *pose_noise)
     if jumps > 0.01:
         notes.append(
             f"{jumps:.0%} of the increments are beyond 5 standard deviations: the recorded poses"
@@ -186,19 +186,19 @@ class _Stretches:
     begin: NDArray[np.int64]
     way: Floats
     """Length of the way [m]."""
-    turned: Floats
+    turn_sum: Floats
     """Sum of turns [rad]."""
     chord: Floats
     """Distance from the begin to the end [m]."""
     turn: Floats
     """Turn from the begin to the end [rad]."""
-    ahead: Floats
+    chord_error: Floats
     """Reported chord minus the true one, along it [m]; NaN where the way is not straight."""
-    aside: Floats
+    turn_error: Floats
     """Reported turn minus the true one [rad]."""
 
     @classmethod
-    def of(cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]) -> _Stretches:
+    def from_drive(cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]) -> _Stretches:
         """Stretches of each length [m], one after the other."""
         turns = np.abs(wrap_angles(np.diff(odometry[:, 2])))
         way, turn_sums = compute_travel_distances(odometry), np.concatenate([[0.0], np.cumsum(turns)])
@@ -226,20 +226,20 @@ class _Stretches:
             np.asarray(wrap_angles(reported[:, 2] - true[:, 2])),
         )
 
-    def fitted(self, weights: Floats) -> Floats:
+    def fit_drifts(self, weights: Floats) -> Floats:
         """Drifts, biases, and the noise of the poses, in the order of `OdometryNoise`, (8,)."""
-        is_straight = np.isfinite(self.ahead)
+        is_straight = np.isfinite(self.chord_error)
         ones = np.ones(len(self.way))
-        (scale,), (distance, at) = _regressed(
-            self.ahead[is_straight],
+        (scale,), (distance, at) = _fit_regression(
+            self.chord_error[is_straight],
             self.chord[is_straight, None],
             np.column_stack([self.way, ones])[is_straight],
             weights[is_straight],
         )
-        (bend, turn_scale), (heading, turning, to) = _regressed(
-            self.aside,
+        (bend, turn_scale), (heading, turning, to) = _fit_regression(
+            self.turn_error,
             np.column_stack([self.way, self.turn]),
-            np.column_stack([self.way, self.turned, ones]),
+            np.column_stack([self.way, self.turn_sum, ones]),
             weights,
         )
         return np.array(
@@ -272,7 +272,7 @@ class _Increments:
     """Reported minus true ones, (2, n) [rad, m]."""
 
     @classmethod
-    def of(cls, poses: Floats, odometry: Floats) -> _Increments:
+    def from_drive(cls, poses: Floats, odometry: Floats) -> _Increments:
         """Increments from each pose to the next."""
         from locplan._support.kernels.particles import STILL
 
@@ -298,13 +298,13 @@ class _Increments:
             np.array([turn, ahead - way]),
         )
 
-    def fitted(self, weights: Floats, position: float, heading: float) -> Floats:
+    def fit_alphas(self, weights: Floats, position: float, heading: float) -> Floats:
         """The alphas, (4,), with poses that have noise of their own [m, rad]."""
         fixed = (self.poses @ np.array([position**2, heading**2])).ravel()
         features, stacked_weights = self.features.reshape(-1, 4), np.tile(weights, 2)
-        return likeliest_variances(self.residuals.ravel() ** 2, features, fixed, stacked_weights)
+        return fit_variances(self.residuals.ravel() ** 2, features, fixed, stacked_weights)
 
-    def outweighed(self, alphas: Floats, position: float, heading: float) -> bool:
+    def is_outweighed(self, alphas: Floats, position: float, heading: float) -> bool:
         """Whether the poses' noise is more than odometry's, of the turns or of the distances."""
         of_poses = self.poses @ np.array([position**2, heading**2])
         of_odometry = self.features @ alphas
@@ -316,7 +316,7 @@ class _Increments:
         return float((self.residuals**2 > 25 * (variance + TINY)).any(axis=0).mean())
 
 
-def _regressed(
+def _fit_regression(
     values: Floats, means: Floats, features: Floats, weights: Floats
 ) -> tuple[Floats, Floats]:
     """Coefficients of the mean and of the variance of Gaussian values that are likeliest."""
@@ -324,7 +324,7 @@ def _regressed(
     parts: Floats | None = None
     for _ in range(4):
         squares = (values - means @ coefficients) ** 2
-        parts = likeliest_variances(squares, features, np.zeros(len(values)), weights, parts)
+        parts = fit_variances(squares, features, np.zeros(len(values)), weights, parts)
         precisions = weights / (features @ parts + TINY)
         matrix = (means * precisions[:, None]).T @ means + TINY * np.eye(means.shape[1])
         coefficients = np.asarray(np.linalg.solve(matrix, (means * precisions[:, None]).T @ values))
@@ -370,7 +370,7 @@ class ScanNoise:
         }
 
 
-def scan_noise(
+def fit_scan_noise(
     recording: Recording,
     grid: OccupancyGrid,
     *,
@@ -403,10 +403,10 @@ def scan_noise(
     scan_numbers = np.unique(np.linspace(0, len(recording) - 1, 300).round().astype(int))
     walls = SeenWalls(grid, recording)
 
-    def compared(some: NDArray[np.int64]) -> list[tuple[float, Floats]]:
-        return [walls.compared(scan) for scan in scan_numbers[some].tolist()]
+    def compare_scans(batch_numbers: NDArray[np.int64]) -> list[tuple[float, Floats]]:
+        return [walls.compare_scan(scan) for scan in scan_numbers[batch_numbers].tolist()]
 
-    results = in_batches(compared, len(scan_numbers), check_threads(threads), progress, batch=1)
+    results = run_in_batches(compare_scans, len(scan_numbers), check_threads(threads), progress, batch=1)
     moves, expected = (np.array(column) for column in zip(*results, strict=True))
     measured = recording.ranges[scan_numbers].astype(np.float64)
     reach = recording.lidar.range
@@ -419,16 +419,16 @@ def scan_noise(
     check_enough(int(fits.sum()), len(scan_numbers))
     of_scans = residual, walls_at, near, np.isfinite(measured)
     residual, walls_at, near, returned = (column[fits] for column in of_scans)
-    scans = _Scans.of(residual, walls_at, near, returned, recording.lidar, grid.resolution)
+    scans = _ScanSums.from_residuals(residual, walls_at, near, returned, recording.lidar, grid.resolution)
     blocks = assign_blocks(recording.poses)[scan_numbers][fits]
-    estimates = bootstrap_statistics(scans.statistics, blocks, 200)
+    estimates = bootstrap_statistics(scans.compute_statistics, blocks, 200)
     n_unmatched = len(scan_numbers) - int(fits.sum())
     values: list[Any] = [*estimates, float(np.median(moves[fits])), int(fits.sum()), n_unmatched]
     return ScanNoise(*values)
 
 
 @dataclass(frozen=True, eq=False)
-class _Scans:
+class _ScanSums:
     """What is summed up of n scans."""
 
     deviations: Floats
@@ -451,7 +451,7 @@ class _Scans:
     little from the map shadows others further away, too."""
 
     @classmethod
-    def of(
+    def from_residuals(
         cls,
         residual: Floats,
         walls: Floats,
@@ -459,7 +459,7 @@ class _Scans:
         returned: NDArray[np.bool_],
         lidar: Lidar,
         resolution: float,
-    ) -> _Scans:
+    ) -> _ScanSums:
         """Sums of residuals (n, beams) against walls at these distances, or at the range."""
         deviation = np.abs(residual[near])
         order = np.argsort(deviation)
@@ -480,7 +480,7 @@ class _Scans:
             spacing * np.array([_in_runs(is_short) for is_short in short & (measured < farthest)], float),
         )
 
-    def statistics(self, weights: Floats) -> Floats:
+    def compute_statistics(self, weights: Floats) -> Floats:
         """The values of `ScanNoise` that have intervals, with weights of the scans."""
         shares = np.cumsum(weights[self.of_scan])
         middle = self.deviations[np.searchsorted(shares, shares[-1] / 2)]
@@ -509,18 +509,18 @@ class SeenWalls:
         lidar = recording.lidar
         self.grid, self.recording = grid, recording
         self.squares = empty_squares(grid.cells == OCCUPIED)
-        self.every = max(1, lidar.beams // 61)  # some sixty beams settle a scan
+        self.beam_step = max(1, lidar.beams // 61)  # some sixty beams settle a scan
         self.beams = lidar.for_kernels()._replace(min_range=0.0)
-        sparse_beams = np.ascontiguousarray(lidar.angles[:: self.every])
+        sparse_beams = np.ascontiguousarray(lidar.angles[:: self.beam_step])
         self.some = self.beams._replace(angles=sparse_beams)
 
-    def compared(self, scan: int) -> tuple[float, Floats]:
+    def compare_scan(self, scan: int) -> tuple[float, Floats]:
         """How far a scan was moved to fit best [m], and the map's ranges from there (beams,)."""
         start = self.recording.poses[scan]
-        pose = self.settled(start, self.recording.ranges[scan, :: self.every])
+        pose = self.settle_pose(start, self.recording.ranges[scan, :: self.beam_step])
         return math.dist(pose[:2], start[:2]), self.ranges(pose, self.beams)
 
-    def settled(self, pose: Floats, measured: NDArray[Any]) -> Floats:
+    def settle_pose(self, pose: Floats, measured: NDArray[Any]) -> Floats:
         """The pose near the recorded one from which the map's ranges are most like a scan's.
 
         It moves along x, y and the heading as long as that lessens the mean difference.
@@ -582,14 +582,14 @@ class DriveCalibration:
         """Text for people: what was fitted, with units and intervals."""
         rows = [["drive", repr(self.recording), ""]]
         rows += [
-            ["scatter of the ranges", *_texts(self.scans.range_sigma, "m")],
-            ["outliers", *_texts(self.scans.outliers, "%")],
-            ["beams that are blocked", *_texts(self.scans.blocked, "%")],
-            ["scans with an object in view", *_texts(self.scans.occlusion, "%")],
-            ["angle of this object", *_texts(self.scans.occlusion_deg, "deg")],
+            ["scatter of the ranges", *_format_noise(self.scans.range_sigma, "m")],
+            ["outliers", *_format_noise(self.scans.outliers, "%")],
+            ["beams that are blocked", *_format_noise(self.scans.blocked, "%")],
+            ["scans with an object in view", *_format_noise(self.scans.occlusion, "%")],
+            ["angle of this object", *_format_noise(self.scans.occlusion_deg, "deg")],
         ]
         rows += [
-            [text, *_texts(getattr(self.odometry, name), unit)]
+            [text, *_format_noise(getattr(self.odometry, name), unit)]
             for text, name, unit in (
                 *((f"alpha{n}", f"alpha{n}", "") for n in range(1, 5)),
                 ("odometry: drift of the distance", "distance_drift", "m/√m"),
@@ -607,10 +607,10 @@ class DriveCalibration:
         return str(format_table(["", "value", "95 %"], rows))
 
 
-def _texts(interval: Interval, unit: str) -> tuple[str, str]:
+def _format_noise(interval: Interval, unit: str) -> tuple[str, str]:
     """Texts of a value with its unit, and of its interval."""
     factor = 100.0 if unit == "%" else 1.0
-    value, low, high = (f"{0 if abs(each) < 2e-5 else factor * each:.3g}" for each in interval)
+    value, low, high = (f"{0 if abs(bound) < 2e-5 else factor * bound:.3g}" for bound in interval)
     return f"{value} {unit}".rstrip(), "" if np.isnan(interval.low) else f"{low} to {high}"
 
 
@@ -675,7 +675,7 @@ def calibrate_drive(
     check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     robot = recording.robot(robot)
-    scans = scan_noise(recording, grid, threads=threads, progress=progress)
+    scans = fit_scan_noise(recording, grid, threads=threads, progress=progress)
     notes = []
     if scans.set_apart:
         notes.append(
@@ -685,7 +685,7 @@ def calibrate_drive(
     changes = scans.settings()
     faults = find_recording_faults(recording, grid)
     notes += [text.rstrip(".") for text in faults.sentences]
-    odometry = odometry_noise(recording, robot.amcl, faults.faulty_steps)
+    odometry = fit_odometry_noise(recording, robot.amcl, faults.faulty_steps)
     if odometry:
         notes += odometry.notes
         changes |= odometry.settings()

@@ -16,7 +16,7 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan._support.reading import numbered_lines
 from locplan.errors import RecordingError
-from locplan.recordings.logs import Options, ScanRows, Source
+from locplan.recordings.logs import ReadOptions, ScanRows, Source
 from locplan.recordings.recording import Recording
 
 SUFFIXES: tuple[str, ...] = (".log", ".clf", ".log.gz", ".clf.gz")
@@ -25,7 +25,7 @@ KINDS = ("ROBOTLASER1", "FLASER")
 
 
 @dataclass
-class _Scans:
+class _ScanLines:
     """What the lines of one kind of scan say."""
 
     rows: ScanRows = field(default_factory=lambda: ScanRows((0.0, MAX_RANGE)))
@@ -40,13 +40,13 @@ class _Scans:
 
 
 @dataclass
-class _Log:
+class _CarmenLog:
     """What a log says."""
 
-    scans: dict[str, _Scans] = field(default_factory=dict)
+    scans: dict[str, _ScanLines] = field(default_factory=dict)
     odometry: array[float] = field(default_factory=lambda: array("d"))
     """x, y [m], heading [rad], time [s] and speed ahead [m/s] of the lines of odometry."""
-    others: set[str] = field(default_factory=set)
+    other_lines: set[str] = field(default_factory=set)
     """Names of lines of other kinds."""
     notes: list[str] = field(default_factory=list)
 
@@ -56,7 +56,7 @@ class _Log:
         return np.array(self.odometry).reshape(-1, 5)
 
 
-def read_carmen(path: Path, options: Options) -> Recording:
+def read_carmen(path: Path, options: ReadOptions) -> Recording:
     """Read a drive from a log of CARMEN, in the order of its lines; it may be packed by gzip.
 
     Raises
@@ -64,8 +64,8 @@ def read_carmen(path: Path, options: Options) -> Recording:
     RecordingError
         If the file is no such log, is damaged, or has no scans.
     """
-    options.refuse_others("a log of CARMEN", of_robot=True)
-    log = _parsed(path, options)
+    options.refuse_unused("a log of CARMEN", of_robot=True)
+    log = _parse_log(path, options)
     kind = _kind(log, options.scan_topic)
     scan_lines, selection = log.scans[kind], slice(None, None, options.every)
     lines = np.array(scan_lines.lines).reshape(-1, 7)
@@ -74,7 +74,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
     ranges = scan_lines.rows.finish(range(len(scan_lines.rows)))
     min_range, max_range = options.range_limits or (0.0, scan_lines.greatest)
     if not 0 < max_range <= MAX_RANGE:
-        max_range = _limit(ranges)
+        max_range = _find_max_range(ranges)
     times = lines[:, 6]
     ordered, stamps_back = bool((np.diff(times) > 0).all()), int((np.diff(times) < 0).sum())
     if not ordered:
@@ -102,7 +102,7 @@ def read_carmen(path: Path, options: Options) -> Recording:
     return recording if options.window is None else recording.window(*options.window)
 
 
-def _speeds(log: _Log, before: Sequence[int]) -> Floats | None:
+def _speeds(log: _CarmenLog, before: Sequence[int]) -> Floats | None:
     """Speeds ahead of the lines of odometry before the scans, (n,) [m/s]; None if all are 0."""
     values = log.lines[:, 4]
     if not values.any():
@@ -110,18 +110,18 @@ def _speeds(log: _Log, before: Sequence[int]) -> Floats | None:
     return np.where(np.asarray(before) < 0, np.nan, values[before])
 
 
-def _kind(log: _Log, named: str | None) -> str:
+def _kind(log: _CarmenLog, requested_kind: str | None) -> str:
     """The kind of scans that is named, or the first one of `KINDS` that the log has."""
-    kind = named or next((kind_name for kind_name in KINDS if kind_name in log.scans), "")
+    kind = requested_kind or next((kind_name for kind_name in KINDS if kind_name in log.scans), "")
     if kind in log.scans:
         return kind
-    have = ", ".join(sorted(log.others | log.scans.keys())[:12]) or "nothing"
+    have = ", ".join(sorted(log.other_lines | log.scans.keys())[:12]) or "nothing"
     raise RecordingError(
         f"has no scans ({kind or 'FLASER or ROBOTLASER1'} lines) but {have}; is it a log of CARMEN?"
     )
 
 
-def _limit(ranges: NDArray[np.float32]) -> float:
+def _find_max_range(ranges: NDArray[np.float32]) -> float:
     """Maximum range of a lidar whose log does not name it: readings pile up at "no return" [m]."""
     pile = 0.1  # readings so near below the largest count as no return if they are over 3 permille
     finite_ranges = ranges[np.isfinite(ranges)]
@@ -132,7 +132,7 @@ def _limit(ranges: NDArray[np.float32]) -> float:
 
 
 def _poses(
-    scans: Floats, before: Sequence[int], log: _Log
+    scans: Floats, before: Sequence[int], log: _CarmenLog
 ) -> tuple[Floats, Floats | None, tuple[float, float, float]]:
     """Poses of the robot, its odometry, and the lidar's mount on it [m, m, rad].
 
@@ -148,7 +148,7 @@ def _poses(
         x, y, yaw = (float(value) for value in np.round(mount, 4))
     else:
         poses, reported, x, y, yaw = first, second, 0.0, 0.0, 0.0
-    lines = odometry_at(poses, scans[:, 6], before, log.lines[:, :4])
+    lines = compute_scan_odometry(poses, scans[:, 6], before, log.lines[:, :4])
     reported = reported if lines is None else lines
     if reported is not None and np.hypot(*(reported - poses)[:, :2].T).max() < 0.02:
         log.notes.append("its odometry is the poses, which may be odometry alone")
@@ -156,10 +156,10 @@ def _poses(
     return poses, reported, (x, y, yaw)
 
 
-def _parsed(path: Path, options: Options) -> _Log:
-    log, bad, named = _Log(), 0, options.scan_topic
-    if named not in (None, *KINDS):
-        raise RecordingError(f"has no scans on {named}; scan_topic= can be {' or '.join(KINDS)}")
+def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
+    log, bad, requested_kind = _CarmenLog(), 0, options.scan_topic
+    if requested_kind not in (None, *KINDS):
+        raise RecordingError(f"has no scans on {requested_kind}; scan_topic= can be {' or '.join(KINDS)}")
     for number, line in numbered_lines(path, "replace"):
         if bad:
             raise RecordingError(f"line {bad} is cut off or damaged; take it out")
@@ -168,12 +168,12 @@ def _parsed(path: Path, options: Options) -> _Log:
             if name == "ODOM":
                 words = line.split()
                 log.odometry.extend(_finite((*words[1:4], words[7], words[4])))
-            elif name in KINDS and named in (None, name):
-                scans = log.scans.get(name) or _Scans()
-                _take(name, line.split(), scans, len(log.odometry) // 5 - 1, options.every)
+            elif name in KINDS and requested_kind in (None, name):
+                scans = log.scans.get(name) or _ScanLines()
+                _take_scan(name, line.split(), scans, len(log.odometry) // 5 - 1, options.every)
                 log.scans[name] = scans
-            elif not name.startswith("#") and len(log.others) < 100:
-                log.others.add(name if name.isprintable() else "?")
+            elif not name.startswith("#") and len(log.other_lines) < 100:
+                log.other_lines.add(name if name.isprintable() else "?")
         except (ValueError, IndexError, OverflowError):
             bad = number  # the last line of a log whose writer was stopped is no fault
     if bad:
@@ -181,7 +181,7 @@ def _parsed(path: Path, options: Options) -> _Log:
     return log
 
 
-def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -> None:
+def _take_scan(kind: str, words: list[str], scans: _ScanLines, before: int, scan_step: int) -> None:
     """Take a line of a scan; a ValueError or IndexError if it is damaged."""
     if kind == "FLASER":
         count = int(words[1])
@@ -197,7 +197,7 @@ def _take(kind: str, words: list[str], scans: _Scans, before: int, every: int) -
     line = _finite([*rest[:6], stamp])
     if not 0 < count <= len(words):
         raise ValueError
-    if len(scans.before) % every == 0:
+    if len(scans.before) % scan_step == 0:
         ranges = [float(word) for word in words[begin : begin + count]]
         scans.rows.add(ranges, first, step, 0.0, MAX_RANGE)
     scans.greatest = max(scans.greatest, greatest)
@@ -213,7 +213,7 @@ def _finite(words: Sequence[str]) -> tuple[float, ...]:
     return values
 
 
-def odometry_at(
+def compute_scan_odometry(
     poses: Floats, stamps: Floats, before: Sequence[int], lines: Floats
 ) -> Floats | None:
     """Odometry at n scans; None if the log has none of its own.

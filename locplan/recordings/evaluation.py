@@ -40,7 +40,7 @@ from locplan.field.scan import Scan
 from locplan.field.store import covariance_field
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
-from locplan.recordings.matching import Matcher, in_batches
+from locplan.recordings.matching import Matcher, run_in_batches
 from locplan.recordings.recording import Recording
 from locplan.robots.lidar import Lidar
 
@@ -95,14 +95,14 @@ class Matches:
     """Number of returns among the beams that were compared, (n,)."""
 
     def __repr__(self) -> str:
-        median = float(np.nanmedian(self.position_std)) if self.judged.any() else math.nan
+        median = float(np.nanmedian(self.position_std)) if self.is_matched.any() else math.nan
         return f"Matches({len(self)} scans, median position_std {100 * median:.1f} cm)"
 
     def __len__(self) -> int:
         return len(self.score)
 
     @property
-    def judged(self) -> NDArray[np.bool_]:
+    def is_matched(self) -> NDArray[np.bool_]:
         """Mask of the scans with enough returns, on the map, (n,)."""
         return np.asarray(np.isfinite(self.covariance[:, 0, 0]))
 
@@ -121,7 +121,7 @@ class Matches:
         for first in range(0, len(self), 512):  # in blocks, which saves memory
             block = slice(first, first + 512)
             ends = self.recording[block].ends_on_robot()
-            at = looked_up(
+            at = look_up_cells(
                 self.grid,
                 distance,
                 ends_in_map(ends, self.recording.poses[block] + self.best[block]),
@@ -179,7 +179,7 @@ def match_scans(
     check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_grid(grid)
     workers = check_threads(threads)
-    matcher = Matcher(grid, settings) if settings else Matcher.of(grid, recording.lidar)
+    matcher = Matcher(grid, settings) if settings else Matcher.for_lidar(grid, recording.lidar)
     settings = matcher.settings
     count, beams = len(recording), settings.beams_compared
     row, col = grid.world_to_grid(*recording.poses[:, :2].T)
@@ -194,7 +194,7 @@ def match_scans(
             "no scan with enough returns was taken on this map; is it the right one? See"
             " locplan.recordings.fit_to_map"
         )
-    _ = matcher.prepared  # now, once for all threads
+    _ = matcher.kernel_arguments  # now, once for all threads
 
     def match(numbers: NDArray[np.int64]) -> list[int]:
         scan_numbers = usable_scans[numbers]
@@ -202,7 +202,7 @@ def match_scans(
         mean[scan_numbers], covariance[scan_numbers], best[scan_numbers], summary[scan_numbers] = posteriors
         return list(scan_numbers)
 
-    in_batches(match, usable_scans.size, workers, progress, batch=64)
+    run_in_batches(match, usable_scans.size, workers, progress, batch=64)
     entropy, ambiguity, score = summary.T
     posterior_parts = mean, best, covariance, ambiguity, entropy, score
     return Matches(recording, grid, settings, *posterior_parts, returns)
@@ -222,12 +222,12 @@ def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
     return distance, grid.closer_than(distance)
 
 
-def looked_up(grid: OccupancyGrid, values: NDArray[Any], xy: Floats, beyond: float) -> Floats:
+def look_up_cells(grid: OccupancyGrid, values: NDArray[Any], xy: Floats, outside_value: float) -> Floats:
     """Values of the cells at points (..., 2), and off the map, or where a point is NaN, another."""
     row, col = (np.floor(coordinate) for coordinate in grid.world_to_grid(xy[..., 0], xy[..., 1]))
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
     at = tuple(np.where(inside, coordinate, 0).astype(np.int64) for coordinate in (row, col))
-    return np.where(inside, values[at], beyond)
+    return np.where(inside, values[at], outside_value)
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ class Agreement:
         return [format_ratio(self.rank.spearman), format_ratio(self.rank.auc), aligned, format_ratio(self.factor)]
 
 
-def agreement(
+def compute_agreement(
     values: Floats, predicted: Floats, measured: Floats, blocks: NDArray[np.int64]
 ) -> Agreement:
     """Agreement of predicted with measured covariances at n scans.
@@ -307,19 +307,19 @@ class DriveEvaluation(Pictured):
         return f"DriveEvaluation({len(self.matches)} scans, {', '.join(self.predicted)})"
 
     @cached_property
-    def outdated(self) -> NDArray[np.bool_]:
+    def is_outdated(self) -> NDArray[np.bool_]:
         """Mask of the scans that saw what is not on the map, (n,): people, changes, plants."""
         # Log-likelihood of a scan with a sixth of its returns away from all walls.
-        poor = self.matches.judged & (self.matches.score < -0.5)
+        poor = self.matches.is_matched & (self.matches.score < -0.5)
         if poor.sum() > MAX_OUTDATED * len(poor):  # the map, the poses or the mount are wrong
             return np.asarray(poor)
         # Coarse cells, long beams and plants make fits poor, too, but few returns stray by them.
         return np.asarray(poor & (self.matches.stray > 1 / 6))
 
     @cached_property
-    def compared(self) -> NDArray[np.bool_]:
+    def is_compared(self) -> NDArray[np.bool_]:
         """Mask of the scans at which measured and all predicted deviations are compared, (n,)."""
-        has_values = self.matches.judged & ~self.outdated
+        has_values = self.matches.is_matched & ~self.is_outdated
         for covariances in self.predicted.values():
             has_values &= np.isfinite(covariances[:, 0, 0])
         return np.asarray(has_values)
@@ -332,9 +332,9 @@ class DriveEvaluation(Pictured):
     @cached_property
     def agreements(self) -> dict[str, Agreement]:
         """How well each estimator agrees with the measurement, at the scans compared."""
-        scans = self.compared
+        scans = self.is_compared
         return {
-            name: agreement(
+            name: compute_agreement(
                 scalar(covariance[scans], self.criteria[name]),
                 covariance[scans],
                 self.matches.covariance[scans],
@@ -346,19 +346,19 @@ class DriveEvaluation(Pictured):
     @property
     def verdict(self) -> list[str]:
         """Two sentences: whether a field says where the scans fix the pose badly, and where."""
-        apart = int(self.outdated.sum())
-        if apart > MAX_OUTDATED * len(self.outdated):
+        n_outdated = int(self.is_outdated.sum())
+        if n_outdated > MAX_OUTDATED * len(self.is_outdated):
             return [
-                f"{apart} of {len(self.outdated)} scans do not fit the map at their poses: check"
+                f"{n_outdated} of {len(self.is_outdated)} scans do not fit the map at their poses: check"
                 " how the lidar is mounted (mount), the poses, and that the map is of this place"
                 " and time.",
                 "Until then the comparison with the fields says little.",
             ]
-        return [_about_fields(self.agreements), f"{self._about_places()}{self._about_map()}."]
+        return [_describe_fields(self.agreements), f"{self._describe_worst_place()}{self._describe_map_changes()}."]
 
-    def _about_places(self) -> str:
+    def _describe_worst_place(self) -> str:
         """Where the scans fix the position worst."""
-        compared, blocks, std = self.compared, self.blocks, self.matches.position_std
+        compared, blocks, std = self.is_compared, self.blocks, self.matches.position_std
         nine_of_ten = float(np.quantile(std[compared], 0.9))
         if nine_of_ten <= 0.1:
             return (
@@ -367,39 +367,39 @@ class DriveEvaluation(Pictured):
             )
         block_numbers, number, counts = np.unique(blocks[compared], return_inverse=True, return_counts=True)
         worst = block_numbers[np.argmax(np.bincount(number, np.log(std[compared])) / counts)]
-        here = compared & (blocks == worst)
-        count, median = int(here.sum()), float(np.median(std[here]))
+        is_worst = compared & (blocks == worst)
+        count, median = int(is_worst.sum()), float(np.median(std[is_worst]))
         scans = "the only scan compared fixes" if count == 1 else f"{count} scans fix"
-        every = len(np.unique(blocks))
-        left = every - len(block_numbers)
-        without = f"; {left} of {every} stretches of 10 m have no scan to compare" if left else ""
+        n_blocks = len(np.unique(blocks))
+        left = n_blocks - len(block_numbers)
+        without = f"; {left} of {n_blocks} stretches of 10 m have no scan to compare" if left else ""
         return (
-            f"The worst 10 m lie around {self._middle(here)}, where {scans} the position to"
-            f" {100 * median:.0f} cm along {_axis(self.matches.direction[here])}°{without}"
+            f"The worst 10 m lie around {self._format_middle(is_worst)}, where {scans} the position to"
+            f" {100 * median:.0f} cm along {_axis(self.matches.direction[is_worst])}°{without}"
         )
 
-    def _about_map(self) -> str:
+    def _describe_map_changes(self) -> str:
         """Where the map is out of date, if many scans say so."""
-        outdated, blocks = self.outdated, self.blocks
+        outdated, blocks = self.is_outdated, self.blocks
         if outdated.sum() < max(1, 0.05 * len(outdated)):
             return ""
         block_numbers, counts = np.unique(blocks[outdated], return_counts=True)
-        most = outdated & (blocks == block_numbers[np.argmax(counts)])
+        is_worst = outdated & (blocks == block_numbers[np.argmax(counts)])
         return (
             f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
-            f" {self._middle(most)}: people, changes, or what a map leaves out, such as plants"
+            f" {self._format_middle(is_worst)}: people, changes, or what a map leaves out, such as plants"
         )
 
-    def _middle(self, chosen: NDArray[np.bool_]) -> str:
+    def _format_middle(self, is_chosen: NDArray[np.bool_]) -> str:
         """The middle of some scans' positions, to 0.1 m; no -0.0."""
-        middle = self.matches.recording.poses[chosen, :2].mean(axis=0)
+        middle = self.matches.recording.poses[is_chosen, :2].mean(axis=0)
         return ",".join(f"{round(float(value), 1) + 0.0:.1f}" for value in middle)
 
     def report(self) -> str:
         """Return the drive, the agreement of each estimator, and the verdict as text."""
-        matches, compared = self.matches, self.compared
+        matches, compared = self.matches, self.is_compared
         low, middle, high = 100 * np.quantile(matches.position_std[compared], (0.1, 0.5, 0.9))
-        n_outdated = int(self.outdated.sum())
+        n_outdated = int(self.is_outdated.sum())
         n_off = len(matches) - int(compared.sum()) - n_outdated
         rows = [
             ("map", matches.grid.name),
@@ -425,8 +425,8 @@ class DriveEvaluation(Pictured):
             Column("scan"): np.arange(len(drive)),
             Column("time", "s"): unknown if drive.times is None else drive.times - drive.times[0],
             **dict(zip(POSE, drive.poses.T, strict=True)),
-            Column("judged"): matches.judged,
-            Column("outdated"): self.outdated,
+            Column("judged"): matches.is_matched,
+            Column("outdated"): self.is_outdated,
             Column("score"): matches.score,
             Column("returns"): matches.returns,
             Column("offset_x", "m"): matches.best[:, 0],
@@ -499,8 +499,8 @@ def evaluate_drive(
     check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     check_enough(len(recording), len(recording))
     if estimators is None:
-        estimators = estimators_for(recording.lidar)
-    tell = progress or (lambda done, total: None)
+        estimators = make_estimators(recording.lidar)
+    tell = progress or (lambda n_done, total: None)
     matches = match_scans(recording, grid, settings=settings, threads=threads)
     tell(1, len(estimators) + 1)
     predicted = {}
@@ -512,11 +512,11 @@ def evaluate_drive(
         tell(n, len(estimators) + 1)
     criteria = {name: predictor.criterion for name, predictor in estimators.items()}
     result = DriveEvaluation(matches, predicted, criteria)
-    check_enough(int(result.compared.sum()), len(recording))
+    check_enough(int(result.is_compared.sum()), len(recording))
     return result
 
 
-def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
+def make_estimators(lidar: Lidar) -> dict[str, Estimator]:
     """All estimators by name, with a recording's lidar.
 
     Parameters
@@ -527,7 +527,7 @@ def estimators_for(lidar: Lidar) -> dict[str, Estimator]:
     return {"sad": Sad(), "fisher": Fisher(lidar), "scan": Scan(lidar), "fused": Fused(lidar)}
 
 
-def _about_fields(agreements: Mapping[str, Agreement]) -> str:
+def _describe_fields(agreements: Mapping[str, Agreement]) -> str:
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
     ranks = {name: agreements[name].rank for name in names}

@@ -16,7 +16,7 @@ from locplan.field.scan import Scan, likelihood_field
 from locplan.field.search_window import SearchWindow
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE, OCCUPIED
-from locplan.recordings.evaluation import looked_up, match_scans
+from locplan.recordings.evaluation import look_up_cells, match_scans
 from locplan.recordings.recording import Recording
 
 WAY, TURN, SECONDS, SCANS = 0.25, math.radians(15), 1.0, 10
@@ -29,9 +29,9 @@ REACH, RETURNS = 12.0, 10
 """Greatest range that is compared [m], and least number of returns."""
 GRAZING = 10.0
 """Distance of neighbouring ends on one wall, in times of that on a wall across the beams."""
-TURNED = math.radians(30)
+MAX_STEP_TURN = math.radians(30)
 """Turn beyond which a step is not judged: odometry and scans have different stamps [rad]."""
-APART, GAIN, FIT = 0.16, 0.07, 0.5
+MIN_DISAGREEMENT, GAIN, FIT = 0.16, 0.07, 0.5
 """Odometry and scans disagree if a motion more than so far from odometry's [m] has a score that is
 higher by so much, and at least so high."""
 NEXT_GAIN = 0.02
@@ -74,7 +74,7 @@ class ScanSteps:
         turn_error = np.abs(self.measured[:, 2] - self.reported[:, 2])
         # At the edge of the lattice the true turn lies beyond.
         is_inside = turn_error < math.radians(HALF_TURNS - 0.5)
-        is_apart = is_inside & (self.errors > APART) & (self.scores > FIT)
+        is_apart = is_inside & (self.errors > MIN_DISAGREEMENT) & (self.scores > FIT)
         is_likely, is_sure = (is_apart & (self.gains > gain) for gain in (NEXT_GAIN, GAIN))
         runs = np.cumsum(np.diff(is_likely, prepend=False))
         return np.asarray(is_likely & np.isin(runs, runs[is_sure]))
@@ -100,16 +100,16 @@ def measure_steps(recording: Recording) -> ScanSteps:
     scans = step_ends(odometry, recording.times)
     reported = compute_motions(odometry[scans[:-1]], odometry[scans[1:]])
     reported[:, 2] = wrap_angles(reported[:, 2])
-    outlines, ends = _outlines(recording, scans), _compared_ends(recording, scans)
+    outlines, ends = _find_outlines(recording, scans), _select_ends(recording, scans)
     lattice = make_lattice(HALF_STEPS, np.radians(np.arange(-HALF_TURNS, HALF_TURNS + 1.0)))
     measured = np.full_like(reported, np.nan)
     scores, gains = np.full(len(reported), np.nan), np.zeros(len(reported))
     hidden = np.zeros(len(reported), np.bool_)
     for n, motion in enumerate(reported):
         is_seen = min(len(outlines[n][0]), len(ends[n + 1])) >= RETURNS
-        if not is_seen or abs(motion[2]) > TURNED:
+        if not is_seen or abs(motion[2]) > MAX_STEP_TURN:
             continue
-        values = _scores_around(motion, *outlines[n], ends[n + 1], lattice)
+        values = _score_motions(motion, *outlines[n], ends[n + 1], lattice)
         turn, left, ahead = map(int, np.unravel_index(int(np.argmax(values)), values.shape))
         offset = np.array([ahead - HALF_STEPS, left - HALF_STEPS, turn - HALF_TURNS])
         measured[n] = motion + offset * (CELL, CELL, math.radians(1))
@@ -133,7 +133,7 @@ def step_ends(odometry: Floats, times: Floats | None) -> Ints:
     return np.array(scans)
 
 
-def _compared_ends(recording: Recording, scans: Ints) -> list[Floats]:
+def _select_ends(recording: Recording, scans: Ints) -> list[Floats]:
     """Ends of up to some 180 beams of each scan on the robot, (b, 2) [m]."""
     beam_slice = slice(None, None, max(1, recording.lidar.beams // 180))
     scan_subset = recording[scans]
@@ -142,7 +142,7 @@ def _compared_ends(recording: Recording, scans: Ints) -> list[Floats]:
     return [part[is_near] for part, is_near in zip(ends, near, strict=True)]
 
 
-def _outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
+def _find_outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
     """Ends of the beams of each scan that have a neighbour on the same wall, and which have.
 
     The other ends are left out: at the same angles from anywhere in a corridor, they would show a
@@ -160,15 +160,15 @@ def _outlines(recording: Recording, scans: Ints) -> list[tuple[Floats, Bools]]:
     return outlines
 
 
-def _scores_around(
-    motion: Floats, outline: Floats, joined: Bools, ends: Floats, lattice: Any
+def _score_motions(
+    motion: Floats, outline: Floats, is_joined: Bools, ends: Floats, lattice: Any
 ) -> Array:
     """Mean scores of a scan at the motions about one by odometry, (turn, left, ahead)."""
     from locplan._support.kernels.likelihood import TOP
     from locplan._support.kernels.posterior import score_scan
 
     low = outline.min(axis=0) - CELL
-    field = likelihood_field(_drawn(outline, joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE)
+    field = likelihood_field(_draw_scan_map(outline, is_joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE)
     position = (motion[:2] - low) / CELL
     cell = np.floor(position).astype(np.int64)
     cos, sin = math.cos(motion[2]), math.sin(motion[2])
@@ -180,14 +180,14 @@ def _scores_around(
     return np.asarray(1.0 - values / (TOP * len(ends)))
 
 
-def _drawn(outline: Floats, joined: Bools, low: Floats) -> Octets:
+def _draw_scan_map(outline: Floats, is_joined: Bools, low: Floats) -> Octets:
     """A map of what a scan saw: walls from each end to the next one where they are joined."""
     import cv2
 
     places = np.floor((outline - low) / CELL).astype(np.int32)
     cols, rows = places.max(axis=0) + 2
     levels = np.full((rows, cols), FREE, np.uint8)
-    lines = [places[n : n + 2] for n in np.flatnonzero(joined)]
+    lines = [places[n : n + 2] for n in np.flatnonzero(is_joined)]
     cv2.polylines(levels, lines, False, (float(OCCUPIED),))
     return levels
 
@@ -198,7 +198,7 @@ def _distances(row: int, col: int) -> Floats:
     return np.asarray(CELL * np.hypot(rows - row, cols - col))
 
 
-SPACING, AWAY, FARTHEST = 0.25, 0.1, 0.5
+SPACING, MISFIT_DISTANCE, FARTHEST = 0.25, 0.1, 0.5
 """Way between scans that are compared with the map, mean distance of their ends from walls from
 which on the map does not fit, and that from which on an end counts as no farther [m]."""
 
@@ -215,7 +215,7 @@ class MisfitStretch:
     """Length of the way [m]; 0 if the map fits all scans."""
 
 
-def longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
+def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
     """Find the longest stretch of a drive where ends of scans lie away from a map's walls.
 
     Parameters
@@ -230,11 +230,11 @@ def longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
     scans = np.unique(np.searchsorted(way, [*np.arange(0.0, way[-1], SPACING), way[-1]]))
     scan_subset, way = recording[scans], way[scans]
     distances = _mean_distances(scan_subset, scan_subset.poses, grid)
-    for n in np.array_split(far := np.flatnonzero(distances > AWAY), len(far) // 500 + 1):
+    for n in np.array_split(far := np.flatnonzero(distances > MISFIT_DISTANCE), len(far) // 500 + 1):
         if len(n):
             poses = scan_subset.poses[n] + _best_offsets(scan_subset[n], grid)
             distances[n] = np.minimum(distances[n], _mean_distances(scan_subset[n], poses, grid))
-    is_away = np.concatenate([[False], distances > AWAY, [False]])
+    is_away = np.concatenate([[False], distances > MISFIT_DISTANCE, [False]])
     begins, ends = (np.flatnonzero(np.diff(is_away.astype(int)) == sign) for sign in (1, -1))
     lengths = way[ends - 1] - way[begins]
     if not lengths.any():
@@ -248,7 +248,7 @@ def longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStretch:
 def _mean_distances(recording: Recording, poses: Floats, grid: OccupancyGrid) -> Floats:
     """Mean distance of each scan's ends from the walls, (n,) [m]; 0 with too few returns."""
     ends = ends_in_map(recording.ends_on_robot(), poses)
-    wall_distances = looked_up(grid, grid.clearance, ends, math.inf)
+    wall_distances = look_up_cells(grid, grid.clearance, ends, math.inf)
     returns = np.isfinite(ends[..., 0])
     count = returns.sum(axis=1)
     total = np.where(returns, np.minimum(wall_distances, FARTHEST), 0.0).sum(axis=1)
@@ -267,7 +267,7 @@ def _best_offsets(recording: Recording, grid: OccupancyGrid) -> Floats:
 
 BACK, FORWARD = -0.075, 0.05
 """Motions from which on the scans move back, and odometry moves forward, in a step [m]."""
-FEW = 3
+MIN_REVERSED_STEPS = 3
 """Least number of steps with a wrong sign that are a driver's fault; they must be over half."""
 SAME_PLACE = 1.0
 """Way between two steps up to which they are at the same place [m]."""
@@ -332,7 +332,7 @@ class RecordingFaults:
     """Mask of the steps from scan to scan at which odometry is wrong, (scans - 1,)."""
     places: tuple[Disagreement, ...]
     """Places where odometry and scans disagree by more than 0.15 m a step, in their order."""
-    moved_back: int
+    backward_steps: int
     """Number of steps at which the scans move back."""
     reversed_steps: int
     """Number of these at which odometry moves forward."""
@@ -359,7 +359,7 @@ class RecordingFaults:
     @property
     def drops_sign(self) -> bool:
         """True if odometry moves forward at most steps at which the scans move back."""
-        return self.reversed_steps >= FEW and 2 * self.reversed_steps > self.moved_back
+        return self.reversed_steps >= MIN_REVERSED_STEPS and 2 * self.reversed_steps > self.backward_steps
 
     @property
     def has_sign_fault(self) -> bool:
@@ -387,7 +387,7 @@ class RecordingFaults:
         texts = [signs.sentence for signs in self.wrong_signs]
         if self.drops_sign:
             texts.append(
-                f"Odometry moves forward at {self.reversed_steps:,} of {self.moved_back:,} places"
+                f"Odometry moves forward at {self.reversed_steps:,} of {self.backward_steps:,} places"
                 f" where the scans move back ({self.reversed_way:.2g} m). Probably the driver drops"
                 " the sign of the velocity."
             )
@@ -462,7 +462,7 @@ def find_recording_faults(
     """
     check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
     # Poses count for the map alone: odometry and scans are compared with each other.
-    stretch = longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
+    stretch = find_longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
     odometry, count = recording.odometry, len(recording)
     if odometry is None:
         no_faults = np.zeros(count - 1, np.bool_)
@@ -476,9 +476,9 @@ def find_recording_faults(
     moves_back = (steps.motions[:, 0] < BACK) & is_judged
     is_reversed = disagree & moves_back & (steps.reported[:, 0] > FORWARD)
     return RecordingFaults(
-        faulty_steps=jumps | _from_scan_to_scan(_widened(disagree), steps.scans, count),
+        faulty_steps=jumps | _from_scan_to_scan(_widen_mask(disagree), steps.scans, count),
         places=_places(recording, steps, disagree),
-        moved_back=int(moves_back.sum()),
+        backward_steps=int(moves_back.sum()),
         reversed_steps=int(is_reversed.sum()),
         reversed_way=float(np.hypot(*steps.reported[is_reversed, :2].T).sum()),
         steps=len(is_judged),
@@ -505,7 +505,7 @@ def odometry_jumps(odometry: Floats, times: Floats | None) -> tuple[Bools, Bools
     return is_jump, is_jump & (from_start < NEAR_ZERO)
 
 
-def _widened(marked: Bools) -> Bools:
+def _widen_mask(marked: Bools) -> Bools:
     """Mask of the steps with those before and after: a fault begins and ends within a step."""
     return np.asarray(np.convolve(marked, np.ones(3), "same") > 0) if len(marked) else marked
 
@@ -550,6 +550,6 @@ def _wrong_signs(recording: Recording) -> tuple[WrongSigns, ...]:
         is_clear = (sign * speeds[:-1] > MOVING) & (sign * speeds[1:] > MOVING)
         is_clear &= np.abs(ahead) > MOVING
         count = int((is_clear & (sign * ahead < 0)).sum())
-        if count >= FEW and 2 * count > is_clear.sum():
+        if count >= MIN_REVERSED_STEPS and 2 * count > is_clear.sum():
             faults.append(WrongSigns(count, int(is_clear.sum()), sign < 0))
     return tuple(faults)

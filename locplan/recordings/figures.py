@@ -39,7 +39,7 @@ RECORDED, ESTIMATED, FILTER = "black", "#0072b2", "#d55e00"
 MEASURED, PREDICTED, OUTDATED = "black", "#0072b2", "#009e73"
 
 
-def drive_figure(found: DriveEvaluation) -> Figure:
+def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
     """The drive over the map, and its deviations along the way.
 
     Its wide line is coloured by the deviation that an estimator predicts, the narrow one by the
@@ -48,20 +48,20 @@ def drive_figure(found: DriveEvaluation) -> Figure:
 
     Parameters
     ----------
-    found : DriveEvaluation
+    drive_evaluation : DriveEvaluation
         What `evaluate_drive` returned.
     """
-    figure, upper, lower = _over_profile_of(found.matches.grid, found.matches.recording)
-    name = next(estimator_name for estimator_name in (*PREFERRED, *found.predicted) if estimator_name in found.predicted)
-    predicted = position_axes(found.predicted[name])[0]
-    measured = np.where(found.compared, found.matches.position_std, np.nan)
+    figure, upper, lower = _make_recording_axes(drive_evaluation.matches.grid, drive_evaluation.matches.recording)
+    name = next(estimator_name for estimator_name in (*PREFERRED, *drive_evaluation.predicted) if estimator_name in drive_evaluation.predicted)
+    predicted = position_axes(drive_evaluation.predicted[name])[0]
+    measured = np.where(drive_evaluation.is_compared, drive_evaluation.matches.position_std, np.nan)
     norm = along_norm(100 * np.concatenate([measured, predicted]))
-    _draw_line(upper, found, 100 * predicted, 7.0, norm)
-    _draw_line(upper, found, 100 * measured, 4.0, None)
-    lines = _draw_line(upper, found, 100 * measured, 2.6, norm)
+    _draw_line(upper, drive_evaluation, 100 * predicted, 7.0, norm)
+    _draw_line(upper, drive_evaluation, 100 * measured, 4.0, None)
+    lines = _draw_line(upper, drive_evaluation, 100 * measured, 2.6, norm)
     draw_along_bar(figure, lines, upper, "std. dev. of the position [cm]", 0.8)
-    magnify = _draw_ellipses(upper, found, name)
-    xy = found.matches.recording.poses[found.outdated, :2]
+    magnify = _draw_ellipses(upper, drive_evaluation, name)
+    xy = drive_evaluation.matches.recording.poses[drive_evaluation.is_outdated, :2]
     upper.plot(*xy.T, "x", color=OUTDATED, markersize=5, mew=1.6, zorder=6)
     handles = [
         Line2D([], [], color="0.6", linewidth=7, label=f"predicted by {name}"),
@@ -69,21 +69,21 @@ def drive_figure(found: DriveEvaluation) -> Figure:
         Line2D([], [], color=PREDICTED, label=f"predicted ellipse{magnify}"),
         Line2D([], [], color=MEASURED, label=f"measured ellipse{magnify}"),
     ]
-    if found.outdated.any():
-        count = int(found.outdated.sum())
+    if drive_evaluation.is_outdated.any():
+        count = int(drive_evaluation.is_outdated.sum())
         label = f"{count} scan{'s' * (count > 1)} unlike the map"
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
     figure.key(handles, ncols=2, at="upper center")
-    _draw_profile(lower, found, {"measured": measured, f"predicted by {name}": predicted})
-    return _said(figure, *found.verdict)
+    _draw_profile(lower, drive_evaluation, {"measured": measured, f"predicted by {name}": predicted})
+    return _add_sentences(figure, *drive_evaluation.verdict)
 
 
-def _over_profile_of(grid: OccupancyGrid, recording: Recording) -> tuple[Picture, Axes, Axes]:
-    return _map_over_profile(grid, recording.poses, recording.source.file, recording.lidar.title)
+def _make_recording_axes(grid: OccupancyGrid, recording: Recording) -> tuple[Picture, Axes, Axes]:
+    return _make_drive_axes(grid, recording.poses, recording.source.file, recording.lidar.title)
 
 
-def _map_over_profile(
-    grid: OccupancyGrid, poses: Floats, file: str, about: str
+def _make_drive_axes(
+    grid: OccupancyGrid, poses: Floats, file: str, subtitle: str
 ) -> tuple[Picture, Axes, Axes]:
     """A figure with the map around a drive's poses, and axes for what changes along it."""
     drive_paths = [Path(poses[:, :2])]
@@ -93,14 +93,14 @@ def _map_over_profile(
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
     draw_inset(upper, grid, part, drive_paths)
-    title = f"{grid.name or 'map'}{', ' if file else ''}{file}: {about}"
+    title = f"{grid.name or 'map'}{', ' if file else ''}{file}: {subtitle}"
     upper.set_title(title, fontsize="medium")
     lower.set_xlabel("distance along the drive [m]")
     lower.grid(alpha=0.3)
     return figure, upper, lower
 
 
-def _said(figure: Figure, *sentences: str) -> Figure:
+def _add_sentences(figure: Figure, *sentences: str) -> Figure:
     """The figure with sentences below it."""
     width = int(11 * figure.get_figwidth())
     text = textwrap.fill(" ".join(sentences), width, break_on_hyphens=False)
@@ -109,13 +109,13 @@ def _said(figure: Figure, *sentences: str) -> Figure:
 
 
 def _draw_line(
-    axes: Axes, found: DriveEvaluation, values: Floats, width: float, norm: LogNorm | None
+    axes: Axes, drive_evaluation: DriveEvaluation, values: Floats, width: float, norm: LogNorm | None
 ) -> LineCollection:
     """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white.
 
     A scan far from both of its neighbours becomes a dot.
     """
-    xy = found.matches.recording.poses[:, :2]
+    xy = drive_evaluation.matches.recording.poses[:, :2]
     lines = np.stack([xy[:-1], xy[1:]], axis=1)
     means = (values[:-1] + values[1:]) / 2
     is_segment = np.isfinite(means) & (np.hypot(*(xy[1:] - xy[:-1]).T) < 3)
@@ -137,14 +137,14 @@ def _draw_line(
     return line_collection
 
 
-def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
+def _draw_ellipses(axes: Axes, drive_evaluation: DriveEvaluation, name: str) -> str:
     """Draw both ellipses at poses along the drive; return how much they are magnified."""
-    compared_scans = np.flatnonzero(found.compared)
+    compared_scans = np.flatnonzero(drive_evaluation.is_compared)
     ellipse_scans = compared_scans[np.unique(np.linspace(0, len(compared_scans) - 1, 14).round().astype(int))]
-    xy = found.matches.recording.poses[ellipse_scans, :2]
+    xy = drive_evaluation.matches.recording.poses[ellipse_scans, :2]
     ellipse_axes = [
         position_axes(covariance[ellipse_scans])
-        for covariance in (found.predicted[name], found.matches.covariance)
+        for covariance in (drive_evaluation.predicted[name], drive_evaluation.matches.covariance)
     ]
     largest = max(float(major.max()) for major, _, _ in ellipse_axes)
     low, high = axes.get_xlim()
@@ -168,15 +168,15 @@ def _draw_ellipses(axes: Axes, found: DriveEvaluation, name: str) -> str:
     return "" if magnify == 1 else f", {magnify:g} times as large"
 
 
-def _draw_profile(axes: Axes, found: DriveEvaluation, values: dict[str, Floats]) -> None:
+def _draw_profile(axes: Axes, drive_evaluation: DriveEvaluation, values: dict[str, Floats]) -> None:
     """Draw deviations along the way, and where scans are unlike the map."""
-    way = compute_travel_distances(found.matches.recording.poses)
+    way = compute_travel_distances(drive_evaluation.matches.recording.poses)
     for (label, deviations), colour, line in zip(
         values.items(), (MEASURED, PREDICTED), (1.2, 2.0), strict=True
     ):
         axes.plot(way, 100 * deviations, color=colour, linewidth=line, label=label, zorder=4 - line)
-    if found.outdated.any():
-        at = way[found.outdated]
+    if drive_evaluation.is_outdated.any():
+        at = way[drive_evaluation.is_outdated]
         low = 100 * min(float(np.nanmin(deviations)) for deviations in values.values())
         axes.plot(at, np.full(len(at), low), "x", color=OUTDATED, markersize=4)
     axes.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="std. dev. [cm]")
@@ -191,7 +191,7 @@ def replay_figure(replay: Replay) -> Figure:
     replay : Replay
         What `locplan.recordings.replay` returned.
     """
-    figure, upper, lower = _over_profile_of(replay.grid, replay.recording)
+    figure, upper, lower = _make_recording_axes(replay.grid, replay.recording)
     xy, ways = replay.recording.poses[:, :2], replay.poses[:20, :, :2]
     for way in ways:
         upper.plot(*way.T, color=ESTIMATED, linewidth=1.2, alpha=0.5, zorder=4)
@@ -218,35 +218,35 @@ def replay_figure(replay: Replay) -> Figure:
     recorded = Line2D([], [], color=RECORDED, linestyle=(0, (4, 2)), marker="o", label="recorded")
     estimated = Line2D([], [], color=ESTIMATED, label=f"AMCL replayed, {len(ways)} runs")
     figure.key([recorded, estimated], ncols=2, at="upper center")
-    return _said(figure, replay.verdict, *(f"Note: {each}." for each in replay.notes))
+    return _add_sentences(figure, replay.verdict, *(f"Note: {note}." for note in replay.notes))
 
 
-def trajectory_figure(found: Trajectory) -> Figure:
+def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
     """The trajectory over the map, coloured by its deviation, and that along the way.
 
     Crosses are poses that are not to be trusted, and the thin line is the log's own poses.
 
     Parameters
     ----------
-    found : Trajectory
+    drive_trajectory : Trajectory
         What `smooth` returned, with its map.
     """
-    assert found.grid is not None  # else it is not drawable
-    xy, deviation, doubtful = found.poses[:, :2], 100 * found.deviation, ~found.trusted
-    scan_count = f"{len(found):,} scans"
-    figure, upper, lower = _map_over_profile(found.grid, found.poses, found.drive, scan_count)
+    assert drive_trajectory.grid is not None  # else it is not drawable
+    xy, deviation, doubtful = drive_trajectory.poses[:, :2], 100 * drive_trajectory.deviation, ~drive_trajectory.is_trusted
+    scan_count = f"{len(drive_trajectory):,} scans"
+    figure, upper, lower = _make_drive_axes(drive_trajectory.grid, drive_trajectory.poses, drive_trajectory.drive, scan_count)
     look: dict[str, Any] = {"cmap": FIELD_COLOURS, "capstyle": "round"}
     means = (deviation[:-1] + deviation[1:]) / 2
     drive_line = draw_coloured_line(upper, xy, means, norm=along_norm(deviation), **look)
     draw_along_bar(figure, drive_line, upper, "std. dev. of the position [cm]", 0.8)
     limits = upper.get_xlim(), upper.get_ylim()
-    upper.plot(*found.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
+    upper.plot(*drive_trajectory.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
     upper.plot(*xy[doubtful].T, "x", color=FILTER, markersize=5, mew=1.6, zorder=6)
-    jumps = np.array([(jump.x, jump.y) for jump in found.jumps]).reshape(-1, 2)
+    jumps = np.array([(jump.x, jump.y) for jump in drive_trajectory.jumps]).reshape(-1, 2)
     upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
     upper.set(xlim=limits[0], ylim=limits[1])
-    way = compute_travel_distances(found.poses)
-    lower.plot(way, 100 * found.off, color=RECORDED, linewidth=0.8)
+    way = compute_travel_distances(drive_trajectory.poses)
+    lower.plot(way, 100 * drive_trajectory.off, color=RECORDED, linewidth=0.8)
     lower.plot(way, deviation, color=PREDICTED, linewidth=1.8)
     lower.plot(way[doubtful], deviation[doubtful], "x", color=FILTER, markersize=4)
     lower.set(yscale="log", xlim=(0, max(way[-1], 1e-3)), ylabel="position [cm]")
@@ -260,10 +260,10 @@ def trajectory_figure(found: Trajectory) -> Figure:
     ]
     if doubtful.any():
         handles.append(Line2D([], [], marker="x", label="not to be trusted", **crosses))
-    if found.jumps:
+    if drive_trajectory.jumps:
         handles.append(Line2D([], [], marker="o", mfc="none", label="odometry jumps", **crosses))
     figure.key(handles, ncols=2, at="upper center")
-    return _said(figure, *found.sentences)
+    return _add_sentences(figure, *drive_trajectory.sentences)
 
 
 CLOSE = 4.5
@@ -370,7 +370,7 @@ def _draw_arrow(axes: Axes, pose: tuple[float, float, float], colour: str) -> No
     axes.annotate("", (x, y), ahead, textcoords="offset points", arrowprops=arrow, zorder=6)
 
 
-def located_drive_figure(found: LocatedDrive) -> Figure:
+def located_drive_figure(located_drive: LocatedDrive) -> Figure:
     """The recorded drive over the map, with what each scan by itself was located as.
 
     Scans that are located elsewhere are joined to the place where they were found. The only scan is
@@ -378,20 +378,20 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
 
     Parameters
     ----------
-    found : LocatedDrive
+    located_drive : LocatedDrive
         What `locate_drive` returned.
     """
-    if found.alone:
-        recorded = found.recording.poses[0] if found.recording.has_poses else None
-        return locate_figure(found.alone, recorded=recorded)
-    grid, poses, right, certain = found.grid, found.poses[:, :2], found.right, found.certain
+    if located_drive.single_location:
+        recorded = located_drive.recording.poses[0] if located_drive.recording.has_poses else None
+        return locate_figure(located_drive.single_location, recorded=recorded)
+    grid, poses, right, certain = located_drive.grid, located_drive.poses[:, :2], located_drive.right, located_drive.certain
     is_located = np.isfinite(poses[:, 0])
-    drive = found.recording.poses[:, :2]
-    if not found.recording.has_poses:  # then the best places are drawn by themselves
+    drive = located_drive.recording.poses[:, :2]
+    if not located_drive.recording.has_poses:  # then the best places are drawn by themselves
         drive, right = np.where(is_located[:, None], poses, 0.0), is_located
-    drive_paths = [Path(np.concatenate([drive[is_located | found.recording.has_poses], poses[is_located]]))]
+    drive_paths = [Path(np.concatenate([drive[is_located | located_drive.recording.has_poses], poses[is_located]]))]
     part = zoom_map(grid, drive_paths)
-    figure, axes = _on_map(part, 1.4)
+    figure, axes = _make_map_axes(part, 1.4)
     draw_inset(axes, grid, part, drive_paths)
     wrong = is_located & ~right
     kinds: list[tuple[str, Bools, str, str]] = [
@@ -399,29 +399,29 @@ def located_drive_figure(found: LocatedDrive) -> Figure:
         ("right, other places alike", right & ~certain, "o", style.BLUE),
         ("elsewhere, other places alike", wrong & ~certain, "s", style.VERMILION),
         ("elsewhere, certain", wrong & certain, "s", style.VERMILION),
-        ("too few returns", ~is_located & found.recording.has_poses, "x", "0.4"),
+        ("too few returns", ~is_located & located_drive.recording.has_poses, "x", "0.4"),
     ]
     error_lines = list(np.stack([drive[wrong], poses[wrong]], axis=1))
     dotted: dict[str, Any] = {"linewidths": 0.8, "linestyles": "dotted", "zorder": 3}
     axes.add_collection(LineCollection(error_lines, colors=style.VERMILION, **dotted))
     axes.plot(*poses[wrong].T, "+", color=style.VERMILION, markersize=7, zorder=4)
-    for label, chosen, marker, colour in kinds:
-        if chosen.any():
+    for label, is_kind, marker, colour in kinds:
+        if is_kind.any():
             face = "white" if "alike" in label else colour
-            text = label if found.recording.has_poses else label.removeprefix("right, ")
-            marker_style: dict[str, Any] = {"label": f"{text}: {int(chosen.sum())}", "zorder": 5}
-            axes.plot(*drive[chosen].T, marker, color=colour, mfc=face, markersize=5, **marker_style)
+            text = label if located_drive.recording.has_poses else label.removeprefix("right, ")
+            marker_style: dict[str, Any] = {"label": f"{text}: {int(is_kind.sum())}", "zorder": 5}
+            axes.plot(*drive[is_kind].T, marker, color=colour, mfc=face, markersize=5, **marker_style)
     if wrong.any():
         axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
-    figure.title(f"{grid.name or 'map'}; {found.recording.lidar.title}", found.sentence)
+    figure.title(f"{grid.name or 'map'}; {located_drive.recording.lidar.title}", located_drive.sentence)
     return figure
 
 
-def _on_map(grid: OccupancyGrid, more: float) -> tuple[Picture, Axes]:
+def _make_map_axes(grid: OccupancyGrid, extra_height: float) -> tuple[Picture, Axes]:
     """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
     width, height = map_size(grid)
-    figure = Picture(figsize=(width, height + more), layout="constrained")
+    figure = Picture(figsize=(width, height + extra_height), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)
     return figure, axes

@@ -21,7 +21,7 @@ from locplan._support.saved import decode_tree
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.recordings.bags import SUFFIXES as BAGS, read_bag
 from locplan.recordings.carmen import SUFFIXES as CARMEN, read_carmen
-from locplan.recordings.logs import Options, Source, Topics
+from locplan.recordings.logs import ReadOptions, Source, Topics
 from locplan.recordings.recording import Recording
 
 MAX_ARRAY_BYTES = 2**28
@@ -29,7 +29,7 @@ MAX_ARRAY_BYTES = 2**28
 BUILT_IN = ("two_corridors",)
 """Names of the built-in recordings, each of a drive in the built-in map of this name."""
 BUILT_IN_FOLDER = Path(__file__).parent / "drives"
-NONE_MM = 65535
+NO_RETURN_MM = 65535
 """No return among ranges in whole millimetres, uint16."""
 
 
@@ -115,7 +115,7 @@ def read_recording(
     """
     limits: Any = {"window": window, "range_limits": range_limits, "mount": mount}
     limits["needs_poses"] = needs_poses
-    options = Options(every=every, **vars(topics or Topics()), **limits)
+    options = ReadOptions(every=every, **vars(topics or Topics()), **limits)
     path = check_file_path("a recorded drive", file)
     try:
         return _read(path, options, progress)
@@ -125,7 +125,7 @@ def read_recording(
         raise RecordingError(f"{path}: {error}") from None
 
 
-def _read(path: Path, options: Options, progress: ProgressCallback | None) -> Recording:
+def _read(path: Path, options: ReadOptions, progress: ProgressCallback | None) -> Recording:
     """Return the recording of a file, whose reader is chosen by the end of its name."""
     name = path.name.lower()
     if _is_built_in(path):
@@ -141,8 +141,8 @@ def _read(path: Path, options: Options, progress: ProgressCallback | None) -> Re
         return read_carmen(path, options)
     if name.endswith(".npz"):
         return _read_npz(path, options)
-    known = ", ".join((*BAGS, *CARMEN, ".npz"))
-    raise RecordingError(f"is of no kind that is known ({known}, or a folder of rosbag2)")
+    suffix_list = ", ".join((*BAGS, *CARMEN, ".npz"))
+    raise RecordingError(f"is of no kind that is known ({suffix_list}, or a folder of rosbag2)")
 
 
 def _is_built_in(path: Path) -> bool:
@@ -150,7 +150,7 @@ def _is_built_in(path: Path) -> bool:
     return str(path) in BUILT_IN and not os.path.lexists(path)
 
 
-def save(recording: Recording, target: str | os.PathLike[str]) -> None:
+def save_recording(recording: Recording, target: str | os.PathLike[str]) -> None:
     """Write a recording as .npz, whole or not at all."""
     path = check_file_path("a file to write", target)
     if path.suffix != ".npz":
@@ -159,9 +159,9 @@ def save(recording: Recording, target: str | os.PathLike[str]) -> None:
         _write_npz(recording, temporary)
 
 
-def _read_npz(path: Path, options: Options) -> Recording:
+def _read_npz(path: Path, options: ReadOptions) -> Recording:
     """Return the recording of an .npz file; a RecordingError if it is damaged, or holds none."""
-    options.refuse_others("an .npz file", of_robot=False)
+    options.refuse_unused("an .npz file", of_robot=False)
     names = ("ranges", "poses", "times", "odometry", "speeds", "lidar", "source")
     try:
         arrays = read_arrays(path, MAX_ARRAY_BYTES, names)
@@ -178,11 +178,11 @@ def _read_npz(path: Path, options: Options) -> Recording:
     ranges = arrays["ranges"]
     if ranges.dtype == np.uint16:
         metres = (ranges / np.float64(1000)).astype(np.float32)
-        ranges = np.where(ranges == NONE_MM, np.float32(np.inf), metres)
-    lidar = options.lidar(_entries("lidar", arrays["lidar"]))
+        ranges = np.where(ranges == NO_RETURN_MM, np.float32(np.inf), metres)
+    lidar = options.lidar(_parse_entries("lidar", arrays["lidar"]))
     source = Source(file=path.name)
     if "source" in arrays:
-        source_fields = _entries("source", arrays["source"])
+        source_fields = _parse_entries("source", arrays["source"])
         try:
             source = decode_tree(Source, source_fields)
         except (LookupError, TypeError, ValueError) as error:
@@ -194,10 +194,10 @@ def _read_npz(path: Path, options: Options) -> Recording:
     recording = Recording(ranges, lidar, arrays["poses"], times, odometry, source, speeds)
     if options.window is not None:
         recording = recording.window(*options.window)
-    return recording.every(options.every)
+    return recording.subsample(options.every)
 
 
-def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
+def _parse_entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
     """The entries of a text of JSON in an array."""
     try:
         values = parse_json(str(text))
@@ -212,10 +212,10 @@ def _entries(name: str, text: NDArray[Any]) -> dict[str, Any]:
 
 def _write_npz(drive: Recording, target: Path) -> None:
     ranges: NDArray[Any] = drive.ranges
-    millimetres = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NONE_MM)
+    millimetres = np.where(np.isfinite(ranges), np.rint(ranges * np.float64(1000)), NO_RETURN_MM)
     returns = np.isfinite(ranges)
     exact = (millimetres[returns] / 1000).astype(np.float32) == ranges[returns]
-    if exact.all() and (millimetres[returns] < NONE_MM).all():  # nothing is lost
+    if exact.all() and (millimetres[returns] < NO_RETURN_MM).all():  # nothing is lost
         ranges = millimetres.astype(np.uint16)
     values = {
         "ranges": ranges,

@@ -68,7 +68,7 @@ class Walls:
         return self.distances._replace(values=np.log(hit + ANYWHERE).astype(np.float32))
 
     @property
-    def kidnapped(self) -> float:
+    def kidnap_density(self) -> float:
         """Density of a robot that was carried to any pose [1 / (m^2 rad)]."""
         area = float(self.grid.free.sum()) * self.grid.resolution**2
         return 1e-12 / (2 * math.pi * area)
@@ -122,7 +122,7 @@ class FilterPass:
             progress(k + 1, count)
         samples = np.empty((TRAJECTORIES, count, 3))
         random = make_generator(self.seed, SMOOTH, self.number, count)
-        kidnapped = self.walls.kidnapped
+        kidnapped = self.walls.kidnap_density
         sample_backwards(random, clouds, self.ways, self.deviations, kidnapped, samples)
         return samples
 
@@ -135,7 +135,7 @@ class FilterPass:
         searched. `n_poor` is the number of scans before that fit badly without interruption.
         Returns the new cloud and its best fit.
         """
-        from locplan.recordings.kernels.trajectory import draw_evenly
+        from locplan.recordings.kernels.trajectory import resample_evenly
 
         random, poor = make_generator(self.seed, SMOOTH, self.number, k), _poor_fit(earlier_fits)
         for size in (PARTICLES, 4 * PARTICLES, MAX_PARTICLES):
@@ -156,17 +156,17 @@ class FilterPass:
             # Poses from the whole map weigh little next to the particles.
             weights[count:] *= math.exp(-14.0) * count / map_poses.shape[1]
         new_cloud = np.empty_like(cloud)
-        draw_evenly(random, poses, weights, new_cloud)
+        resample_evenly(random, poses, weights, new_cloud)
         return new_cloud, fits.max()
 
     def _predict(self, random: np.random.Generator, k: int, cloud: Singles, size: int) -> Floats:
         """Draw poses at scan `k` from a cloud at the scan before, (3, size)."""
-        from locplan.recordings.kernels.trajectory import spread
+        from locplan.recordings.kernels.trajectory import spread_particles
 
         if k == 0:
             return self._draw_first(random)
         poses = np.empty((3, size))
-        spread(random, cloud, self.ways[k], self.deviations[k], poses)
+        spread_particles(random, cloud, self.ways[k], self.deviations[k], poses)
         return poses
 
     def _compute_fits(self, k: int, poses: Floats) -> Floats:
@@ -190,7 +190,7 @@ class FilterPass:
     def _draw_anywhere(self, random: np.random.Generator, k: int, size: int) -> Floats:
         """Draw poses of the whole map that explain a scan, or any if it says too little, (3, m)."""
         places, resolution = self.database.everywhere, self.walls.grid.resolution
-        ranges = places.matching.compared(self.ranges[[k]].astype(np.float64))[0]
+        ranges = places.matching.select_ranges(self.ranges[[k]].astype(np.float64))[0]
         modes = ScanOnMap(places, ranges).modes()
         if len(modes.poses):
             shares = np.exp(-0.5 * np.minimum(modes.losses - modes.losses[0], 8.0))
@@ -202,11 +202,11 @@ class FilterPass:
             poses = np.column_stack([xy, random.uniform(-math.pi, math.pi, size)])
         return np.ascontiguousarray(poses.T)
 
-    def _write_block(self, folder: Path, done: int, clouds: Singles, best_fits: Floats) -> None:
+    def _write_block(self, folder: Path, n_done: int, clouds: Singles, best_fits: Floats) -> None:
         """Save the last block of scans."""
         make_folder(folder)
-        with replacing(self._block_file(folder, done)) as file:
-            scans = slice(done - BLOCK, done)
+        with replacing(self._block_file(folder, n_done)) as file:
+            scans = slice(n_done - BLOCK, n_done)
             block: dict[str, NDArray[Any]] = {"clouds": clouds[scans], "best": best_fits[scans]}
             write_arrays(file, block, plain=block)
 
@@ -223,8 +223,8 @@ class FilterPass:
             n_done += BLOCK
         return n_done
 
-    def _block_file(self, folder: Path, done: int) -> Path:
-        return folder / f"pass_{self.number}_{self._key}_{done}.npz"
+    def _block_file(self, folder: Path, n_done: int) -> Path:
+        return folder / f"pass_{self.number}_{self._key}_{n_done}.npz"
 
     @cached_property
     def _key(self) -> str:

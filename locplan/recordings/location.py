@@ -26,16 +26,16 @@ from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.planning.path import Path
 from locplan.recordings.matching import (
-    APART,
+    MODE_DISTANCE,
     CLEARANCE,
-    ENOUGH,
+    MAX_MODE_EXCESS,
     MIN_RETURNS,
-    TURNED,
-    Database,
+    MODE_TURN,
+    RangeDatabase,
     ScanDatabase,
     ScanOnMap,
     checked_database,
-    in_batches,
+    run_in_batches,
 )
 from locplan.recordings.recording import Recording
 from locplan.robots.lidar import Lidar
@@ -60,11 +60,11 @@ def drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
     """
     count = len(certain)
     limits = f"{NEAR:g} m and {np.degrees(MAX_TURN):.0f}°"
-    alone = f"have no second place within {CERTAIN:g} nats"
+    certainty_text = f"have no second place within {CERTAIN:g} nats"
     if right is not None:
         text = (
             f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose."
-            f" {int(certain.sum())} {alone}, and {int((right & certain).sum())} of these are right."
+            f" {int(certain.sum())} {certainty_text}, and {int((right & certain).sum())} of these are right."
         )
         if certain.any() and right[certain].mean() < AGREE:
             return text + (
@@ -72,7 +72,7 @@ def drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
                 " and how the lidar is mounted."
             )
     else:
-        text = f"{int(certain.sum())} of {count} scans {alone}. The drive has no poses on the map."
+        text = f"{int(certain.sum())} of {count} scans {certainty_text}. The drive has no poses on the map."
     if fits.mean() < AGREE:
         text += (
             f" Careful: only {int(fits.sum())} of {count} scans have most of their returns at"
@@ -178,24 +178,24 @@ class Location(Pictured):
     @property
     def sentence(self) -> str:
         """Where the robot is, or which places look alike."""
-        where = " near the route" if self.restricted else ""
-        alike = [mode for mode in self.modes if mode.excess <= CERTAIN]
+        region_text = " near the route" if self.restricted else ""
+        similar_modes = [mode for mode in self.modes if mode.excess <= CERTAIN]
         if self.certain:
             text = (
                 f"The robot is at {_place(self.best)} (± {100 * self.best.position_std:.0f} cm,"
-                f" {math.degrees(self.best.heading_std):.1f}°): no other place{where} explains the"
+                f" {math.degrees(self.best.heading_std):.1f}°): no other place{region_text} explains the"
                 f" scan within {CERTAIN:g} nats."
             )
-        elif len(alike) <= 3:
-            count = ("Two", "Three")[len(alike) - 2]
-            named = [f"{_place(mode)} ({mode.weight:.0%})" for mode in alike]
-            text = f"{count} places{where} look alike: {', '.join(named[:-1])} and {named[-1]}."
+        elif len(similar_modes) <= 3:
+            count = ("Two", "Three")[len(similar_modes) - 2]
+            mode_texts = [f"{_place(mode)} ({mode.weight:.0%})" for mode in similar_modes]
+            text = f"{count} places{region_text} look alike: {', '.join(mode_texts[:-1])} and {mode_texts[-1]}."
         else:
             # Sum of weights from which on none is left out.
             cut = sum(mode.weight for mode in self.modes) < 1 - 1e-9
-            more = "or more " if cut and len(alike) == len(self.modes) else ""
+            count_suffix = "or more " if cut and len(similar_modes) == len(self.modes) else ""
             text = (
-                f"{len(alike)} {more}places{where} look alike; the best, {_place(self.best)}, has"
+                f"{len(similar_modes)} {count_suffix}places{region_text} look alike; the best, {_place(self.best)}, has"
                 f" {self.best.weight:.0%} of the posterior."
             )
         if self.fits:
@@ -278,7 +278,7 @@ class LocatedDrive(Result):
         return len(self.locations)
 
     @property
-    def alone(self) -> Location | None:
+    def single_location(self) -> Location | None:
         """The location of the only scan; None where there are several."""
         return self.locations[0] if len(self) == 1 else None
 
@@ -335,25 +335,25 @@ class LocatedDrive(Result):
 
     def report(self) -> str:
         """The modes of the only scan, or how many of several are right: text for people."""
-        if self.alone is None:
+        if self.single_location is None:
             drive = repr(self.recording).removeprefix("Recording(").removesuffix(")")
             missing = sum(scan_location is None for scan_location in self.locations)
             missing_notes = [f"{missing} scans have too few returns."] if missing else []
             header = [f"{self.grid.name or 'map'}, {drive}", *missing_notes]
-            return "\n".join(map(_wrapped, [*header, self.sentence, *self._errors()]))
-        modes = self.alone.table()
+            return "\n".join(map(_wrap_text, [*header, self.sentence, *self._format_errors()]))
+        modes = self.single_location.table()
         if not self.recording.has_poses:
-            return f"{modes}\n{_wrapped(self.alone.sentence)}"
+            return f"{modes}\n{_wrap_text(self.single_location.sentence)}"
         recorded = ("recorded", *self.recording.poses[0].tolist())
         unknown = (math.nan,) * (len(modes.columns) - len(recorded))
-        away = (
+        error_text = (
             f"The best place is {self.distance[0]:.2f} m and {math.degrees(self.turn[0]):.1f}° from"
             " the recorded pose."
         )
-        shown = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
-        return f"{shown}\n{_wrapped(f'{self.alone.sentence} {away}')}"
+        full_table = replace(modes, rows=(*modes.rows, (*recorded, *unknown)))
+        return f"{full_table}\n{_wrap_text(f'{self.single_location.sentence} {error_text}')}"
 
-    def _errors(self) -> list[str]:
+    def _format_errors(self) -> list[str]:
         if not self.right.any():
             return []
         distances, turn = 100 * self.distance[self.right], np.degrees(self.turn[self.right])
@@ -362,8 +362,8 @@ class LocatedDrive(Result):
         return [f"Errors of these: median {median}; nine of ten below {below}."]
 
     def _write(self, folder: FilePath) -> None:
-        if self.alone:
-            self.alone.table().write_csv(folder / "modes.csv")
+        if self.single_location:
+            self.single_location.table().write_csv(folder / "modes.csv")
         else:
             self.table().write_csv(folder / "scans.csv")
 
@@ -371,19 +371,19 @@ class LocatedDrive(Result):
         """The only scan with its modes, or of several the shares that are right, fit for JSON."""
         header = {"map": self.grid.name, "drive": self.recording.source.file}
         right, certain = self.right, self.certain
-        if self.alone:
+        if self.single_location:
             names = ("x", "y", "heading", "distance", "turn")
             values = (*self.recording.poses[0].tolist(), self.distance[0], self.turn[0])
             recorded = dict(zip(names, map(float, values), strict=True))
             return nan_to_none(
                 {
                     **header,
-                    "sentence": self.alone.sentence,
-                    "certain": self.alone.certain,
-                    "second": self.alone.second,
-                    "explained": self.alone.explained,
-                    "returns": int(np.isfinite(self.alone.ranges).sum()),
-                    "modes": self.alone.table().records(),
+                    "sentence": self.single_location.sentence,
+                    "certain": self.single_location.certain,
+                    "second": self.single_location.second,
+                    "explained": self.single_location.explained,
+                    "returns": int(np.isfinite(self.single_location.ranges).sum()),
+                    "modes": self.single_location.table().records(),
                     "recorded": recorded,
                 }
             )
@@ -413,7 +413,7 @@ class LocatedDrive(Result):
         return located_drive_figure(self)
 
 
-def _wrapped(text: str) -> str:
+def _wrap_text(text: str) -> str:
     return textwrap.fill(text, REPORT_WIDTH, break_on_hyphens=False)
 
 
@@ -499,14 +499,14 @@ def locate(
     True
     """
     check_grid(grid)
-    ranges, lidar = _checked(scan, lidar)
+    ranges, lidar = _check_scan(scan, lidar)
     check_integer("count", count)
     database = checked_database(grid, lidar, clearance, database)
-    places = places_of(database, near, within)
-    return located(database, ranges, places, count, restricted=near is not None)
+    places = select_places(database, near, within)
+    return locate_scan(database, ranges, places, count, restricted=near is not None)
 
 
-def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: float) -> Database:
+def select_places(database: ScanDatabase, near: Path | ArrayLike | None, within: float) -> RangeDatabase:
     """The ranges of the places at which the robot may be.
 
     Raises
@@ -520,26 +520,26 @@ def places_of(database: ScanDatabase, near: Path | ArrayLike | None, within: flo
     radius, places = check_number("within", within, 0.5), near
     if isinstance(places, Path):
         places = places.resample(database.grid.resolution).xy
-    return database.near(Path(np.asarray(places)).xy, radius)
+    return database.select_nearby(Path(np.asarray(places)).xy, radius)
 
 
-def located(
-    database: ScanDatabase, ranges: Floats, places: Database, count: int, *, restricted: bool
+def locate_scan(
+    database: ScanDatabase, ranges: Floats, places: RangeDatabase, count: int, *, restricted: bool
 ) -> Location:
     """Find the modes of a scan, inf without a return, among places of a database."""
-    from locplan.recordings.kernels.scan_losses import TOP, fits, settle, unlike
+    from locplan.recordings.kernels.scan_losses import TOP, fits, refine_on_lattice, find_distinct_poses
 
     lidar, resolution = database.lidar, database.grid.resolution
-    compared = places.matching.compared(ranges[None])[0]
+    compared = places.matching.select_ranges(ranges[None])[0]
     scan = ScanOnMap(places, compared)
-    starts = scan.shortlisted()
-    scan_modes = scan.refined(starts)
+    starts = scan.shortlist_starts()
+    scan_modes = scan.refine_starts(starts)
     on_robot = lidar.ends_on_robot(ranges[None].astype(np.float32))
     ends = database.compared_ends(on_robot[0])
     if scan_modes.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
         raise NotLocatedError(
             f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to know where it was"
-            f" taken; at least {MIN_RETURNS} of {int(places.matching.seen.sum())} directions need"
+            f" taken; at least {MIN_RETURNS} of {int(places.matching.is_in_view.sum())} directions need"
             " one"
         )
     # Where people stand around, a wide deviation leads away from the true pose.
@@ -547,16 +547,16 @@ def located(
     poses = np.concatenate([scan_modes.poses[:150], starts[:20]])
     tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
     losses = np.array(
-        [settle(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
+        [refine_on_lattice(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
     )
     losses *= database.nats_a_loss / TOP
     stands = np.array([fits(places.tables, *pose[:2]) for pose in poses.tolist()], bool)
     if not stands.any():
         raise NotLocatedError("the robot fits at no place that explains the scan; lower clearance")
     poses, losses = poses[stands], losses[stands]
-    distinct = unlike(poses, np.argsort(losses, kind="stable"), APART / resolution, TURNED)
+    distinct = find_distinct_poses(poses, np.argsort(losses, kind="stable"), MODE_DISTANCE / resolution, MODE_TURN)
     excess = losses[distinct] - losses[distinct[0]]
-    distinct = distinct[excess <= ENOUGH]
+    distinct = distinct[excess <= MAX_MODE_EXCESS]
     excess = excess[: len(distinct)]
     share = np.exp(-excess) / np.exp(-excess).sum()
     best = distinct[:count]
@@ -574,12 +574,12 @@ def located(
         ranges,
         tuple(modes),
         second=float(excess[1]) if len(excess) > 1 else math.inf,
-        explained=_explained(places, ends, poses[distinct[0]]),
+        explained=_compute_explained_share(places, ends, poses[distinct[0]]),
         restricted=restricted,
     )
 
 
-def _explained(places: Database, ends: Singles, pose: Floats) -> float:
+def _compute_explained_share(places: RangeDatabase, ends: Singles, pose: Floats) -> float:
     """Share of the ends that lie within two deviations of a wall at a pose on the map."""
     from locplan.recordings.kernels.scan_losses import TOP, loss_at
 
@@ -591,7 +591,7 @@ def _explained(places: Database, ends: Singles, pose: Floats) -> float:
     return float(np.mean(np.array(losses) <= max_loss))
 
 
-def _checked(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, Lidar]:
+def _check_scan(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Floats, Lidar]:
     """The ranges of a scan, inf without a return, and the lidar that took it."""
     if isinstance(scan, Recording):
         if lidar is not None and lidar != scan.lidar:
@@ -673,20 +673,20 @@ def locate_drive(
     check_integer("count", count)
     workers = check_threads(threads)
     database = checked_database(grid, recording.lidar, clearance, database)
-    places = places_of(database, near, within)
-    _ = database.matcher.prepared  # now, once for all threads
+    places = select_places(database, near, within)
+    _ = database.matcher.kernel_arguments  # now, once for all threads
 
-    def find(some: Ints) -> list[Location | None]:
+    def find(scan_numbers: Ints) -> list[Location | None]:
         batch_locations: list[Location | None] = []
-        for n in some:
+        for n in scan_numbers:
             ranges = recording.ranges[n].astype(np.float64)
             try:
-                batch_locations.append(located(database, ranges, places, count, restricted=near is not None))
+                batch_locations.append(locate_scan(database, ranges, places, count, restricted=near is not None))
             except NotLocatedError:
                 batch_locations.append(None)
         return batch_locations
 
-    locations = in_batches(find, len(recording), workers, progress)
+    locations = run_in_batches(find, len(recording), workers, progress)
     if not any(locations):
         raise RecordingError(
             f"none of {len(recording)} scans has enough returns to know where it was taken"

@@ -60,14 +60,14 @@ class Topics(Settings):
     bags."""
 
     def __post_init__(self) -> None:
-        for each in fields(Topics):
-            value = getattr(self, each.name)
-            if value != each.default and not (isinstance(value, str) and value):
-                raise ConfigError(f"{each.name} must be a name, not {short_repr(value)}")
+        for topic_field in fields(Topics):
+            value = getattr(self, topic_field.name)
+            if value != topic_field.default and not (isinstance(value, str) and value):
+                raise ConfigError(f"{topic_field.name} must be a name, not {short_repr(value)}")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Options(Topics):
+class ReadOptions(Topics):
     """What is read of a log; `read_recording` explains each."""
 
     every: int = 1
@@ -82,34 +82,34 @@ class Options(Topics):
         for name in ("window", "range_limits"):
             set_frozen_fields(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
         set_frozen_fields(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
-        for name, upper_limit, what in (
+        for name, upper_limit, requirement in (
             ("window", math.inf, "two times from the start on, the first one earlier [s]"),
             ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
         ):
             ends = getattr(self, name)
             if ends and not 0 <= ends[0] < ends[1] <= upper_limit:
-                raise ConfigError(f"{name} must be {what}, not {short_repr(ends)}")
+                raise ConfigError(f"{name} must be {requirement}, not {short_repr(ends)}")
 
-    def refuse_others(self, what: str, *, of_robot: bool) -> None:
+    def refuse_unused(self, file_kind: str, *, of_robot: bool) -> None:
         """Raise a ConfigError if an option is set that this kind of file cannot follow.
 
         A log of a robot has topics of scans and a frame, only a bag has the others.
         """
         of_robots = ("scan_topic", "map_frame")
-        for each in fields(Topics):
-            kinds = "logs of robots" if each.name in of_robots else "bags"
-            allowed = of_robot and each.name in of_robots
-            if getattr(self, each.name) != each.default and not allowed:
-                raise ConfigError(f"{each.name} is for {kinds}, and {what} has none; leave it out")
+        for topic_field in fields(Topics):
+            kinds = "logs of robots" if topic_field.name in of_robots else "bags"
+            allowed = of_robot and topic_field.name in of_robots
+            if getattr(self, topic_field.name) != topic_field.default and not allowed:
+                raise ConfigError(f"{topic_field.name} is for {kinds}, and {file_kind} has none; leave it out")
 
     def lidar(self, values: Mapping[str, Any]) -> Lidar:
         """The lidar that a file describes, with the mount and the limits that were named."""
-        known = [lidar_field.name for lidar_field in fields(Lidar)]
+        lidar_fields = [lidar_field.name for lidar_field in fields(Lidar)]
         for name in values:
-            if name not in known:
+            if name not in lidar_fields:
                 raise RecordingError(
-                    f"its lidar has no {short_repr(name)}; known are {', '.join(known)}"
-                    f"{suggestion(name, known)}"
+                    f"its lidar has no {short_repr(name)}; known are {', '.join(lidar_fields)}"
+                    f"{suggestion(name, lidar_fields)}"
                 )
         try:
             lidar = Lidar(**values)
@@ -124,13 +124,13 @@ class Options(Topics):
         return lidar
 
 
-def _numbers(name: str, values: Any, count: int, what: str) -> tuple[float, ...] | None:
+def _numbers(name: str, values: Any, count: int, requirement: str) -> tuple[float, ...] | None:
     """A number of numbers, or None."""
     if values is None:
         return None
     numbers = parse_finite_numbers(values)
     if len(numbers) != count:
-        raise ConfigError(f"{name} must be {what}, not {short_repr(values)}")
+        raise ConfigError(f"{name} must be {requirement}, not {short_repr(values)}")
     return numbers
 
 
@@ -161,9 +161,9 @@ class Source(Settings):
 def check_room(count: int, beams: int, room: int) -> None:
     """Raise a RecordingError if one more scan takes more than the room that there is [bytes]."""
     # A scan counts as 256 bytes at least: its pose and times take memory, too.
-    if count == (most := room // max(256, 4 * beams)):
+    if count == (max_scans := room // max(256, 4 * beams)):
         raise RecordingError(
-            f"over {most:,} scans of {beams} beams take too much memory; read every n-th (every=),"
+            f"over {max_scans:,} scans of {beams} beams take too much memory; read every n-th (every=),"
             " or a part of the log"
         )
 
@@ -188,7 +188,7 @@ class ScanRows:
         return self._count
 
     def add(
-        self, ranges: ArrayLike, first: float, step: float, least: float, greatest: float
+        self, ranges: ArrayLike, first: float, step: float, min_range: float, max_range: float
     ) -> None:
         """Take a scan: ranges [m], angle of its first beam, from beam to beam [rad], limits [m].
 
@@ -200,7 +200,7 @@ class ScanRows:
         with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
             values = np.asarray(ranges, np.float32)
         if not self._count:
-            self._begin(first, step, len(values), least, greatest)
+            self._begin(first, step, len(values), min_range, max_range)
         check_room(self._count, self._beams, MAX_ROOM)
         if self._count == len(self._rows):
             self._rows.resize((FIRST_ROWS + self._count * 5 // 4, self._beams), refcheck=False)
@@ -212,19 +212,19 @@ class ScanRows:
             row[:] = values[: self._beams]
         else:
             self.resampled += 1
-            row[:] = self._resampled(first, step, values)
+            row[:] = self._resample(first, step, values)
         row[~self._lidar.has_return(row)] = np.inf
         self._count += 1
 
-    def finish(self, kept: Sequence[int]) -> NDArray[np.float32]:
+    def finish(self, order: Sequence[int]) -> NDArray[np.float32]:
         """The scans that are kept, in this order, (n, beams); nothing can be added after."""
         rows, self._rows = self._rows, np.empty((0, 0), np.float32)
-        if (np.diff(kept) < 0).any():
-            return np.asarray(rows[np.asarray(kept)])
-        for to, index in enumerate(kept):
+        if (np.diff(order) < 0).any():
+            return np.asarray(rows[np.asarray(order)])
+        for to, index in enumerate(order):
             if to != index:  # in place: a copy would take the memory twice
                 rows[to] = rows[index]
-        rows.resize((len(kept), self._beams), refcheck=False)
+        rows.resize((len(order), self._beams), refcheck=False)
         self._count = 0
         return rows
 
@@ -239,17 +239,17 @@ class ScanRows:
         x, y = round(mount[0], 6), round(mount[1], 6)
         return replace(self._lidar, mount_x=x, mount_y=y, mount_yaw_deg=round(turn, 4))
 
-    def _begin(self, first: float, step: float, count: int, least: float, most: float) -> None:
+    def _begin(self, first: float, step: float, count: int, min_range: float, max_range: float) -> None:
         if not (math.isfinite(first) and math.isfinite(step) and step and 0 < count < MAX_BEAMS):
             raise RecordingError(
                 f"its first scan has {count} beams from {first:g} rad on, {step:g} rad apart, which"
                 " is no scan"
             )
         if self._limits is not None:
-            least, most = self._limits
-        elif not 0 < most <= MAX_RANGE:
+            min_range, max_range = self._limits
+        elif not 0 < max_range <= MAX_RANGE:
             raise RecordingError(
-                f"its scans name a greatest range of {most:g} m; give the lidar's own as"
+                f"its scans name a greatest range of {max_range:g} m; give the lidar's own as"
                 " range_limits=(least, greatest)"
             )
         if step < 0:
@@ -258,15 +258,15 @@ class ScanRows:
             angle_min=first,
             angle_max=first + step * (count - 1),
             angle_increment=step,
-            range_min=min(max(_plain(least), 0.0), 0.999 * most) if math.isfinite(least) else 0.0,
-            range_max=_plain(most),
+            range_min=min(max(_plain(min_range), 0.0), 0.999 * max_range) if math.isfinite(min_range) else 0.0,
+            range_max=_plain(max_range),
         )
         # Angles were stored in single precision, which has no more than four decimals.
         lidar = replace(lidar, field_of_view_deg=round(lidar.field_of_view_deg, 4))
         self._first, self._step, self._beams, self._lidar = first, step, lidar.beams, lidar
         self._rows = np.empty((FIRST_ROWS, lidar.beams), np.float32)
 
-    def _resampled(
+    def _resample(
         self, first: float, step: float, values: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """A scan with other angles, at the beams of the first one; inf where it has none."""
@@ -286,9 +286,9 @@ def _plain(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def poses_of(name: str, values: object) -> Floats:
-    """Rows of finite x, y and heading, the last within +-pi; see `array_of`."""
-    poses = array_of(f"{name}s", values, np.dtype(np.float64), 2)
+def check_poses(name: str, values: object) -> Floats:
+    """Rows of finite x, y and heading, the last within +-pi; see `check_array`."""
+    poses = check_array(f"{name}s", values, np.dtype(np.float64), 2)
     if poses.shape[1] != 3:
         raise RecordingError(f"{name}s must be rows of x, y, heading, not {poses.shape}")
     wrong = ~np.isfinite(poses).all(1) | (np.abs(poses) > FARTHEST).any(1)
@@ -300,10 +300,10 @@ def poses_of(name: str, values: object) -> Floats:
             f" {x:g}, {y:g}, {heading:g}; leave such scans out"
         )
     inside = (np.abs(poses[:, 2]) <= np.pi).all()
-    return poses if inside else frozen(np.column_stack([poses[:, :2], wrap_angles(poses[:, 2])]))
+    return poses if inside else freeze_array(np.column_stack([poses[:, :2], wrap_angles(poses[:, 2])]))
 
 
-def array_of(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
+def check_array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
     """Array of numbers that nobody changes any more: a copy unless it is read-only already."""
     try:
         with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
@@ -312,10 +312,10 @@ def array_of(name: str, values: object, kind: np.dtype[Any], dimensions: int) ->
         raise RecordingError(f"{name} must be an array of numbers, not {short_repr(values)}") from None
     if array.ndim != dimensions:
         raise RecordingError(f"{name} must have {dimensions} dimensions, not {array.ndim}")
-    return frozen(array.copy() if array.flags.writeable else array)
+    return freeze_array(array.copy() if array.flags.writeable else array)
 
 
-def frozen(array: NDArray[Any]) -> NDArray[Any]:
+def freeze_array(array: NDArray[Any]) -> NDArray[Any]:
     """The array, which nobody changes any more."""
     array.setflags(write=False)
     return array

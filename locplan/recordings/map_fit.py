@@ -22,7 +22,7 @@ from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.map_faults import MapFault, find_bounding_boxes
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.recordings.calibration import MAD, SeenWalls
-from locplan.recordings.evaluation import FITS, at_walls, looked_up, match_scans
+from locplan.recordings.evaluation import FITS, at_walls, look_up_cells, match_scans
 from locplan.recordings.location import locate_drive
 from locplan.recordings.matching import ScanDatabase
 from locplan.recordings.recording import Recording
@@ -87,7 +87,7 @@ class RangeFit:
             )
 
 
-def range_fit(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit:
+def fit_ranges(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit:
     """Compare the ranges of recorded drives with those that a map says, where each scan fits best.
 
     A range is the map's times a factor, and the depth at which beams end behind its surfaces; what
@@ -100,39 +100,39 @@ def range_fit(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit:
     recordings : sequence of Recording
         The drives, with poses that are good to some 0.1 m.
     """
-    once, _ = _compared(grid, recordings, 1.0)
+    once, _ = _collect_equations(grid, recordings, 1.0)
     if not once:
         nothing = Interval(math.nan, math.nan, math.nan)
         return RangeFit(nothing, nothing)
     # What a pose took for its own error, it no longer does where the ranges are nearly right.
-    first = 1 + float(_solved(once, np.ones(len(once)))[0])
-    scan_equations, blocks = _compared(grid, recordings, first)
-    factor, depth = bootstrap_statistics(lambda weights: _solved(scan_equations, weights), blocks, 200)
+    first = 1 + float(_solve_least_squares(once, np.ones(len(once)))[0])
+    scan_equations, blocks = _collect_equations(grid, recordings, first)
+    factor, depth = bootstrap_statistics(lambda weights: _solve_least_squares(scan_equations, weights), blocks, 200)
     return RangeFit(Interval(*(first * (1 + value) for value in factor)), depth)
 
 
-def _compared(
+def _collect_equations(
     grid: OccupancyGrid, recordings: Sequence[Recording], factor: float
 ) -> tuple[list[Floats], Ints]:
     """What the scans say of ranges that are divided by a factor, and the block of each."""
     parts, blocks, first = [], [], 0
     for scan_equations in recordings:
-        drive_equations, of_scan = _equations(grid, scan_equations, factor)
+        drive_equations, of_scan = _build_equations(grid, scan_equations, factor)
         parts += drive_equations
         blocks += (first + of_scan).tolist()
         first = max([first, *blocks]) + 1
-    reduced = _projected(parts)
+    reduced = _eliminate_poses(parts)
     for _ in range(2 * bool(parts)):
         # What is off by three deviations is no wall of the map, or a beam that something blocks.
-        at = _solved(reduced, np.ones(len(reduced)))
+        at = _solve_least_squares(reduced, np.ones(len(reduced)))
         off = [np.abs(scan_equations[:, 2] - scan_equations[:, :2] @ at) for scan_equations in reduced]
         bound = max(3 * MAD * float(np.median(np.concatenate(off))), 0.5 * grid.resolution)
         parts = [scan_equations[far < bound] for scan_equations, far in zip(parts, off, strict=True)]
-        reduced = _projected(parts)
+        reduced = _eliminate_poses(parts)
     return reduced, np.array(blocks, np.int64)
 
 
-def _equations(
+def _build_equations(
     grid: OccupancyGrid, recording: Recording, factor: float
 ) -> tuple[list[Floats], Ints]:
     """Of each scan that shows walls what its beams say, and the scan's block.
@@ -145,8 +145,8 @@ def _equations(
     scan_numbers = np.unique(np.linspace(0, len(recording) - 1, RANGE_SCANS).astype(np.int64))
     steps = np.diag([grid.resolution, grid.resolution, math.radians(0.5)])
     for scan in scan_numbers.tolist():
-        measured = recording.ranges[scan, :: walls.every].astype(np.float64) / factor
-        pose = walls.settled(recording.poses[scan], measured)
+        measured = recording.ranges[scan, :: walls.beam_step].astype(np.float64) / factor
+        pose = walls.settle_pose(recording.poses[scan], measured)
         expected = walls.ranges(pose, walls.some)
         with np.errstate(invalid="ignore"):
             ways = np.column_stack(
@@ -166,7 +166,7 @@ def _equations(
     return rows, assign_blocks(recording.poses)[np.array(used, np.int64)]
 
 
-def _projected(parts: list[Floats]) -> list[Floats]:
+def _eliminate_poses(parts: list[Floats]) -> list[Floats]:
     """The first three columns of each, without what another pose explains."""
     reduced = []
     for scan_equations in parts:
@@ -175,14 +175,14 @@ def _projected(parts: list[Floats]) -> list[Floats]:
     return reduced
 
 
-def _solved(parts: list[Floats], weights: Floats) -> Floats:
+def _solve_least_squares(parts: list[Floats], weights: Floats) -> Floats:
     """Factor minus 1, and depth [m], by least squares of scans with weights, (2,)."""
     sums = np.tensordot(weights, np.array([scan_equations.T @ scan_equations for scan_equations in parts]), 1)
     return np.asarray(np.linalg.lstsq(sums[:2, :2], sums[:2, 2], rcond=None)[0])
 
 
 Move = tuple[float, float, float]
-BETTER = 0.1
+MIN_GAIN = 0.1
 """Gain in the share for which a move of the map is suggested."""
 FINEST = 0.2
 """Minimum edge of the cells of the search at all turns [m]."""
@@ -223,14 +223,14 @@ class MapFit:
     @property
     def fits(self) -> bool:
         """True if the map fits as it is."""
-        return self.share >= FITS and not self.shifted
+        return self.share >= FITS and not self.is_shifted
 
     @property
-    def shifted(self) -> bool:
+    def is_shifted(self) -> bool:
         """True if the map would fit, or fit clearly better, after a move."""
         x, y, turn = self.move
         is_far = math.hypot(x, y) > 0.1 or abs(turn) > math.radians(0.5)
-        return is_far and self.best_share >= FITS and self.best_share >= self.share + BETTER
+        return is_far and self.best_share >= FITS and self.best_share >= self.share + MIN_GAIN
 
     @property
     def sentence(self) -> str:
@@ -240,7 +240,7 @@ class MapFit:
             return f"The map fits: {now}."
         if self.mount:
             return f"The lidar seems to be {self.mount}: {now}; give its mount= when reading."
-        if self.shifted:
+        if self.is_shifted:
             x, y, turn = self.move
             origin = ", ".join(f"{value:.3f}" for value in self.origin)
             return (
@@ -328,7 +328,7 @@ def fit_to_map(
     best = _share(grid, near, sample._replace(poses=move_poses(sample.poses, move)).ends())
     if best <= share:
         move, best = (0.0, 0.0, 0.0), share
-    mount = _mount(grid, near, sample, best) if best < FITS else ""
+    mount = _find_mount(grid, near, sample, best) if best < FITS else ""
     ranges = None if best >= FITS or mount else _ranges(grid, near, recording)
     return MapFit(share, best, move, distance, _origin(grid, move), mount, ranges)
 
@@ -387,7 +387,7 @@ def _find_lidar_fault(recording: Recording, grid: OccupancyGrid) -> str:
     distance, near = at_walls(grid)
     sample = _sample(recording)
     share = _share(grid, near, sample.ends())
-    mount = _mount(grid, near, sample, share)
+    mount = _find_mount(grid, near, sample, share)
     ranges = None if mount else _ranges(grid, near, recording)
     if not mount and ranges is None:
         return ""
@@ -447,7 +447,7 @@ def _compare_ranges(
         return pose, math.nan
     best, best_share = pose, -1.0
     for turn in TURNS:  # if odometry misjudged a turn, a scan settles from another heading alone
-        settled_pose = walls.settled(pose + np.array([0.0, 0.0, turn]), ranges[:: walls.every])
+        settled_pose = walls.settle_pose(pose + np.array([0.0, 0.0, turn]), ranges[:: walls.beam_step])
         off = np.abs(ranges[returned] - walls.ranges(settled_pose, walls.beams)[returned])
         share = float((off < AGREES).mean())
         if share > best_share:
@@ -459,7 +459,7 @@ def _compare_ranges(
 
 def _ranges(grid: OccupancyGrid, near: NDArray[np.bool_], recording: Recording) -> RangeFit | None:
     """How ranges differ from the map's, if scans without that fit where they were taken."""
-    ranges = range_fit(grid, [recording])
+    ranges = fit_ranges(grid, [recording])
     if not ranges.is_scaled:
         return None
     scaled = replace(recording, ranges=recording.ranges / ranges.factor.value)
@@ -478,7 +478,7 @@ def _sample(recording: Recording) -> _Sample:
 
 def _share(grid: OccupancyGrid, near: NDArray[np.bool_], ends: Floats) -> float:
     """Share of points that lie in the cells of a mask."""
-    return float(looked_up(grid, near, ends, False).mean())
+    return float(look_up_cells(grid, near, ends, False).mean())
 
 
 def _origin(grid: OccupancyGrid, move: Move) -> Move:
@@ -489,7 +489,7 @@ def _origin(grid: OccupancyGrid, move: Move) -> Move:
     return cos * u + sin * v, cos * v - sin * u, float(wrap_angles(yaw - turn))
 
 
-def _mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: float) -> str:
+def _find_mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: float) -> str:
     """How the lidar is mounted if another mount explains the scans at the recorded poses."""
     x, y = sample.on_robot[..., 0], sample.on_robot[..., 1]
     mounts = {
@@ -500,7 +500,7 @@ def _mount(grid: OccupancyGrid, near: NDArray[np.bool_], sample: _Sample, best: 
     }
     for words, ends in mounts.items():
         share = _share(grid, near, sample._replace(on_robot=np.stack(ends, axis=-1)).ends())
-        if share >= max(FITS, best + BETTER):
+        if share >= max(FITS, best + MIN_GAIN):
             return words
     return ""
 
@@ -529,7 +529,7 @@ class _Search:
         reach = float(np.abs(np.concatenate([self.out, self.stood])).max())
         side = max(max(grid.shape) * grid.resolution, 2 * reach)
         cell = max(FINEST, side / 224, grid.resolution)  # of which so many lie along a side at most
-        walls, free = self._coarse(cell)
+        walls, free = self._coarsen_map(cell)
         half = math.ceil(math.hypot(reach, reach) / cell) + 1
         shape = tuple(next_fast_len(layer + 2 * half + 1, real=True) for layer in walls.shape)
         of_walls, of_free = (np.conj(rfft2(layer, shape)) for layer in (walls, free))
@@ -538,7 +538,7 @@ class _Search:
         peaks: list[tuple[float, float, float, float]] = []
         for n in range(turns):
             turn = 2 * math.pi * n / turns
-            rotated = (_rotated(layer, turn) for layer in (self.out, self.stood))
+            rotated = (_rotate(layer, turn) for layer in (self.out, self.stood))
             rasters = (_raster(layer, cell, half) for layer in rotated)
             hits, stands = (rfft2(layer / layer.sum(), shape) for layer in rasters)
             score = irfft2(np.conj(hits * of_walls + 0.5 * stands * of_free), shape)
@@ -554,7 +554,7 @@ class _Search:
             rows, cols = ((layer + half + 0.5) * cell / grid.resolution for layer in shift)
             x, y = map(float, grid.grid_to_world(rows, cols))
             move = self._about_origin((x, y, turn + grid.origin[2]))
-            if all(self._apart(move, other) > 2 * cell for other in moves):
+            if all(self._measure_distance(move, other) > 2 * cell for other in moves):
                 moves.append(move)
             if len(moves) == 12:
                 break
@@ -567,14 +567,14 @@ class _Search:
         for start in starts:
             at, step = self._about_middle(start), 0.4
             while step > size / 4:
-                at = self._climbed(at, step, max(BLUR, size, step))
+                at = self._climb(at, step, max(BLUR, size, step))
                 step /= 2
             score = self._score(at, max(BLUR, size))
             if score > best_score:
                 best, best_score = self._about_origin(at), score
         return best
 
-    def _climbed(self, at: Move, step: float, blur: float) -> Move:
+    def _climb(self, at: Move, step: float, blur: float) -> Move:
         """The move from which no step of this size leads to a better one."""
         score, turning = self._score(at, blur), step / max(self.radius, self.grid.resolution)
         steps = np.array([*itertools.product((-1, 0, 1), repeat=3)]) * (step, step, turning)
@@ -589,11 +589,11 @@ class _Search:
     def _score(self, at: Move, blur: float) -> float:
         """Mean nearness of the ends to walls, 0..1, and half the share of places that are free."""
         grid, to = self.grid, np.array(at[:2])
-        distance = looked_up(grid, grid.clearance, to + _rotated(self.out, at[2]), np.inf)
-        free = looked_up(grid, grid.free, to + _rotated(self.stood, at[2]), 0.0)
+        distance = look_up_cells(grid, grid.clearance, to + _rotate(self.out, at[2]), np.inf)
+        free = look_up_cells(grid, grid.free, to + _rotate(self.stood, at[2]), 0.0)
         return float(np.exp(-0.5 * (distance / blur) ** 2).mean() + 0.5 * free.mean())
 
-    def _coarse(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _coarsen_map(self, cell: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Nearness to walls, and free space, in coarser cells along the map's own axes."""
         grid = self.grid
         counts = (math.ceil(edge * grid.resolution / cell) for edge in grid.shape)
@@ -608,15 +608,15 @@ class _Search:
 
     def _about_origin(self, at: Move) -> Move:
         """The move that takes the middle to a place with a turn, as a turn about the origin."""
-        x, y = _rotated(self.middle[None], at[2])[0]
+        x, y = _rotate(self.middle[None], at[2])[0]
         return at[0] - float(x), at[1] - float(y), (at[2] + math.pi) % (2 * math.pi) - math.pi
 
     def _about_middle(self, move: Move) -> Move:
         """Where a move takes the middle, and its turn."""
-        x, y = _rotated(self.middle[None], move[2])[0]
+        x, y = _rotate(self.middle[None], move[2])[0]
         return float(x) + move[0], float(y) + move[1], move[2]
 
-    def _apart(self, *moves: Move) -> float:
+    def _measure_distance(self, *moves: Move) -> float:
         """Distance of the middle after either of two moves [m]; infinite if their turns differ."""
         (x, y, turn), (u, v, angle) = map(self._about_middle, moves)
         between = abs((turn - angle + math.pi) % (2 * math.pi) - math.pi)
@@ -631,7 +631,7 @@ def _raster(xy: Floats, cell: float, half: int) -> NDArray[np.float32]:
     return counts.reshape(size, size).astype(np.float32)
 
 
-def _rotated(xy: Floats, turn: float) -> Floats:
+def _rotate(xy: Floats, turn: float) -> Floats:
     cos, sin = math.cos(turn), math.sin(turn)
     return np.column_stack([cos * xy[:, 0] - sin * xy[:, 1], sin * xy[:, 0] + cos * xy[:, 1]])
 
@@ -639,12 +639,12 @@ def _rotated(xy: Floats, turn: float) -> Floats:
 CROSSED, TIMES, HITS = 5, 3, 3
 """Number of scans that see through a wall that is none, in times of those that end there; and of
 scans that end at a wall that is missing, or see through one without passing another."""
-SEEN_THROUGH, LENGTH = 0.02, 1.0
+MAX_FALSE_SHARE, MAX_MISSING_LENGTH = 0.02, 1.0
 """Maximum share of the walls in view that scans see through on a true map, and maximum length of
 the walls that they miss there [m]."""
 BAD_POSES = 0.04
 """Deviation of the poses, in directions that walls fix, from which on no place is named [m]."""
-SURE = 0.05
+MAX_MATCH_STD = 0.05
 """Maximum deviation of a match in its best direction to judge a pose by [m]."""
 MISFIT_SCANS, BEAMS = 4000, 180
 """Numbers of the scans of a drive, and of the beams of each, that are used."""
@@ -658,7 +658,7 @@ class Misfits:
     """Occupied cells that scans see through, (H, W)."""
     missing: Bools
     """Cells where scans end and the map has no wall near, (H, W)."""
-    seen_through: float
+    false_share: float
     """Share of the wall cells in view that are false, 0..1."""
     at_walls: float
     """Share of the beams that end at walls of the map, 0..1."""
@@ -672,11 +672,11 @@ class Misfits:
             The map.
         """
         remedy = "here the scans do not fit the map: see what stands there, and map it again"
-        if self.seen_through > SEEN_THROUGH:
-            description = f"{self.seen_through:.1%} of the walls in view are seen through"
+        if self.false_share > MAX_FALSE_SHARE:
+            description = f"{self.false_share:.1%} of the walls in view are seen through"
             boxes = find_bounding_boxes(grid, self.false)
             yield MapFault("false walls", description, remedy, sure=True, boxes=boxes)
-        if self.missing.sum() * grid.resolution > LENGTH:
+        if self.missing.sum() * grid.resolution > MAX_MISSING_LENGTH:
             description = f"{1 - self.at_walls:.0%} of the beams end at no wall"
             boxes = find_bounding_boxes(grid, self.missing)
             yield MapFault("missing walls", description, remedy, sure=True, boxes=boxes)
@@ -732,7 +732,7 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         np.concatenate([recording.origins for recording in parts]),
         np.concatenate([recording.ends for recording in parts]),
     )
-    return Misfits(*_contradicted(grid, beams), _at_walls(grid, beams))
+    return Misfits(*_find_contradictions(grid, beams), _at_walls(grid, beams))
 
 
 def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
@@ -758,17 +758,17 @@ def _pose_deviation(grid: OccupancyGrid, recording: Recording) -> float:
     scan_matches = match_scans(recording[scan_numbers], grid, threads=1)
     _, minor, direction = position_axes(scan_matches.covariance)
     # A few scans fit any map somewhere.
-    deviations = [] if (scan_matches.judged & (minor < SURE)).sum() > 5 else [math.inf]
+    deviations = [] if (scan_matches.is_matched & (minor < MAX_MATCH_STD)).sum() > 5 else [math.inf]
     x, y = np.sqrt(scan_matches.covariance[:, 0, 0]), np.sqrt(scan_matches.covariance[:, 1, 1])
     for across, sigma in ((0.0, x), (math.pi / 2, y), (direction + math.pi / 2, minor)):
         off = scan_matches.mean[:, 0] * np.cos(across) + scan_matches.mean[:, 1] * np.sin(across)
-        is_sure = scan_matches.judged & (sigma < SURE)
+        is_sure = scan_matches.is_matched & (sigma < MAX_MATCH_STD)
         if is_sure.sum() > 5:
             deviations.append(float(np.median(np.abs(off[is_sure]))))
     return max(deviations, default=0.0)
 
 
-def _contradicted(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
+def _find_contradictions(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, float]:
     """Cells of false and of missing walls, and the share of the walls in view that are false.
 
     A beam that passes a wall at which others end is wrong from there on. Without such beams three
@@ -777,13 +777,13 @@ def _contradicted(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, flo
     import cv2
 
     walls = grid.cells == OCCUPIED
-    passed, hit, around = _counted(grid, np.zeros_like(walls), beams)
+    passed, hit, around = _count_scans(grid, np.zeros_like(walls), beams)
     is_confirmed = walls & ((passed < CROSSED) | (passed <= TIMES * around))
     cells = np.where(walls & ~is_confirmed, np.uint8(FREE), grid.cells)
     _, is_near_wall = at_walls(replace(grid, cells=cells))
     missing = (hit >= HITS) & (passed <= TIMES * hit) & ~is_near_wall & ~walls
     met = (around >= HITS) & (passed <= TIMES * around)
-    passed, _, around = _counted(grid, missing | (walls & met), beams)
+    passed, _, around = _count_scans(grid, missing | (walls & met), beams)
     is_crossed = walls & (passed > TIMES * around)
     _, labels = cv2.connectedComponents(is_crossed.view(np.uint8), connectivity=8)
     false = is_crossed & np.isin(labels, labels[is_crossed & (passed >= HITS)])
@@ -791,7 +791,7 @@ def _contradicted(grid: OccupancyGrid, beams: _Beams) -> tuple[Bools, Bools, flo
     return false, missing, float(false.sum() / max(in_view, 1))
 
 
-def _counted(grid: OccupancyGrid, stops: Bools, beams: _Beams) -> tuple[Ints, Ints, Floats]:
+def _count_scans(grid: OccupancyGrid, stops: Bools, beams: _Beams) -> tuple[Ints, Ints, Floats]:
     """Numbers of the scans that pass each cell, that end in it, and that end in it or beside it."""
     import cv2
 

@@ -84,13 +84,13 @@ class Matching(Settings):
         return np.arange(TURNS, dtype=np.float64) * STEP
 
     @property
-    def seen(self) -> Bools:
+    def is_in_view(self) -> Bools:
         """Mask of these beams that lie in the lidar's field of view, (96,)."""
         angle_offsets = (self.bearings - self.lidar.mount_yaw + math.pi) % (2 * math.pi) - math.pi
         half = math.radians(self.lidar.field_of_view_deg) / 2
         return np.asarray(np.abs(angle_offsets) <= half + 1e-9)
 
-    def compared(self, ranges: Floats) -> Floats:
+    def select_ranges(self, ranges: Floats) -> Floats:
         """Ranges of scans at `bearings`.
 
         Parameters
@@ -109,7 +109,7 @@ class Matching(Settings):
         angle_offsets = (self.bearings[:, None] - beams + math.pi) % (2 * math.pi) - math.pi
         bearing_ranges = ranges[:, np.abs(angle_offsets).argmin(axis=1)]
         returns = (bearing_ranges > self.lidar.min_range) & (bearing_ranges <= self.lidar.range)
-        return np.where(self.seen, np.where(returns, bearing_ranges, np.inf), np.nan)
+        return np.where(self.is_in_view, np.where(returns, bearing_ranges, np.inf), np.nan)
 
     def beams(self, forward: float, left: float) -> Any:
         """The beams that are compared, of a lidar so mounted, as the kernels take them.
@@ -222,7 +222,7 @@ class Matcher:
         self.window = settings.lattice(grid.resolution)
 
     @classmethod
-    def of(cls, grid: OccupancyGrid, lidar: Lidar) -> Matcher:
+    def for_lidar(cls, grid: OccupancyGrid, lidar: Lidar) -> Matcher:
         """Matcher with the default settings for a lidar.
 
         Parameters
@@ -236,7 +236,7 @@ class Matcher:
         return cls(grid, Scan(lidar, effective_beams=15.0))
 
     @cached_property
-    def prepared(self) -> Any:
+    def kernel_arguments(self) -> Any:
         """Likelihood field and offsets, in the form that the kernels take."""
         from locplan._support.kernels.likelihood import make_lattice
 
@@ -265,7 +265,7 @@ class Matcher:
         mean, covariance = np.empty((count, 3)), np.empty((count, 3, 3))
         best, summary = np.zeros((count, 3), np.int64), np.empty((count, 3))
         posterior_arrays = mean, covariance, best, summary
-        field, lattice = self.prepared
+        field, lattice = self.kernel_arguments
         recorded_posteriors(field, lattice, cells, from_cell, self.settings.temperature, *posterior_arrays)
         turn, steps = make_rotation_matrix(self.grid.origin[2]), self.window.steps
         return Posteriors(
@@ -281,7 +281,7 @@ BLOCK_BAND = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
-class Database:
+class RangeDatabase:
     """The ranges at every reachable place of a map, and the losses of beams' ends around it.
 
     `ScanDatabase` is what users keep: it makes one of these when it is needed.
@@ -320,10 +320,10 @@ class Database:
         """
         lidar = self.matching.lidar
         ranges = _ranges(self, poses, lidar.mount_x, lidar.mount_y)
-        ranges[:, ~self.matching.seen] = np.nan
+        ranges[:, ~self.matching.is_in_view] = np.nan
         return ranges
 
-    def codes_of(self, ranges: Floats) -> Octets:
+    def encode_ranges(self, ranges: Floats) -> Octets:
         """Codes of ranges, of which 16 are a metre; they begin anew after 16 m.
 
         Parameters
@@ -349,7 +349,7 @@ class Database:
         return np.column_stack([x, y, heading])
 
 
-def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
+def make_range_database(grid: OccupancyGrid, matching: Matching) -> RangeDatabase:
     """Cast the beams of a lidar at every reachable place of a map.
 
     Parameters
@@ -376,13 +376,13 @@ def make_database(grid: OccupancyGrid, matching: Matching) -> Database:
             f" {grid.name or 'the map'}; give a smaller radius"
         )
     tables = loss_tables(grid, matching, fits)
-    positions = places_every(0.4, _of_lidar(grid, matching, fits), grid.resolution)
+    positions = select_spaced_places(0.4, _of_lidar(grid, matching, fits), grid.resolution)
     squares = empty_squares(occupied)
-    range_database = Database(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
+    range_database = RangeDatabase(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
     return dataclasses.replace(range_database, codes=_all_codes(range_database))
 
 
-def _all_codes(database: Database) -> Octets:
+def _all_codes(database: RangeDatabase) -> Octets:
     """Codes of the ranges at all places, as `Database.codes` has them."""
     count = len(database.positions)
     codes = np.empty((count, TURNS), np.uint8)
@@ -390,7 +390,7 @@ def _all_codes(database: Database) -> Octets:
         positions = database.positions[first : first + (1 << 14)]
         poses = np.column_stack([positions, np.zeros(len(positions))])
         ranges = _ranges(database, poses, 0.0, 0.0)
-        codes[first : first + len(positions)] = database.codes_of(ranges)
+        codes[first : first + len(positions)] = database.encode_ranges(ranges)
     return in_blocks(np.hstack([codes, codes]))
 
 
@@ -417,7 +417,7 @@ def reachable(grid: OccupancyGrid, robot_radius: float) -> Bools:
     return np.asarray(large[labels])
 
 
-def places_every(spacing: float, fits: Bools, resolution: float) -> Floats:
+def select_spaced_places(spacing: float, fits: Bools, resolution: float) -> Floats:
     """Centres of cells, the one next to the middle of each square that has any, x and y (n, 2).
 
     Parameters
@@ -434,12 +434,12 @@ def places_every(spacing: float, fits: Bools, resolution: float) -> Floats:
     rows = edge * max(1, BLOCK_BAND // (edge * width))
     places = [np.empty((0, 2))]
     for top in range(0, height, rows):
-        places.append(_middles(fits[top : top + rows], edge))
+        places.append(_find_middles(fits[top : top + rows], edge))
         places[-1][:, 1] += top
     return np.concatenate(places) + 0.5
 
 
-def _middles(fits: Bools, edge: int) -> Floats:
+def _find_middles(fits: Bools, edge: int) -> Floats:
     """Columns and rows (n, 2) of the cells next to the middles of squares."""
     rows, cols = np.nonzero(fits)
     block = (rows // edge) * (fits.shape[1] // edge + 1) + cols // edge
@@ -463,14 +463,14 @@ def _of_lidar(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Bools:
     return np.asarray((near > 0) & (grid.cells != OCCUPIED))
 
 
-def _ranges(database: Database, poses: Floats, forward: float, left: float) -> Floats:
+def _ranges(database: RangeDatabase, poses: Floats, forward: float, left: float) -> Floats:
     """Ranges all round of a lidar so mounted at poses x, y, heading, (n, 96) [m]."""
-    from locplan.recordings.kernels.matches import ranges_from
+    from locplan.recordings.kernels.matches import cast_ranges
 
     beams = database.matching.beams(forward, left)
     ranges = np.empty((len(poses), TURNS))
     at = np.ascontiguousarray(poses[:, [1, 0, 2]])
-    ranges_from(database.squares, database.grid.resolution, at, beams, ranges)
+    cast_ranges(database.squares, database.grid.resolution, at, beams, ranges)
     return ranges
 
 
@@ -514,7 +514,7 @@ class ScanDatabase:
         return f"ScanDatabase({self.grid.name or 'map'}, {self.lidar.title})"
 
     @cached_property
-    def everywhere(self) -> Database:
+    def everywhere(self) -> RangeDatabase:
         """Ranges at all places.
 
         Raises
@@ -522,19 +522,19 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        return make_database(self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance))
+        return make_range_database(self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance))
 
     @cached_property
     def matcher(self) -> Matcher:
         """What gives the covariance of a match about its pose."""
-        return Matcher.of(self.grid, self.lidar)
+        return Matcher.for_lidar(self.grid, self.lidar)
 
     @cached_property
     def nats_a_loss(self) -> float:
         """Nats of the greatest loss of one of the beams that count."""
         matching = self.everywhere.matching
         beams = len(self.matcher.settings.beam_numbers)
-        return matching.nats_a_loss * float(matching.seen.sum()) / beams
+        return matching.nats_a_loss * float(matching.is_in_view.sum()) / beams
 
     def compared_ends(self, on_robot: Floats) -> Singles:
         """Ends of the beams that return, (2, k) [cells], of those that `locplan.Scan` compares.
@@ -547,7 +547,7 @@ class ScanDatabase:
         ends = on_robot[self.matcher.settings.beam_numbers] / self.grid.resolution
         return np.ascontiguousarray(ends[np.isfinite(ends[:, 0])].T, np.float32)
 
-    def near(self, xy: Floats, within: float) -> Database:
+    def select_nearby(self, xy: Floats, within: float) -> RangeDatabase:
         """Ranges at the places near some positions.
 
         Parameters
@@ -569,11 +569,11 @@ class ScanDatabase:
                 f"the robot has no place within {within:g} m of the {len(xy)} positions that it"
                 f" may be near; are they in the frame of {grid.name or 'the map'}?"
             )
-        return _restricted(full_database, is_near)
+        return _restrict(full_database, is_near)
 
 
 @lru_cache(maxsize=4)
-def database_of(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDatabase:
+def get_database(grid: OccupancyGrid, lidar: Lidar, clearance: float) -> ScanDatabase:
     """The database of a map and a lidar, one of the last or a new one."""
     return ScanDatabase(grid, lidar, clearance)
 
@@ -600,7 +600,7 @@ def checked_database(
         If it is of another map or lidar, or the clearance is out of its range.
     """
     if database is None:
-        database = database_of(grid, lidar, check_number("clearance", clearance, 0.0))
+        database = get_database(grid, lidar, check_number("clearance", clearance, 0.0))
     check_instance("database", database, ScanDatabase)
     if database.grid != grid or database.lidar != lidar:
         raise ConfigError(
@@ -623,7 +623,7 @@ def _distances(grid: OccupancyGrid, xy: Floats) -> Singles:
     return np.asarray(cells * np.float32(grid.resolution))
 
 
-def _restricted(database: Database, fits: Bools) -> Database:
+def _restrict(database: RangeDatabase, fits: Bools) -> RangeDatabase:
     """The part of a database of the places from which the robot can get to cells (H, W)."""
     from locplan._support.kernels.simd import OCTETS
 
@@ -643,11 +643,11 @@ def _restricted(database: Database, fits: Bools) -> Database:
 Result = TypeVar("Result")
 MIN_RETURNS = 5
 """Number of returns below which a scan says nothing about its pose."""
-APART, TURNED = 0.8, 0.5
+MODE_DISTANCE, MODE_TURN = 0.8, 0.5
 """Distance [m] and angle [rad] below which two modes are one."""
-ENOUGH = 8.0
+MAX_MODE_EXCESS = 8.0
 """Excess over the best pose up to which all modes are found [nats]."""
-AWAY = 2.0
+WRONG_DISTANCE = 2.0
 """Distance from the true position from which on a match is wrong [m]."""
 
 
@@ -670,7 +670,7 @@ class ScanOnMap:
     Poses are x, y [cells] and heading [rad] on the map.
     """
 
-    database: Database
+    database: RangeDatabase
     """What the lidar sees on the map, from `make_database`."""
     ranges: Floats
     """Ranges of the beams in `Matching.bearings`, (96,) [m]: infinite without a return, NaN where
@@ -713,12 +713,12 @@ class ScanOnMap:
             A pose from which the search begins, too. The best mode more than 2 m from it is found
             whatever its loss.
         """
-        return self.refined(self.shortlisted(), home)
+        return self.refine_starts(self.shortlist_starts(), home)
 
-    def shortlisted(self) -> Floats:
+    def shortlist_starts(self) -> Floats:
         """Poses of the robot whose ranges are nearest to the scan's, (n, 3)."""
         from locplan.recordings.kernels.matches import shortlist
-        from locplan.recordings.kernels.scan_losses import unlike
+        from locplan.recordings.kernels.scan_losses import find_distinct_poses
 
         database, returns = self.database, self.returns
         matching, resolution = database.matching, database.grid.resolution
@@ -727,7 +727,7 @@ class ScanOnMap:
         # Every fourth beam first, so that a part of them covers all directions.
         order = np.concatenate([np.arange(first, TURNS, 4) for first in (0, 2, 1, 3)])
         compared = order[returns[order]]
-        codes = database.codes_of(self.ranges)[compared]
+        codes = database.encode_ranges(self.ranges)[compared]
         count = len(database.positions)
         # From a difference of eight codes on, half a metre, a beam costs no more.
         _, pairs = shortlist(database.codes, count, compared, codes, 8, matching.shortlisted)
@@ -738,9 +738,9 @@ class ScanOnMap:
         levers = np.column_stack([cos * forward - sin * left, sin * forward + cos * left])
         starts = np.column_stack([database.positions[place] - levers, heading])
         # A pair within 0.6 m and 0.25 rad of a better one is not refined.
-        return np.asarray(starts[unlike(starts, np.arange(len(starts)), 0.6 / resolution, 0.25)])
+        return np.asarray(starts[find_distinct_poses(starts, np.arange(len(starts)), 0.6 / resolution, 0.25)])
 
-    def refined(self, starts: Floats, home: Floats | None = None) -> Modes:
+    def refine_starts(self, starts: Floats, home: Floats | None = None) -> Modes:
         """Modes to which some poses lead.
 
         Parameters
@@ -748,32 +748,32 @@ class ScanOnMap:
         starts : (n, 3) array
             The poses, as `shortlisted` gives them.
         home : (3,) array, optional
-            See `modes`.
+            See `find_modes`.
         """
-        from locplan.recordings.kernels.scan_losses import modes
+        from locplan.recordings.kernels.scan_losses import find_modes
 
         resolution = self.database.grid.resolution
         count = int(self.returns.sum())
         if count < MIN_RETURNS:
             return Modes(np.empty((0, 3)), np.empty(0), count)
-        poses, losses = modes(
+        poses, losses = find_modes(
             self.database.tables,
             self.ends,
             starts if home is None else np.concatenate([home[None], starts]),
             self.lever,
-            ENOUGH / self._nats,
+            MAX_MODE_EXCESS / self._nats,
             8 / self._nats,  # the widest deviation's refinement lowers a start's loss by no more
             np.full(2, np.nan) if home is None else home[:2],
-            AWAY / resolution,
-            APART / resolution,
-            TURNED,
+            WRONG_DISTANCE / resolution,
+            MODE_DISTANCE / resolution,
+            MODE_TURN,
         )
         losses = losses * self._nats
         order = np.argsort(losses, kind="stable")
         return Modes(poses[order], losses[order], count)
 
 
-def in_batches(
+def run_in_batches(
     work: Callable[[Ints], Sequence[Result]],
     count: int,
     threads: int,

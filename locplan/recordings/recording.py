@@ -14,7 +14,7 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import ends_in_map, move_poses, compute_motions, compute_path_length, wrap_angles
 from locplan._support.tables import nan_to_none, format_table
 from locplan.errors import RecordingError
-from locplan.recordings.logs import Source, array_of, frozen, poses_of
+from locplan.recordings.logs import Source, check_array, freeze_array, check_poses
 from locplan.robots.lidar import Lidar
 from locplan.robots.parts import Kinematics
 from locplan.robots.robot import Robot
@@ -79,10 +79,10 @@ class Recording:
     def __post_init__(self) -> None:
         check_instance("lidar", self.lidar, Lidar)
         check_instance("source", self.source, Source)
-        poses = array_of("poses", self.poses, np.dtype(np.float64), 2)
+        poses = check_array("poses", self.poses, np.dtype(np.float64), 2)
         if not len(poses) or not np.isnan(poses).all():
-            poses = poses_of("pose", poses)
-        ranges = array_of("ranges", self.ranges, np.dtype(np.float32), 2)
+            poses = check_poses("pose", poses)
+        ranges = check_array("ranges", self.ranges, np.dtype(np.float32), 2)
         if len(ranges) == 0 or ranges.shape != (len(poses), self.lidar.beams):
             raise RecordingError(
                 f"ranges must be (scans, beams) for {len(poses)} poses and {self.lidar.beams} beams"
@@ -97,10 +97,10 @@ class Recording:
                 f" {self.lidar.range:g} m; are the ranges in metres, and the lidar's right?"
             )
         if not (returns | (ranges == np.inf)).all():
-            ranges = frozen(np.where(returns, ranges, np.float32(np.inf)))
+            ranges = freeze_array(np.where(returns, ranges, np.float32(np.inf)))
         set_frozen_fields(self, ranges=ranges, poses=poses)
         if self.times is not None:
-            times = array_of("times", self.times, np.dtype(np.float64), 1)
+            times = check_array("times", self.times, np.dtype(np.float64), 1)
             if times.shape != (len(poses),) or not np.isfinite(times).all():
                 raise RecordingError(f"times must be {len(poses)} finite seconds, one of each scan")
             if (np.diff(times) < 0).any():
@@ -108,14 +108,14 @@ class Recording:
                 raise RecordingError(f"times go back at scan {scan}; give None if they are wrong")
             set_frozen_fields(self, times=times)
         if self.odometry is not None:
-            odometry = poses_of("odometry", self.odometry)
+            odometry = check_poses("odometry", self.odometry)
             if len(odometry) != len(poses):
                 raise RecordingError(
                     f"odometry must be a pose for each of {len(poses)} scans, not {len(odometry)}"
                 )
             set_frozen_fields(self, odometry=odometry)
         if self.speeds is not None:
-            speeds = array_of("speeds", self.speeds, np.dtype(np.float64), 1)
+            speeds = check_array("speeds", self.speeds, np.dtype(np.float64), 1)
             if speeds.shape != (len(poses),):
                 raise RecordingError(
                     f"speeds must be {len(poses)} numbers, one of each scan, not {speeds.shape}"
@@ -133,7 +133,7 @@ class Recording:
         """Return the number of scans."""
         return len(self.poses)
 
-    def __getitem__(self, chosen: slice | ArrayLike) -> Recording:
+    def __getitem__(self, selection: slice | ArrayLike) -> Recording:
         """Recording of some scans: a slice, their indices, or a mask.
 
         Raises
@@ -141,12 +141,12 @@ class Recording:
         RecordingError
             If no scan is left, or the indices are none.
         """
-        index: Any = chosen
-        if not isinstance(chosen, slice):
-            index = np.asarray(chosen)
+        index: Any = selection
+        if not isinstance(selection, slice):
+            index = np.asarray(selection)
             if index.ndim != 1 or index.dtype.kind not in "biu":
                 raise RecordingError(
-                    f"scans are chosen by a slice, indices or a mask, not {short_repr(chosen)}; take"
+                    f"scans are chosen by a slice, indices or a mask, not {short_repr(selection)}; take"
                     " drive[n : n + 1] for one"
                 )
         try:
@@ -159,14 +159,14 @@ class Recording:
             raise RecordingError(f"none of {len(self)} scans is chosen; take more")
         return replace(
             self,
-            ranges=frozen(self.ranges[index]),
+            ranges=freeze_array(self.ranges[index]),
             poses=poses,
             times=None if self.times is None else self.times[index],
             odometry=None if self.odometry is None else self.odometry[index],
             speeds=None if self.speeds is None else self.speeds[index],
         )
 
-    def every(self, count: int) -> Recording:
+    def subsample(self, count: int) -> Recording:
         """Recording of every n-th scan, from the first on.
 
         Parameters
@@ -201,7 +201,7 @@ class Recording:
             )
         return self[inside]
 
-    def moved(self, x: float, y: float, turn: float) -> Recording:
+    def move(self, x: float, y: float, turn: float) -> Recording:
         """Recording whose poses are turned about the map frame's origin, then shifted [m, m, rad].
 
         It is the remedy where `fit_to_map` finds that a map was shifted.
@@ -234,7 +234,7 @@ class Recording:
         """Ends of the beams in the map's frame, (n, beams, 2) [m]; NaN for those without return."""
         return ends_in_map(self.ends_on_robot(), self.poses)
 
-    def robot(self, known: Robot | None = None) -> Robot:
+    def robot(self, base_robot: Robot | None = None) -> Robot:
         """The robot that was recorded: its lidar, and how it moved.
 
         Where its kinematics are not known, its usual speed is the median while it moves, and it is
@@ -242,7 +242,7 @@ class Recording:
 
         Parameters
         ----------
-        known : Robot, optional
+        base_robot : Robot, optional
             What else is known of it; the defaults without it.
 
         Examples
@@ -253,9 +253,9 @@ class Recording:
         >>> drive.robot().kinematics
         Kinematics(speed=0.25)
         """
-        known = Robot() if known is None else known
-        check_instance("robot", known, Robot, 'such as locplan.Robot("turtlebot4")')
-        robot = replace(known, lidar=self.lidar)
+        base_robot = Robot() if base_robot is None else base_robot
+        check_instance("robot", base_robot, Robot, 'such as locplan.Robot("turtlebot4")')
+        robot = replace(base_robot, lidar=self.lidar)
         if robot.kinematics != Kinematics():
             return robot
         kinematics_settings: dict[str, Any] = {}
@@ -299,18 +299,18 @@ class Recording:
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the summary as labels and texts for people."""
-        about = self.summary()
-        took = "no times" if about["seconds"] is None else f"{about['seconds']:.4g} s"
-        returns = f"{about['returns']:.0%} of the beams, median {about['median_range']:.2g} m"
-        scans = f"{about['scans']:,} of {about['beams']} beams, {about['spacing']:.2g} m apart"
+        drive_summary = self.summary()
+        took = "no times" if drive_summary["seconds"] is None else f"{drive_summary['seconds']:.4g} s"
+        returns = f"{drive_summary['returns']:.0%} of the beams, median {drive_summary['median_range']:.2g} m"
+        scans = f"{drive_summary['scans']:,} of {drive_summary['beams']} beams, {drive_summary['spacing']:.2g} m apart"
         return [
-            ("drive", f"{about['file'] or 'a recording'}: {about['length']:.4g} m, {took}"),
+            ("drive", f"{drive_summary['file'] or 'a recording'}: {drive_summary['length']:.4g} m, {took}"),
             ("scans", scans),
-            ("lidar", about["lidar"]),
+            ("lidar", drive_summary["lidar"]),
             ("returns", returns),
-            ("poses", about["poses"]),
-            ("odometry", about["odometry"] or "none"),
-            *(("note", note) for note in about["notes"]),
+            ("poses", drive_summary["poses"]),
+            ("odometry", drive_summary["odometry"] or "none"),
+            *(("note", note) for note in drive_summary["notes"]),
         ]
 
     def report(self) -> str:
@@ -332,9 +332,9 @@ class Recording:
         LocplanError
             If it cannot be written.
         """
-        from locplan.recordings.files import save
+        from locplan.recordings.files import save_recording
 
-        save(self, path)
+        save_recording(self, path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Recording:

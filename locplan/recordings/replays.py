@@ -29,22 +29,22 @@ from locplan._support.tables import REPORT_WIDTH, nan_to_none, format_table
 from locplan.errors import RecordingError
 from locplan.field.covariance import scalar
 from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, world_to_map_frame
-from locplan.recordings.matching import in_batches
+from locplan.recordings.matching import run_in_batches
 from locplan.recordings.recording import Recording
 from locplan.robots.amcl import Amcl
 from locplan.robots.particles import compared_ends
 from locplan.robots.robot import Robot
 from locplan.simulation.amcl_parameters import is_untuned
 from locplan.simulation.drives import (
-    DRIVEN,
+    DRIVE_COLUMNS,
     OFF,
     PROFILE,
     RATES,
     DriveArguments,
     Drives,
-    drive_arguments,
+    make_drive_arguments,
 )
-from locplan.simulation.worlds import about_filter, check_filter_map
+from locplan.simulation.worlds import summarize_filter_map, check_filter_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,7 +79,7 @@ def sparse_notes(recording: Recording, amcl: Amcl) -> tuple[str, ...]:
     )
 
 
-class Tracks:
+class ReplayInputs:
     """What the filter gets of a recorded drive, in a map's own axes.
 
     Raises
@@ -95,10 +95,10 @@ class Tracks:
                 f"{recording.source.file or 'the recording'} has no odometry, which a replay needs;"
                 " record it, too, or name its topic with odom_topic="
             )
-        moved, reported = recording.length, compute_path_length(recording.odometry)
-        if reported < 0.1 * moved:
+        recorded_length, reported_length = recording.length, compute_path_length(recording.odometry)
+        if reported_length < 0.1 * recorded_length:
             raise RecordingError(
-                f"the odometry moves by {reported:.1f} m, but the poses by {moved:.1f} m; is it the"
+                f"the odometry moves by {reported_length:.1f} m, but the poses by {recorded_length:.1f} m; is it the"
                 " right topic, and was it recorded?"
             )
         x, y, _ = recording.poses[0].tolist()
@@ -115,7 +115,7 @@ class Tracks:
     def arguments(self, robot: Robot, scores: NDArray[np.float32] | None = None) -> DriveArguments:
         """The arguments of the kernels; of the disturbances those of the start are read."""
         robot = replace(robot, lidar=self.recording.lidar)
-        return drive_arguments(self.grid, robot, scores=scores)
+        return make_drive_arguments(self.grid, robot, scores=scores)
 
     def ends(self, amcl: Amcl) -> Floats:
         """Ends of the beams that AMCL compares, (n, beams, 2) [cells]; NaN without a return."""
@@ -172,11 +172,11 @@ def without_jumps(
     left_out = far if faulty is None else far | faulty
     if not left_out.any():
         return poses, odometry, 0
-    tracks = _joined(poses[0], true, left_out), _joined(odometry[0], reported, left_out)
+    tracks = _chain_motions(poses[0], true, left_out), _chain_motions(odometry[0], reported, left_out)
     return *tracks, int(far.sum())
 
 
-def _joined(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> Floats:
+def _chain_motions(first: Floats, ways: Floats, left_out: NDArray[np.bool_]) -> Floats:
     """The poses to which ways lead from the first one, but for those that are left out."""
     ahead, left, turn = np.where(left_out[:, None], 0.0, ways).T
     heading = first[2] + np.append(0.0, np.cumsum(turn))
@@ -271,7 +271,7 @@ class Replay(Result):
         return np.asarray(self.recording.poses + self.errors)
 
     @property
-    def updated(self) -> NDArray[np.bool_]:
+    def is_updated(self) -> NDArray[np.bool_]:
         """Mask of the scans at which the filter resampled its particles, (n,)."""
         return np.isfinite(self.covariances[0, :, 0, 0])
 
@@ -295,7 +295,7 @@ class Replay(Result):
     @cached_property
     def consistency(self) -> Consistency:
         """How well the filter knows its own errors."""
-        at = self.updated
+        at = self.is_updated
         if not at.any():
             unknown = math.nan
             return Consistency(Interval(unknown, unknown, unknown), unknown, unknown, unknown, 0)
@@ -325,18 +325,18 @@ class Replay(Result):
             )
         if lost < 0.05:
             return self.consistency.sentence
-        said = (
+        sentence = (
             f"The filter is {OFF} at some time in {lost:.0%} of the runs, and on"
             f" {drives.lost_way.value:.0%} of the way."
         )
         if math.isfinite(drives.first_loss):
             at = int(np.searchsorted(drives.distance, drives.first_loss))
             x, y, _ = self.recording.poses[at].tolist()
-            said += f" It is lost first after {drives.first_loss:.0f} m, near {x:.1f},{y:.1f}."
+            sentence += f" It is lost first after {drives.first_loss:.0f} m, near {x:.1f},{y:.1f}."
         if is_untuned(self.robot.amcl):
-            return f"{said} locplan tune --recording looks for settings that hold."
+            return f"{sentence} locplan tune --recording looks for settings that hold."
         return (
-            f"{said} Look there: whether the map is right, and how far odometry drifts (locplan"
+            f"{sentence} Look there: whether the map is right, and how far odometry drifts (locplan"
             " recording FILE MAP)."
         )
 
@@ -358,7 +358,7 @@ class Replay(Result):
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "runs": len(self.errors),
             "updates": consistency.updates,
-            "errors": extract_values(DRIVEN, self.drives),
+            "errors": extract_values(DRIVE_COLUMNS, self.drives),
             "consistency": {
                 "within_95_ellipse": list(consistency.within),
                 "wider_by": consistency.wider,
@@ -369,7 +369,7 @@ class Replay(Result):
             "notes": list(self.notes),
             "seed": self.seed,
             "robot": self.robot.summary(),
-            **about_filter(self.filter_map),
+            **summarize_filter_map(self.filter_map),
         }
         return nan_to_none(content)
 
@@ -459,38 +459,38 @@ def replay(
     check_integer("seed", seed, 0)
     workers = check_threads(threads)
     check_memory(f"{runs} runs of {len(recording)} scans", 12 * 8 * runs * len(recording), "fewer")
-    tracks = Tracks(recording, check_filter_map(filter_map, grid))
+    tracks = ReplayInputs(recording, check_filter_map(filter_map, grid))
     arguments = tracks.arguments(robot)
     errors = np.empty((runs, len(recording), 3))
     covariances = np.empty((runs, len(recording), 3, 3))
     ends = tracks.ends(robot.amcl)
 
-    def run(some: NDArray[np.int64]) -> list[int]:
-        numbers: list[int] = some.tolist()
+    def run(run_numbers: NDArray[np.int64]) -> list[int]:
+        numbers: list[int] = run_numbers.tolist()
         for n in numbers:
             errors[n], covariances[n] = tracks.track(make_generator(seed, REPLAY, n), ends, arguments)
         return numbers
 
-    in_batches(run, runs, workers, progress, batch=1)
+    run_in_batches(run, runs, workers, progress, batch=1)
     return Replay(recording, grid, robot, seed, errors, covariances, filter_map)
 
 
 def replay_report(replay: Replay) -> str:
     """Table of the errors against the recorded poses, and of the filter's consistency."""
-    found, within = replay.consistency, replay.consistency.within
+    consistency, within = replay.consistency, replay.consistency.within
     share = f"{within.value:.0%}" if np.isnan(within.low) else format_percent(within)
     # A rate of losses would be that of the log's lack of scans, not of the filter.
-    columns = [column for column in DRIVEN if column not in RATES or not replay.is_sparse]
+    columns = [column for column in DRIVE_COLUMNS if column not in RATES or not replay.is_sparse]
     of_filter = [
         ("within the 95% ellipse", share),
-        ("rms deviation by the filter", format_metres(found.filter_std)),
+        ("rms deviation by the filter", format_metres(consistency.filter_std)),
     ]
     rows = [
         ("map", replay.grid.name),
         ("drive", repr(replay.recording)),
-        ("runs", f"{len(replay.errors)}, each of {found.updates} updates"),
+        ("runs", f"{len(replay.errors)}, each of {consistency.updates} updates"),
         *Table.from_records(columns, [replay.drives]).format_transposed(),
-        *(of_filter if found.updates and not replay.is_sparse else ()),
+        *(of_filter if consistency.updates and not replay.is_sparse else ()),
     ]
     caption = (
         "errors against the recorded positions [95 % intervals over runs, of the ellipse by"

@@ -68,7 +68,7 @@ def record_drive(
     from locplan._support.kernels.lidar import measure_ends
     from locplan.planning.path import as_path
     from locplan.simulation.simulator import Simulator
-    from locplan.simulation.worlds import POSE_SPACING, poses_along
+    from locplan.simulation.worlds import POSE_SPACING, make_path_poses
 
     path = as_path(path)
     pose_step = max(1, round(check_positive("spacing", spacing, "m") / POSE_SPACING))
@@ -76,7 +76,7 @@ def record_drive(
     simulator = Simulator(grid, robot, seed=seed, threads=1)
     lidar = simulator.robot.known_lidar
     try:
-        line = poses_along(path, grid)
+        line = make_path_poses(path, grid)
     except LocplanError as error:
         raise ConfigError(f"the path {error}") from None
     random = np.random.default_rng(seed)

@@ -34,11 +34,11 @@ from locplan.recordings.trajectory import (
     MAP_MOVED,
     SMOOTHED,
     UNCERTAIN,
-    Moves,
+    OdometryMoves,
     OdometryModel,
     Trajectory,
-    jump_at,
-    ways_of,
+    make_jump,
+    compute_ways,
 )
 from locplan.robots.robot import Robot
 
@@ -48,7 +48,7 @@ SCAN_BEAMS = 180
 """Maximum number of beams of a scan that least squares use."""
 FINE, FINE_BEAMS = 0.1, 150.0
 """Deviation of beams' ends [m], and number of independent beams in a scan, of least squares."""
-SURE_BEAMS = 30.0
+COVARIANCE_BEAMS = 30.0
 """Number of independent beams in a scan of the covariance: fewer, because maps have faults."""
 UNCERTAIN_STD, UNCERTAIN_TURN = 0.15, math.radians(4)
 """Deviations of position [m] and heading [rad] from which a pose is uncertain."""
@@ -59,7 +59,7 @@ BAD_FIT_BELOW, BRIDGED_WAY = -0.8, 2.0
 the one after it on which odometry is trusted if these fit [m]."""
 JUMP_WAY = 1.0
 """Way after a jump on which poses are not trusted [m]."""
-DISPLACED, TURNED, DISPLACED_LENGTH = 0.2, 0.1, 40.0
+DISPLACED_SHIFT, DISPLACED_TURN, DISPLACED_LENGTH = 0.2, 0.1, 40.0
 """Least shift [m], least turn [rad] and greatest length [m] of a displaced stretch of the map."""
 
 
@@ -132,7 +132,7 @@ def smooth(
     first_pose = _first_pose(grid, recording, start)
     drive = _Drive.prepare(grid, recording)
     model = OdometryModel.first(recording.robot(robot).odometry)
-    keys = drive.chain_of(drive.choose_key_scans(), model)
+    keys = drive.make_chain(drive.choose_key_scans(), model)
     keys, candidates = _propose_trajectories(drive, keys, first_pose, seed, folder, progress)
     key_poses, is_bridged = keys.bridge_excursions(keys.find_likeliest(candidates))
     scatter = _compute_scatter(keys, key_poses, candidates)
@@ -208,17 +208,17 @@ class _Drive:
 
     def choose_key_scans(self) -> Ints:
         """Choose the scans that the filter takes: the first and last one, and some between."""
-        moves = Moves.of(self.odometry, np.arange(len(self.odometry)))
-        way, turn_sums, keys = np.cumsum(moves.lengths), np.cumsum(moves.turned), [0]
+        moves = OdometryMoves.from_odometry(self.odometry, np.arange(len(self.odometry)))
+        way, turn_sums, keys = np.cumsum(moves.lengths), np.cumsum(moves.turn_sums), [0]
         for n in range(1, len(way)):
             is_far = way[n] - way[keys[-1]] >= KEY_WAY or turn_sums[n] - turn_sums[keys[-1]] >= KEY_TURN
             if is_far or n == len(way) - 1:
                 keys.append(n)
         return np.array(keys)
 
-    def chain_of(self, scans: Ints, model: OdometryModel) -> Chain:
+    def make_chain(self, scans: Ints, model: OdometryModel) -> Chain:
         """Return the chain of some scans."""
-        return Chain(self.walls, scans, self.ends[scans], Moves.of(self.odometry, scans), model)
+        return Chain(self.walls, scans, self.ends[scans], OdometryMoves.from_odometry(self.odometry, scans), model)
 
     def run_filter(
         self,
@@ -233,7 +233,7 @@ class _Drive:
     ) -> Floats:
         """Sample trajectories (16, k, 3) from a filter that runs along the key scans."""
         ends, ranges = keys.ends[:, ::3], self.recording.ranges[keys.scans]
-        ways, deviations = keys.model.expected(keys.moves), keys.model.deviations(keys.moves)
+        ways, deviations = keys.model.correct_ways(keys.moves), keys.model.deviations(keys.moves)
         if is_backwards:
             ends, ranges = ends[::-1], ranges[::-1]
             ways[1:] = compute_motions(ways[1:], np.zeros_like(ways[1:]))[::-1]
@@ -290,7 +290,7 @@ def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Cha
     scans fit best so. Returns the chain of all scans, their poses, and the key scan of each.
     """
     scans = np.arange(len(drive.odometry))
-    chain = drive.chain_of(scans, keys.model)
+    chain = drive.make_chain(scans, keys.model)
     before = np.searchsorted(keys.scans, scans, side="right") - 1
     after = np.searchsorted(keys.scans, scans)
     forth, back = (
@@ -322,7 +322,7 @@ def _compute_covariances(grid: OccupancyGrid, chain: Chain, poses: Floats, fits:
     position = (0.2 * grid.resolution) ** 2 + 0.01**2 + (0.1 * misfit) ** 2
     turn = np.full(len(fits), math.radians(0.2) ** 2)
     added = np.stack([position, position, turn], axis=1)[:, :, None] * np.eye(3)
-    return chain.compute_covariances(poses, SURE_BEAMS)[0] + added
+    return chain.compute_covariances(poses, COVARIANCE_BEAMS)[0] + added
 
 
 def _find_doubts(
@@ -379,7 +379,7 @@ def _make_trajectory(
         covariances=turn @ covariances @ turn.T,
         doubts=doubts,
         fits=fits,
-        jumps=tuple(jump_at(n, world[n], errors[n], recording.times) for n in chain.jumps),
+        jumps=tuple(make_jump(n, world[n], errors[n], recording.times) for n in chain.jumps),
         odometry=None if recording.odometry is None else chain.model,
         recorded=recording.poses,
         times=recording.times,
@@ -398,7 +398,7 @@ class Chain:
     """Numbers of the scans in the drive, (n,)."""
     ends: Floats
     """Ends of their beams on the robot, (n, b, 2) [m]; NaN without a return."""
-    moves: Moves
+    moves: OdometryMoves
     """The moves between them by odometry."""
     model: OdometryModel
     """How odometry errs."""
@@ -408,14 +408,14 @@ class Chain:
     @cached_property
     def _drive(self) -> Any:
         """The scans and the odometry as the kernels take them."""
-        from locplan.recordings.kernels.least_squares import Drive
+        from locplan.recordings.kernels.least_squares import DriveScans
 
         # Scans from almost the same place tell the same.
         shares = np.minimum(1.0, self.moves.lengths / 0.5)
         shares[0] = 1.0
         deviations = self.model.deviations(self.moves)
         deviations[list(self.jumps)] = np.inf
-        return Drive(self.ends, shares, self.model.expected(self.moves), deviations)
+        return DriveScans(self.ends, shares, self.model.correct_ways(self.moves), deviations)
 
     def refine(self, poses: Floats, rounds: int) -> Floats:
         """Return poses of less loss."""
@@ -432,34 +432,34 @@ class Chain:
 
     def compute_fits(self, candidates: Floats) -> Floats:
         """Compute log-likelihoods a beam at poses (c, n, 3), (c, n); NaN without returns."""
-        from locplan.recordings.kernels.least_squares import fits_along
+        from locplan.recordings.kernels.least_squares import evaluate_fits
 
         fits = np.empty(candidates.shape[:2])
-        fits_along(self.walls.distances, beam_model(SIGMA, BEAMS), self.ends, candidates, fits)
+        evaluate_fits(self.walls.distances, beam_model(SIGMA, BEAMS), self.ends, candidates, fits)
         return fits
 
     def find_likeliest(self, candidates: Floats) -> Floats:
         """Join the likeliest trajectory (n, 3) from the poses of candidates (c, n, 3)."""
-        from locplan.recordings.kernels.trajectory import best_way
+        from locplan.recordings.kernels.trajectory import find_likeliest_way
 
         gains = BEAMS * np.maximum(np.nan_to_num(self.compute_fits(candidates)), UNEXPLAINED)
         _, _, moves, deviations = self._drive
-        choice = best_way(candidates, gains, moves, deviations, self.walls.kidnapped)
+        choice = find_likeliest_way(candidates, gains, moves, deviations, self.walls.kidnap_density)
         return np.asarray(candidates[choice, np.arange(len(choice))])
 
     def compute_covariances(self, poses: Floats, beams: float) -> tuple[Floats, Floats]:
         """Compute the covariance of each pose, and with the one before, of independent beams."""
         from locplan.recordings.kernels.least_squares import (
             Equations,
-            covariances_of,
-            normal_equations,
+            write_covariances,
+            write_normal_equations,
         )
 
         blocks = np.empty((4, len(poses), 3, 3))
         equations = Equations(blocks[0], blocks[1], np.empty((len(poses), 3)))
         model = beam_model(FINE, beams)
-        normal_equations(self.walls.distances, model, self._drive, poses, equations)
-        covariances_of(equations, blocks[2], blocks[3])
+        write_normal_equations(self.walls.distances, model, self._drive, poses, equations)
+        write_covariances(equations, blocks[2], blocks[3])
         return blocks[2], blocks[3]
 
     def learn_odometry(self, poses: Floats) -> Chain:
@@ -467,13 +467,13 @@ class Chain:
         covariances, across = self.compute_covariances(poses, FINE_BEAMS)
         is_used = np.ones(len(poses))
         is_used[[0, *self.jumps]] = 0.0
-        model = self.model.learned(self.moves, *ways_of(poses, covariances, across), is_used)
+        model = self.model.refit(self.moves, *compute_ways(poses, covariances, across), is_used)
         return replace(self, model=model)
 
     def compute_errors(self, poses: Floats) -> Floats:
         """Compute the error of odometry from each pose to the next, (n, 3) [m, m, rad]."""
         errors = np.zeros((len(poses), 3))
-        errors[1:] = compute_motions(poses[:-1], poses[1:]) - self.model.expected(self.moves)[1:]
+        errors[1:] = compute_motions(poses[:-1], poses[1:]) - self.model.correct_ways(self.moves)[1:]
         errors[:, 2] = wrap_angles(errors[:, 2])
         return errors
 
@@ -491,7 +491,7 @@ class Chain:
         a stretch looks like another one, or like none.
         """
         bridged, is_bridged = poses.copy(), np.zeros(len(poses), np.bool_)
-        errors, ways = self.compute_errors(poses), self.model.expected(self.moves)
+        errors, ways = self.compute_errors(poses), self.model.correct_ways(self.moves)
         far = [n for n in self.find_jumps(poses) if np.hypot(*errors[n, :2]) > CARRIED]
         for begin, end in itertools.combinations(far, 2):
             across = poses[begin - 1 : end + 1].copy()
@@ -540,7 +540,7 @@ class Chain:
         return [
             shift
             for shift in shifts
-            if math.hypot(*shift.error) > DISPLACED
+            if math.hypot(*shift.error) > DISPLACED_SHIFT
             and (shift.error**2).sum() > 25 * (variances[shift.end] - variances[shift.begin])
         ]
 
@@ -548,7 +548,7 @@ class Chain:
         """Find pairs of scans, one of them a jump, at which odometry errs clearly in its turn."""
         errors = self.compute_errors(poses)[:, 2:]
         size, deviations = np.abs(errors[:, 0]), self.model.deviations(self.moves)[:, 2]
-        turns = np.flatnonzero((size > TURNED) & (size > 5 * deviations)).tolist()
+        turns = np.flatnonzero((size > DISPLACED_TURN) & (size > 5 * deviations)).tolist()
         return [
             (_Shift(first - 1, first, errors[first]), _Shift(second - 1, second, errors[second]))
             for first, second in itertools.combinations(turns, 2)
@@ -569,7 +569,7 @@ VERSION = 4
 """Version of what `smooth` finds, which rises when it finds something else."""
 
 
-def trajectory_of(
+def load_or_smooth(
     recording: Recording,
     grid: OccupancyGrid,
     robot: Robot | None = None,
@@ -608,13 +608,13 @@ def trajectory_of(
     def save(file: Path, trajectory: Trajectory) -> None:
         trajectory.write(file)
 
-    key = _digest(recording, grid, robot, start, seed)
+    key = _compute_digest(recording, grid, robot, start, seed)
     trajectory = load_or_compute_result(key, Trajectory.load, compute, save, cache_dir=cache_dir)
     # The names are not in the digest.
     return replace(trajectory, grid=grid, map=grid.name, drive=recording.source.file)
 
 
-def referenced(
+def with_ground_truth(
     recording: Recording,
     grid: OccupancyGrid,
     reference: str | None = None,
@@ -637,23 +637,23 @@ def referenced(
         The log's own poses, or those of `smooth`; by default these of a bag, which does not tell
         whether its poses are a filter's, and the log's own of other files.
     robot, cache_dir, progress
-        See `trajectory_of`.
+        See `load_or_smooth`.
 
     Raises
     ------
     LocplanError
-        As for `trajectory_of`.
+        As for `load_or_smooth`.
     """
     if reference is not None:
         check_choice("reference", reference, ("log", SMOOTHED))
     of_bag = bool(recording.source.lidar_frame)  # other files name none
     if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
         return recording
-    drive_trajectory = trajectory_of(recording, grid, robot, cache_dir=cache_dir, progress=progress)
-    return drive_trajectory.of(recording)
+    drive_trajectory = load_or_smooth(recording, grid, robot, cache_dir=cache_dir, progress=progress)
+    return drive_trajectory.replace_poses(recording)
 
 
-def _digest(
+def _compute_digest(
     recording: Recording,
     grid: OccupancyGrid,
     robot: Robot | None,

@@ -23,7 +23,7 @@ from locplan.recordings.faults import RecordingFaults, find_recording_faults
 from locplan.recordings.map_fit import MapFit, check_place, find_misfits, fit_to_map
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import Replay, replay
-from locplan.recordings.smoothing import trajectory_of
+from locplan.recordings.smoothing import load_or_smooth
 from locplan.recordings.trajectory import Trajectory
 from locplan.robots.presets import PRECISE, describe_preset
 from locplan.robots.robot import Robot
@@ -32,7 +32,7 @@ RUNS = 12
 """Number of replays of the robot's filter."""
 FILE_SUFFIXES = ".csv", ".tum", ".txt", ".json", ".bag", ".mcap", ".db3"
 """Endings of files that a recording is not written to, and a folder hardly has."""
-SHOWN_PLACES = 3
+MAX_LISTED_PLACES = 3
 """Maximum number of places of a map's fault in the report."""
 SOUND = "Sound: odometry, stamps and map agree with the scans."
 SOUND_IN_PART = "Sound, as far as the scans can show."
@@ -123,7 +123,7 @@ class RecordingReport(Result):
         """Return a row per scan: the ground truth, or without a map nothing."""
         return self.trajectory.table() if self.trajectory else Table((), ())
 
-    def save(self, folder: str | os.PathLike[str], *about: Any, force: bool = False) -> None:
+    def save(self, folder: str | os.PathLike[str], *related: Any, force: bool = False) -> None:
         """Write the recording for other commands, or a folder with all results.
 
         Parameters
@@ -245,8 +245,8 @@ def study_recording(
     check_grid(grid)
     check_place(recording, grid)
     smoothing, calibrating, replaying = split_progress(progress, [700, 200, 100])
-    trajectory = trajectory_of(recording, grid, robot, start=start, seed=seed, progress=smoothing)
-    ground_truth = trajectory.of(recording)
+    trajectory = load_or_smooth(recording, grid, robot, start=start, seed=seed, progress=smoothing)
+    ground_truth = trajectory.replace_poses(recording)
     faults = find_recording_faults(ground_truth, grid)
     fit = fit_to_map(ground_truth, grid)
     misfits = find_misfits(grid, [ground_truth])
@@ -321,6 +321,6 @@ def _fault_text(fault: MapFault) -> str:
     """Return a fault of the map with its worst places."""
     places = ", ".join(
         f"({(box[0] + box[2]) / 2:.1f}, {(box[1] + box[3]) / 2:.1f})"
-        for box in fault.boxes[:SHOWN_PLACES]
+        for box in fault.boxes[:MAX_LISTED_PLACES]
     )
     return f"{fault.sentence}. Worst at {places}." if places else f"{fault.sentence}."

@@ -35,18 +35,18 @@ TINY = 1e-12
 
 
 @dataclass(frozen=True)
-class Moves:
+class OdometryMoves:
     """What odometry says of the ways between n scans; the first one stands for none."""
 
     ways: Floats
     """Each scan as seen from the one before, (n, 3) [m, m, rad]."""
     lengths: Floats
     """Length of the way [m], (n,)."""
-    turned: Floats
+    turn_sums: Floats
     """Sum of the turns [rad], (n,)."""
 
     @classmethod
-    def of(cls, odometry: Floats, scans: NDArray[np.int64]) -> Moves:
+    def from_odometry(cls, odometry: Floats, scans: NDArray[np.int64]) -> OdometryMoves:
         """Moves between some scans of a drive."""
         steps = compute_motions(odometry[:-1], odometry[1:])
         sums = np.zeros((len(odometry), 2))
@@ -60,7 +60,7 @@ class Moves:
     @property
     def features(self) -> Floats:
         """What variances are made of, (n, 3)."""
-        return np.column_stack([self.lengths, self.turned, np.ones(len(self.lengths))])
+        return np.column_stack([self.lengths, self.turn_sums, np.ones(len(self.lengths))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class OdometryModel(EqualByValue):
         ]
         return cls(0.0, 0.0, 0.0, (0.0, 0.0, 0.0), np.square(deviations))
 
-    def expected(self, moves: Moves) -> Floats:
+    def correct_ways(self, moves: OdometryMoves) -> Floats:
         """The corrected ways, (n, 3), of a robot whose lidar is where it is said to be.
 
         Parameters
@@ -114,7 +114,7 @@ class OdometryModel(EqualByValue):
         lidar = np.broadcast_to(np.array(self.mount), robot.shape)
         return compute_motions(lidar, apply_motions(robot, lidar))
 
-    def deviations(self, moves: Moves) -> Floats:
+    def deviations(self, moves: OdometryMoves) -> Floats:
         """Scales of the errors, (n, 3) [m, m, rad].
 
         Parameters
@@ -124,7 +124,7 @@ class OdometryModel(EqualByValue):
         """
         return np.asarray(np.sqrt(moves.features @ self.variances.T))
 
-    def learned(self, moves: Moves, true: Floats, known: Floats, used: Floats) -> OdometryModel:
+    def refit(self, moves: OdometryMoves, true: Floats, way_variances: Floats, used: Floats) -> OdometryModel:
         """The model that explains the true ways best: a step of expectation and maximisation.
 
         Parameters
@@ -133,29 +133,29 @@ class OdometryModel(EqualByValue):
             What odometry says.
         true : (n, 3) array
             The ways [m, m, rad].
-        known : (n, 3) array
+        way_variances : (n, 3) array
             Variances with which they are known, without which those of odometry would vanish.
         used : (n,) array
             1 where a way counts, and 0 where it is a jump.
         """
         model = self
         for _ in range(3):
-            model = model._unbiased(moves, true, used)
-            errors = true - model.expected(moves)
+            model = model._refit_biases(moves, true, used)
+            errors = true - model.correct_ways(moves)
             errors[:, TURN] = wrap_angles(errors[:, TURN])
             variances = np.empty((3, 3))
             for axis in range(3):
                 square, scale = errors[:, axis] ** 2, model.deviations(moves)[:, axis] ** 2
                 robust_weights = (FREEDOM + 1) / (FREEDOM + square / scale)
-                squares, zeros = robust_weights * square + known[:, axis], np.zeros(len(square))
-                variances[axis] = likeliest_variances(squares, moves.features, zeros, used)
+                squares, zeros = robust_weights * square + way_variances[:, axis], np.zeros(len(square))
+                variances[axis] = fit_variances(squares, moves.features, zeros, used)
             # So that a drive that hardly errs does not become one without error.
             min_variances = np.array([0.005, 0.005, math.radians(0.1)]) ** 2
             variances[:, 2] = np.maximum(variances[:, 2], min_variances)
             model = replace(model, variances=variances)
         return model
 
-    def _unbiased(self, moves: Moves, true: Floats, used: Floats) -> OdometryModel:
+    def _refit_biases(self, moves: OdometryMoves, true: Floats, used: Floats) -> OdometryModel:
         """The model with the biases, by robust regression towards none."""
         ahead, left, turn = moves.ways.T
         cos, sin = np.cos(turn) - 1, np.sin(turn)
@@ -169,14 +169,14 @@ class OdometryModel(EqualByValue):
         ]
         scaled_features = np.concatenate([axis_features / deviations[:, [n]] for n, axis_features in enumerate(features)])
         places = np.concatenate([off[:, AHEAD] / deviations[:, 0], off[:, LEFT] / deviations[:, 1]])
-        scale, yaw, x, y = _robust(scaled_features, places, np.tile(used, 2), (0.1, 0.1, 0.2, 0.2))
+        scale, yaw, x, y = _fit_robust(scaled_features, places, np.tile(used, 2), (0.1, 0.1, 0.2, 0.2))
         turns = np.column_stack([turn, moves.lengths]) / deviations[:, [TURN]]
         scaled_turns = off[:, TURN] / deviations[:, TURN]
-        turn_scale, bend = _robust(turns, scaled_turns, used, (0.2, 0.1))
+        turn_scale, bend = _fit_robust(turns, scaled_turns, used, (0.2, 0.1))
         return OdometryModel(scale, bend, turn_scale, (x, y, yaw), self.variances)
 
 
-def _robust(features: Floats, values: Floats, used: Floats, near: tuple[float, ...]) -> list[float]:
+def _fit_robust(features: Floats, values: Floats, used: Floats, near: tuple[float, ...]) -> list[float]:
     """Coefficients by least squares with Student's weights, and a prior about zero."""
     prior = np.diag(1 / np.square(near))
     coefficients: Floats = np.zeros(len(near))
@@ -187,14 +187,14 @@ def _robust(features: Floats, values: Floats, used: Floats, near: tuple[float, .
     return list(map(float, coefficients))
 
 
-def ways_of(poses: Floats, own: Floats, across: Floats) -> tuple[Floats, Floats]:
+def compute_ways(poses: Floats, covariances: Floats, across: Floats) -> tuple[Floats, Floats]:
     """Ways between n poses, the first one none, and the variances with which they are known.
 
     Parameters
     ----------
     poses : (n, 3) array
         The poses [m, m, rad].
-    own, across : (n, 3, 3) arrays
+    covariances, across : (n, 3, 3) arrays
         Covariances of each, and of each with the one before.
     """
     ways, variances = np.zeros((len(poses), 3)), np.zeros((len(poses), 3))
@@ -207,12 +207,12 @@ def ways_of(poses: Floats, own: Floats, across: Floats) -> tuple[Floats, Floats]
     before = -after
     before[:, 0, 2], before[:, 1, 2] = ways[1:, LEFT], -ways[1:, AHEAD]
     jacobian = np.concatenate([before, after], axis=2)
-    joint = np.block([[own[:-1], across[1:].transpose(0, 2, 1)], [across[1:], own[1:]]])
+    joint = np.block([[covariances[:-1], across[1:].transpose(0, 2, 1)], [across[1:], covariances[1:]]])
     variances[1:] = np.einsum("nij,njk,nik->ni", jacobian, joint, jacobian)
     return ways, variances
 
 
-def likeliest_variances(
+def fit_variances(
     squares: Floats,
     features: Floats,
     fixed: Floats,
@@ -231,11 +231,11 @@ def likeliest_variances(
     for _ in range(12):
         variance = np.maximum(features @ coefficients + fixed, min_variance)
         weighted_features = (weights / variance**2)[:, None] * features
-        coefficients = (coefficients + _not_negative(weighted_features.T @ features, weighted_features.T @ (squares - fixed))) / 2
+        coefficients = (coefficients + _solve_nonnegative(weighted_features.T @ features, weighted_features.T @ (squares - fixed))) / 2
     return np.asarray(coefficients)
 
 
-def _not_negative(matrix: Floats, vector: Floats) -> Floats:
+def _solve_nonnegative(matrix: Floats, vector: Floats) -> Floats:
     """Least squares by their normal equations, without the coefficients that would be negative."""
     is_active = np.diag(matrix) > TINY
     coefficients = np.zeros(len(vector))
@@ -264,7 +264,7 @@ CARRIED = 3.0
 """Distance up to which a jump of odometry may be a slip of wheels [m]."""
 SMOOTHED = "smoothed"
 """The source of the poses of a recording that has a trajectory's."""
-SHOWN = 20
+MAX_STRETCHES = 20
 """Number of the stretches not to be trusted that the report shows."""
 
 
@@ -286,7 +286,7 @@ class Jump:
     """By how much its heading is off [rad]."""
 
 
-def jump_at(scan: int, pose: Floats, error: Floats, times: Floats | None) -> Jump:
+def make_jump(scan: int, pose: Floats, error: Floats, times: Floats | None) -> Jump:
     """The jump to a scan's pose, where odometry errs so."""
     distance, kind = float(np.hypot(error[0], error[1])), "slip"
     steps = np.zeros(1) if times is None else np.diff(times)
@@ -347,7 +347,7 @@ class Trajectory(Result, Stored):
         return self.grid is not None
 
     @property
-    def trusted(self) -> NDArray[np.bool_]:
+    def is_trusted(self) -> NDArray[np.bool_]:
         """Mask of the poses that are to be trusted, (n,)."""
         return np.asarray(self.doubts == 0)
 
@@ -368,10 +368,10 @@ class Trajectory(Result, Stored):
     @cached_property
     def stretches(self) -> list[slice]:
         """Scans that follow each other and are not to be trusted."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], self.trusted, [True]])))
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], self.is_trusted, [True]])))
         return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
-    def of(self, recording: Recording) -> Recording:
+    def replace_poses(self, recording: Recording) -> Recording:
         """A recording with these poses, without the scans whose poses are not to be trusted.
 
         Parameters
@@ -384,7 +384,7 @@ class Trajectory(Result, Stored):
         RecordingError
             If none is to be trusted.
         """
-        if not self.trusted.any():
+        if not self.is_trusted.any():
             raise RecordingError(
                 f"no pose of the trajectory on {self.map or 'the map'} is to be trusted; name the"
                 " map that the drive was recorded on"
@@ -392,20 +392,20 @@ class Trajectory(Result, Stored):
         poses = self.poses.copy()
         poses.setflags(write=False)
         source = replace(recording.source, poses=SMOOTHED)
-        return replace(recording, poses=poses, source=source)[np.flatnonzero(self.trusted)]
+        return replace(recording, poses=poses, source=source)[np.flatnonzero(self.is_trusted)]
 
     @property
     def sentences(self) -> list[str]:
         """What was found, in plain words."""
-        if not self.trusted.any():
+        if not self.is_trusted.any():
             return [
                 f"None of {len(self):,} scans is to be trusted: is it the right map, and odometry"
                 " that of the wheels?"
             ]
         count = len(self.stretches)
-        some = int((~self.trusted).sum())
+        n_doubtful = int((~self.is_trusted).sum())
         doubtful = (
-            f"{count} stretch{'es' * (count > 1)} with {some} scans ({some / len(self):.0%}) not to"
+            f"{count} stretch{'es' * (count > 1)} with {n_doubtful} scans ({n_doubtful / len(self):.0%}) not to"
             " be trusted"
             if count
             else "all are to be trusted"
@@ -413,13 +413,13 @@ class Trajectory(Result, Stored):
         lines = [f"{len(self):,} scans, known to {100 * self._median:.0f} cm; {doubtful}."]
         names = {"slip": "wheels slip", "carried": "the robot is carried", "gap": "the log lacks"}
         lines += [
-            f"At {each.x:.1f},{each.y:.1f} (scan {each.scan}) {names[each.kind]}"
-            f" {each.distance:.2g} m, {math.degrees(each.turn):.0f} deg."
-            for each in self.jumps
+            f"At {jump.x:.1f},{jump.y:.1f} (scan {jump.scan}) {names[jump.kind]}"
+            f" {jump.distance:.2g} m, {math.degrees(jump.turn):.0f} deg."
+            for jump in self.jumps
         ]
         if self.odometry is None:
             lines.append("The log has no odometry: its own poses stand for it.")
-        off = self.off[self.trusted]
+        off = self.off[self.is_trusted]
         lost = float((off > LOST).mean())
         lines.append(
             f"The log's own poses are off by {100 * float(np.median(off)):.0f} cm in the"
@@ -438,7 +438,7 @@ class Trajectory(Result, Stored):
             "mount": list(model.mount),
             "variances": model.variances.tolist(),
         }
-        off = self.off[self.trusted]
+        off = self.off[self.is_trusted]
         return nan_to_none(
             {
                 "map": self.map,
@@ -446,7 +446,7 @@ class Trajectory(Result, Stored):
                 "scans": len(self),
                 "sentences": self.sentences,
                 "deviation": self._median,
-                "not_trusted": int((~self.trusted).sum()),
+                "not_trusted": int((~self.is_trusted).sum()),
                 "stretches": [[jump.start, jump.stop] for jump in self.stretches],
                 "jumps": [vars(jump) for jump in self.jumps],
                 "log_off": float(np.median(off)) if len(off) else math.nan,
@@ -471,7 +471,7 @@ class Trajectory(Result, Stored):
         }
         return Table(tuple(values), tuple(zip(*(v.tolist() for v in values.values()), strict=True)))
 
-    def _write(self, folder: Path, *about: Any) -> None:
+    def _write(self, folder: Path, *related: Any) -> None:
         self.write(folder / "trajectory.npz")
         self.table().write_csv(folder / "poses.csv")
         self.write_tum(folder / "poses.tum")
@@ -484,7 +484,7 @@ class Trajectory(Result, Stored):
         file : path
             The file; one that is there is replaced.
         """
-        trusted_scans = np.flatnonzero(self.trusted)
+        trusted_scans = np.flatnonzero(self.is_trusted)
         times = np.arange(len(self), dtype=float) if self.times is None else self.times
         half, zeros = self.poses[trusted_scans, 2] / 2, np.zeros(len(trusted_scans))
         rows = (times[trusted_scans], *self.poses[trusted_scans, :2].T, zeros, zeros, zeros, np.sin(half), np.cos(half))
@@ -504,18 +504,18 @@ class Trajectory(Result, Stored):
         return trajectory_report(self)
 
 
-def trajectory_report(found: Trajectory) -> str:
+def trajectory_report(drive_trajectory: Trajectory) -> str:
     """What was found and how odometry errs."""
-    rows = [("map", found.map), ("drive", found.drive or "a recording")]
-    for n, stretch in enumerate(found.stretches[:SHOWN]):
-        at, most = found.poses[stretch.start], np.bincount(found.doubts[stretch]).argmax()
+    rows = [("map", drive_trajectory.map), ("drive", drive_trajectory.drive or "a recording")]
+    for n, stretch in enumerate(drive_trajectory.stretches[:MAX_STRETCHES]):
+        at, doubt = drive_trajectory.poses[stretch.start], np.bincount(drive_trajectory.doubts[stretch]).argmax()
         first, last = stretch.start, stretch.stop - 1
-        which = f"scan {first}" if first == last else f"scans {first} to {last}"
-        place = f"{which} at {at[0]:.1f},{at[1]:.1f}"
-        rows.append(("" if n else "not trusted", f"{place}: {DOUBTS[most]}"))
-    if (more := len(found.stretches) - SHOWN) > 0:
-        rows.append(("", f"and {more} more, which -o writes into poses.csv"))
-    if (model := found.odometry) is not None and found.trusted.any():
+        scan_text = f"scan {first}" if first == last else f"scans {first} to {last}"
+        place = f"{scan_text} at {at[0]:.1f},{at[1]:.1f}"
+        rows.append(("" if n else "not trusted", f"{place}: {DOUBTS[doubt]}"))
+    if (n_hidden := len(drive_trajectory.stretches) - MAX_STRETCHES) > 0:
+        rows.append(("", f"and {n_hidden} more, which -o writes into poses.csv"))
+    if (model := drive_trajectory.odometry) is not None and drive_trajectory.is_trusted.any():
         x, y, yaw = model.mount
         ways = f"{abs(model.scale):.1%} too {'short' if model.scale > 0 else 'long'}"
         turns = f"{abs(model.turn_scale):.1%} too {'small' if model.turn_scale > 0 else 'large'}"
@@ -524,4 +524,4 @@ def trajectory_report(found: Trajectory) -> str:
         odometry_text = f"reports ways {ways} and turns {turns}; its straight ways bend by {bend}"
         mount = f"off by {x:+.2f},{y:+.2f} m, {math.degrees(yaw):+.1f} deg"
         rows += [("odometry", odometry_text), ("lidar's mount", mount)]
-    return "\n".join([" ".join(found.sentences), format_table([], rows)])
+    return "\n".join([" ".join(drive_trajectory.sentences), format_table([], rows)])

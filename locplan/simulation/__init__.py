@@ -3,7 +3,7 @@
 from locplan.simulation.arrivals import Arrivals, Closed
 from locplan.simulation.driver import drive_closed, drive_open
 from locplan.simulation.drives import Drives
-from locplan.simulation.levels import LEVELS, USUAL, Level, levels_for
+from locplan.simulation.levels import LEVELS, NO_FAULT, Level, select_levels
 from locplan.simulation.recommendation import Choice
 from locplan.simulation.recommendations import choose_many
 from locplan.simulation.recommender import choose
@@ -13,7 +13,7 @@ from locplan.simulation.verdict import Verdict
 
 __all__ = [
     "LEVELS",
-    "USUAL",
+    "NO_FAULT",
     "Arrivals",
     "Choice",
     "Closed",
@@ -26,6 +26,6 @@ __all__ = [
     "choose_many",
     "drive_closed",
     "drive_open",
-    "levels_for",
+    "select_levels",
     "simulate",
 ]

@@ -86,8 +86,8 @@ class BeamsLeft:
         ]
 
 
-def filter_warnings(
-    amcl: Amcl, lidar: Lidar, others: Mapping[str, object] | None = None
+def find_filter_warnings(
+    amcl: Amcl, lidar: Lidar, further_parameters: Mapping[str, object] | None = None
 ) -> list[str]:
     """Return warnings about a filter's parameters, one line each.
 
@@ -97,25 +97,25 @@ def filter_warnings(
         The parameters.
     lidar : Lidar
         The robot's lidar.
-    others : mapping, optional
+    further_parameters : mapping, optional
         Further parameters in the robot's file, such as `z_short`.
     """
-    both = amcl.z_hit + amcl.z_rand
+    weight_sum = amcl.z_hit + amcl.z_rand
     # Files of the beam model split 1 among four weights; a likelihood field reads but two.
-    rest = [(others or {}).get(name) for name in ("z_short", "z_max")]
-    total = both + sum(float(value) for value in rest if is_number(value))
+    rest = [(further_parameters or {}).get(name) for name in ("z_short", "z_max")]
+    total = weight_sum + sum(float(value) for value in rest if is_number(value))
     sigma, far = amcl.sigma_hit, amcl.laser_likelihood_max_dist
-    least, most, reach = amcl.laser_min_range, amcl.laser_max_range, amcl.reach(lidar)
+    min_range, max_range, reach = amcl.laser_min_range, amcl.laser_max_range, amcl.reach(lidar)
     faults = {
-        f"z_hit and z_rand add up to {both:g}: likelihood fields use these two weights, which"
-        " should add up to 1": min(abs(both - 1), abs(total - 1)) > 0.01,
+        f"z_hit and z_rand add up to {weight_sum:g}: likelihood fields use these two weights, which"
+        " should add up to 1": min(abs(weight_sum - 1), abs(total - 1)) > 0.01,
         "alpha1 to alpha4 are all 0: the particles move as odometry says, and cannot correct it": (
             amcl.alpha1 == amcl.alpha2 == amcl.alpha3 == amcl.alpha4 == 0
         ),
-        f"laser_max_range ({most:g} m) is beyond the lidar's range of {lidar.range:g} m,"
-        " which counts instead": lidar.range < most < 100,  # Nav2's default, for no limit
-        f"laser_min_range ({least:g} m) is not below the range of {reach:g} m: no beam counts": (
-            least >= reach
+        f"laser_max_range ({max_range:g} m) is beyond the lidar's range of {lidar.range:g} m,"
+        " which counts instead": lidar.range < max_range < 100,  # Nav2's default, for no limit
+        f"laser_min_range ({min_range:g} m) is not below the range of {reach:g} m: no beam counts": (
+            min_range >= reach
         ),
         f"sigma_hit ({sigma:g} m) is wide: walls {2 * sigma:g} m apart look as one": sigma > 0.5,
         f"sigma_hit ({sigma:g} m) is below the lidar's own noise of {lidar.range_sigma:g} m:"
@@ -126,11 +126,11 @@ def filter_warnings(
     return [text for text, present in faults.items() if present]
 
 
-def warn_of_settings(
+def list_setting_warnings(
     robot: Robot,
     settings: Amcl,
     beams_left: BeamsLeft,
-    others: Mapping[str, object] | None = None,
+    further_parameters: Mapping[str, object] | None = None,
 ) -> tuple[str, ...]:
     """Return warnings about a robot's settings, and about changing them to others.
 
@@ -142,14 +142,14 @@ def warn_of_settings(
         The settings to use.
     beams_left : BeamsLeft
         Number of the compared beams that return.
-    others : mapping, optional
+    further_parameters : mapping, optional
         Further parameters in the robot's file, such as `do_beamskip`.
     """
     user_amcl, warnings = robot.amcl, []
-    if settings.multiplies and not user_amcl.multiplies and (others or {}).get("do_beamskip"):
+    if settings.multiplies and not user_amcl.multiplies and (further_parameters or {}).get("do_beamskip"):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         warnings.append(f"{skips}, and it was not simulated")
-    warnings += filter_warnings(user_amcl, robot.known_lidar, others)
+    warnings += find_filter_warnings(user_amcl, robot.known_lidar, further_parameters)
     return (*warnings, *beams_left.warnings())
 
 
@@ -167,7 +167,7 @@ def check_tunable(params: Path | None) -> None:
         If they cannot.
     """
     if params is not None:
-        _edited(params, {**dict.fromkeys(PRESET_PARAMETERS, 0.123), "laser_model_type": MODELS[1]})
+        _edit_parameters(params, {**dict.fromkeys(PRESET_PARAMETERS, 0.123), "laser_model_type": MODELS[1]})
 
 
 def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
@@ -191,22 +191,22 @@ def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
     """
     robot = None
     if params is None:
-        file.write_bytes(_new_file(winner))
+        file.write_bytes(_make_parameter_file(winner))
     else:
-        before, robot = _read(params), file_and_robot(params)[1]
-        changed = {name: getattr(winner, name) for name in differing_names(before, winner)}
-        file.write_bytes(_edited(params, changed))
-    if differing_names(_read(Path(f"{file}:{robot}") if robot else file), winner):
+        before, robot = _read_silently(params), file_and_robot(params)[1]
+        changed = {name: getattr(winner, name) for name in find_differing_names(before, winner)}
+        file.write_bytes(_edit_parameters(params, changed))
+    if find_differing_names(_read_silently(Path(f"{file}:{robot}") if robot else file), winner):
         raise LocplanError(f"{file}: could not be written as it was meant to be")
 
 
-def differing_names(one: Amcl, other: Amcl) -> list[str]:
+def find_differing_names(first: Amcl, second: Amcl) -> list[str]:
     """The parameters in Nav2's files of which two settings have different values."""
     names = [setting_field.name for setting_field in dataclasses.fields(Amcl) if setting_field.name in SIMULATED]
-    return [name for name in names if getattr(one, name) != getattr(other, name)]
+    return [name for name in names if getattr(first, name) != getattr(second, name)]
 
 
-def _edited(params: Path, values: Mapping[str, float | str]) -> bytes:
+def _edit_parameters(params: Path, values: Mapping[str, float | str]) -> bytes:
     """A file with these values, and beams not skipped where they are from now on."""
     parameters = read_parameters(params).node_parameters("amcl")
     if parameters.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
@@ -218,24 +218,24 @@ def _edited(params: Path, values: Mapping[str, float | str]) -> bytes:
     return edited_parameters(params, "amcl", values)
 
 
-def _read(file: Path) -> Amcl:
+def _read_silently(file: Path) -> Amcl:
     """The settings in a file, about which was warned before."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ParameterWarning)
         return read_amcl(file)
 
 
-def _new_file(winner: Amcl) -> bytes:
+def _make_parameter_file(winner: Amcl) -> bytes:
     values = {name: getattr(winner, name) for name in SIMULATED}
     values |= {name: value for name, value in NOT_SIMULATED.items() if value is not None}
     lines = ["# Parameters of Nav2's AMCL; frames and topics are Nav2's defaults."]
     lines += ["amcl:", "  ros__parameters:"]
     for name, value in sorted(values.items()):
         default = getattr(Amcl(), name, value)
-        note = "" if value == default else f"  # Nav2's default is {_quoted(default)}"
-        lines.append(f"    {name}: {_quoted(value)}{note}")
+        note = "" if value == default else f"  # Nav2's default is {_format_value(default)}"
+        lines.append(f"    {name}: {_format_value(value)}{note}")
     return ("\n".join(lines) + "\n").encode()
 
 
-def _quoted(value: float | str | bool) -> str:
+def _format_value(value: float | str | bool) -> str:
     return f'"{value}"' if isinstance(value, str) else scalar_text(value)

@@ -54,9 +54,9 @@ class Closed(Settings):
             check_positive("replan", self.replan, "s")
 
 
-APART = 0.5
+PLACE_SEPARATION = 0.5
 """Distance from the path, and between two stops, from which a place is one of its own [m]."""
-LEAVES: str = f"leaves the path by {APART:g} m"
+LEAVES: str = f"leaves the path by {PLACE_SEPARATION:g} m"
 STOPS: str = "stops"
 ENDS: str = "ends"
 """What is at a place."""
@@ -91,7 +91,7 @@ class Arrival(EqualByValue):
     """The filter's poses, (n, 3), in the world [m, m, rad]."""
 
     @classmethod
-    def of(
+    def from_drive(
         cls, outcome: str, truth: Poses, believed: Poses, path: Path, standstills: int = 0
     ) -> Arrival:
         """A drive that ended.
@@ -111,16 +111,16 @@ class Arrival(EqualByValue):
 
         from locplan.simulation.kernels.pursuit import TICK
 
-        off = cKDTree(path.resample(0.1).xy).query(truth[:, :2])[0] > APART
+        off = cKDTree(path.resample(0.1).xy).query(truth[:, :2])[0] > PLACE_SEPARATION
         wait = round(2.0 / TICK)  # A robot that stands still for two seconds has stopped.
         stands = (truth[wait:] == truth[:-wait]).all(axis=1)
         stops: list[Floats] = []
         for pose in truth[np.flatnonzero(stands)]:
-            if all(np.hypot(*(pose - stop)[:2]) > APART for stop in stops):
+            if all(np.hypot(*(pose - stop)[:2]) > PLACE_SEPARATION for stop in stops):
                 stops.append(pose)
         begins = np.flatnonzero(off & ~np.append(False, off[:-1]))
-        end, believed_end = _placed((truth[-1], believed[-1]))
-        places = _placed(stops), _placed(truth[begins])
+        end, believed_end = _places_from_poses((truth[-1], believed[-1]))
+        places = _places_from_poses(stops), _places_from_poses(truth[begins])
         seconds = (len(truth) - 1) * TICK
         ends = end, believed_end, standstills
         return cls(outcome, seconds, *ends, *places, truth=truth, believed=believed)
@@ -143,37 +143,37 @@ class Arrivals(EqualByValue):
     """The drives by number."""
 
     def __repr__(self) -> str:
-        return f"Arrivals({self.arrived.value:.0%} of {len(self.drives)} arrived)"
+        return f"Arrivals({self.arrival_rate.value:.0%} of {len(self.drives)} arrived)"
 
     @property
-    def reached(self) -> Bools:
+    def has_reached_goal(self) -> Bools:
         """True for each drive that reaches the goal, (drives,)."""
         return np.array([drive.outcome == ARRIVED for drive in self.drives], bool)
 
     @property
     def count(self) -> int:
         """Number of the drives that arrive."""
-        return int(self.reached.sum())
+        return int(self.has_reached_goal.sum())
 
     @property
-    def failed(self) -> Counter[str]:
+    def failure_counts(self) -> Counter[str]:
         """Number of the drives that do not arrive, by how they end in words."""
         endings = (drive.fault or drive.outcome for drive in self.drives)
         return Counter(ENDINGS[ending][1] for ending in endings if ending != ARRIVED)
 
     @property
-    def words(self) -> str:
+    def arrivals_text(self) -> str:
         """How many of the drives arrive, with the share's 95 % interval."""
-        _, low, high = self.arrived
+        _, low, high = self.arrival_rate
         return f"{self.count} of {len(self.drives)} [{100 * low:.0f}, {100 * high:.0f} %]"
 
     @property
-    def arrived(self) -> Interval:
+    def arrival_rate(self) -> Interval:
         """Share of the drives that arrive, 0..1, with its 95 % interval."""
         return self.rate(ARRIVED)
 
     @property
-    def aborted(self) -> Interval:
+    def abort_rate(self) -> Interval:
         """Share of the drives that are aborted, 0..1, with its 95 % interval."""
         return self.rate(ABORTED)
 
@@ -182,16 +182,16 @@ class Arrivals(EqualByValue):
         """Mean number of standstills before a wall per drive."""
         return float(np.mean([drive.standstills for drive in self.drives]))
 
-    def rate(self, what: str) -> Interval:
+    def rate(self, ending: str) -> Interval:
         """Share of the drives with this outcome or this fault, 0..1, with its 95 % interval.
 
         Parameters
         ----------
-        what : str
+        ending : str
             "elsewhere" (the robot believes to be at the goal, and is not), "aborted", "timed out";
             or "follower" (it fails with perfect localization, too), "world" (no way to the goal).
         """
-        n_matching = sum(what in (drive.outcome, drive.fault) for drive in self.drives)
+        n_matching = sum(ending in (drive.outcome, drive.fault) for drive in self.drives)
         return compute_wilson_interval(n_matching / len(self.drives), len(self.drives))
 
     def places(self) -> Table:
@@ -212,11 +212,11 @@ ENDINGS = {
 """Name in files and words of each outcome and fault."""
 
 
-def _rate(what: str) -> Column:
-    return rate_column(*ENDINGS[what], lambda found: found.rate(what))
+def _make_ending_column(ending: str) -> Column:
+    return rate_column(*ENDINGS[ending], lambda arrivals: arrivals.rate(ending))
 
 
-SHARES: tuple[Column, ...] = tuple(map(_rate, ENDINGS))
+SHARES: tuple[Column, ...] = tuple(map(_make_ending_column, ENDINGS))
 """Columns of the shares of drives by their ends."""
 ARRIVING: tuple[Column, ...] = (
     SHARES[0],
@@ -226,7 +226,7 @@ ARRIVING: tuple[Column, ...] = (
 """Columns of `Arrivals`."""
 
 
-def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
+def tabulate_ends(arrivals: Mapping[str, Arrivals]) -> Table:
     """Where the closed-loop drives along some paths ended, and where the filter believed to be."""
     columns = (
         *map(Column, ("path", "drive", "outcome")),
@@ -234,21 +234,21 @@ def ends_of(arrivals: Mapping[str, Arrivals]) -> Table:
         Column("standstills"),
         Column("fault"),
         *POSE,
-        *(Column(f"believed_{each.name}", each.unit) for each in POSE),
+        *(Column(f"believed_{pose_column.name}", pose_column.unit) for pose_column in POSE),
     )
     rows = (
-        (name, n, *_ending(each), *each.end, *each.believed_end)
+        (name, n, *_get_ending_values(drive), *drive.end, *drive.believed_end)
         for name, path_arrivals in arrivals.items()
-        for n, each in enumerate(path_arrivals.drives)
+        for n, drive in enumerate(path_arrivals.drives)
     )
     return Table(columns, tuple(rows))
 
 
-def _ending(drive: Arrival) -> tuple[Any, ...]:
+def _get_ending_values(drive: Arrival) -> tuple[Any, ...]:
     return drive.outcome, drive.seconds, drive.standstills, drive.fault
 
 
-def faults_of(*arrivals: Arrivals) -> str:
+def describe_faults(*arrivals: Arrivals) -> str:
     """Which of the failed drives are not the filter's, in words; empty if all are.
 
     Parameters
@@ -256,12 +256,12 @@ def faults_of(*arrivals: Arrivals) -> str:
     *arrivals : Arrivals
         Closed-loop drives along some paths.
     """
-    faults = [each.fault for path_arrivals in arrivals for each in path_arrivals.drives]
+    faults = [drive.fault for path_arrivals in arrivals for drive in path_arrivals.drives]
     words = {FOLLOWER: "fail with perfect localization, too", WORLD: "have no way"}
-    said = [f"{faults.count(each)} {text}" for each, text in words.items() if each in faults]
-    return f" ({', '.join(said)})" if said else ""
+    fault_texts = [f"{faults.count(fault)} {text}" for fault, text in words.items() if fault in faults]
+    return f" ({', '.join(fault_texts)})" if fault_texts else ""
 
 
-def _placed(poses: Any) -> tuple[Place, ...]:
+def _places_from_poses(poses: Any) -> tuple[Place, ...]:
     x, y, heading = np.reshape(poses, (-1, 3)).T
     return tuple(zip(x.tolist(), y.tolist(), wrap_angles(heading).tolist(), strict=True))

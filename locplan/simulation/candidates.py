@@ -31,15 +31,15 @@ from locplan.planning.requests import make_planner
 from locplan.planning.results import ParetoFront, Plan
 from locplan.robots.lidar import Lidar
 from locplan.robots.robot import Robot
-from locplan.simulation.problem import NEAR, Ask, distances_to
-from locplan.simulation.worlds import Window, inflated, poses_along, window_about
+from locplan.simulation.problem import NEAR, PlanningProblem, compute_distances
+from locplan.simulation.worlds import Window, compute_inflated_density, make_path_poses, make_window
 
 WEIGHTS = tuple(share * LidarEstimator.weight for share in (0.5, 1.0, 1.5))
 """Weights of the degeneracy u of the aware paths, about the default one."""
 
 
 @dataclass(frozen=True)
-class Ground:
+class PlanningArea:
     """A map, or a part of one, and what densities of candidates are made of there."""
 
     grid: OccupancyGrid
@@ -57,23 +57,23 @@ class Ground:
         return 1 + 3 * np.exp(-(self.grid.clearance - self.robot.radius) / 0.4)
 
     @property
-    def inflated(self) -> NDArray[np.float64]:
+    def inflated_density(self) -> NDArray[np.float64]:
         """Density that Nav2's planners see in an inflated costmap."""
-        return inflated(self.grid.clearance, self.robot)
+        return compute_inflated_density(self.grid.clearance, self.robot)
 
     @property
-    def beside(self) -> NDArray[np.float64]:
+    def proximity(self) -> NDArray[np.float64]:
         """1 on the candidates until now, falling to 1/e at 1 m from them."""
-        return np.exp(-(self._distance_to(*self.accepted.values()) ** 2))
+        return np.exp(-(self._compute_distances(*self.accepted.values()) ** 2))
 
     @property
     def cut(self) -> NDArray[np.bool_]:
         """Cells within 1.5 m of the middle of the shortest path."""
         shortest = self.accepted[SHORTEST]
         middle = [np.interp(shortest.length / 2, shortest.distance, v) for v in shortest.xy.T]
-        return self._distance_to(Path(np.array([middle]))) < 1.5
+        return self._compute_distances(Path(np.array([middle]))) < 1.5
 
-    def _distance_to(self, *paths: Path) -> NDArray[np.float64]:
+    def _compute_distances(self, *paths: Path) -> NDArray[np.float64]:
         import cv2
 
         off_path = np.ones(self.grid.shape, np.uint8)
@@ -85,32 +85,32 @@ class Ground:
         return np.asarray(cells * self.grid.resolution, np.float64)
 
 
-def config_of(about: Mapping[str, Any], lidar: Lidar | None) -> FieldConfig:
+def config_from_costs(cost_summary: Mapping[str, Any], lidar: Lidar | None) -> FieldConfig:
     """Settings of the field in what is known of a costmap; without any, the usual ones."""
-    if "config" in about:
-        return FieldConfig.from_json(about["config"])
+    if "config" in cost_summary:
+        return FieldConfig.from_json(cost_summary["config"])
     return FieldConfig(Fused(lidar) if lidar else Sad())
 
 
-def costs_again(about: Mapping[str, Any], field: CovarianceField) -> Costmap:
+def rebuild_costmap(cost_summary: Mapping[str, Any], field: CovarianceField) -> Costmap:
     """The costmap of a field by what `about_costs` says of it; a ConfigError on another map."""
-    if field.grid.digest != about["map"]["digest"]:
-        raise ConfigError(f"the choice is of another map, {about['map']['name'] or 'unnamed'}")
+    if field.grid.digest != cost_summary["map"]["digest"]:
+        raise ConfigError(f"the choice is of another map, {cost_summary['map']['name'] or 'unnamed'}")
     names = "weight", "law", "criterion", "headings"
-    cost_options = {name: about[name] for name in names if about.get(name) is not None}
-    if "zones" in about:
-        cost_options["zones"] = Zones.from_json(about["zones"])
-    return Costmap.from_field(field.grid, field, robot=about["robot_radius"], **cost_options)
+    cost_options = {name: cost_summary[name] for name in names if cost_summary.get(name) is not None}
+    if "zones" in cost_summary:
+        cost_options["zones"] = Zones.from_json(cost_summary["zones"])
+    return Costmap.from_field(field.grid, field, robot=cost_summary["robot_radius"], **cost_options)
 
 
-def costmap_of(
+def make_candidate_costmap(
     costs: Costmap, candidates: Mapping[str, Path], name: str, robot: Robot, max_e: float | None
 ) -> Costmap:
     """A costmap of the density of a candidate, in place of that of the field.
 
     Its u is the excess over 1, to scale, and its weight the greatest one.
     """
-    density, blocked = density_of(costs, candidates, name, robot), blocked_of(costs, max_e)
+    density, blocked = compute_candidate_density(costs, candidates, name, robot), find_blocked_cells(costs, max_e)
     max_excess = float(density[~blocked].max(initial=1.0)) - 1
     u = np.where(costs.grid.free, np.clip((density - 1) / (max_excess or 1.0), 0.0, 1.0), np.nan)
     values = np.where(blocked, np.inf, 1 + max_excess * u + costs.zones.charge(costs.grid))
@@ -119,7 +119,7 @@ def costmap_of(
     )
 
 
-def blocked_of(
+def find_blocked_cells(
     costs: Costmap, max_e: float | None, window: Window = np.s_[:, :]
 ) -> NDArray[np.bool_]:
     """Cells of a map, or of a part of it, that no candidate may enter."""
@@ -127,7 +127,7 @@ def blocked_of(
     return blocked if max_e is None else blocked | (costs.e[window] > max_e)
 
 
-Density: TypeAlias = Callable[[Ground], NDArray[np.float64]]
+Density: TypeAlias = Callable[[PlanningArea], NDArray[np.float64]]
 """Cost per metre of each cell of a part of a map."""
 
 
@@ -135,32 +135,32 @@ AWARE_NAME = "aware, weight "
 """Beginning of the names of aware paths; their weight follows."""
 
 
-def aware(weight: float) -> dict[str, Density]:
+def make_aware_density(weight: float) -> dict[str, Density]:
     return {f"{AWARE_NAME}{weight:g}": lambda part: 1 + weight * part.u}
 
 
-INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated}
+INFLATED: dict[str, Density] = {"inflated": lambda part: part.inflated_density}
 """That of the robot's own inflated costmap, on which its navigation would plan."""
 DENSITIES: dict[str, Density] = {
     "clear of walls": lambda part: part.clear,
     "along walls": lambda part: 1 + 3 * np.minimum(abs(part.grid.clearance - 0.6), 1.5),
     "a metre off walls": lambda part: 1 + 2 * np.minimum(abs(part.grid.clearance - 1), 2),
     "detour": lambda part: part.clear + 50 * part.cut,
-    "way around 1": lambda part: 1 + 1.2 * part.beside,
-    "way around 2": lambda part: 1 + 2.5 * part.beside,
-    "clear way around 1": lambda part: part.clear + 1.2 * part.beside,
-    "clear way around 2": lambda part: part.clear + 2.5 * part.beside,
+    "way around 1": lambda part: 1 + 1.2 * part.proximity,
+    "way around 2": lambda part: 1 + 2.5 * part.proximity,
+    "clear way around 1": lambda part: part.clear + 1.2 * part.proximity,
+    "clear way around 2": lambda part: part.clear + 2.5 * part.proximity,
 }
 """Those that need no field, whose paths must be others than those before. They were found to lower
 the error of filters; the first is the best of them."""
 AWARE: dict[str, Density] = {
-    **{name: density for weight in WEIGHTS for name, density in aware(weight).items()},
+    **{name: density for weight in WEIGHTS for name, density in make_aware_density(weight).items()},
     "aware and clear": lambda part: part.clear + 8 * part.u,
 }
 """Those that need a field, whose paths are candidates however near another one they are."""
 
 
-def density_of(
+def compute_candidate_density(
     costs: Costmap, candidates: Mapping[str, Path], name: str, robot: Robot
 ) -> NDArray[np.float64]:
     """The density on a whole map whose cheapest path a candidate is, 1 or more, (H, W).
@@ -179,8 +179,8 @@ def density_of(
     robot : Robot
         The robot.
     """
-    before = dict(itertools.takewhile(lambda each: each[0] != name, candidates.items()))
-    area = Ground(costs.grid, costs.u, robot, before)
+    before = dict(itertools.takewhile(lambda pair: pair[0] != name, candidates.items()))
+    area = PlanningArea(costs.grid, costs.u, robot, before)
     if name == SHORTEST:
         return np.ones(costs.grid.shape)
     if density := {**INFLATED, **DENSITIES, **AWARE}.get(name):
@@ -188,10 +188,10 @@ def density_of(
     if name.startswith(AWARE_NAME):
         return 1 + float(name.removeprefix(AWARE_NAME)) * costs.u
     single_area = dataclasses.replace(area, accepted={name: candidates[name]})
-    return 1 + 8 * (1 - single_area.beside)
+    return 1 + 8 * (1 - single_area.proximity)
 
 
-def deviation_along(path: Path, field: CovarianceField) -> tuple[float, float]:
+def compute_path_deviation(path: Path, field: CovarianceField) -> tuple[float, float]:
     """Mean and greatest of the largest position deviation in a field along a path [m]."""
     deviation = field.at(path.resample(field.grid.resolution, even=True).xy, "position_std")
     deviation = deviation[np.isfinite(deviation)]
@@ -205,23 +205,23 @@ MARGIN = 3.0
 
 
 @dataclass(frozen=True)
-class Part(Ground):
+class SearchRegion(PlanningArea):
     """The part of a map that paths between two places may take, and what is known there."""
 
     costs: Costmap
     """Costmap of the whole map, with a field or without one."""
     window: Window
     """Rows and columns of the part."""
-    ask: Ask
+    problem: PlanningProblem
     """What is asked."""
     longest: float
     """Maximum length of a candidate [m]."""
 
     @classmethod
-    def about(cls, costs: Costmap, shortest: Path, ask: Ask) -> Part:
+    def around_path(cls, costs: Costmap, shortest: Path, problem: PlanningProblem) -> SearchRegion:
         """The part of a costmap in which all paths up to the maximum length lie."""
         start, goal = shortest.xy[0], shortest.xy[-1]
-        longest = ask.settings.longest * shortest.length
+        longest = problem.settings.longest * shortest.length
         # They lie in an ellipse about both ends, of which a and b are half the axes.
         a = longest / 2
         b = math.sqrt(max(0.0, a**2 - float(np.sum((goal - start) ** 2)) / 4))
@@ -231,42 +231,42 @@ class Part(Ground):
         y = along * math.sin(turn) + across * math.cos(turn)
         xy = (start + goal) / 2 + np.column_stack([x, y])
         cells = np.column_stack(costs.grid.world_to_grid(*xy.T))
-        window = window_about(costs.grid, cells, MARGIN / costs.grid.resolution)
+        window = make_window(costs.grid, cells, MARGIN / costs.grid.resolution)
         grid, u = costs.grid.part(*window), costs.u[window]
-        return cls(grid, u, ask.robot, {SHORTEST: shortest}, costs, window, ask, longest)
+        return cls(grid, u, problem.robot, {SHORTEST: shortest}, costs, window, problem, longest)
 
     @cached_property
-    def whole_map(self) -> Part:
+    def whole_map(self) -> SearchRegion:
         """The whole map, on which a path may be of any length."""
         costs = self.costs
-        same: Any = {"window": np.s_[:, :], "ask": self.ask, "longest": math.inf}
-        return Part(costs.grid, costs.u, self.robot, self.accepted, costs, **same)
+        same: Any = {"window": np.s_[:, :], "ask": self.problem, "longest": math.inf}
+        return SearchRegion(costs.grid, costs.u, self.robot, self.accepted, costs, **same)
 
     @property
     def requested_weights(self) -> list[float]:
         """Weights whose aware paths race at any length: the costmap's, and the one asked for."""
-        weights = self.costs.weight, self.ask.settings.weight
+        weights = self.costs.weight, self.problem.settings.weight
         return [weight for weight in weights if weight is not None and not math.isnan(weight)]
 
-    def plan_on(self, density: NDArray[np.float64]) -> Path | str:
+    def plan_candidate(self, density: NDArray[np.float64]) -> Path | str:
         """Return the path of least cost on a density of the part, or why it is no candidate."""
         costs = self.costs
-        blocked = blocked_of(costs, self.ask.settings.max_e, self.window)
+        blocked = find_blocked_cells(costs, self.problem.settings.max_e, self.window)
         charge = np.broadcast_to(costs.zones.charge(costs.grid), costs.grid.shape)[self.window]
         layer = Costmap.from_density(self.grid, np.where(blocked, np.inf, density + charge))
-        result = self.ask.planned(layer, limited=False)
+        result = self.problem.plan_least_cost(layer, limited=False)
         path = result.path
         if path is None:
-            return why_without(result)
+            return format_failure(result)
         if path.length > self.longest:
-            ratio = self.ask.settings.longest
+            ratio = self.problem.settings.longest
             return f"{path.length:.1f} m, more than {ratio:g} times the shortest"
-        return self.ask.fault_of(path, costs) or path
+        return self.problem.find_violated_limit(path, costs) or path
 
     def plan_aware(self, weight: float) -> Path | str:
         """Return the aware path of a weight, or why it is no candidate."""
         area = self.whole_map if weight in self.requested_weights else self
-        return area.plan_on(1 + weight * area.u)
+        return area.plan_candidate(1 + weight * area.u)
 
     def aware_paths(self, weights: Iterable[float]) -> list[Path]:
         """The shortest path, and the aware paths of some weights and of the requested ones."""
@@ -274,48 +274,48 @@ class Part(Ground):
         return [self.accepted[SHORTEST], *(path for path in paths if isinstance(path, Path))]
 
 
-def candidates_of(part: Part, own: Own) -> tuple[dict[str, Path], dict[str, str]]:
+def generate_candidates(part: SearchRegion, user_candidates: UserCandidates) -> tuple[dict[str, Path], dict[str, str]]:
     """All candidates by name, the shortest first, and why others are none."""
     accepted, left_out = part.accepted, dict[str, str]()
     user_paths = {
         name: path
-        for name, path in own.items()
-        if isinstance(path, Path) and not part.ask.fault_of(path, part.costs)
+        for name, path in user_candidates.items()
+        if isinstance(path, Path) and not part.problem.find_violated_limit(path, part.costs)
     }
     densities: dict[str, Density] = {**INFLATED, **DENSITIES}
     requested: dict[str, Density] = {}
     if not math.isnan(part.costs.weight):
         for weight in part.requested_weights:
-            requested |= aware(weight)
+            requested |= make_aware_density(weight)
         densities |= AWARE | requested
     for name, density in densities.items():
         area = part.whole_map if name in requested else part
-        path = area.plan_on(density(area))
+        path = area.plan_candidate(density(area))
         # Up to 0.1 m two paths are one; another one has a tenth of its points 0.35 m away from all.
         # What Nav2 would drive is shown beside, and takes no other path's place.
         limits = (0.35, 0.1) if name in DENSITIES else (0.1, 0.0)
         if isinstance(path, str):
             left_out[name] = path
-        elif twin := twin_of(path, {**accepted, **user_paths}, 0.1, 0.0):
+        elif twin := find_twin(path, {**accepted, **user_paths}, 0.1, 0.0):
             left_out[name] = f"the same path as {short_repr(twin)}"
-        elif twin := twin_of(path, _without(accepted, INFLATED), *limits):
+        elif twin := find_twin(path, _drop_paths(accepted, INFLATED), *limits):
             left_out[name] = f"nearly the same path as {short_repr(twin)}"
         else:
             accepted[name] = path
     reserved = {*INFLATED, *DENSITIES, *AWARE, *densities}
-    add_own(own, accepted, left_out, part.costs, part.ask, reserved=reserved)
+    add_user_candidates(user_candidates, accepted, left_out, part.costs, part.problem, reserved=reserved)
     return accepted, left_out
 
 
-def _without(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, Path]:
+def _drop_paths(paths: Mapping[str, Path], names: Collection[str]) -> dict[str, Path]:
     return {name: path for name, path in paths.items() if name not in names}
 
 
-def twin_of(path: Path, others: Mapping[str, Path], distance: float, share: float) -> str:
+def find_twin(path: Path, other_paths: Mapping[str, Path], distance: float, share: float) -> str:
     """Name of the first path that all but a share of a path's points are near [m], or none."""
     points = path.resample(0.25, even=True).xy
-    for name, other in others.items():
-        if float((distances_to(points, other) > distance).mean()) <= share:
+    for name, other in other_paths.items():
+        if float((compute_distances(points, other) > distance).mean()) <= share:
             return name
     return ""
 
@@ -323,11 +323,11 @@ def twin_of(path: Path, others: Mapping[str, Path], distance: float, share: floa
 AnyCandidate: TypeAlias = str | Planner | Path | Plan | ParetoFront | ArrayLike
 """A planner by name or as an object, a path, a plan, a front, or positions (n, 2) [m]."""
 Candidates: TypeAlias = Mapping[str, AnyCandidate] | Sequence[AnyCandidate]
-Own: TypeAlias = dict[str, Path | Planner | str]
+UserCandidates: TypeAlias = dict[str, Path | Planner | str]
 """Candidates of a user's by name: a path, a planner, or why there is no path."""
 
 
-def own_of(candidates: Candidates) -> Own:
+def parse_user_candidates(candidates: Candidates) -> UserCandidates:
     """What a user gives as candidates.
 
     Raises
@@ -341,22 +341,22 @@ def own_of(candidates: Candidates) -> Own:
     if isinstance(candidates, Mapping):
         candidates_by_name = candidates.items()
     elif isinstance(candidates, Iterable):
-        candidates_by_name = [(_name_of(candidate, n), candidate) for n, candidate in enumerate(candidates, 1)]
+        candidates_by_name = [(_choose_name(candidate, n), candidate) for n, candidate in enumerate(candidates, 1)]
     else:
         raise ConfigError(
             "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
             f" not {short_repr(candidates)}"
         )
-    user_candidates: Own = {}
+    user_candidates: UserCandidates = {}
     for name, candidate_like in candidates_by_name:
-        for label, candidate in _paths_of(name, candidate_like):
+        for label, candidate in _iterate_paths(name, candidate_like):
             if label in user_candidates:
                 raise ConfigError(f"two candidates are called {short_repr(label)}; name them")
             user_candidates[label] = candidate
     return user_candidates
 
 
-def _name_of(candidate: AnyCandidate, number: int) -> str:
+def _choose_name(candidate: AnyCandidate, number: int) -> str:
     if isinstance(candidate, str):
         return candidate
     if isinstance(candidate, ParetoFront):
@@ -366,24 +366,24 @@ def _name_of(candidate: AnyCandidate, number: int) -> str:
     return candidate.name if isinstance(candidate, Planner) else f"path {number}"
 
 
-def _paths_of(name: str, given: AnyCandidate) -> Iterator[tuple[str, Path | Planner | str]]:
+def _iterate_paths(name: str, candidate_like: AnyCandidate) -> Iterator[tuple[str, Path | Planner | str]]:
     """The paths of what is given, its planner, or why it has no path."""
-    if isinstance(given, (str, Planner)):
-        yield name, make_planner(given)
-    elif isinstance(given, Plan):
-        yield name, given.path or given.note or given.status
-    elif not isinstance(given, ParetoFront):
-        yield name, given if isinstance(given, Path) else Path(np.asarray(given))
-    elif len(given):  # five, from its shortest to its longest
-        indices = np.unique(np.linspace(0, len(given) - 1, 5).round()).astype(int).tolist()
+    if isinstance(candidate_like, (str, Planner)):
+        yield name, make_planner(candidate_like)
+    elif isinstance(candidate_like, Plan):
+        yield name, candidate_like.path or candidate_like.note or candidate_like.status
+    elif not isinstance(candidate_like, ParetoFront):
+        yield name, candidate_like if isinstance(candidate_like, Path) else Path(np.asarray(candidate_like))
+    elif len(candidate_like):  # five, from its shortest to its longest
+        indices = np.unique(np.linspace(0, len(candidate_like) - 1, 5).round()).astype(int).tolist()
         for n, index in enumerate(indices, 1):
-            front_plan = given.plan(index)
+            front_plan = candidate_like.plan(index)
             yield f"{name} {n}", front_plan.path or front_plan.status
     else:
         yield name, "has no path"
 
 
-def check_own(own: Own, ask: Ask) -> None:
+def check_user_candidates(user_candidates: UserCandidates, problem: PlanningProblem) -> None:
     """Check a user's paths, before long work.
 
     Raises
@@ -391,50 +391,50 @@ def check_own(own: Own, ask: Ask) -> None:
     LocplanError
         If one does not join start and goal, or leaves the free cells.
     """
-    paths = {name: path for name, path in own.items() if isinstance(path, Path)}
+    paths = {name: path for name, path in user_candidates.items() if isinstance(path, Path)}
     for name, path in paths.items():
-        for end, at, (x, y) in (("start", ask.start, path.xy[0]), ("goal", ask.goal, path.xy[-1])):
+        for end, at, (x, y) in (("start", problem.start, path.xy[0]), ("goal", problem.goal, path.xy[-1])):
             if math.hypot(x - at[0], y - at[1]) > NEAR:
                 raise ConfigError(
                     f"candidate {short_repr(name)} has its {end} at {x:.2f},{y:.2f}, more than"
                     f" {NEAR:g} m from the {end} that was asked for"
                 )
     for name, path in paths.items():
-        poses_along(path, ask.grid, f"candidate {name}")
+        make_path_poses(path, problem.grid, f"candidate {name}")
 
 
-def add_own(
-    own: Own,
-    found: dict[str, Path],
+def add_user_candidates(
+    user_candidates: UserCandidates,
+    accepted: dict[str, Path],
     left_out: dict[str, str],
     costs: Costmap,
-    ask: Ask,
+    problem: PlanningProblem,
     *,
     reserved: Collection[str] = (),
-    but: Planner | None = None,
+    skip: Planner | None = None,
 ) -> None:
     """Add a user's paths that keep the limits to others, and why the rest do not.
 
-    Reserved names belong to others. The path of one planner may be there already, `but`.
+    Reserved names belong to others. The path of one planner may be there already, `skip`.
     """
-    settings, new_candidates = ask.settings, dict(own)
+    settings, new_candidates = problem.settings, dict(user_candidates)
     if settings.front:
-        new_candidates.update(_paths_of("front", pareto_front(costs, ask.start[:2], ask.goal[:2])))
+        new_candidates.update(_iterate_paths("front", pareto_front(costs, problem.start[:2], problem.goal[:2])))
     for name, path in new_candidates.items():
-        if path is but:
+        if path is skip:
             continue
         if isinstance(path, Planner):
-            candidate_plan = ask.planned(costs, path, limited=settings.budget is None)
-            path = candidate_plan.path or why_without(candidate_plan)
-        fault = path if isinstance(path, str) else ask.fault_of(path, costs)
-        while name in (*found, *left_out, *reserved):
+            candidate_plan = problem.plan_least_cost(costs, path, limited=settings.budget is None)
+            path = candidate_plan.path or format_failure(candidate_plan)
+        fault = path if isinstance(path, str) else problem.find_violated_limit(path, costs)
+        while name in (*accepted, *left_out, *reserved):
             name = f"own {name}"
         if isinstance(path, str) or fault:
             left_out[name] = fault
         else:
-            found[name] = path
+            accepted[name] = path
 
 
-def why_without(made: Plan) -> str:
+def format_failure(failed_plan: Plan) -> str:
     """Why a plan has no path."""
-    return f"{made.status}: {made.note}" if made.note else made.status
+    return f"{failed_plan.status}: {failed_plan.note}" if failed_plan.note else failed_plan.status

@@ -30,9 +30,9 @@ from locplan.simulation.arrivals import (
     WORLD,
     Arrival,
 )
-from locplan.simulation.custom_filters import OwnLoop
+from locplan.simulation.custom_filters import CustomFilterLoop
 from locplan.simulation.simulator import CLOSED, Simulator
-from locplan.simulation.worlds import Stage, inflated, inflation_of
+from locplan.simulation.worlds import Stage, compute_inflated_density, get_inflation
 
 POINTS = 0.05
 """Distance between the points of a path that is followed [m]."""
@@ -58,9 +58,9 @@ class Replanner:
     @cached_property
     def density(self) -> Floats:
         """Cost per metre of each cell on the inflated map, (H, W)."""
-        return np.where(self.closed, np.inf, self._inflated(self.grid.clearance))
+        return np.where(self.closed, np.inf, self._compute_density(self.grid.clearance))
 
-    def driven(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
+    def plan_car_way(self, way: Floats, truth: Floats, believed: Floats, world: Any) -> Floats:
         """A way (n, 4) of a car-like robot round what it sees in its way, by the lattice planner.
 
         Ways have positions [m], gears and headings [rad]. The new one joins the old one a metre
@@ -70,14 +70,14 @@ class Replanner:
         from locplan.planning.lattice import Lattice
         from locplan.planning.path_check import path_faults
 
-        scene = self._scene(truth, believed, world)
+        scene = self._crop_scene(truth, believed, world)
         if scene is None:
             return way
         low, density, walls, window = scene
         cells = self.grid.cells[window].copy()
         cells[tuple(walls.T)] = OCCUPIED
         local_map, shift = OccupancyGrid(cells, self.grid.resolution), low[::-1] * self.grid.resolution
-        within = _within(np.floor((way[:, 1::-1] - shift[::-1]) / local_map.resolution), cells.shape)
+        within = _are_inside(np.floor((way[:, 1::-1] - shift[::-1]) / local_map.resolution), cells.shape)
         near = way[: len(way) if within.all() else int(np.argmin(within))]
         if len(near) < 2:
             return way
@@ -98,10 +98,10 @@ class Replanner:
         if detour is None:
             return way
         even = detour.resample(POINTS, even=True)
-        new = geared(np.column_stack([even.xy + shift, even.facing]))
+        new = add_gears(np.column_stack([even.xy + shift, even.facing]))
         return np.concatenate([new, way[join + 1 :]])
 
-    def way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
+    def plan_way(self, way: Any, truth: Any, believed: Any, world: Any) -> Floats:
         """A way (n, 2) from the believed pose back to the path, on the map and what is seen.
 
         It joins the path within some metres where that is cheapest, or else later. The path stays
@@ -110,7 +110,7 @@ class Replanner:
         from locplan._support.kernels.search import bordered_half, shortest_costs
         from locplan._support.kernels.ways import trace_path
 
-        scene = self._scene(truth, believed, world)
+        scene = self._crop_scene(truth, believed, world)
         if scene is None:
             return np.asarray(way)
         (low, density, walls, window), resolution = scene, self.grid.resolution
@@ -123,11 +123,11 @@ class Replanner:
         costs = shortest_costs(half, columns, (start[0] + 1) * columns + start[1] + 1, -1, False)
         along = compute_travel_distances(way)
         points = np.floor(way[:, ::-1] / resolution).astype(int) - low
-        able = _within(points, density.shape) & (along >= min(JOIN[0], along[-1]))
+        able = _are_inside(points, density.shape) & (along >= min(JOIN[0], along[-1]))
         flat = (points[able] + 1) @ (columns, 1)
         cost = np.full(len(way), np.inf)
         cost[able] = resolution * costs[flat]
-        cost += _cost_to_end(way, along, points, density)
+        cost += _compute_cost_to_end(way, along, points, density)
         soon = np.where(along <= JOIN[1], cost, np.inf)
         best = int(np.argmin(soon if np.isfinite(soon).any() else cost))
         if not np.isfinite(cost[best]):
@@ -139,7 +139,7 @@ class Replanner:
         # The goal stays where it is, and not at the centre of its cell.
         return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
 
-    def _scene(self, truth: Any, believed: Any, world: Any) -> tuple[Any, Floats, Ints, Any] | None:
+    def _crop_scene(self, truth: Any, believed: Any, world: Any) -> tuple[Any, Floats, Ints, Any] | None:
         """The first cell of the part around the believed pose, its density, the cells of walls that
         are seen in it, and its slices of the map; None off the map."""
         resolution = self.grid.resolution
@@ -149,13 +149,13 @@ class Replanner:
             slice(a, max(b, 0)) for a, b in zip(low, robot_cell + math.ceil(reach), strict=True)
         )
         density = self.density[window].copy()
-        if not _within((robot_cell - low)[None], density.shape).all():
+        if not _are_inside((robot_cell - low)[None], density.shape).all():
             return None
         # Walls are seen from the true pose, and put where the believed one has them.
-        wall_poses = apply_motions(believed, compute_motions(truth, self._seen(truth, world)))
+        wall_poses = apply_motions(believed, compute_motions(truth, self._find_seen_walls(truth, world)))
         walls = np.floor(wall_poses[:, 1::-1] / resolution).astype(int) - low
-        walls = walls[_within(walls, density.shape)]
-        self._add(walls, density)
+        walls = walls[_are_inside(walls, density.shape)]
+        self._raise_density(walls, density)
         # A robot that stands too near to a wall may leave, at a price.
         leave = int(LEAVE / resolution)
         leave_window = tuple(slice(max(0, coordinate - leave), coordinate + leave + 1) for coordinate in robot_cell - low)
@@ -164,26 +164,26 @@ class Replanner:
             density[self.closed[window]] = np.inf
         return low, density, walls, window
 
-    def _add(self, walls: Ints, density: Floats) -> None:
+    def _raise_density(self, walls: Ints, density: Floats) -> None:
         """Raise a density about further walls, cells (n, 2)."""
         if not len(walls):
             return
         robot = self.robot
-        reach = max(robot.radius, inflation_of(robot).inflation_radius)
+        reach = max(robot.radius, get_inflation(robot).inflation_radius)
         margin = math.ceil(reach / self.grid.resolution) + 1
         low = np.maximum(walls.min(axis=0) - margin, 0)
         window = tuple(slice(a, b + margin) for a, b in zip(low, walls.max(axis=0), strict=True))
         cells = np.full(density[window].shape, FREE)
         cells[tuple((walls - low).T)] = OCCUPIED
-        wall_density = self._inflated(OccupancyGrid(cells, self.grid.resolution).clearance)
+        wall_density = self._compute_density(OccupancyGrid(cells, self.grid.resolution).clearance)
         density[window] = np.maximum(density[window], wall_density)
 
-    def _inflated(self, clearance: Floats) -> Floats:
+    def _compute_density(self, clearance: Floats) -> Floats:
         """Density at a clearance, which is infinite where the robot does not fit."""
-        density = inflated(clearance, self.robot)
+        density = compute_inflated_density(clearance, self.robot)
         return np.where(clearance < self.robot.radius - 1e-9, np.inf, density)
 
-    def _seen(self, truth: Floats, world: Any) -> Poses:
+    def _find_seen_walls(self, truth: Floats, world: Any) -> Poses:
         """Centres of the true walls near the robot, with heading 0 [m, m, rad]."""
         resolution = world.resolution
         low = np.maximum((truth[1::-1] - SIGHT) / resolution, 0).astype(int)
@@ -194,16 +194,16 @@ class Replanner:
         return at_heading_0(xy[np.hypot(*(xy - truth[:2]).T) <= SIGHT])
 
 
-def _cost_to_end(way: Floats, along: Floats, points: Ints, density: Floats) -> Floats:
+def _compute_cost_to_end(way: Floats, along: Floats, points: Ints, density: Floats) -> Floats:
     """Cost of the rest of a way from each of its points; a metre costs 1 outside of the density."""
     price = np.ones(len(way))
-    inside = _within(points, density.shape)
+    inside = _are_inside(points, density.shape)
     price[inside] = np.minimum(density[tuple(points[inside].T)], LEAVING)
     steps = np.diff(along) * (price[1:] + price[:-1]) / 2
     return np.append(np.cumsum(steps[::-1])[::-1], 0.0)
 
 
-def geared(poses: Poses) -> Floats:
+def add_gears(poses: Poses) -> Floats:
     """Poses (n, 3) as a way (n, 4) with their gears before the heading."""
     way = np.insert(poses, 2, 1.0, axis=1)
     if len(way) > 1:
@@ -219,7 +219,7 @@ def at_heading_0(xy: Floats) -> Poses:
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
-def _within(cells: NDArray[Any], shape: tuple[int, ...]) -> Bools:
+def _are_inside(cells: NDArray[Any], shape: tuple[int, ...]) -> Bools:
     return np.asarray(((cells >= 0) & (cells < shape)).all(axis=1))
 
 
@@ -261,7 +261,7 @@ class ClosedLoop:
         robot, kinematics = self.simulator.robot, self.simulator.robot.kinematics
         sideways = kinematics.drive == "omnidirectional"
         return Body(
-            discs=_discs(robot),
+            discs=_discs_from_outline(robot),
             omnidirectional=sideways,
             speed=kinematics.speed,
             tolerance=robot.goal_tolerance,
@@ -289,12 +289,12 @@ class ClosedLoop:
 
     def drive(self, name: str, world: Any, route: int, number: int) -> Arrival:
         """Drive once along a path; a drive that fails is repeated with perfect localization."""
-        arrival = self._driven(name, world, (route, number), perfect=self.perfect)
+        arrival = self._drive_once(name, world, (route, number), perfect=self.perfect)
         if arrival.outcome == ARRIVED:
             return arrival
         control = arrival
         if not self.perfect:
-            control = self._driven(name, world, (route, number), perfect=True)
+            control = self._drive_once(name, world, (route, number), perfect=True)
         if control.outcome == ARRIVED:
             return arrival
         return replace(arrival, fault=FOLLOWER if self._has_way(name, world) else WORLD)
@@ -332,30 +332,30 @@ class ClosedLoop:
 
     def _is_clear(self, path: Path, world: Any) -> bool:
         """Whether the outline keeps the follower's distance from a world's walls along a path."""
-        from locplan.simulation.kernels.bodies import margin_at
+        from locplan.simulation.kernels.bodies import measure_margin
         from locplan.simulation.kernels.pursuit import MARGIN
 
         path = path.resample(POINTS / 2)
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
-        return all(margin_at(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
+        return all(measure_margin(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
 
-    def _driven(self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool) -> Arrival:
+    def _drive_once(self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool) -> Arrival:
         from locplan.simulation.kernels import follower, pursuit
 
         random = make_generator(self.simulator.seed, CLOSED, *drive)
-        way, first = self._way(name)
+        way, first = self._make_way(name)
         length = self.paths[name].length
         ticks = (PATIENCE[0] + PATIENCE[1] * length / self.body.speed) / pursuit.TICK
-        trace = self._trace(random, first, round(ticks))
-        follow = self._follower(random, world, trace, perfect)
+        trace = self._make_trace(random, first, round(ticks))
+        follow = self._make_follower(random, world, trace, perfect)
         while (decision := follow(way)) == follower.PLAN:
             n, at = trace.counts[pursuit.TICKS], trace.counts[pursuit.AT]
             way = way[at:]
             drive_state = trace.truth[n], trace.believed[n], world
             if self._is_car:
-                way = self.planner.driven(way, *drive_state)
+                way = self.planner.plan_car_way(way, *drive_state)
             else:
-                new = self.planner.way(way[:, :2], *drive_state)
+                new = self.planner.plan_way(way[:, :2], *drive_state)
                 way = np.insert(new, 2, 1.0, axis=1)
             trace.counts[pursuit.AT] = 0
         n = int(trace.counts[pursuit.TICKS]) + 1
@@ -366,31 +366,31 @@ class ClosedLoop:
         origin = np.array(self.grid.origin)
         truth, believed = (apply_motions(origin, track[:n]) for track in (trace.truth, trace.believed))
         standstills = int(trace.counts[pursuit.STANDSTILLS])
-        return Arrival.of(outcome, truth, believed, self.paths[name], standstills)
+        return Arrival.from_drive(outcome, truth, believed, self.paths[name], standstills)
 
-    def _way(self, name: str) -> tuple[Floats, Floats]:
+    def _make_way(self, name: str) -> tuple[Floats, Floats]:
         """The way of a path as the follower takes it, with headings where the robot is a car, and
         the pose that it begins at."""
         path = self.paths[name].resample(POINTS, even=True)
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         if self._is_car:
-            return geared(poses), poses[0]
+            return add_gears(poses), poses[0]
         way = np.insert(poses[:, :2], 2, 1.0, axis=1)
         ahead = way[min(len(way) - 1, 6)] - way[0]
         return way, np.array([*way[0, :2], math.atan2(ahead[1], ahead[0])])
 
-    def _trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
+    def _make_trace(self, random: np.random.Generator, first: Any, ticks: int) -> Any:
         """An empty trace, with this drive's biases of odometry."""
-        from locplan.simulation.kernels.pursuit import Trace
+        from locplan.simulation.kernels.pursuit import DriveState
 
         odometry = self.simulator.arguments.odometry
         deviations = [odometry.distance_bias, odometry.heading_bias, odometry.turn_bias]
         biases = np.array([1.0, 0.0, 1.0]) + deviations * random.standard_normal(3)
         truth, believed, reported = np.zeros((3, ticks, 3))
         truth[0] = first
-        return Trace(truth, believed, reported, np.zeros(3), biases, np.zeros(8, np.int64))
+        return DriveState(truth, believed, reported, np.zeros(3), biases, np.zeros(8, np.int64))
 
-    def _follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
+    def _make_follower(self, random: Any, world: Any, trace: Any, perfect: bool) -> Any:
         """A function that follows a way until a plan is needed, or the drive has ended."""
         from locplan._support.kernels.drives import start_filter
         from locplan.simulation.kernels.follower import follow
@@ -402,7 +402,7 @@ class ClosedLoop:
         period = max(1, round(self.replan / TICK)) if self.replan else len(trace.truth)
         drive_inputs = world, self.body, period
         if arguments.scores is None:
-            custom_loop = OwnLoop(arguments, self.frame, (random, sensing), first, trace)
+            custom_loop = CustomFilterLoop(arguments, self.frame, (random, sensing), first, trace)
             return lambda way: custom_loop.follow(way, *drive_inputs, perfect)
         tracker = start_filter(sensing, first, arguments.start, arguments.filter)
         sensor_arguments = (arguments.scores, arguments.lidar, arguments.disturbances, arguments.odometry)
@@ -420,7 +420,7 @@ class ClosedLoop:
         )
 
 
-def _discs(robot: Robot) -> Floats:
+def _discs_from_outline(robot: Robot) -> Floats:
     """The robot's outline as discs: x, y and radius, (n, 3) [m]."""
     if robot.outline is None:
         return np.array([[0.0, 0.0, robot.footprint]])

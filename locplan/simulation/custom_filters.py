@@ -11,7 +11,7 @@ from locplan._support.poses import Poses
 from locplan.errors import LocplanError
 from locplan.maps.grid import world_to_map_frame
 from locplan.robots.amcl import Tracker
-from locplan.simulation.drives import DriveArguments, OwnFilter
+from locplan.simulation.drives import DriveArguments, CustomFilter
 
 
 def track(
@@ -23,7 +23,7 @@ def track(
     lidar: Any,
     disturbances: Any,
     start: Any,
-    own: OwnFilter,
+    custom_filter: CustomFilter,
     errors: Floats,
 ) -> None:
     """Drive once with a filter that is not AMCL, as the kernel `drives.drive` does with AMCL.
@@ -31,25 +31,25 @@ def track(
     The filter gets every scan, with all beams, and random numbers of its own. It is started at a
     pose that is off by the deviation that it is given.
     """
-    tracker = started(random, own, truth[0], start)
+    tracker = start_tracker(random, custom_filter, truth[0], start)
     for n, pose in enumerate(world.poses):
-        scan = ranges_at(random, world.squares, world.resolution, pose, lidar, disturbances)
-        errors[n] = updated(tracker, own, reported[n], scan) - truth[n]
+        scan = measure_ranges(random, world.squares, world.resolution, pose, lidar, disturbances)
+        errors[n] = update_tracker(tracker, custom_filter, reported[n], scan) - truth[n]
     errors[:, 2] = np.remainder(errors[:, 2] + np.pi, 2 * np.pi) - np.pi
 
 
-def started(random: np.random.Generator, own: OwnFilter, first: Any, start: Any) -> Tracker:
+def start_tracker(random: np.random.Generator, custom_filter: CustomFilter, first: Any, start: Any) -> Tracker:
     """A filter started about a pose (3,) in its map's own axes, with random numbers of its own."""
     filter_random = random.spawn(1)[0]
     deviation = np.array([start.position, start.position, start.heading])
     x, y, heading = first + deviation * random.standard_normal(3)
-    at = own.grid.grid_to_world(y / own.grid.resolution, x / own.grid.resolution)
-    pose = np.array([*at, heading + own.grid.origin[2]])
+    at = custom_filter.grid.grid_to_world(y / custom_filter.grid.resolution, x / custom_filter.grid.resolution)
+    pose = np.array([*at, heading + custom_filter.grid.origin[2]])
     deviations = start.position, start.heading
-    return own.settings.start(own.grid, own.lidar, pose, deviations, filter_random)
+    return custom_filter.settings.start(custom_filter.grid, custom_filter.lidar, pose, deviations, filter_random)
 
 
-def ranges_at(
+def measure_ranges(
     random: np.random.Generator,
     squares: Octets,
     resolution: float,
@@ -67,20 +67,20 @@ def ranges_at(
     return np.asarray(ranges, np.float32)
 
 
-def updated(tracker: Tracker, own: OwnFilter, odometry: Floats, scan: Singles) -> Floats:
+def update_tracker(tracker: Tracker, custom_filter: CustomFilter, odometry: Floats, scan: Singles) -> Floats:
     """The filter's pose (3,) in its map's own axes, after a motion and a scan."""
     tracker.motion(odometry)
     tracker.scan(scan)
     estimate = np.asarray(tracker.estimate(), float)
     if estimate.shape != (3,) or not np.isfinite(estimate).all():
         raise LocplanError(
-            f"{own.settings.title}: estimate() must be three finite numbers;"
+            f"{custom_filter.settings.title}: estimate() must be three finite numbers;"
             " locplan.testing.check_filter checks a filter"
         )
-    return np.asarray(world_to_map_frame(own.grid, estimate[None])[0])
+    return np.asarray(world_to_map_frame(custom_filter.grid, estimate[None])[0])
 
 
-class OwnLoop:
+class CustomFilterLoop:
     """The loop of a filter that is not AMCL, which `follower.follow` is for AMCL."""
 
     def __init__(
@@ -88,12 +88,12 @@ class OwnLoop:
     ) -> None:
         self.arguments, self.frame, self.trace = arguments, frame, trace
         self.random, self.sensing = random
-        self.tracker = started(self.sensing, self.arguments.filter, first, self.arguments.start)
+        self.tracker = start_tracker(self.sensing, self.arguments.filter, first, self.arguments.start)
         self.sensed = -1
 
     def follow(self, way: Any, surroundings: Any, body: Any, period: int, perfect: bool) -> int:
         """Drive until a plan is needed or the drive has ended."""
-        from locplan.simulation.kernels.follower import GO, act, believe, decide
+        from locplan.simulation.kernels.follower import GO, apply_command, believe, decide
         from locplan.simulation.kernels.pursuit import TICKS
 
         trace, arguments = self.trace, self.arguments
@@ -107,13 +107,13 @@ class OwnLoop:
             decision: int = decide(way, surroundings, body, period, trace)
             if decision != GO:
                 return decision
-            act(self.random, surroundings, body, arguments.odometry, trace)
+            apply_command(self.random, surroundings, body, arguments.odometry, trace)
 
     def _pose_at(self, n: int, surroundings: Any) -> tuple[float, ...]:
         x, y, heading = self.trace.truth[n]
         resolution, arguments = surroundings.resolution, self.arguments
         cell = np.array([y / resolution, x / resolution, heading])
         sensor = arguments.lidar, arguments.disturbances
-        scan = ranges_at(self.sensing, surroundings.squares, resolution, cell, *sensor)
-        pose = updated(self.tracker, arguments.filter, self.trace.reported[n], scan)
+        scan = measure_ranges(self.sensing, surroundings.squares, resolution, cell, *sensor)
+        pose = update_tracker(self.tracker, arguments.filter, self.trace.reported[n], scan)
         return tuple(pose.tolist())

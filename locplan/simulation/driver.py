@@ -22,9 +22,9 @@ from locplan.planning.path import Path
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.closed_loop import ClosedLoop
 from locplan.simulation.drives import Drives
-from locplan.simulation.levels import USUAL, Level, select_paths
+from locplan.simulation.levels import NO_FAULT, Level, select_paths
 from locplan.simulation.simulator import Simulator
-from locplan.simulation.worlds import add_way_back, poses_along, turned
+from locplan.simulation.worlds import add_way_back, make_path_poses, rotate_errors
 
 CHOOSING, FRESH = 10_000, 20_000
 """First numbers of the drives that choose among alternatives, and of those that confirm what was
@@ -61,7 +61,7 @@ def drive_open(
     paths: Mapping[str, Path],
     numbers: range,
     *,
-    level: Level = USUAL,
+    level: Level = NO_FAULT,
     route: int | None = None,
     progress: ProgressCallback | None = None,
 ) -> dict[str, Drives]:
@@ -99,7 +99,7 @@ def drive_open(
         If a path leaves the free cells, or the drives take more memory than there is.
     """
     poses = {
-        name: poses_along(path, simulator.grid, f"path {name}") for name, path in paths.items()
+        name: make_path_poses(path, simulator.grid, f"path {name}") for name, path in paths.items()
     }
     paths = select_paths(level, paths, simulator.grid)
     poses = {name: add_way_back(poses[name]) if level.leads_back else poses[name] for name in paths}
@@ -129,9 +129,9 @@ def drive_open(
             line, arguments = setups[name][number % len(setups[name])]
             errors[name][place] = stage.drive(line, world, key, number, arguments, level)
 
-    simulator.in_threads(run, len(tasks), progress, len(numbers) * len(paths))
+    simulator.run_in_threads(run, len(tasks), progress, len(numbers) * len(paths))
     yaw = simulator.filter_map.origin[2]
-    return {name: Drives(poses[name], turned(errors[name], yaw)) for name in paths}
+    return {name: Drives(poses[name], rotate_errors(errors[name], yaw)) for name in paths}
 
 
 def drive_closed(
@@ -184,7 +184,7 @@ def drive_closed(
             arrivals[name][place] = loop.drive(name, world, key, numbers[place])
 
     _ = loop.planner.density, loop.body  # made once, not by every thread
-    simulator.in_threads(run, len(tasks), progress, len(numbers) * len(paths))
+    simulator.run_in_threads(run, len(tasks), progress, len(numbers) * len(paths))
     return {name: Arrivals(tuple(path_arrivals)) for name, path_arrivals in arrivals.items()}
 
 

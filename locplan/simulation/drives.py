@@ -52,7 +52,7 @@ RATES: tuple[Column, ...] = (
     rate_column("off_at_end_rate", f"off at the end (> {LOST:g} m)"),
 )
 """Columns of shares of the drives that go wrong, with 95 % intervals."""
-DRIVEN = (
+DRIVE_COLUMNS = (
     Column("drives", value=lambda drives: len(drives.errors)),
     Column("length", "m", "length"),
     Column("typical_rmse", "m", "error of a typical drive", interval=True),
@@ -67,8 +67,8 @@ DRIVEN = (
 PROFILE = (
     Column("distance", "m"),
     *POSE,
-    *(Column(f"error_{each}", "m") for each in ("mean", "median")),
-    *(Column(f"error_percentile_{each}", "m") for each in (10, 90)),
+    *(Column(f"error_{statistic}", "m") for statistic in ("mean", "median")),
+    *(Column(f"error_percentile_{statistic}", "m") for statistic in (10, 90)),
     Column("heading_error_rms", "rad"),
 )
 """Columns of `Drives.profile`."""
@@ -93,7 +93,7 @@ def check_drives(drives: int, *, or_none: bool = False) -> None:
         check_integer("drives (0 leaves them out)" if or_none else "drives", drives, 2, MAX_DRIVES)
 
 
-class Rated:
+class RateProperties:
     """Figures of drives that know which were lost, which were off at the end, and how far."""
 
     @property
@@ -121,7 +121,7 @@ class Rated:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Drives(Rated):
+class Drives(RateProperties):
     """Simulated drives along one line.
 
     The n-th drives of two lines with the same ends are pairs: they have the same world and the same
@@ -136,7 +136,7 @@ class Drives(Rated):
     def __repr__(self) -> str:
         return (
             f"Drives({len(self.errors)} of {self.distance[-1]:.2f} m,"
-            f" median error {self.median_error.value:.3g} m, {rates_of(self)})"
+            f" median error {self.median_error.value:.3g} m, {format_rates(self)})"
         )
 
     @property
@@ -210,7 +210,7 @@ class Drives(Rated):
         return np.column_stack(columns)
 
 
-def rates_of(drives: Any) -> str:
+def format_rates(drives: Any) -> str:
     """Shares of the drives that go wrong, in words.
 
     Parameters
@@ -218,10 +218,10 @@ def rates_of(drives: Any) -> str:
     drives : Drives, or what has its rates
         The drives.
     """
-    return ", ".join(f"{each.extract_value(drives).value:.0%} {each.title}" for each in RATES)
+    return ", ".join(f"{column.extract_value(drives).value:.0%} {column.title}" for column in RATES)
 
 
-def profiles(drives: Mapping[str, Drives]) -> Table:
+def tabulate_profiles(drives: Mapping[str, Drives]) -> Table:
     """The profiles of drives along some paths, with the path's name in the first column.
 
     Parameters
@@ -233,12 +233,12 @@ def profiles(drives: Mapping[str, Drives]) -> Table:
     return Table((Column("path"), *PROFILE), tuple(rows))
 
 
-def rmse_ratio(drives: Drives, others: Drives) -> Interval:
+def compute_rmse_ratio(drives: Drives, baseline: Drives) -> Interval:
     """Ratio of the RMSE of a typical drive to that of others with the same seeds.
 
     Parameters
     ----------
-    drives, others : Drives
+    drives, baseline : Drives
         Equally many drives; the n-th of both have the same world and seed.
 
     Returns
@@ -247,29 +247,29 @@ def rmse_ratio(drives: Drives, others: Drives) -> Interval:
         Geometric mean of the ratio with its 95 % interval over the drives, as `locplan.choose`
         confirms it; below 1 the former are better.
     """
-    squares, below = drives.mean_squares + FLOOR, others.mean_squares + FLOOR
+    squares, below = drives.mean_squares + FLOOR, baseline.mean_squares + FLOOR
     return estimate_geometric_mean(np.sqrt(squares / below))
 
 
-def contrasts(drives: Mapping[str, Drives]) -> dict[str, Interval]:
+def compute_rmse_ratios(drives: Mapping[str, Drives]) -> dict[str, Interval]:
     """Ratio of the RMSE of each path's drives to that of the first path's."""
     first, *rest = drives
-    return {name: rmse_ratio(drives[name], drives[first]) for name in rest}
+    return {name: compute_rmse_ratio(drives[name], drives[first]) for name in rest}
 
 
-class Line(NamedTuple):
+class DriveLine(NamedTuple):
     """The poses that a drive leads through."""
 
     truth: Poses
     """In the own axes of the filter's map, (n, 3) [m, m, rad]."""
     cells: Poses
     """Row and column in the map that is driven in, and heading, (n, 3) [cells, cells, rad]."""
-    driven: Poses
+    ideal_odometry: Poses
     """As odometry would report them without errors, (n, 3) [m, m, rad]: `truth`, unless the
     filter's map has a kink."""
 
 
-class OwnFilter(NamedTuple):
+class CustomFilter(NamedTuple):
     """A filter that is not AMCL, with what it is started with."""
 
     settings: Filter
@@ -295,7 +295,7 @@ class DriveArguments(NamedTuple):
     """`particles.Filter`: AMCL's parameters; or an `OwnFilter`."""
 
 
-def drive_arguments(
+def make_drive_arguments(
     grid: OccupancyGrid, robot: Robot, *, scores: Singles | None = None
 ) -> DriveArguments:
     """Arguments of the kernels of drives for a map and a robot.
@@ -330,7 +330,7 @@ def drive_arguments(
         nearest, farthest = max(lidar.min_range, amcl.laser_min_range), amcl.reach(lidar)
     else:
         angles, nearest, farthest = lidar.angles, lidar.min_range, lidar.range
-        settings = OwnFilter(robot.filter, grid, lidar)
+        settings = CustomFilter(robot.filter, grid, lidar)
     return DriveArguments(
         filter_scores,
         lidar.for_kernels()._replace(

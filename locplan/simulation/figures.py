@@ -38,8 +38,8 @@ from locplan.planning.figures import (
 )
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
-from locplan.simulation.arrivals import ENDS, LEAVES, STOPS, Arrivals, faults_of
-from locplan.simulation.drives import LOST, OFF, OFF_SHORT, contrasts, rates_of
+from locplan.simulation.arrivals import ENDS, LEAVES, STOPS, Arrivals, describe_faults
+from locplan.simulation.drives import LOST, OFF, OFF_SHORT, compute_rmse_ratios, format_rates
 from locplan.simulation.race import Candidate
 from locplan.simulation.recommendation import Choice
 
@@ -71,7 +71,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     profiles = {name: path_drives.profile() for name, path_drives in simulation.drives.items()}
     mean_errors = np.concatenate([profile[:, 4] for profile in profiles.values()])
     norm = along_norm(mean_errors, of_errors=True)
-    ratios, handles = contrasts(simulation.drives), []
+    ratios, handles = compute_rmse_ratios(simulation.drives), []
     for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
         colour, drives = style["color"], simulation.drives[name]
@@ -81,17 +81,17 @@ def simulation_figure(simulation: Simulation) -> Figure:
         lower.plot(distance, mean, linewidth=1.8, **style)
         text = (
             f"{name}: {distance[-1]:.1f} m, median error {format_metres(drives.median_error.value)},"
-            f" {rates_of(drives)}, RMSE {format_metres(drives.rmse.value)}"
+            f" {format_rates(drives)}, RMSE {format_metres(drives.rmse.value)}"
         )
         if 0 < drives.lost_rate.value < 1:
             text += f" ({format_metres(drives.kept_rmse.value)} of those never lost)"
         if name in ratios:
             first = next(iter(profiles))
-            text += f"; error of a typical drive {_formatted(ratios[name])} times {first}'s"
+            text += f"; error of a typical drive {_format_interval(ratios[name])} times {first}'s"
         if simulation.arrivals:
-            found = simulation.arrivals[name]
-            draw_places(upper, found, colour)
-            text += f"; steered by the filter, {found.words} arrive{faults_of(found)}"
+            path_arrivals = simulation.arrivals[name]
+            draw_places(upper, path_arrivals, colour)
+            text += f"; steered by the filter, {path_arrivals.arrivals_text} arrive{describe_faults(path_arrivals)}"
         label = "\n".join(break_title(text, width - 1))
         handles.append(Line2D([], [], linewidth=2, label=label, **style))
         draw_ends(upper, xy[0], xy[-1])
@@ -149,8 +149,8 @@ def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
     """
     present_kinds = {row[1] for path_arrivals in arrivals if path_arrivals for row in path_arrivals.places().rows}
     style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
-    kinds = [(what, mark) for what, mark in MARKS.items() if what in present_kinds]
-    return [Line2D([], [], marker=mark, label=f"a robot {what}", **style) for what, mark in kinds]
+    kinds = [(place_kind, mark) for place_kind, mark in MARKS.items() if place_kind in present_kinds]
+    return [Line2D([], [], marker=mark, label=f"a robot {place_kind}", **style) for place_kind, mark in kinds]
 
 
 def queries_figure(routes: Routes) -> Figure:
@@ -178,15 +178,15 @@ def queries_figure(routes: Routes) -> Figure:
             xlabel=f"lost ({OFF_SHORT}) on the shortest path, share of drives",
             ylabel="the same on the aware path",
         )
-    for number, at in enumerate(_beside(np.log(rmse)), 1):
+    for number, at in enumerate(_choose_label_offsets(np.log(rmse)), 1):
         style = {"ha": "center", "va": "center", "fontsize": "small"}
         left.annotate(str(number), rmse[number - 1], at, textcoords="offset points", **style)
-    robot: Any = routes.about.get("robot")
+    robot: Any = routes.description.get("robot")
     lidar = f", {Robot.from_summary(robot).known_lidar.title}" if robot else ""
     figure.title(
         f"{routes.grid.name or 'map'}{lidar}, {len(routes.routes)} queries: {routes.verdict}",
-        f"aware over shortest: RMSE {_formatted(routes.rmse_ratio)},"
-        f" length {_formatted(routes.length_ratio)}",
+        f"aware over shortest: RMSE {_format_interval(routes.rmse_ratio)},"
+        f" length {_format_interval(routes.length_ratio)}",
         *([] if lost.any() else [f"no drive was {OFF} on either path"]),
     )
     return figure
@@ -201,7 +201,7 @@ def _equal_ends(axes: Any, values: Floats) -> Floats:
     return ends
 
 
-def _beside(points: Floats) -> list[tuple[float, float]]:
+def _choose_label_offsets(points: Floats) -> list[tuple[float, float]]:
     """Where the number of each point stands from it, away from the others [points]."""
     sides = 6.0 * np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
     extent = float(np.ptp(points, axis=0).max()) or 1.0
@@ -216,7 +216,7 @@ def _beside(points: Floats) -> list[tuple[float, float]]:
     return offsets
 
 
-def _formatted(interval: Interval) -> str:
+def _format_interval(interval: Interval) -> str:
     value, low, high = interval
     return f"{value:.3g}" + ("" if np.isnan(low) else f" [{low:.3g}, {high:.3g}]")
 
@@ -227,7 +227,7 @@ LINE_COLOURS, LINE_WIDTHS = ("0.72", "black", RECOMMENDED), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the recommended one."""
 
 
-def choice_figure(choice: Choice) -> Figure:
+def recommendation_figure(choice: Choice) -> Figure:
     """Draw the candidates over the map, the recommended path strongest, and the errors along it.
 
     Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that was
@@ -242,7 +242,7 @@ def choice_figure(choice: Choice) -> Figure:
     paths = [*(candidate.path for candidate in choice.candidates), ends]
     width, height, part = WIDTH, 4.0, None
     if choice.costs is not None:
-        part = crop_map(choice.costs.grid, [*paths, *_marked(choice)])
+        part = crop_map(choice.costs.grid, [*paths, *_collect_marked_places(choice)])
         width, height = map_size(part)
         width = max(width, WIDTH)
     # Height of what is drawn along the paths [inch].
@@ -269,57 +269,57 @@ def choice_figure(choice: Choice) -> Figure:
     if choice.candidates:
         (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
     marks = place_handles(candidate.arrivals for candidate in choice.candidates)
-    figure.key([*_handles(choice), *marks, *end_handles(), *zones], ncols=3)
+    figure.key([*_make_handles(choice), *marks, *end_handles(), *zones], ncols=3)
     name = choice.map["name"] or "map"
-    figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.driven)
+    figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.drives_text)
     return figure
 
 
-def _marked(choice: Choice) -> list[Path]:
+def _collect_marked_places(choice: Choice) -> list[Path]:
     """The places that are marked, as one path, if there are any."""
     place_rows = [candidate.arrivals.places().rows for candidate in choice.candidates if candidate.arrivals]
     places = [row[2:4] for rows in place_rows for row in rows]
     return [Path(np.array(places))] if places else []
 
 
-def _rank(choice: Choice, each: Candidate) -> int:
+def _rank(choice: Choice, candidate: Candidate) -> int:
     """2 of the recommended path, 1 of the shortest, 0 of the others."""
-    return 2 if each is choice.chosen else int(each is choice.shortest)
+    return 2 if candidate is choice.recommended_candidate else int(candidate is choice.shortest)
 
 
-def _handles(choice: Choice) -> list[Line2D]:
-    highlighted = dict.fromkeys(each for each in (choice.chosen, choice.shortest) if each is not None)
+def _make_handles(choice: Choice) -> list[Line2D]:
+    highlighted = dict.fromkeys(candidate for candidate in (choice.recommended_candidate, choice.shortest) if candidate is not None)
     handles = []
-    for each in highlighted:
-        rank = _rank(choice, each)
-        name = f"{each.name} path" if each is choice.shortest else each.name
+    for candidate in highlighted:
+        rank = _rank(choice, candidate)
+        name = f"{candidate.name} path" if candidate is choice.shortest else candidate.name
         recommended = "recommended" if choice.judgement else "untested"
-        role = f"{recommended}: " if each is choice.chosen else ""
-        label = f"{role}{name}, {_figures(each)}"
+        role = f"{recommended}: " if candidate is choice.recommended_candidate else ""
+        label = f"{role}{name}, {_format_figures(candidate)}"
         line = Line2D([], [], color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank], label=label)
         handles.append(line)
-    others = len(choice.candidates) - len(handles)
-    if others > 0:
-        label = f"{others} other candidate{'s' if others > 1 else ''}"
+    n_remaining = len(choice.candidates) - len(handles)
+    if n_remaining > 0:
+        label = f"{n_remaining} other candidate{'s' if n_remaining > 1 else ''}"
         handles.append(Line2D([], [], color=LINE_COLOURS[0], linewidth=LINE_WIDTHS[0], label=label))
     return handles
 
 
-def _figures(each: Candidate) -> str:
+def _format_figures(candidate: Candidate) -> str:
     """Length, error and lost drives of a candidate."""
-    if each.driven is None:
-        return f"{each.path.length:.1f} m, {each.metrics.integrated_u:.1f} m degenerate"
+    if candidate.driven is None:
+        return f"{candidate.path.length:.1f} m, {candidate.metrics.integrated_u:.1f} m degenerate"
     rates = {
-        "lost": each.driven.lost_rate.value,
-        "off at the end": each.driven.off_at_end_rate.value,
+        "lost": candidate.driven.lost_rate.value,
+        "off at the end": candidate.driven.off_at_end_rate.value,
     }
     texts = [f"{100 * rate:.0f} % {name}" for name, rate in rates.items() if rate >= 0]
-    return ", ".join([f"{each.path.length:.1f} m", *texts])
+    return ", ".join([f"{candidate.path.length:.1f} m", *texts])
 
 
 def _draw_errors(axes: Axes, choice: Choice) -> None:
     """Draw the median error along the shortest and the recommended path, and the middle 80 %."""
-    for candidate in dict.fromkeys((choice.shortest, choice.chosen)):
+    for candidate in dict.fromkeys((choice.shortest, choice.recommended_candidate)):
         if candidate is None or candidate.driven is None:
             continue
         distance, median, low, high = candidate.driven.profile.T

@@ -324,7 +324,7 @@ class Level:
         return not self.kink_deg or find_kink(path, grid) is not None
 
 
-USUAL = Level("usual", "odometry and map are sound")
+NO_FAULT = Level("usual", "odometry and map are sound")
 """The level without a fault: the robot's own errors of odometry and disturbances."""
 SLIP = Level("slip", "odometry misses half of the motion over 2 m", missing=0.5)
 """Slips above 0.3 m are rare, at most one in 3,840 m, so this one of 1 m is a hard one. In eight
@@ -350,7 +350,7 @@ TURNS = Level(
 KINKED_MAP = Level("kinked map", "the map has a kink of 10 deg", kink_deg=10.0)
 """Of the maps of seven robots, one has kinks, of 26 and 36 deg. One of 10 deg suffices: on a map
 that was turned so, settings that trust the map ended lost in 6 of 12 runs."""
-LEVELS: tuple[Level, ...] = (USUAL, SLIP, STANDSTILL, REVERSAL, TURNS, KINKED_MAP)
+LEVELS: tuple[Level, ...] = (NO_FAULT, SLIP, STANDSTILL, REVERSAL, TURNS, KINKED_MAP)
 """All levels, the usual one first."""
 
 
@@ -369,7 +369,7 @@ def select_paths(level: Level, paths: Mapping[str, Path], grid: OccupancyGrid) -
     return {name: path for name, path in paths.items() if level.can_affect(path, grid)}
 
 
-def levels_for(
+def select_levels(
     paths: Sequence[Path], grid: OccupancyGrid, levels: Sequence[Level] = LEVELS
 ) -> tuple[Level, ...]:
     """Return the levels whose fault can affect a drive along at least one of some paths.

@@ -53,7 +53,7 @@ from locplan.simulation.verdict import LOOKS
 Minimise = Literal["rmse", "lost", "goal-error", "heading"]
 """Quantity that the chosen path has least of."""
 MINIMISED: tuple[Minimise, ...] = get_args(Minimise)
-TUNED = with_preset(Amcl(), SAFE)
+SAFE_AMCL = with_preset(Amcl(), SAFE)
 """The safe preset, which needs no recording; the rest is the robot's own."""
 
 
@@ -108,7 +108,7 @@ class ChoiceSettings(Settings):
 
     filter_map: OccupancyGrid | None = dataclasses.field(default=None, compare=False)
     """The filter's map in the same frame, where it differs from the one that is driven in."""
-    rival: Amcl | None = TUNED
+    rival: Amcl | None = SAFE_AMCL
     """Filter that is driven along the shortest path, too, to tell whether settings gain more than
     paths; None drives none, nor is one driven beside a filter that is no AMCL. The default stands
     for the robot's own filter with the safe preset, see `locplan.robots.presets`."""
@@ -140,7 +140,7 @@ class ChoiceSettings(Settings):
                 check_number(name, getattr(self, name), 0.0)
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> ChoiceSettings:
+    def from_mapping(cls, settings: Mapping[str, Any]) -> ChoiceSettings:
         """Settings by name.
 
         Parameters
@@ -153,27 +153,27 @@ class ChoiceSettings(Settings):
         ConfigError
             If there is no such setting, or one is out of its range.
         """
-        known = [setting_field.name for setting_field in dataclasses.fields(cls)]
+        names = [setting_field.name for setting_field in dataclasses.fields(cls)]
         for name in settings:
-            if name not in known:
+            if name not in names:
                 raise ConfigError(
-                    f"a choice has no setting {short_repr(name)}; it has {', '.join(known)}"
-                    f"{suggestion(name, known)}"
+                    f"a choice has no setting {short_repr(name)}; it has {', '.join(names)}"
+                    f"{suggestion(name, names)}"
                 )
         return cls(**settings)
 
-    def rival_of(self, own: object) -> Amcl | None:
+    def find_rival(self, robot_filter: object) -> Amcl | None:
         """The rival of a robot's own filter; None without one, or if it is the same or no AMCL.
 
         Parameters
         ----------
-        own : Filter
+        robot_filter : Filter
             The robot's filter, of any kind.
         """
-        if not isinstance(own, Amcl):  # what gains is advised as AMCL's parameters
+        if not isinstance(robot_filter, Amcl):  # what gains is advised as AMCL's parameters
             return None
-        rival = with_preset(own, SAFE) if self.rival == TUNED else self.rival
-        return None if rival == own else rival
+        rival = with_preset(robot_filter, SAFE) if self.rival == SAFE_AMCL else self.rival
+        return None if rival == robot_filter else rival
 
     @property
     def closed_drives(self) -> int:
@@ -197,7 +197,7 @@ class Compute(Protocol):
 
 
 @dataclass(frozen=True)
-class Ask:
+class PlanningProblem:
     """What is asked: two places on a map, the limits of the paths, the robot, and its costs."""
 
     grid: OccupancyGrid
@@ -210,7 +210,7 @@ class Ask:
     """The limits."""
     robot: Robot
     """The robot."""
-    given: Costmap | None
+    user_costmap: Costmap | None
     """The costmap that was given."""
     config: FieldConfig
     """Settings of the field that the costmap is made of otherwise."""
@@ -222,20 +222,20 @@ class Ask:
     @cached_property
     def blank(self) -> Costmap:
         """Costmap on which every metre costs the same, blocked where the given one is."""
-        if self.given is None:
+        if self.user_costmap is None:
             return Costmap.blank(self.grid, robot=self.robot, zones=self.zones)
-        density = np.where(np.isfinite(self.given.density), 1.0, np.inf)
+        density = np.where(np.isfinite(self.user_costmap.density), 1.0, np.inf)
         costs = Costmap.from_density(self.grid, density, zones=self.zones.no_go_zones)
-        return dataclasses.replace(costs, robot_radius=self.given.robot_radius)
+        return dataclasses.replace(costs, robot_radius=self.user_costmap.robot_radius)
 
     @property
     def by_lattice(self) -> bool:
         """Whether the robot has an outline or turns on a radius, so that the lattice plans all."""
         return needs_lattice(self.robot) and self.settings.budget is None
 
-    def _planners(
+    def _adapt_planner(
         self, costs: Costmap, planner: Planner | None
-    ) -> tuple[Ask, Costmap, Planner | None]:
+    ) -> tuple[PlanningProblem, Costmap, Planner | None]:
         """What is asked, without headings where the planner has none, the costmap with the robot,
         and the planner: the lattice where it must be."""
         if planner is None and self.by_lattice:
@@ -244,15 +244,15 @@ class Ask:
         if planner is not None and planner.space != "R2":
             return self, costs, planner
         places = [place[:2] for place in (self.start, *self.settings.via, self.goal)]
-        return self._between(places), costs, planner
+        return self._with_places(places), costs, planner
 
-    def _between(self, places: Sequence[Position]) -> Ask:
+    def _with_places(self, places: Sequence[Position]) -> PlanningProblem:
         """The same between other places."""
         start, *via, goal = places
         settings = dataclasses.replace(self.settings, via=tuple(via))
         return dataclasses.replace(self, start=start, goal=goal, settings=settings)
 
-    def checked(self, space: str) -> Ask:
+    def validate(self, space: str) -> PlanningProblem:
         """The same with places that were checked in a planner's space.
 
         Raises
@@ -261,9 +261,9 @@ class Ask:
             If the robot cannot stand there, or the limits do not go together or with the costmap.
         """
         places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
-        problem = self._between(places)
-        make_planner(None, **problem._limits(limited=True))
-        if self.given is not None and self.settings.is_limited and math.isnan(self.given.weight):
+        problem = self._with_places(places)
+        make_planner(None, **problem._make_limits(limited=True))
+        if self.user_costmap is not None and self.settings.is_limited and math.isnan(self.user_costmap.weight):
             raise ConfigError(
                 "a costmap without a field has no e or u to limit; give one of a field, or leave"
                 " out max_e and budget"
@@ -274,8 +274,8 @@ class Ask:
         self, paths_on: Callable[[Costmap], Iterable[Path]]
     ) -> tuple[Costmap, CovarianceField | None]:
         """The costmap with its field, which is fine near some paths where that takes long."""
-        if self.given:
-            return self.given, None
+        if self.user_costmap:
+            return self.user_costmap, None
 
         settings, radius = self.settings, self.robot.radius
         cost_options: dict[str, Any] = {
@@ -285,71 +285,71 @@ class Ask:
             "zones": self.zones,
         }
 
-        def costs_of(field: CovarianceField) -> Costmap:
+        def make_costmap(field: CovarianceField) -> Costmap:
             return Costmap.from_field(self.grid, field, **cost_options)
 
         if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
             field = self.compute(self.grid)
-            return costs_of(field), field
+            return make_costmap(field), field
 
-        def computed(points: Bools) -> CovarianceField:
+        def compute_field(points: Bools) -> CovarianceField:
             return self.compute(self.grid, points)
 
-        field, costs = plan_with_adaptive_field(self.grid, self.config, computed, costs_of, paths_on)
+        field, costs = plan_with_adaptive_field(self.grid, self.config, compute_field, make_costmap, paths_on)
         return costs, field
 
-    def planned(
+    def plan_least_cost(
         self, costs: Costmap, planner: Planner | None = None, *, limited: bool = True
     ) -> Plan:
         """The plan of least cost over the waypoints, for the outline; without limits of e or u
         unless it is to be limited."""
-        problem, costs, planner = self._planners(costs, planner)
-        return plan(costs, problem.start, problem.goal, planner=planner, **problem._limits(limited))
+        problem, costs, planner = self._adapt_planner(costs, planner)
+        return plan(costs, problem.start, problem.goal, planner=planner, **problem._make_limits(limited))
 
     def shortest(self, costs: Costmap) -> Path | None:
         """The shortest path without limits, as others that are shown beside an aware one."""
         if math.isnan(costs.weight):
             return None
-        return self.beside_shortest(costs, limited=False)[SHORTEST].path
+        return self.plan_aware_and_shortest(costs, limited=False)[SHORTEST].path
 
-    def beside_shortest(
+    def plan_aware_and_shortest(
         self, costs: Costmap, planner: Planner | None = None, *, limited: bool = True
     ) -> dict[str, Plan]:
         """The aware plan, within all limits if it is to be limited, and the shortest one."""
         planner = planner if self.settings.budget is None else None
-        problem, costs, planner = self._planners(costs, planner)
-        limits = problem._limits(limited)
+        problem, costs, planner = self._adapt_planner(costs, planner)
+        limits = problem._make_limits(limited)
         return plan_with_shortest(costs, problem.start, problem.goal, planner=planner, **limits)
 
-    def _limits(self, limited: bool) -> dict[str, Any]:
+    def _make_limits(self, limited: bool) -> dict[str, Any]:
         settings = self.settings
         # With a budget the robot counts as the circle within its outline.
         outline = self.robot.outline if settings.budget is None else None
         limits: dict[str, Any] = {"via": settings.via, "footprint": outline}
         return limits | ({"max_e": settings.max_e, "budget": settings.budget} if limited else {})
 
-    def fault_of(self, path: Path, costs: Costmap) -> str:
+    def find_violated_limit(self, path: Path, costs: Costmap) -> str:
         """Which limit a path does not keep; empty if it keeps all."""
-        asked = self.settings
-        for x, y, *_ in asked.via:
-            if not len(path) or distances_to(np.array([[x, y]]), path)[0] > NEAR:
+        settings = self.settings
+        for x, y, *_ in settings.via:
+            if not len(path) or compute_distances(np.array([[x, y]]), path)[0] > NEAR:
                 return f"does not visit {x:g},{y:g}"
         if crosses_no_go(self.zones, self.grid, path):
             return "crosses a no-go zone"
         if self.by_lattice:
-            for each in path_faults(self.grid, path, self.robot):
-                return f"cannot be driven: {each.kind} near {each.x:.2f},{each.y:.2f}"
-        if asked.max_e is None and asked.budget is None:
+            for fault in path_faults(self.grid, path, self.robot):
+                return f"cannot be driven: {fault.kind} near {fault.x:.2f},{fault.y:.2f}"
+        if settings.max_e is None and settings.budget is None:
             return ""
         metrics = path_metrics(costs, path)
-        if asked.max_e is not None and not metrics.max_e <= asked.max_e:
-            return f"enters cells with e above {asked.max_e:g} m² rad"
-        if asked.budget is not None and not metrics.integrated_u <= asked.budget * (1 + 1e-6):
-            return f"has more than {asked.budget:g} degenerate metres"
+        if settings.max_e is not None and not metrics.max_e <= settings.max_e:
+            return f"enters cells with e above {settings.max_e:g} m² rad"
+        if settings.budget is not None and not metrics.integrated_u <= settings.budget * (1 + 1e-6):
+            return f"has more than {settings.budget:g} degenerate metres"
         return ""
 
 
-def distances_to(points: Floats, path: Path) -> Floats:
+def compute_distances(points: Floats, path: Path) -> Floats:
     """Distance of each point to a path, to a few centimetres [m]."""
     from scipy.spatial import cKDTree
 

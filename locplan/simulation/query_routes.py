@@ -27,14 +27,14 @@ from locplan.robots.robot import Robot
 from locplan.simulation.driver import drive_open
 from locplan.simulation.drives import (
     DEFAULT_DRIVES,
-    DRIVEN,
+    DRIVE_COLUMNS,
     OFF_SHORT,
     Drives,
     check_drives,
-    rmse_ratio,
+    compute_rmse_ratio,
 )
 from locplan.simulation.simulator import Simulator
-from locplan.simulation.worlds import about_filter
+from locplan.simulation.worlds import summarize_filter_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,26 +62,26 @@ class Route:
     """Summary of each path's drives, and the ratio of their RMSE, fit for JSON."""
 
 
-def _pair(name: str, unit: str = "") -> tuple[Column, Column]:
+def _make_column_pair(name: str, unit: str = "") -> tuple[Column, Column]:
     """Columns of a pair of values, of the shortest and of the aware path."""
     return (
-        Column(f"{name}_shortest", unit, value=lambda each: getattr(each, name)[0]),
-        Column(f"{name}_aware", unit, value=lambda each: getattr(each, name)[1]),
+        Column(f"{name}_shortest", unit, value=lambda route: getattr(route, name)[0]),
+        Column(f"{name}_aware", unit, value=lambda route: getattr(route, name)[1]),
     )
 
 
 COLUMNS = (
-    Column("query", value=lambda each: each.query.name),
-    Column("start_x", "m", value=lambda each: each.query.start[0]),
-    Column("start_y", "m", value=lambda each: each.query.start[1]),
-    Column("goal_x", "m", value=lambda each: each.query.goal[0]),
-    Column("goal_y", "m", value=lambda each: each.query.goal[1]),
-    *_pair("length", "m"),
-    *_pair("median_error", "m"),
-    *_pair("lost"),
-    *_pair("off_at_end"),
-    *_pair("kept_rmse", "m"),
-    *_pair("rmse", "m"),
+    Column("query", value=lambda route: route.query.name),
+    Column("start_x", "m", value=lambda route: route.query.start[0]),
+    Column("start_y", "m", value=lambda route: route.query.start[1]),
+    Column("goal_x", "m", value=lambda route: route.query.goal[0]),
+    Column("goal_y", "m", value=lambda route: route.query.goal[1]),
+    *_make_column_pair("length", "m"),
+    *_make_column_pair("median_error", "m"),
+    *_make_column_pair("lost"),
+    *_make_column_pair("off_at_end"),
+    *_make_column_pair("kept_rmse", "m"),
+    *_make_column_pair("rmse", "m"),
 )
 """Columns of a `Route`."""
 
@@ -94,7 +94,7 @@ class Routes(Pictured):
     """The map."""
     routes: Sequence[Route]
     """Results of each query that has a path."""
-    about: Mapping[str, object]
+    description: Mapping[str, object]
     """Settings of the costs, the filter and the worlds, fit for JSON."""
 
     def __repr__(self) -> str:
@@ -131,12 +131,12 @@ class Routes(Pictured):
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives along the shortest and the aware paths: means over the queries."""
-        return _pair_of(self.pairs("lost").mean(axis=0))
+        return _pair_from_array(self.pairs("lost").mean(axis=0))
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives off at the end along both kinds: means."""
-        return _pair_of(self.pairs("off_at_end").mean(axis=0))
+        return _pair_from_array(self.pairs("off_at_end").mean(axis=0))
 
     @property
     def lost_difference(self) -> Interval:
@@ -169,7 +169,7 @@ class Routes(Pictured):
         finite_pairs = pairs[~np.isnan(pairs).any(axis=1)]
         if not len(finite_pairs):
             return math.nan, math.nan
-        return _pair_of(np.exp(np.log(finite_pairs).mean(axis=0)))
+        return _pair_from_array(np.exp(np.log(finite_pairs).mean(axis=0)))
 
     def table(self) -> Table:
         """A row per query: both ends, and the errors along both paths."""
@@ -229,7 +229,7 @@ class RoutesOnMaps(Result):
             "maps": [
                 nan_to_none(
                     {
-                        **routes.about,
+                        **routes.description,
                         "verdict": routes.verdict,
                         "median_error": routes.median,
                         **{name: getattr(routes, name) for name in (*names, "lost_difference")},
@@ -242,7 +242,7 @@ class RoutesOnMaps(Result):
             ]
         }
 
-    def _write(self, folder: Path, *about: Any) -> None:
+    def _write(self, folder: Path, *related: Any) -> None:
         from locplan._support.drawing import save_figure
 
         self.table().write_csv(folder / "queries.csv")
@@ -255,10 +255,10 @@ class RoutesOnMaps(Result):
         return routes_report(self)
 
 
-def routes_report(every: RoutesOnMaps) -> str:
+def routes_report(routes_on_maps: RoutesOnMaps) -> str:
     """Table of both paths of many queries, one row per map."""
     rows = []
-    for routes in every:
+    for routes in routes_on_maps:
         median, tracked_texts, rmse = (
             [format_decimal(error, choose_digits(error)) for error in pair]
             for pair in (routes.median, routes.kept_rmse, routes.rmse)
@@ -286,7 +286,7 @@ def routes_report(every: RoutesOnMaps) -> str:
         "RMSE",
     ]
     columns += ["ratio", "aware paths"]
-    counts = sorted({len(routes.routes) for routes in every})
+    counts = sorted({len(routes.routes) for routes in routes_on_maps})
     queries = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     return (
         f"{format_table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric means;"
@@ -346,7 +346,7 @@ def simulate_queries(
         raise ConfigError("no query has a path to drive; choose others, or a smaller robot radius")
     callbacks = split_progress(progress, [2 * drives] * len(paths_by_query))
     routes = [
-        _route(query, drive_open(simulator, paths, range(drives), progress=part))
+        _make_route(query, drive_open(simulator, paths, range(drives), progress=part))
         for (query, paths), part in zip(paths_by_query.items(), callbacks, strict=True)
     ]
     description = {
@@ -354,22 +354,22 @@ def simulate_queries(
         "drives": drives,
         "seed": seed,
         "robot": simulator.robot.summary(),
-        **about_filter(filter_map),
+        **summarize_filter_map(filter_map),
     }
     return Routes(costs.grid, routes, description)
 
 
-def _pair_of(both: Floats) -> tuple[float, float]:
-    return float(both[0]), float(both[1])
+def _pair_from_array(means: Floats) -> tuple[float, float]:
+    return float(means[0]), float(means[1])
 
 
-def _route(query: Query, drives: Mapping[str, Drives]) -> Route:
+def _make_route(query: Query, drives: Mapping[str, Drives]) -> Route:
     shortest, aware = drives[SHORTEST], drives[AWARE]
-    ratio = rmse_ratio(aware, shortest)
+    ratio = compute_rmse_ratio(aware, shortest)
     names = "median_error", "lost_rate", "off_at_end_rate", "kept_rmse", "rmse"
     median, lost, off, tracked_errors, rmse = (
         (getattr(shortest, name).value, getattr(aware, name).value) for name in names
     )
     lengths = shortest.length, aware.length
-    path_summaries = {"paths": {name: extract_values(DRIVEN, path_drives) for name, path_drives in drives.items()}}
+    path_summaries = {"paths": {name: extract_values(DRIVE_COLUMNS, path_drives) for name, path_drives in drives.items()}}
     return Route(query, lengths, median, lost, off, tracked_errors, rmse, {**path_summaries, "rmse_ratio": [*ratio]})

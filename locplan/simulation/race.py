@@ -36,7 +36,7 @@ from locplan.simulation.verdict import (
 
 ROUNDS: tuple[int, int] = (4, 8)
 """Drives of all paths, and of those that are kept, in the race."""
-KEPT, FINALISTS = 5, 3
+MAX_KEPT, FINALISTS = 5, 3
 """Maximum numbers of paths beside the shortest that are kept in the race, and confirmed."""
 UNSURE, BEHIND = 0.07, 0.3
 """Probability, one-sided, at which a path counts as surely worse than the leader: in the race, and
@@ -60,7 +60,7 @@ class Scores(NamedTuple):
     lost: Bools
     """True for the drives that were lost, (paths, drives)."""
 
-    def joined(self, later: Scores) -> Scores:
+    def join(self, later: Scores) -> Scores:
         """These drives and later ones of the same paths.
 
         Parameters
@@ -71,7 +71,7 @@ class Scores(NamedTuple):
         pairs = zip(self, later, strict=True)
         return Scores(*(np.concatenate(pair, axis=1) for pair in pairs))
 
-    def of(self, paths: Sequence[int]) -> Scores:
+    def select(self, paths: Sequence[int]) -> Scores:
         """The drives of some of the paths.
 
         Parameters
@@ -87,7 +87,7 @@ Drive = Callable[[Sequence[int], range], Scores]
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement(EqualByValue):
+class RaceResult(EqualByValue):
     """The path that won the race, and what fresh drives of it and of the shortest say."""
 
     leader: int
@@ -123,13 +123,13 @@ class Judgement(EqualByValue):
         return self.is_worthwhile and self.verdict in words
 
 
-def judged(
+def run_race(
     drive: Drive,
     handicaps: Floats,
     price_of_loss: float,
     drives: int,
-    enough: Callable[[], bool] | None = None,
-) -> Judgement:
+    is_time_up: Callable[[], bool] | None = None,
+) -> RaceResult:
     """Race paths, and confirm that the winner is better than the shortest.
 
     Parameters
@@ -142,40 +142,40 @@ def judged(
         What a lost drive adds to its score, beside the logarithm of its error.
     drives : int
         Maximum number of confirming drives of each path.
-    enough : callable, optional
+    is_time_up : callable, optional
         Whether time is up, asked before each look but the first.
     """
-    finalists, lost = race(drive, handicaps, price_of_loss)
+    finalists, lost = race_paths(drive, handicaps, price_of_loss)
     if not finalists:
         no_ratio, reported_numbers = Interval(math.nan, math.nan, math.nan), range(ROUNDS[-1])
         drive([0], reported_numbers)  # the race's drives are not those that other commands report
-        return Judgement(0, UNDECIDED, no_ratio, reported_numbers)
-    return confirmed(drive, finalists, lost, drives, handicaps, enough)
+        return RaceResult(0, UNDECIDED, no_ratio, reported_numbers)
+    return confirm_finalists(drive, finalists, lost, drives, handicaps, is_time_up)
 
 
-def race(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[int], Ints]:
+def race_paths(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[list[int], Ints]:
     """The paths that may be best and lead the shortest, and how many drives each path lost."""
 
-    def scored(paths: list[int], done: Scores) -> Floats:
-        return done.log_error + price_of_loss * done.lost + handicaps[paths][:, None]
+    def score(paths: list[int], path_scores: Scores) -> Floats:
+        return path_scores.log_error + price_of_loss * path_scores.lost + handicaps[paths][:, None]
 
-    def in_the_race(paths: list[int], done: Scores) -> list[int]:
-        return [paths[n] for n in _not_surely_worse(scored(paths, done))]
+    def find_remaining(paths: list[int], round_scores: Scores) -> list[int]:
+        return [paths[n] for n in _find_contenders(score(paths, round_scores))]
 
     n_first, n_all = ROUNDS
     all_paths = [*range(len(handicaps))]
     numbers = range(CHOOSING, CHOOSING + n_all)
     raced_scores = drive(all_paths, numbers[:n_first])
-    remaining = sorted({0, *in_the_race(all_paths, raced_scores)[:KEPT]})
-    raced_scores = raced_scores.of(remaining).joined(drive(remaining, numbers[n_first:]))
+    remaining = sorted({0, *find_remaining(all_paths, raced_scores)[:MAX_KEPT]})
+    raced_scores = raced_scores.select(remaining).join(drive(remaining, numbers[n_first:]))
     lost = np.zeros(len(all_paths), np.int64)
     lost[remaining] = raced_scores.lost.sum(axis=1)
-    scores = dict(zip(remaining, scored(remaining, raced_scores).mean(axis=1), strict=True))
-    leading = [path for path in in_the_race(remaining, raced_scores) if scores[path] <= scores[0] + LEAD]
+    scores = dict(zip(remaining, score(remaining, raced_scores).mean(axis=1), strict=True))
+    leading = [path for path in find_remaining(remaining, raced_scores) if scores[path] <= scores[0] + LEAD]
     return leading[:FINALISTS], lost
 
 
-def _not_surely_worse(scores: Floats) -> list[int]:
+def _find_contenders(scores: Floats) -> list[int]:
     """Rows of the scores of paths that may be as good as the leader, the best first."""
     from scipy.special import stdtrit
 
@@ -188,14 +188,14 @@ def _not_surely_worse(scores: Floats) -> list[int]:
     return [int(n) for n in np.argsort(scores.mean(axis=1), kind="stable") if close[n]]
 
 
-def confirmed(
+def confirm_finalists(
     drive: Drive,
     finalists: list[int],
     lost: Ints,
     drives: int,
     handicaps: Floats,
-    enough: Callable[[], bool] | None = None,
-) -> Judgement:
+    is_time_up: Callable[[], bool] | None = None,
+) -> RaceResult:
     """Drive the finalists and the shortest afresh, until a difference is known or none is."""
     paths, count, drive_scores = [0, *finalists], 0, None
     looks = plan_looks(drives)
@@ -221,10 +221,10 @@ def confirmed(
         scores = interim.mean + handicaps[paths[1:]]
         best = int(np.argmin(np.where(leads, scores, math.inf)))
         is_futile = (interim.low > WORTHWHILE).all()
-        if clear.any() or is_futile or not looks or (enough and enough()):
+        if clear.any() or is_futile or not looks or (is_time_up and is_time_up()):
             ratio = Interval(*(math.exp(end[best]) for end in interim[:3]))
             word, loses_more = interim.words[best], bool(losing[best])
-            return Judgement(paths[best + 1], word, ratio, range(count), loses_more)
+            return RaceResult(paths[best + 1], word, ratio, range(count), loses_more)
         # Finalists that seem worse than the best one, or than what is worthwhile, stay behind: that
         # costs no error, since none of them can be recommended any more.
         _, behind_low, _ = student_interval(log_ratios - log_ratios[best], BEHIND)
@@ -232,10 +232,10 @@ def confirmed(
         going = np.append(True, ~((behind_low > 0) | (ratio_low > WORTHWHILE)))
         going[best + 1] = True
         rows = np.flatnonzero(going).tolist()
-        paths, drive_scores = [paths[row] for row in rows], drive_scores.of(rows)
+        paths, drive_scores = [paths[row] for row in rows], drive_scores.select(rows)
 
 
-def log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: float) -> Floats:
+def compute_log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: float) -> Floats:
     """Logarithm of the root mean square error of each drive, (drives,).
 
     Parameters
@@ -259,13 +259,13 @@ def log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: floa
     return np.asarray(0.5 * np.log(np.minimum(squares.mean(axis=1), worst**2) + FLOOR))
 
 
-def worst_error(shape: tuple[int, int], resolution: float) -> float:
+def compute_worst_error(shape: tuple[int, int], resolution: float) -> float:
     """Error of a position as which larger ones count: the length of the map's diagonal [m]."""
     return math.hypot(*shape) * resolution
 
 
 @dataclass(frozen=True, eq=False)
-class Driven(EqualByValue):
+class DriveStatistics(EqualByValue):
     """How the drives went whose figures are shown of a candidate."""
 
     derived: ClassVar[tuple[str, ...]] = ("error", "lost_rate", "off_at_end_rate")
@@ -286,7 +286,7 @@ class Driven(EqualByValue):
     """True for each drive that was off at the end, (drives,)."""
 
     @classmethod
-    def of(cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval) -> Driven:
+    def from_drives(cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval) -> DriveStatistics:
         """What is kept of some drives.
 
         Parameters
@@ -333,7 +333,7 @@ class Candidate(EqualByValue):
     """The path from start to goal."""
     metrics: PathMetrics
     """Metrics of the path on the costmap."""
-    driven: Driven | None = None
+    driven: DriveStatistics | None = None
     """How its drives went; None where nothing was driven."""
     deviation: tuple[float, float] = (math.nan, math.nan)
     """Mean and greatest deviation of the position in the field along the path [m]; NaN where that
@@ -354,57 +354,57 @@ class Candidate(EqualByValue):
 NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
-def _of_metrics(name: str, title: str | None = None, digits: int = 2) -> Column:
+def _make_metric_column(name: str, title: str | None = None, digits: int = 2) -> Column:
     unit = next(column.unit for column in METRICS if column.name == name)
-    return Column(name, unit, title, digits, value=lambda each: getattr(each.metrics, name))
+    return Column(name, unit, title, digits, value=lambda candidate: getattr(candidate.metrics, name))
 
 
-def _of_drives(name: str, unit: str, title: str, digits: int = 2, people: str = "") -> Column:
-    def value(each: Candidate) -> Any:
-        return getattr(each.driven, name)
+def _make_drive_column(name: str, unit: str, title: str, digits: int = 2, people: str = "") -> Column:
+    def value(candidate: Candidate) -> Any:
+        return getattr(candidate.driven, name)
 
     return Column(name, unit, title, digits, people, interval=True, value=value)
 
 
-def _of_rate(column: Column) -> Column:
-    return dataclasses.replace(column, value=lambda each: getattr(each.driven, column.name))
+def _make_rate_column(column: Column) -> Column:
+    return dataclasses.replace(column, value=lambda candidate: getattr(candidate.driven, column.name))
 
 
-def _of_arrivals(column: Column) -> Column:
-    def value(each: Candidate) -> Any:
+def _make_arrival_column(column: Column) -> Column:
+    def value(candidate: Candidate) -> Any:
         missing = NOTHING if column.interval else math.nan
-        return column.extract_value(each.arrivals) if each.arrivals else missing
+        return column.extract_value(candidate.arrivals) if candidate.arrivals else missing
 
     return dataclasses.replace(column, title=None, value=value)
 
 
-_NAMED = (Column("name", title="path"), _of_metrics("length", "length", 1))
+_NAME_COLUMNS = (Column("name", title="path"), _make_metric_column("length", "length", 1))
 _OTHER_METRICS = tuple(
-    _of_metrics(column.name)
+    _make_metric_column(column.name)
     for column in METRICS
     if column.name not in ("length", "cost", "integrated_u", "integrated_e")
 )
-PLANNED: tuple[Column, ...] = (
-    *_NAMED,
-    _of_metrics("cost"),
-    _of_metrics("integrated_u", "degenerate", 1),
-    _of_metrics("integrated_e", "∫e ds", 3),
+PLAN_COLUMNS: tuple[Column, ...] = (
+    *_NAME_COLUMNS,
+    _make_metric_column("cost"),
+    _make_metric_column("integrated_u", "degenerate", 1),
+    _make_metric_column("integrated_e", "∫e ds", 3),
     *_OTHER_METRICS,
-    Column("position_std", "m", "mean std", 1, "cm", value=lambda each: each.deviation[0]),
-    Column("max_position_std", "m", "max std", 1, "cm", value=lambda each: each.deviation[1]),
+    Column("position_std", "m", "mean std", 1, "cm", value=lambda candidate: candidate.deviation[0]),
+    Column("max_position_std", "m", "max std", 1, "cm", value=lambda candidate: candidate.deviation[1]),
 )
 """Columns of candidates that were not driven."""
-DRIVEN: tuple[Column, ...] = (
-    *_NAMED,
-    _of_drives("error", "m", "error"),
-    _of_drives("ratio", "", "ratio"),
-    *map(_of_rate, RATES),
-    Column("drives", value=lambda each: len(each.driven.numbers)),
-    _of_metrics("cost"),
-    _of_metrics("integrated_u"),
-    _of_metrics("integrated_e"),
+CANDIDATE_COLUMNS: tuple[Column, ...] = (
+    *_NAME_COLUMNS,
+    _make_drive_column("error", "m", "error"),
+    _make_drive_column("ratio", "", "ratio"),
+    *map(_make_rate_column, RATES),
+    Column("drives", value=lambda candidate: len(candidate.driven.numbers)),
+    _make_metric_column("cost"),
+    _make_metric_column("integrated_u"),
+    _make_metric_column("integrated_e"),
     *_OTHER_METRICS,
-    *map(_of_arrivals, ARRIVING),
+    *map(_make_arrival_column, ARRIVING),
 )
 """Columns of candidates that were driven."""
 
@@ -413,7 +413,7 @@ RIVAL_DRIVES = 8
 """Number of drives of the shortest path with the rival's settings."""
 
 
-class Driver:
+class CandidateRunner:
     """What is remembered of the drives of candidates, by path and number.
 
     Parameters
@@ -444,9 +444,9 @@ class Driver:
         self._errors: list[dict[int, Floats]] = [{} for _ in paths]
         self._worst = math.pi
         if settings.minimise != "heading":
-            self._worst = worst_error(simulator.grid.shape, simulator.grid.resolution)
-        n_kept = min(len(paths), KEPT + 1)
-        self._done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * n_kept
+            self._worst = compute_worst_error(simulator.grid.shape, simulator.grid.resolution)
+        n_kept = min(len(paths), MAX_KEPT + 1)
+        self._n_done, self._total = 0, ROUNDS[0] * len(paths) + (ROUNDS[1] - ROUNDS[0]) * n_kept
         self._total += min(len(paths), FINALISTS + 1) * settings.drives + RIVAL_DRIVES
         self._closed = range(settings.closed_drives)
         self._total += 2 * len(self._closed)
@@ -461,63 +461,63 @@ class Driver:
             np.array([self._drives(path, numbers).lost for path in paths]),
         )
 
-    def shown(self, path: int, found: Judgement) -> Driven:
+    def summarize_drives(self, path: int, race_result: RaceResult) -> DriveStatistics:
         """What is shown of a candidate: the drives from 0 on, or those of the race."""
         numbers = range(CHOOSING, CHOOSING + ROUNDS[-1])
-        if leads := path in (0, found.leader):
-            numbers = found.drives
+        if leads := path in (0, race_result.leader):
+            numbers = race_result.drives
         numbers = numbers[: sum(number in self._errors[path] for number in numbers)]
         ratio = NOTHING
         if path:
             log_ratios = self._log_errors(path, numbers) - self._log_errors(0, numbers)
-            ratio = found.ratio if leads else estimate_geometric_mean(np.exp(log_ratios))
+            ratio = race_result.ratio if leads else estimate_geometric_mean(np.exp(log_ratios))
         errors = self._log_errors(path, numbers)
-        return Driven.of(self._drives(path, numbers), numbers, errors, ratio)
+        return DriveStatistics.from_drives(self._drives(path, numbers), numbers, errors, ratio)
 
-    def arrivals(self, found: Judgement) -> dict[int, Arrivals]:
+    def drive_closed_loop(self, race_result: RaceResult) -> dict[int, Arrivals]:
         """Closed-loop drives of the path to take and of the shortest, which may be one."""
-        leader = found.leader if found.takes(self._settings.bold) else 0
+        leader = race_result.leader if race_result.takes(self._settings.bold) else 0
         path_numbers = [*dict.fromkeys((0, leader))]
         paths_by_name = dict(self._paths[path] for path in path_numbers)
         arrivals_by_name = drive_closed(
             self._simulator, paths_by_name, self._closed, route=self._route, progress=self._step
         )
-        self._done += len(path_numbers) * len(self._closed)
+        self._n_done += len(path_numbers) * len(self._closed)
         return dict(zip(path_numbers, arrivals_by_name.values(), strict=True))
 
-    def rival(self, found: Judgement) -> Driven | None:
+    def drive_rival(self, race_result: RaceResult) -> DriveStatistics | None:
         """Drives of the shortest path with the rival's filter, beside those that are shown."""
-        rival = self._settings.rival_of(self._simulator.robot.filter)
+        rival = self._settings.find_rival(self._simulator.robot.filter)
         if rival is None:
             return None
-        numbers = found.drives[:RIVAL_DRIVES]
+        numbers = race_result.drives[:RIVAL_DRIVES]
         base = self._simulator
         robot = dataclasses.replace(base.robot, filter=rival)
         same: Any = {"filter_map": base.filter_map, "seed": base.seed, "threads": base.threads}
         simulator = Simulator(base.grid, robot, **same)
         (drives,) = self._drive(simulator, [0], numbers)
-        errors = self._scored(drives)
+        errors = self._score_drives(drives)
         ratio = estimate_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))
         if self._progress:
             self._progress(self._total, self._total)
-        return Driven.of(drives, numbers, errors, ratio)
+        return DriveStatistics.from_drives(drives, numbers, errors, ratio)
 
     def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Drives]:
         paths_by_name = dict(self._paths[path] for path in paths)
         drives_by_name = drive_open(simulator, paths_by_name, numbers, route=self._route, progress=self._step)
-        self._done += len(paths) * len(numbers)
+        self._n_done += len(paths) * len(numbers)
         return [*drives_by_name.values()]
 
-    def _step(self, done: int, _: int) -> None:
+    def _step(self, n_done: int, _: int) -> None:
         if self._progress:
-            self._progress(self._done + done, self._total)
+            self._progress(self._n_done + n_done, self._total)
 
     def _drives(self, path: int, numbers: range) -> Drives:
         errors = [self._errors[path][number] for number in numbers]
         return Drives(self._poses[path], np.array(errors))
 
     def _log_errors(self, path: int, numbers: range) -> Floats:
-        return self._scored(self._drives(path, numbers))
+        return self._score_drives(self._drives(path, numbers))
 
-    def _scored(self, drives: Drives) -> Floats:
-        return log_errors(drives.distance, drives.errors, self._settings.minimise, self._worst)
+    def _score_drives(self, drives: Drives) -> Floats:
+        return compute_log_errors(drives.distance, drives.errors, self._settings.minimise, self._worst)

@@ -25,16 +25,16 @@ from locplan.robots.amcl import Amcl, Filter
 from locplan.robots.presets import SAFE, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import FOLLOWER, WORLD, Arrivals
-from locplan.simulation.candidates import config_of, costmap_of, costs_again
-from locplan.simulation.problem import TUNED, ChoiceSettings
+from locplan.simulation.candidates import config_from_costs, make_candidate_costmap, rebuild_costmap
+from locplan.simulation.problem import SAFE_AMCL, ChoiceSettings
 from locplan.simulation.race import (
-    DRIVEN,
-    PLANNED,
+    CANDIDATE_COLUMNS,
+    PLAN_COLUMNS,
     ROUNDS,
     WORTHWHILE,
     Candidate,
-    Driven,
-    Judgement,
+    DriveStatistics,
+    RaceResult,
 )
 from locplan.simulation.verdict import (
     BETTER,
@@ -43,7 +43,7 @@ from locplan.simulation.verdict import (
     WORSE,
     DriveSet,
     Verdict,
-    compare,
+    compare_drives,
 )
 
 if TYPE_CHECKING:
@@ -139,9 +139,9 @@ class Decision:
     """Candidates, the shortest path first; none if no path leads to the goal."""
     best: int
     """Index of the recommended one."""
-    judgement: Judgement | None
+    judgement: RaceResult | None
     """The race and its confirmation; None if nothing was driven."""
-    rival: Driven | None
+    rival: DriveStatistics | None
     """Drives along the shortest path with the tuned filter."""
     settings: ChoiceSettings
     """What decided."""
@@ -158,14 +158,14 @@ class Decision:
         return self.candidates[0] if self.candidates else None
 
     @property
-    def chosen(self) -> Candidate | None:
+    def recommended_candidate(self) -> Candidate | None:
         """The recommended path; None if there is no path."""
         return self.candidates[self.best] if self.candidates else None
 
     @property
     def leader(self) -> Candidate | None:
         """The path that the verdict is on, or the recommended one if nothing was driven."""
-        return self.candidates[self.judgement.leader] if self.judgement else self.chosen
+        return self.candidates[self.judgement.leader] if self.judgement else self.recommended_candidate
 
 
 def format_answer(decision: Decision) -> str:
@@ -173,13 +173,13 @@ def format_answer(decision: Decision) -> str:
     shortest, leader = decision.shortest, decision.leader
     if shortest is None or leader is None:
         return NO_PATH[decision.status].format(note=decision.note or "the planner gives no reason")
-    judgement, recommended = decision.judgement, decision.chosen
+    judgement, recommended = decision.judgement, decision.recommended_candidate
     values = {
         "name": leader.name,
-        "kind": _kind(leader, shortest),
+        "kind": _describe_kind(leader, shortest),
         "length": format_length(leader),
         "shortest": format_length(shortest),
-        "lengths": _lengths(leader, shortest),
+        "lengths": _compare_lengths(leader, shortest),
         "u": leader.metrics.integrated_u,
         "shortest_u": shortest.metrics.integrated_u,
     }
@@ -191,10 +191,10 @@ def format_answer(decision: Decision) -> str:
     if leader.driven and shortest.driven:
         values["lost"] = int(leader.driven.lost.sum())
         values["shortest_lost"] = int(shortest.driven.lost.sum())
-    return _driven_template(decision).format(**values)
+    return _choose_template(decision).format(**values)
 
 
-def _driven_template(decision: Decision) -> str:
+def _choose_template(decision: Decision) -> str:
     """The template of the verdict on candidates that were driven."""
     judgement, settings = decision.judgement, decision.settings
     assert judgement is not None
@@ -220,7 +220,7 @@ def _driven_template(decision: Decision) -> str:
     return templates[verdict]
 
 
-def _kind(candidate: Candidate, shortest: Candidate) -> str:
+def _describe_kind(candidate: Candidate, shortest: Candidate) -> str:
     """What a candidate is called beside the shortest path; a user's may be shorter."""
     extra = candidate.path.length - shortest.path.length
     if abs(extra) < 0.05:
@@ -228,7 +228,7 @@ def _kind(candidate: Candidate, shortest: Candidate) -> str:
     return "detour" if extra > 0 else "shorter path"
 
 
-def _lengths(candidate: Candidate, shortest: Candidate) -> str:
+def _compare_lengths(candidate: Candidate, shortest: Candidate) -> str:
     if abs(candidate.path.length - shortest.path.length) < 0.05:
         return f"{format_length(candidate)}, as long as the shortest path"
     return f"{format_length(candidate)} instead of {format_length(shortest)}"
@@ -265,7 +265,7 @@ def format_share(share: Interval) -> str:
 def format_reached(decision: Decision) -> str:
     """Return how many robots reach the goal in closed-loop drives; empty if none was driven."""
     arrivals = {candidate.name: candidate.arrivals for candidate in decision.candidates if candidate.arrivals}
-    reached = arrivals.pop(decision.chosen.name if decision.chosen else "", None)
+    reached = arrivals.pop(decision.recommended_candidate.name if decision.recommended_candidate else "", None)
     if reached is None:
         return ""
     values = {"count": reached.count, "n": len(reached.drives)}
@@ -278,11 +278,11 @@ def format_reached(decision: Decision) -> str:
 
 def list_advice(decision: Decision) -> list[str]:
     """Return sentences on what may matter more than the path, the one to tune first at first."""
-    return [sentence for sentence in _advice(decision) if sentence]
+    return [sentence for sentence in _iterate_advice(decision) if sentence]
 
 
-def _advice(decision: Decision) -> Iterator[str]:
-    recommended, shortest = decision.chosen, decision.shortest
+def _iterate_advice(decision: Decision) -> Iterator[str]:
+    recommended, shortest = decision.recommended_candidate, decision.shortest
     if not (recommended and shortest and recommended.driven and shortest.driven):
         return
     yield format_tune_first(decision)
@@ -304,9 +304,9 @@ def format_tune_first(decision: Decision) -> str:
     verdict, shortest = compare_tuning(decision), decision.shortest
     if verdict is None or shortest is None:
         return ""
-    template = TUNE_BEFORE_DETOUR if decision.best and decision.chosen else TUNE_FIRST
+    template = TUNE_BEFORE_DETOUR if decision.best and decision.recommended_candidate else TUNE_FIRST
     return template.format(
-        kind=_kind(decision.chosen or shortest, shortest),
+        kind=_describe_kind(decision.recommended_candidate or shortest, shortest),
         settings=name_tuned_settings(decision),
         shortest=format_length(shortest),
         change=format_change(verdict.ratio, decision.settings.minimise),
@@ -332,7 +332,7 @@ def compare_tuning(decision: Decision) -> Verdict | None:
     Tuned settings must be better than the robot's own there, and on the recommended path. They are
     compared in the drives that all have in common: same worlds, same random numbers.
     """
-    recommended, shortest, rival = decision.chosen, decision.shortest, decision.rival
+    recommended, shortest, rival = decision.recommended_candidate, decision.shortest, decision.rival
     if not (rival and recommended and shortest and recommended.driven and shortest.driven):
         return None
     if rival.lost_rate.value >= MOSTLY_LOST:
@@ -344,7 +344,7 @@ def compare_tuning(decision: Decision) -> Verdict | None:
             return None
         count = len(rival.lost)
         verdicts.append(
-            compare(DriveSet(statistics.log_error[:count], statistics.lost[:count]), alternative)
+            compare_drives(DriveSet(statistics.log_error[:count], statistics.lost[:count]), alternative)
         )
     is_worthwhile = all(verdict.ratio.value <= math.exp(WORTHWHILE) for verdict in verdicts)
     is_better = all(verdict.word == BETTER for verdict in verdicts)
@@ -354,10 +354,10 @@ def compare_tuning(decision: Decision) -> Verdict | None:
 def name_tuned_settings(decision: Decision) -> str:
     """Return the settings of the filter that was driven next to the robot's own."""
     rival = decision.settings.rival
-    if rival not in (None, TUNED):
+    if rival not in (None, SAFE_AMCL):
         return rival.title
-    own = "" if isinstance(decision.filter, Amcl) else "AMCL, "
-    return f"{own}safe settings ({describe_preset(SAFE)})"
+    prefix = "" if isinstance(decision.filter, Amcl) else "AMCL, "
+    return f"{prefix}safe settings ({describe_preset(SAFE)})"
 
 
 def list_answer(decision: Decision) -> list[str]:
@@ -382,7 +382,7 @@ RACE_NOTE = (
 
 def evidence_table(decision: Decision) -> str:
     """Return the drives of each candidate as a table, the recommended path first; empty without."""
-    shortest, recommended = decision.shortest, decision.chosen
+    shortest, recommended = decision.shortest, decision.recommended_candidate
     if shortest is None or recommended is None or shortest.driven is None:
         return ""
     ordered = [recommended, *(candidate for candidate in decision.candidates if candidate is not recommended)]
@@ -390,23 +390,23 @@ def evidence_table(decision: Decision) -> str:
     if decision.rival is not None:
         at = 1 + ordered.index(shortest)
         rows.insert(at, (f"{shortest.name}, tuned", shortest, decision.rival))
-    has_off = any(driven is not None and driven.off_at_end.any() for _, _, driven in rows)
+    has_off = any(statistics is not None and statistics.off_at_end.any() for _, _, statistics in rows)
     is_angle = decision.settings.minimise == "heading"
     error_titles = {"heading": "heading error [deg]", "goal-error": "error at the goal [m]"}
     heads = ["  path", "length", error_titles.get(decision.settings.minimise, "error [m]"), "lost"]
     heads += [*(["off at the end"] if has_off else []), "drives"]
     texts = []
-    for name, candidate, driven in rows:
-        if driven is None:
+    for name, candidate, statistics in rows:
+        if statistics is None:
             continue
-        is_shared = driven.numbers.start == shortest.driven.numbers.start
-        error = _format_error(driven.error, is_angle)
+        is_shared = statistics.numbers.start == shortest.driven.numbers.start
+        error = _format_error(statistics.error, is_angle)
         if not is_shared:
-            error = f"~{_format_error(_scaled_error(driven, shortest.driven), is_angle)}"
-        mark = ">" if candidate is recommended and driven is not decision.rival else " "
-        off = [f"{driven.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
+            error = f"~{_format_error(_scale_error(statistics, shortest.driven), is_angle)}"
+        mark = ">" if candidate is recommended and statistics is not decision.rival else " "
+        off = [f"{statistics.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
         cells = [f"{mark} {name}", format_length(candidate), error]
-        texts.append((*cells, format_share(driven.lost_rate), *off, str(len(driven.numbers))))
+        texts.append((*cells, format_share(statistics.lost_rate), *off, str(len(statistics.numbers))))
     return format_aligned(heads, texts)
 
 
@@ -419,15 +419,15 @@ def list_notes(decision: Decision) -> list[str]:
     return notes
 
 
-def _scaled_error(driven: Driven, shortest: Driven) -> Interval:
+def _scale_error(statistics: DriveStatistics, shortest: DriveStatistics) -> Interval:
     """The error as if it were driven in the shortest path's drives, without an interval."""
-    return Interval(driven.ratio.value * shortest.error.value, math.nan, math.nan)
+    return Interval(statistics.ratio.value * shortest.error.value, math.nan, math.nan)
 
 
 def _format_error(error: Interval, is_angle: bool) -> str:
     digits = 1 if is_angle else choose_digits(error.value)
     scale = math.degrees(1.0) if is_angle else 1.0
-    value, low, high = (f"{scale * each:.{digits}f}" for each in error)
+    value, low, high = (f"{scale * bound:.{digits}f}" for bound in error)
     return value if math.isnan(error.low) else f"{value} [{low}, {high}]"
 
 
@@ -474,9 +474,9 @@ class Choice(Result, Stored):
     """What there is to say beside: why nothing was driven, or why there is no path."""
     left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """Why each other path that was planned or given is no candidate, by its name."""
-    judgement: Judgement | None = None
+    judgement: RaceResult | None = None
     """The race and its confirmation; None where nothing was driven."""
-    rival: Driven | None = None
+    rival: DriveStatistics | None = None
     """Drives along the shortest path with the filter of `ChoiceSettings.rival`."""
     costs: Costmap | None = dataclasses.field(default=None, compare=False)
     """Costmap that the paths were measured on; None in a choice that was loaded."""
@@ -529,19 +529,19 @@ class Choice(Result, Stored):
         return self.candidates[0] if self.candidates else None
 
     @property
-    def chosen(self) -> Candidate | None:
+    def recommended_candidate(self) -> Candidate | None:
         """Candidate to take; None if there is no path."""
         return self.candidates[self.best] if self.candidates else None
 
     @property
     def taken(self) -> str:
         """Name of the candidate to take; empty if there is no path."""
-        return self.chosen.name if self.chosen else ""
+        return self.recommended_candidate.name if self.recommended_candidate else ""
 
     @property
     def path(self) -> Path | None:
         """Path to take; None if there is none."""
-        return self.chosen.path if self.chosen else None
+        return self.recommended_candidate.path if self.recommended_candidate else None
 
     @property
     def _decision(self) -> Decision:
@@ -592,7 +592,7 @@ class Choice(Result, Stored):
         return self.best == 0 and self.verdict == UNDECIDED and self.leader is not self.shortest
 
     @property
-    def driven(self) -> str:
+    def drives_text(self) -> str:
         """Which drives and which robot are shown, in words."""
         if self.judgement is None:
             return ""
@@ -601,7 +601,7 @@ class Choice(Result, Stored):
     @property
     def config(self) -> FieldConfig:
         """Settings of the field that the paths were measured on, or would be without one."""
-        return config_of(self.about, self.robot.lidar)
+        return config_from_costs(self.about, self.robot.lidar)
 
     def with_field(self, field: CovarianceField) -> Choice:
         """The same with a costmap of a field, which a choice that was loaded lacks.
@@ -616,7 +616,7 @@ class Choice(Result, Stored):
         ConfigError
             If it is that of another map.
         """
-        return dataclasses.replace(self, costs=costs_again(self.about, field))
+        return dataclasses.replace(self, costs=rebuild_costmap(self.about, field))
 
     def costmap(self) -> Costmap:
         """The costmap on which the path to take costs least, such as for `locplan.export`.
@@ -628,7 +628,7 @@ class Choice(Result, Stored):
         ConfigError
             If there is no path, or the choice was loaded; `with_field` gives it a costmap.
         """
-        recommended, costs = self.chosen, self.costs
+        recommended, costs = self.recommended_candidate, self.costs
         if recommended is None:
             raise ConfigError(f"the choice has no path: {self.sentence}")
         if costs is None:
@@ -636,11 +636,11 @@ class Choice(Result, Stored):
         if recommended.planner and recommended is not self.shortest:
             return costs
         paths = {candidate.name: candidate.path for candidate in self.candidates}
-        return costmap_of(costs, paths, recommended.name, self.robot, self.settings.max_e)
+        return make_candidate_costmap(costs, paths, recommended.name, self.robot, self.settings.max_e)
 
     def table(self) -> Table:
         """The candidates, a row each; of driven ones, the first column marks the one to take."""
-        columns = DRIVEN if self.judgement else PLANNED
+        columns = CANDIDATE_COLUMNS if self.judgement else PLAN_COLUMNS
         if self.settings.minimise == "heading":
             columns = tuple(
                 dataclasses.replace(column, unit="rad", people="deg", digits=1)
@@ -648,10 +648,10 @@ class Choice(Result, Stored):
                 else column
                 for column in columns
             )
-        marks = Column("chosen", title="", value=lambda each: ">" if each is self.chosen else "")
+        marks = Column("chosen", title="", value=lambda each: ">" if each is self.recommended_candidate else "")
         return Table.from_records((marks, *columns) if self.judgement else columns, self.candidates)
 
-    def report(self, *about: Any, **more: Any) -> str:
+    def report(self, *related: Any, **details: Any) -> str:
         """The answer, the table of the drives, and why other paths are no candidates.
 
         Parameters
@@ -661,48 +661,48 @@ class Choice(Result, Stored):
         """
         if not self.candidates:
             return self.sentence
-        evidence = [*wrap_lines([f"{self.driven}:"])] if self.judgement else []
+        evidence = [*wrap_lines([f"{self.drives_text}:"])] if self.judgement else []
         evidence.append(evidence_table(self._decision) or str(self.table()))
         notes = list_notes(self._decision)
-        notes += [f"{each.name}: {each.note}" for each in self.candidates if each.note]
+        notes += [f"{candidate.name}: {candidate.note}" for candidate in self.candidates if candidate.note]
         names: dict[str, list[str]] = {}
-        for name, why in self.left_out.items():
-            names.setdefault(why, []).append(name)
-        notes += [f"left out: {', '.join(group)}: {why}" for why, group in names.items()]
+        for name, reason in self.left_out.items():
+            names.setdefault(reason, []).append(name)
+        notes += [f"left out: {', '.join(group)}: {reason}" for reason, group in names.items()]
         if self.costs is not None and self.costs.note:
             notes.append(self.costs.note)
         if self.costs is not None and not self.costs.has_weak_spots:
             notes.append("no weak spot for this lidar: u is 0 throughout the map")
         return "\n".join([*wrap_lines(self.answer), "", *evidence, *wrap_lines(notes)])
 
-    def _write(self, folder: File, *about: Any) -> None:
+    def _write(self, folder: File, *related: Any) -> None:
         """Write the paths, the table and the errors along the paths."""
         self.table().write_csv(folder / "candidates.csv")
         if self.path:
             self.path.save(folder / "chosen.csv")
-        for number, each in enumerate(self.candidates, 1):
-            each.path.save(folder / f"{number:02}-{make_file_name(each.name)[:60]}.csv")
+        for number, candidate in enumerate(self.candidates, 1):
+            candidate.path.save(folder / f"{number:02}-{make_file_name(candidate.name)[:60]}.csv")
         columns = ["path", "distance", "error_median", "error_low", "error_high"]
         rows = (
-            [each.name, *at]
-            for each in self.candidates
-            if each.driven
-            for at in each.driven.profile.tolist()
+            [candidate.name, *at]
+            for candidate in self.candidates
+            if candidate.driven
+            for at in candidate.driven.profile.tolist()
         )
         write_rows(folder / "errors.csv", columns, rows)
-        sampled_candidates = [each for each in self.candidates if len(each.history) > 1]
+        sampled_candidates = [candidate for candidate in self.candidates if len(candidate.history) > 1]
         if sampled_candidates:
             from locplan._support.drawing import save_figure
             from locplan.planning.figures import history_figure
 
-            plans = {each.name: self._plan(each) for each in sampled_candidates}
+            plans = {candidate.name: self._plan_from_candidate(candidate) for candidate in sampled_candidates}
             save_figure(history_figure(plans), folder / "history.png")
 
-    def _plan(self, each: Candidate) -> Plan:
+    def _plan_from_candidate(self, candidate: Candidate) -> Plan:
         """A candidate as a plan, for the figure of its search."""
-        costs, history = self.costs, each.history
+        costs, history = self.costs, candidate.history
         return Plan(
-            *("solved", each.planner, self.start, self.goal, each.path, each.metrics),
+            *("solved", candidate.planner, self.start, self.goal, candidate.path, candidate.metrics),
             solve_time=history[-1][0],
             history=history,
             costs=costs,
@@ -715,6 +715,6 @@ class Choice(Result, Stored):
         Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that
         was loaded has no map to draw.
         """
-        from locplan.simulation.figures import choice_figure
+        from locplan.simulation.figures import recommendation_figure
 
-        return choice_figure(self)
+        return recommendation_figure(self)

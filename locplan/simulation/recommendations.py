@@ -35,7 +35,7 @@ from locplan.simulation.problem import ChoiceSettings
 from locplan.simulation.race import Candidate
 from locplan.simulation.recommendation import Choice
 from locplan.simulation.recommender import choose
-from locplan.simulation.worlds import check_of_one_map
+from locplan.simulation.worlds import check_single_map
 
 
 @dataclass(frozen=True)
@@ -52,35 +52,35 @@ class MapChoice:
     @property
     def lengths(self) -> tuple[float, float]:
         """Length of the shortest and of the chosen path [m]; NaN without a path."""
-        return self._both(lambda each: each.path.length)
+        return self._evaluate_both(lambda candidate: candidate.path.length)
 
     @property
     def errors(self) -> tuple[float, float]:
         """Typical error of both: geometric mean over the drives [m], or [rad] of headings."""
-        return self._both(lambda each: each.driven.error.value if each.driven else math.nan)
+        return self._evaluate_both(lambda candidate: candidate.driven.error.value if candidate.driven else math.nan)
 
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives of both, 0..1; NaN without a path."""
-        return self._both(lambda each: each.driven.lost_rate.value if each.driven else math.nan)
+        return self._evaluate_both(lambda candidate: candidate.driven.lost_rate.value if candidate.driven else math.nan)
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives of both off at the end, 0..1; NaN without a path."""
-        return self._both(
-            lambda each: each.driven.off_at_end_rate.value if each.driven else math.nan
+        return self._evaluate_both(
+            lambda candidate: candidate.driven.off_at_end_rate.value if candidate.driven else math.nan
         )
 
-    def _both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
-        candidates = self.choice.shortest, self.choice.chosen
+    def _evaluate_both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
+        candidates = self.choice.shortest, self.choice.recommended_candidate
         first, second = (math.nan if candidate is None else value(candidate) for candidate in candidates)
         return first, second
 
 
-def _pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
+def _make_column_pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
     """Columns of a pair of values, of the shortest and of the chosen path."""
-    shortest = Column(f"{name}_shortest", unit, value=lambda each: getattr(each, values)[0])
-    return shortest, Column(f"{name}_chosen", unit, value=lambda each: getattr(each, values)[1])
+    shortest = Column(f"{name}_shortest", unit, value=lambda map_choice: getattr(map_choice, values)[0])
+    return shortest, Column(f"{name}_chosen", unit, value=lambda map_choice: getattr(map_choice, values)[1])
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,7 +105,7 @@ class Choices:
 
     def __repr__(self) -> str:
         ratio = f"error {self.error_ratio.value:.2f} of the shortest's"
-        return f"Choices({len(self)} queries, {self.left} left the shortest, {ratio})"
+        return f"Choices({len(self)} queries, {self.n_detours} left the shortest, {ratio})"
 
     def __len__(self) -> int:
         return len(self.choices)
@@ -117,24 +117,24 @@ class Choices:
         return self.choices[number]
 
     @property
-    def solved(self) -> tuple[MapChoice, ...]:
+    def solved_choices(self) -> tuple[MapChoice, ...]:
         """Choices for the queries that have a path."""
         return tuple(map_choice for map_choice in self.choices if map_choice.choice.candidates)
 
     @property
-    def left(self) -> int:
+    def n_detours(self) -> int:
         """Number of queries for which another path than the shortest is recommended."""
-        return sum(map_choice.choice.best > 0 for map_choice in self.solved)
+        return sum(map_choice.choice.best > 0 for map_choice in self.solved_choices)
 
     @property
     def error_ratio(self) -> Interval:
         """Ratio of the chosen paths' error to the shortest's: geometric mean over the queries."""
-        return estimate_geometric_mean(np.array([e.errors[1] / e.errors[0] for e in self.solved]))
+        return estimate_geometric_mean(np.array([e.errors[1] / e.errors[0] for e in self.solved_choices]))
 
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the chosen paths' length to the shortest's: geometric mean."""
-        return estimate_geometric_mean(np.array([e.lengths[1] / e.lengths[0] for e in self.solved]))
+        return estimate_geometric_mean(np.array([e.lengths[1] / e.lengths[0] for e in self.solved_choices]))
 
     @property
     def lost(self) -> tuple[float, float]:
@@ -147,7 +147,7 @@ class Choices:
         return self._means("off_at_end")
 
     def _means(self, name: str) -> tuple[float, float]:
-        value_pairs = np.array([getattr(map_choice, name) for map_choice in self.solved] or [(math.nan, math.nan)])
+        value_pairs = np.array([getattr(map_choice, name) for map_choice in self.solved_choices] or [(math.nan, math.nan)])
         shortest, recommended = value_pairs.mean(axis=0).tolist()
         return shortest, recommended
 
@@ -161,9 +161,9 @@ class Choices:
             Column("goal_x", "m", value=lambda each: each.query.goal[0]),
             Column("goal_y", "m", value=lambda each: each.query.goal[1]),
             Column("chosen", value=lambda each: each.choice.taken),
-            *_pair("length", "lengths", "m"),
-            *_pair("error", "errors"),
-            *(map_choice for name in ("lost", "off_at_end") for map_choice in _pair(name, name)),
+            *_make_column_pair("length", "lengths", "m"),
+            *_make_column_pair("error", "errors"),
+            *(map_choice for name in ("lost", "off_at_end") for map_choice in _make_column_pair(name, name)),
         )
         return Table.from_records(columns, self.choices)
 
@@ -183,10 +183,10 @@ class Choices:
         rows = []
         for name, group in groups.items():
             rate_pairs = group.lost, group.off_at_end
-            rates = ("{:.0%} -> {:.0%}".format(*map_choice) if group.solved else "-" for map_choice in rate_pairs)
-            solved, shares = f"{len(group.solved)} of {len(group)}", "\n".join(rates)
+            rates = ("{:.0%} -> {:.0%}".format(*map_choice) if group.solved_choices else "-" for map_choice in rate_pairs)
+            solved, shares = f"{len(group.solved_choices)} of {len(group)}", "\n".join(rates)
             ratios = group.length_ratio.value, group.error_ratio
-            rows.append((name, solved, group.left, *ratios, shares))
+            rows.append((name, solved, group.n_detours, *ratios, shares))
         return (
             f"{Table(columns, tuple(rows))}\ndetours leave the shortest path; chosen over shortest,"
             " by the drives that\nconfirmed it [95 % intervals]; lost, off at the end: by"
@@ -210,21 +210,21 @@ class Choices:
             If a file cannot be written, or two queries have the same name.
         """
         target = check_file_path("a folder of choices", folder)
-        several = len({each.map for each in self}) > 1
+        several = len({map_choice.map for map_choice in self}) > 1
         homes: dict[str, MapChoice] = {}
-        for each in self:
-            name = make_file_name(f"{each.map} {each.query.name}" if several else each.query.name)
+        for map_choice in self:
+            name = make_file_name(f"{map_choice.map} {map_choice.query.name}" if several else map_choice.query.name)
             if name in homes:
                 raise ConfigError(f"two choices would be saved as {name}; rename one")
-            homes[name] = each
+            homes[name] = map_choice
         with self.files.into(target, force=force).writing() as new:
-            for name, each in homes.items():
+            for name, map_choice in homes.items():
                 (new / name).mkdir()
-                each.choice.write_files(new / name)
+                map_choice.choice.write_files(new / name)
             self.table().write_csv(new / "choices.csv")
 
 
-def read_choices(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
+def read_recommendations(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
     """Read choices from their folders, by the names of these folders.
 
     Parameters
@@ -260,7 +260,7 @@ IN_FLIGHT = 64
 """Maximum number of choices at an executor at once, which bounds the memory of their maps."""
 
 
-class _Case(NamedTuple):
+class _QueryCase(NamedTuple):
     """A query with its map."""
 
     map: str
@@ -341,11 +341,11 @@ def choose_many(
     """
     check_threads(threads)
     maps_by_name = name_maps(maps)
-    check_of_one_map(ChoiceSettings.of(settings).filter_map, maps_by_name)
+    check_single_map(ChoiceSettings.from_mapping(settings).filter_map, maps_by_name)
     check_random(queries if is_integer(queries) else 1, query_seed, min_distance)
     check_integer("seed", seed, 0)
     task_settings: dict[str, Any] = {**settings, "robot": robot}
-    cases: list[_Case] = []
+    cases: list[_QueryCase] = []
     for name, map_or_costmap in maps_by_name.items():
         if isinstance(map_or_costmap, Costmap):
             costs = map_or_costmap
@@ -356,18 +356,18 @@ def choose_many(
             raise ConfigError(f"there are no queries for map {short_repr(name)}")
         map_queries = queries[name] if isinstance(queries, Mapping) else queries
         for query in normalize_queries(costs, map_queries, min_distance, query_seed):
-            with _where(name, query):
+            with _name_query_in_errors(name, query):
                 begin, end = check_ends(costs, query.start[:2], query.goal[:2])
                 if begin == end:
                     raise ConfigError("start and goal are one place")
-            cases.append(_Case(name, costs, query, seed + len(cases)))
+            cases.append(_QueryCase(name, costs, query, seed + len(cases)))
     if not cases:
         raise ConfigError("there is no query; give at least one")
     choices = []
-    local_choices = (chosen(__version__, case, {**task_settings, "threads": threads}) for case in cases)
-    choice_iterator = local_choices if executor is None else _at(executor, cases, task_settings)
+    local_choices = (choose_for_case(__version__, case, {**task_settings, "threads": threads}) for case in cases)
+    choice_iterator = local_choices if executor is None else _choose_with_executor(executor, cases, task_settings)
     for case in cases:
-        with _where(case.map, case.query):
+        with _name_query_in_errors(case.map, case.query):
             choice = dataclasses.replace(next(choice_iterator), costs=case.costs)
         choices.append(MapChoice(case.map, case.query, choice))
         if progress:
@@ -375,44 +375,44 @@ def choose_many(
     return Choices(tuple(choices))
 
 
-def _at(executor: Executor, cases: list[_Case], asked: dict[str, Any]) -> Iterator[Choice]:
+def _choose_with_executor(executor: Executor, cases: list[_QueryCase], task_settings: dict[str, Any]) -> Iterator[Choice]:
     """The choices of an executor in the order of the cases."""
     running: deque[Future[Choice]] = deque()
     waiting = iter(cases)
     try:
         while True:
             while len(running) < IN_FLIGHT and (case := next(waiting, None)):
-                running.append(executor.submit(chosen, __version__, case, asked))
+                running.append(executor.submit(choose_for_case, __version__, case, task_settings))
             if not running:
                 return
             yield running.popleft().result()
     except LocplanError:
         raise
     except Exception as error:  # each executor has its own error for dead workers
-        what = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
-        raise LocplanError(f"the executor failed ({what})") from error
+        error_text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")[:200]
+        raise LocplanError(f"the executor failed ({error_text})") from error
     finally:
         for task in running:
             task.cancel()
 
 
-def chosen(version: str, case: _Case, asked: dict[str, Any]) -> Choice:
+def choose_for_case(version: str, case: _QueryCase, task_settings: dict[str, Any]) -> Choice:
     """Choose where the same locplan is, on one thread by default; no costmap is sent back."""
     if version != __version__:
         raise ConfigError(
             f"a worker has locplan {__version__}, not {version}; install the same one there"
         )
     costs, ends = case.costs, (case.query.start[:2], case.query.goal[:2])
-    robot = equip_robot(asked["robot"], costs.settings.config if costs.settings else None)
-    options = {"threads": 1, **asked, "robot": robot, "seed": case.seed, "costs": costs}
+    robot = equip_robot(task_settings["robot"], costs.settings.config if costs.settings else None)
+    options = {"threads": 1, **task_settings, "robot": robot, "seed": case.seed, "costs": costs}
     return dataclasses.replace(choose(costs.grid, *ends, **options), costs=None)
 
 
 @contextmanager
-def _where(name: str, query: Query) -> Iterator[None]:
+def _name_query_in_errors(name: str, query: Query) -> Iterator[None]:
     """Tell in errors which query they are about."""
     try:
         yield
     except LocplanError as error:
-        where = f"map {short_repr(name)}, query {short_repr(query.name)}"
-        raise type(error)(f"{where}: {error}") from None
+        place = f"map {short_repr(name)}, query {short_repr(query.name)}"
+        raise type(error)(f"{place}: {error}") from None

@@ -32,21 +32,21 @@ from locplan.robots.robot import Robot
 from locplan.simulation.candidates import (
     WEIGHTS,
     Candidates,
-    Own,
-    Part,
-    add_own,
-    candidates_of,
-    check_own,
-    config_of,
-    deviation_along,
-    own_of,
-    why_without,
+    UserCandidates,
+    SearchRegion,
+    add_user_candidates,
+    generate_candidates,
+    check_user_candidates,
+    config_from_costs,
+    compute_path_deviation,
+    parse_user_candidates,
+    format_failure,
 )
-from locplan.simulation.problem import Ask, ChoiceSettings, Compute, Minimise
-from locplan.simulation.race import Candidate, Driver, judged
+from locplan.simulation.problem import PlanningProblem, ChoiceSettings, Compute, Minimise
+from locplan.simulation.race import Candidate, CandidateRunner, run_race
 from locplan.simulation.recommendation import Choice
 from locplan.simulation.simulator import Simulator
-from locplan.simulation.worlds import about_filter, check_filter_map
+from locplan.simulation.worlds import summarize_filter_map, check_filter_map
 
 
 def choose(
@@ -136,8 +136,8 @@ def choose(
     'better'
     """
     check_grid(grid)
-    choice_settings = ChoiceSettings.of(settings)
-    robot, user_costmap, config = _robot_and_field(grid, robot, costs)
+    choice_settings = ChoiceSettings.from_mapping(settings)
+    robot, user_costmap, config = _resolve_robot_and_field(grid, robot, costs)
     zones = check_zones(zones)
     if user_costmap is not None:
         if zones:
@@ -146,76 +146,76 @@ def choose(
     if choice_settings.criterion is not None:
         check_criterion(choice_settings.criterion, config)
 
-    def computed(
+    def compute_field(
         grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
     ) -> CovarianceField:
         return load_or_compute(grid, config, points=points, threads=threads)
 
-    user_candidates = own_of(candidates)
+    user_candidates = parse_user_candidates(candidates)
     planners = [planner for planner in user_candidates.values() if isinstance(planner, Planner)]
-    problem = Ask(grid, start, goal, choice_settings, robot, user_costmap, config, compute or computed, zones)
+    problem = PlanningProblem(grid, start, goal, choice_settings, robot, user_costmap, config, compute or compute_field, zones)
     default_space = LATTICE if problem.by_lattice else "R2"
     space = next((planner.space for planner in planners if planner.space != "R2"), default_space)
-    problem = problem.checked(space)
-    check_own(user_candidates, problem)
+    problem = problem.validate(space)
+    check_user_candidates(user_candidates, problem)
     check_filter_map(choice_settings.filter_map, grid)
     check_integer("seed", seed, 0)
     check_threads(threads)
-    shortest = problem.planned(problem.blank, limited=False)
+    shortest = problem.plan_least_cost(problem.blank, limited=False)
     if shortest.path is None:
-        return _made(problem, seed, shortest, user_costmap)
-    if reason := _why_not(problem, space):
-        return _planned_only(problem, user_candidates, shortest, seed, reason)
+        return _make_recommendation(problem, seed, shortest, user_costmap)
+    if reason := _find_reason_not_driven(problem, space):
+        return _recommend_untested(problem, user_candidates, shortest, seed, reason)
     if problem.start == problem.goal and not choice_settings.via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
     simulator = Simulator(
         grid, robot, filter_map=choice_settings.filter_map, seed=seed, threads=threads, zones=zones
     )
-    return _driven(problem, user_candidates, shortest.path, simulator, progress)
+    return _recommend_by_drives(problem, user_candidates, shortest.path, simulator, progress)
 
 
-def _driven(
-    ask: Ask, own: Own, first: Path, simulator: Simulator, progress: ProgressCallback | None
+def _recommend_by_drives(
+    problem: PlanningProblem, user_candidates: UserCandidates, first: Path, simulator: Simulator, progress: ProgressCallback | None
 ) -> Choice:
     """The choice among candidates that are driven."""
-    settings = ask.settings
-    costs, _ = ask.costs(lambda costs: Part.about(costs, first, ask).aware_paths(WEIGHTS))
-    shortest = ask.shortest(costs) or first
+    settings = problem.settings
+    costs, _ = problem.costs(lambda costs: SearchRegion.around_path(costs, first, problem).aware_paths(WEIGHTS))
+    shortest = problem.shortest(costs) or first
     if settings.is_limited:
-        within = ask.planned(costs.for_shortest)
+        within = problem.plan_least_cost(costs.for_shortest)
         if within.path is None:
-            return _made(ask, simulator.seed, within, costs)
+            return _make_recommendation(problem, simulator.seed, within, costs)
         shortest = within.path
-    region = Part.about(costs, shortest, ask)
-    paths, left_out = candidates_of(region, own)
+    region = SearchRegion.around_path(costs, shortest, problem)
+    paths, left_out = generate_candidates(region, user_candidates)
     if settings.is_limited:  # planners find short paths, not always the shortest, within limits
-        name = min(paths, key=lambda each: paths[each].length)
+        name = min(paths, key=lambda candidate_name: paths[candidate_name].length)
         if name != SHORTEST:
             left_out[name] = f"races as {SHORTEST!r}: no path within the limits is shorter"
             left_out[f"planned {SHORTEST}"] = f"{name!r} keeps the limits and is shorter"
             paths[SHORTEST] = paths.pop(name)
-    runner = Driver(simulator, paths, settings, progress)
+    runner = CandidateRunner(simulator, paths, settings, progress)
     until = math.inf if settings.time_limit is None else time.monotonic() + settings.time_limit
-    race_result = judged(
+    race_result = run_race(
         runner,
         settings.length_handicaps([path.length / paths[SHORTEST].length for path in paths.values()]),
         100.0 if settings.minimise == "lost" else 1.0,
         settings.drives,
         lambda: time.monotonic() > until,
     )
-    arrivals = runner.arrivals(race_result)
+    arrivals = runner.drive_closed_loop(race_result)
     candidates = tuple(
         Candidate(
-            *(name, path, path_metrics(costs, path), runner.shown(n, race_result)),
+            *(name, path, path_metrics(costs, path), runner.summarize_drives(n, race_result)),
             arrivals=arrivals.get(n),
         )
         for n, (name, path) in enumerate(paths.items())
     )
     parts = {"candidates": candidates, "left_out": left_out, "judgement": race_result}
-    return _made(ask, simulator.seed, None, costs, rival=runner.rival(race_result), **parts)
+    return _make_recommendation(problem, simulator.seed, None, costs, rival=runner.drive_rival(race_result), **parts)
 
 
-def _robot_and_field(
+def _resolve_robot_and_field(
     grid: OccupancyGrid, robot: Robot | None, costs: Costmap | FieldConfig | None
 ) -> tuple[Robot, Costmap | None, FieldConfig]:
     """The robot, with the lidar of the field if it names none, the costmap, and the field."""
@@ -230,77 +230,77 @@ def _robot_and_field(
     if robot.lidar is None and isinstance(config, FieldConfig):
         robot = dataclasses.replace(robot, lidar=getattr(config.estimator, "lidar", None))
     if not isinstance(config, FieldConfig):
-        config = config_of({}, robot.lidar)
+        config = config_from_costs({}, robot.lidar)
     return robot, user_costmap, config
 
 
-def _why_not(ask: Ask, space: str) -> str:
+def _find_reason_not_driven(problem: PlanningProblem, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
-    radius = ask.robot.kinematics.turning_radius
-    if not ask.by_lattice and (radius or space not in ("R2", LATTICE)):
-        what = "Paths of a turning radius within a budget" if radius else "Paths with headings"
-        return f"{what} are not simulated yet."
-    if ask.robot.lidar is None:
+    radius = problem.robot.kinematics.turning_radius
+    if not problem.by_lattice and (radius or space not in ("R2", LATTICE)):
+        paths_text = "Paths of a turning radius within a budget" if radius else "Paths with headings"
+        return f"{paths_text} are not simulated yet."
+    if problem.robot.lidar is None:
         return "Name the robot's lidar to simulate the paths: --lidar NAME, in Python Robot(NAME)."
-    if not ask.settings.drives:
+    if not problem.settings.drives:
         return "No drive is simulated, as drives=0 asks."
     return ""
 
 
-def _made(ask: Ask, seed: int, without: Plan | None, costs: Costmap | None, **parts: Any) -> Choice:
+def _make_recommendation(problem: PlanningProblem, seed: int, failed_plan: Plan | None, costs: Costmap | None, **parts: Any) -> Choice:
     """A choice of some parts; without a path it has the status of a plan that has none."""
-    if without is not None:
-        parts |= {"status": without.status, "note": without.note}
+    if failed_plan is not None:
+        parts |= {"status": failed_plan.status, "note": failed_plan.note}
     return Choice(
-        about={**summarize_costs(costs or ask.blank), **about_filter(ask.settings.filter_map)},
-        start=ask.start,
-        goal=ask.goal,
-        settings=ask.settings,
-        robot=ask.robot,
+        about={**summarize_costs(costs or problem.blank), **summarize_filter_map(problem.settings.filter_map)},
+        start=problem.start,
+        goal=problem.goal,
+        settings=problem.settings,
+        robot=problem.robot,
         seed=seed,
         costs=costs,
         **{"candidates": (), "status": "solved", **parts},
     )
 
 
-def _planned_only(ask: Ask, own: Own, shortest: Plan, seed: int, why_not: str) -> Choice:
+def _recommend_untested(problem: PlanningProblem, user_candidates: UserCandidates, shortest: Plan, seed: int, reason: str) -> Choice:
     """The aware path of the field beside the shortest one, of which none is driven."""
 
-    def drafted(costs: Costmap) -> list[Path]:
-        plans = ask.beside_shortest(costs)
+    def plan_paths(costs: Costmap) -> list[Path]:
+        plans = problem.plan_aware_and_shortest(costs)
         return [plan.path for plan in plans.values() if plan.path is not None]
 
-    costs, field = ask.costs(drafted)
-    planner = next((candidate for candidate in own.values() if isinstance(candidate, Planner)), None)
+    costs, field = problem.costs(plan_paths)
+    planner = next((candidate for candidate in user_candidates.values() if isinstance(candidate, Planner)), None)
     plans = {SHORTEST: shortest.with_costs(costs)}
     if not math.isnan(costs.weight):
-        plans = ask.beside_shortest(costs, planner)
+        plans = problem.plan_aware_and_shortest(costs, planner)
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
-    left_out = {name: why_without(plan) for name, plan in plans.items() if plan.path is None}
-    add_own(own, paths, left_out, costs, ask, but=planner if len(plans) > 1 else None)
+    left_out = {name: format_failure(plan) for name, plan in plans.items() if plan.path is None}
+    add_user_candidates(user_candidates, paths, left_out, costs, problem, skip=planner if len(plans) > 1 else None)
     last = plans[next(reversed(plans))]
     if last.path is None:
-        return _made(ask, seed, last, costs, left_out=left_out)
+        return _make_recommendation(problem, seed, last, costs, left_out=left_out)
     candidates = []
     for name, path in paths.items():
         details: dict[str, Any] = {}
         if field is not None:
-            details["deviation"] = deviation_along(path, field)
+            details["deviation"] = compute_path_deviation(path, field)
         if candidate_plan := plans.get(name):
             details |= {"planner": candidate_plan.planner, "history": candidate_plan.history}
-            details["note"] = _note_on(candidate_plan)
+            details["note"] = _format_plan_note(candidate_plan)
         candidates.append(Candidate(name, path, path_metrics(costs, path), **details))
-    return _made(ask, seed, None, costs, note=why_not, candidates=tuple(candidates), left_out=left_out)
+    return _make_recommendation(problem, seed, None, costs, note=reason, candidates=tuple(candidates), left_out=left_out)
 
 
-def _note_on(made: Plan) -> str:
+def _format_plan_note(candidate_plan: Plan) -> str:
     """What a plan says of its path beside its metrics, and beside the note of its costmap."""
-    note = made.note.removesuffix(made.costs.note).rstrip("; ") if made.costs else made.note
+    note = candidate_plan.note.removesuffix(candidate_plan.costs.note).rstrip("; ") if candidate_plan.costs else candidate_plan.note
     sentences = [note] if note else []
-    if not made.minimises:
+    if not candidate_plan.minimises:
         sentences.append("any path, since its planner minimises nothing")
-    if made.bound is not None:
-        sentences.append(f"no path within the budget is shorter than {made.bound:.2f} m")
+    if candidate_plan.bound is not None:
+        sentences.append(f"no path within the budget is shorter than {candidate_plan.bound:.2f} m")
     return "; ".join(sentences)
 
 
@@ -337,7 +337,7 @@ class SimulatedChoice:
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
-        ChoiceSettings.of(self._settings)
+        ChoiceSettings.from_mapping(self._settings)
         if self.seed is not None:
             check_integer("seed", self.seed, 0)
         if self.robot is not None:

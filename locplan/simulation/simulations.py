@@ -21,18 +21,18 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
-from locplan.simulation.arrivals import ARRIVING, SHARES, Arrivals, Closed, ends_of
+from locplan.simulation.arrivals import ARRIVING, SHARES, Arrivals, Closed, tabulate_ends
 from locplan.simulation.driver import drive_closed, drive_open
 from locplan.simulation.drives import (
     DEFAULT_DRIVES,
-    DRIVEN,
+    DRIVE_COLUMNS,
     Drives,
     check_drives,
-    contrasts,
-    profiles,
+    compute_rmse_ratios,
+    tabulate_profiles,
 )
 from locplan.simulation.simulator import Simulator
-from locplan.simulation.worlds import about_filter
+from locplan.simulation.worlds import summarize_filter_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,19 +70,19 @@ class Simulation(Result):
     """Closed-loop drives along each path, where they were asked for."""
 
     def __repr__(self) -> str:
-        driven = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
-        return f"Simulation({self.grid.name or 'map'}, {driven})"
+        drive_texts = ", ".join(f"{name}: {drives!r}" for name, drives in self.drives.items())
+        return f"Simulation({self.grid.name or 'map'}, {drive_texts})"
 
     def summary(self) -> dict[str, object]:
         """Errors of each path, and the ratios of their RMSE to the first's, fit for JSON."""
         map_of = {"name": self.grid.name, "digest": self.grid.digest}
         record: dict[str, object] = {
             **(summarize_costs(self.costs) if self.costs else {"map": map_of}),
-            "paths": {name: extract_values(DRIVEN, path_drives) for name, path_drives in self.drives.items()},
-            "rmse_ratio": {name: list(ratio) for name, ratio in contrasts(self.drives).items()},
+            "paths": {name: extract_values(DRIVE_COLUMNS, path_drives) for name, path_drives in self.drives.items()},
+            "rmse_ratio": {name: list(ratio) for name, ratio in compute_rmse_ratios(self.drives).items()},
             "seed": self.seed,
             "robot": self.robot.summary(),
-            **about_filter(self.filter_map),
+            **summarize_filter_map(self.filter_map),
         }
         if self.arrivals:
             record["arrivals"] = {
@@ -97,21 +97,21 @@ class Simulation(Result):
 
     def table(self) -> Table:
         """Length and errors of each path, and the ratio of its RMSE to the first's."""
-        ratios, unit_ratio = contrasts(self.drives), Interval(1.0, math.nan, math.nan)
+        ratios, unit_ratio = compute_rmse_ratios(self.drives), Interval(1.0, math.nan, math.nan)
         ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
         rows = {
-            name: [name, *(column.extract_value(path_drives) for column in DRIVEN), ratios.get(name, unit_ratio)]
+            name: [name, *(column.extract_value(path_drives) for column in DRIVE_COLUMNS), ratios.get(name, unit_ratio)]
             for name, path_drives in self.drives.items()
         }
         for name, path_drives in (self.arrivals or {}).items():
             rows[name] += [column.extract_value(path_drives) for column in ARRIVING]
-        columns = (Column("path", title=""), *DRIVEN, ratio, *(ARRIVING if self.arrivals else ()))
+        columns = (Column("path", title=""), *DRIVE_COLUMNS, ratio, *(ARRIVING if self.arrivals else ()))
         return Table(columns, tuple(map(tuple, rows.values())))
 
-    def _write(self, folder: FilePath, *about: Any) -> None:
-        profiles(self.drives).write_csv(folder / "errors.csv")
+    def _write(self, folder: FilePath, *related: Any) -> None:
+        tabulate_profiles(self.drives).write_csv(folder / "errors.csv")
         if self.arrivals:
-            ends_of(self.arrivals).write_csv(folder / "arrivals.csv")
+            tabulate_ends(self.arrivals).write_csv(folder / "arrivals.csv")
 
     def figure(self) -> Figure:
         """Paths over the map, coloured by the mean error there, and the error along each of
@@ -130,11 +130,11 @@ def simulation_report(simulation: Simulation) -> str:
     """Table of the errors along each path, side by side."""
     head, *rows = simulation.table().format_transposed()
     if len(head) == 2:  # one path has no ratio
-        del rows[sum(column.title is not None for column in DRIVEN)]
+        del rows[sum(column.title is not None for column in DRIVE_COLUMNS)]
     count = len(next(iter(simulation.drives.values())).errors)
-    about = f"errors of the position, of {count} drives each"
+    caption = f"errors of the position, of {count} drives each"
     if arrivals := simulation.arrivals:
-        about += f", and the ends of {len(next(iter(arrivals.values())).drives)} more"
+        caption += f", and the ends of {len(next(iter(arrivals.values())).drives)} more"
         # Ends that no drive has are not worth a line.
         empty_rows = [
             share.heading
@@ -142,7 +142,7 @@ def simulation_report(simulation: Simulation) -> str:
             if not any(share.extract_value(path_arrivals).value for path_arrivals in arrivals.values())
         ]
         rows = [row for row in rows if row[0] not in empty_rows]
-    return f"{format_table(head, rows)}\n{about} [95 % intervals]\nwith {simulation.robot.title}"
+    return f"{format_table(head, rows)}\n{caption} [95 % intervals]\nwith {simulation.robot.title}"
 
 
 def simulate(

@@ -21,9 +21,9 @@ from locplan.maps.occupancy import OCCUPIED
 from locplan.maps.zones import Zones, check_zones
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
-from locplan.simulation.drives import DriveArguments, Line, drive_arguments
+from locplan.simulation.drives import DriveArguments, DriveLine, make_drive_arguments
 from locplan.simulation.levels import Level, find_kink
-from locplan.simulation.worlds import MARGIN, Stage, Window, check_filter_map, window_about
+from locplan.simulation.worlds import MARGIN, Stage, Window, check_filter_map, make_window
 
 WORLD, BEAMS, CLOSED = 2, 5, 6
 """Streams of random numbers, see `random_of`; those of closed-loop drives have further numbers."""
@@ -103,7 +103,7 @@ class Simulator:
         with ThreadPoolExecutor(self.threads) as pool:
             return list(pool.map(make, range(count)))
 
-    def line(self, poses: Poses) -> Line:
+    def line(self, poses: Poses) -> DriveLine:
         """Poses in the own axes of both maps, as drives take them.
 
         Parameters
@@ -115,11 +115,11 @@ class Simulator:
         resolution = self.grid.resolution
         cells = np.column_stack([y / resolution, x / resolution, heading])
         truth = world_to_map_frame(self.filter_map, poses)
-        return Line(truth, cells, truth)
+        return DriveLine(truth, cells, truth)
 
     def line_setups(
         self, path: Path, poses: Poses, level: Level
-    ) -> tuple[tuple[Line, DriveArguments], ...]:
+    ) -> tuple[tuple[DriveLine, DriveArguments], ...]:
         """The line of a path at a level, with the arguments of the kernels: drives take them in
         turn.
 
@@ -141,11 +141,11 @@ class Simulator:
         for angle in (math.radians(level.kink_deg), -math.radians(level.kink_deg)):
             kinked = kink.turn_map(self.filter_map, angle)
             truth = world_to_map_frame(kinked, kink.turn_poses(poses, angle))
-            arguments = drive_arguments(kinked, self.robot)._replace(odometry=odometry)
+            arguments = make_drive_arguments(kinked, self.robot)._replace(odometry=odometry)
             setups.append((line._replace(truth=truth), arguments))
         return tuple(setups)
 
-    def stage(self, lines: Sequence[Line] = ()) -> Stage:
+    def stage(self, lines: Sequence[DriveLine] = ()) -> Stage:
         """The part of the map that drives along some lines need; by default the whole map.
 
         Parameters
@@ -157,7 +157,7 @@ class Simulator:
         if lines:
             reach = (self.robot.known_lidar.range + MARGIN) / self.grid.resolution
             cells = np.concatenate([line.cells[:, :2] for line in lines])
-            window = window_about(self.grid, cells, reach)
+            window = make_window(self.grid, cells, reach)
         noise = self.robot.disturbances.boundary_noise
         stops, boundary = self.stops[window], self.boundary[window]
         resolution = self.grid.resolution * self.stretch
@@ -176,9 +176,9 @@ class Simulator:
     @cached_property
     def arguments(self) -> DriveArguments:
         """Arguments of the kernels for the filter's map and the robot."""
-        return drive_arguments(self.filter_map, self.robot)
+        return make_drive_arguments(self.filter_map, self.robot)
 
-    def in_threads(
+    def run_in_threads(
         self,
         run: Callable[[int], None],
         count: int,

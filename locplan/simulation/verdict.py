@@ -74,7 +74,7 @@ class DriveSet:
             0.5 * np.log(squares + FLOOR),
             np.concatenate([line.lost for line in lines]),
             np.concatenate([line.off_at_end for line in lines]),
-            np.concatenate([line_ends.reached for line_ends in ends]) if ends else None,
+            np.concatenate([line_ends.has_reached_goal for line_ends in ends]) if ends else None,
         )
 
     @property
@@ -171,11 +171,11 @@ class Verdict:
     """Shares of closed-loop drives that reach the goal; None if none was driven."""
     n_drives: int
     """Number of pairs of drives."""
-    fewer_lost: bool
+    has_fewer_lost: bool
     """True if the alternative loses significantly fewer drives."""
-    more_lost: bool
+    has_more_lost: bool
     """True if the alternative loses significantly more drives."""
-    more_off: bool = False
+    has_more_off: bool = False
     """True if the alternative is off at the end in significantly more drives."""
 
 
@@ -188,27 +188,27 @@ class Look(NamedTuple):
     """Lower end of its interval."""
     high: Floats
     """Upper end of its interval."""
-    fewer_lost: Bools
+    has_fewer_lost: Bools
     """True for alternatives that lose significantly fewer drives than the baseline."""
-    more_lost: Bools
+    has_more_lost: Bools
     """True for alternatives that lose significantly more drives than the baseline."""
 
     @property
     def is_better(self) -> Bools:
         """True for alternatives that are better."""
-        by_error = (self.high < 0) & ~self.more_lost
-        return by_error | (self.fewer_lost & ~(self.low > 0))
+        by_error = (self.high < 0) & ~self.has_more_lost
+        return by_error | (self.has_fewer_lost & ~(self.low > 0))
 
     @property
     def is_worse(self) -> Bools:
         """True for alternatives that are worse, the mirror image of better."""
-        by_error = (self.low > 0) & ~self.fewer_lost
-        return by_error | (self.more_lost & ~(self.high < 0))
+        by_error = (self.low > 0) & ~self.has_fewer_lost
+        return by_error | (self.has_more_lost & ~(self.high < 0))
 
     @property
     def words(self) -> list[str]:
         """The verdict on each alternative."""
-        is_equal = (self.low >= -EQUAL) & (self.high <= EQUAL) & ~self.fewer_lost & ~self.more_lost
+        is_equal = (self.low >= -EQUAL) & (self.high <= EQUAL) & ~self.has_fewer_lost & ~self.has_more_lost
         tests = [self.is_better, self.is_worse, is_equal]
         words = np.select(tests, [BETTER, WORSE, NO_DIFFERENCE], UNDECIDED)
         return [str(word) for word in words]
@@ -267,7 +267,7 @@ def student_interval(values: Floats, level: float) -> tuple[Floats, Floats, Floa
     return mean, mean - half, mean + half
 
 
-def compare(
+def compare_drives(
     baseline: DriveSet,
     alternative: DriveSet,
     *,
@@ -310,8 +310,8 @@ def compare(
         _pair_rates(baseline.off_at_end, alternative.off_at_end),
         _pair_rates(baseline.reached, alternative.reached),
         len(baseline.lost),
-        bool(last_look.fewer_lost[0]),
-        bool(last_look.more_lost[0]),
+        bool(last_look.has_fewer_lost[0]),
+        bool(last_look.has_more_lost[0]),
         _is_off_more_often(
             baseline.off_at_end, alternative.off_at_end, _error_probability(looks_left)
         ),
@@ -341,14 +341,14 @@ def confirm(
     """
     counts = plan_looks(len(numbers)) if looks is None else [*looks]
     baseline, alternative = drive(numbers[: counts[0]])
-    verdict = compare(baseline, alternative, looks_left=len(counts) - 1)
+    verdict = compare_drives(baseline, alternative, looks_left=len(counts) - 1)
     for place, (before, count) in enumerate(itertools.pairwise(counts), 2):
         if verdict.word != UNDECIDED or (is_time_up and is_time_up()):
             break
         further_baseline, further_alternative = drive(numbers[before:count])
         baseline = DriveSet.join([baseline, further_baseline])
         alternative = DriveSet.join([alternative, further_alternative])
-        verdict = compare(baseline, alternative, looks_left=len(counts) - place)
+        verdict = compare_drives(baseline, alternative, looks_left=len(counts) - place)
     return verdict
 
 

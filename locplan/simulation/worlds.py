@@ -19,7 +19,7 @@ from locplan.planning.path import Path, divide_poses
 from locplan.robots.parts import Inflation
 from locplan.robots.robot import Robot
 from locplan.simulation.custom_filters import track
-from locplan.simulation.drives import DriveArguments, Line
+from locplan.simulation.drives import DriveArguments, DriveLine
 from locplan.simulation.levels import Level
 
 POSE_SPACING, TURN = 0.05, 0.1
@@ -28,7 +28,7 @@ AHEAD = 0.3
 """Distance ahead on the path to the point that a robot faces if the path has no headings [m]."""
 
 
-def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
+def make_path_poses(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     """Poses every 0.05 m along a path, in its own headings or facing the point 0.3 m ahead.
 
     Parameters
@@ -50,9 +50,9 @@ def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
     LocplanError
         If the path has no length, leaves the map, or crosses cells that are not free.
     """
-    called = f"{name}: " if name else ""
+    prefix = f"{name}: " if name else ""
     if path.length <= 0:
-        raise LocplanError(f"{called}has no length; a path to drive must lead somewhere")
+        raise LocplanError(f"{prefix}has no length; a path to drive must lead somewhere")
     fine = path.resample(POSE_SPACING, even=True)
     rows, cols = (np.floor(v).astype(np.int64) for v in grid.world_to_grid(*fine.xy.T))
     inside = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
@@ -61,15 +61,15 @@ def poses_along(path: Path, grid: OccupancyGrid, name: str = "") -> Poses:
         x, y = fine.xy[np.argmin(free)]
         extent = "" if inside.all() else f", which reaches from {extent_text(grid)},"
         raise LocplanError(
-            f"{called}leaves the free cells of {grid.name or 'the map'}{extent} at {x:.2f},{y:.2f};"
+            f"{prefix}leaves the free cells of {grid.name or 'the map'}{extent} at {x:.2f},{y:.2f};"
             " drive a path that was planned on this map"
         )
     if fine.heading is not None:
-        return _turning(np.column_stack([fine.xy, fine.heading]))
-    return _turning(_facing_ahead(fine, fine.distance))
+        return _insert_turns(np.column_stack([fine.xy, fine.heading]))
+    return _insert_turns(_make_facing_poses(fine, fine.distance))
 
 
-def _facing_ahead(path: Path, at: Floats) -> Poses:
+def _make_facing_poses(path: Path, at: Floats) -> Poses:
     """Poses at distances along a path, each facing the point `AHEAD` of it."""
     positions, ahead = (
         np.column_stack([np.interp(distances, path.distance, v) for v in path.xy.T])
@@ -84,7 +84,7 @@ def _facing_ahead(path: Path, at: Floats) -> Poses:
     return np.column_stack([positions, np.unwrap(heading)])
 
 
-def _turning(poses: Poses) -> Poses:
+def _insert_turns(poses: Poses) -> Poses:
     """Poses with further ones inserted where the robot turns by more than `TURN` at once."""
     return divide_poses(poses, np.abs(np.diff(poses[:, 2])) / TURN)
 
@@ -99,7 +99,7 @@ def add_way_back(poses: Poses) -> Poses:
     """
     way_back = poses[::-1].copy()
     way_back[:, 2] += math.pi
-    return _turning(np.concatenate([poses, way_back]))
+    return _insert_turns(np.concatenate([poses, way_back]))
 
 
 DRIVE, WORLD, FAULTS = 0, 2, 7
@@ -110,7 +110,7 @@ MARGIN = 2.0
 Window = tuple[slice, slice]
 
 
-def window_about(grid: OccupancyGrid, cells: Floats, margin: float) -> Window:
+def make_window(grid: OccupancyGrid, cells: Floats, margin: float) -> Window:
     """Rows and columns of a map around positions.
 
     Parameters
@@ -187,7 +187,7 @@ class Stage:
 
     def drive(
         self,
-        line: Line,
+        line: DriveLine,
         world: Octets,
         route: int,
         number: int,
@@ -215,9 +215,9 @@ class Stage:
         cells = line.cells - [self.window[0].start, self.window[1].start, 0.0]
         errors = np.empty_like(line.truth)
         random = make_generator(self.seed, DRIVE, route, number)
-        reported = simulate_odometry(random, line.driven, arguments.odometry)
+        reported = simulate_odometry(random, line.ideal_odometry, arguments.odometry)
         faults = make_generator(self.seed, FAULTS, route, number)
-        reported = level.disturb_odometry(reported, line.driven, faults)
+        reported = level.disturb_odometry(reported, line.ideal_odometry, faults)
         follow: Any = track if arguments.scores is None else drive
         follow(
             random,
@@ -234,7 +234,7 @@ class Stage:
         return errors
 
 
-def inflation_of(robot: Robot) -> Inflation:
+def get_inflation(robot: Robot) -> Inflation:
     """The robot's inflation, or that of Nav2's bringup.
 
     Parameters
@@ -245,7 +245,7 @@ def inflation_of(robot: Robot) -> Inflation:
     return robot.inflation or Inflation(inflation_radius=0.7, cost_scaling_factor=3.0)
 
 
-def inflated(clearance: Floats, robot: Robot) -> Floats:
+def compute_inflated_density(clearance: Floats, robot: Robot) -> Floats:
     """Density that Nav2's planners see in an inflated costmap: 50 to 252, over 50.
 
     Parameters
@@ -255,12 +255,12 @@ def inflated(clearance: Floats, robot: Robot) -> Floats:
     robot : Robot
         The robot.
     """
-    inflation = inflation_of(robot)
+    inflation = get_inflation(robot)
     cost = 4 * np.exp(-inflation.cost_scaling_factor * (clearance - robot.radius))
     return 1 + np.where(clearance <= inflation.inflation_radius, np.minimum(cost, 4), 0)
 
 
-def turned(errors: Floats, yaw: float) -> Floats:
+def rotate_errors(errors: Floats, yaw: float) -> Floats:
     """Errors turned from the map's own axes into the world's, (..., 3)."""
     if not yaw:
         return errors
@@ -298,7 +298,7 @@ def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> O
     return filter_map
 
 
-def about_filter(filter_map: OccupancyGrid | None) -> dict[str, object]:
+def summarize_filter_map(filter_map: OccupancyGrid | None) -> dict[str, object]:
     """What results say of a filter's own map, fit for JSON; nothing where it has none.
 
     Parameters
@@ -311,7 +311,7 @@ def about_filter(filter_map: OccupancyGrid | None) -> dict[str, object]:
     return {"filter_map": {"name": filter_map.name, "digest": filter_map.digest}}
 
 
-def check_of_one_map(filter_map: OccupancyGrid | None, grids: Collection[object]) -> None:
+def check_single_map(filter_map: OccupancyGrid | None, grids: Collection[object]) -> None:
     """Raise a ConfigError if a filter's map is given for several maps.
 
     Parameters

@@ -22,14 +22,14 @@ from locplan._support.kernels.rays import cast, empty_squares
 from locplan.advice import Box, Pole, verify_landmarks
 from locplan.advice.figures import landmarks_figure
 from locplan.advice.kernels import landmarks as kernels, objectives as ways
-from locplan.advice.landmark_objects import cells_under, parsed_object, with_objects
-from locplan.advice.landmarks import Outcome, Verification
+from locplan.advice.landmark_objects import find_covered_cells, parse_object, with_objects
+from locplan.advice.landmarks import VerificationDrives, Verification
 from locplan.errors import ConfigError
 from locplan.field.beams import surface_normals
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Zone, Zones
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives
-from locplan.simulation.verdict import DriveSet, compare
+from locplan.simulation.verdict import DriveSet, compare_drives
 
 PRODUCT = Amcl(laser_model_type="likelihood_field_prob", min_particles=100, max_particles=100)
 SHORT = Lidar(range=3.0)
@@ -47,7 +47,7 @@ def hits_on(grid, rays):
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
     scene = empty_squares(occupied), surface_normals(occupied), grid.resolution
-    kernels.hits_of_map(kernels.Surfaces(*scene), rays, hits)
+    kernels.cast_map_hits(kernels.Surfaces(*scene), rays, hits)
     return hits
 
 
@@ -80,7 +80,7 @@ def test_poses_that_no_memory_holds_are_refused(hallway, monkeypatch):
 def test_an_object_fills_the_cells_whose_centre_lies_within_it(kind):
     row, col, heading, edge = 20.3, 17.8, 0.5, 0.1
     grid = OccupancyGrid(np.full((40, 40), FREE, np.uint8), edge)
-    rows, cols = cells_under(grid, kind, np.array([col * edge, row * edge, heading]))
+    rows, cols = find_covered_cells(grid, kind, np.array([col * edge, row * edge, heading]))
     outline = kernels.Outline(*kind.shape)
     expected = {
         (i, j)
@@ -118,10 +118,10 @@ def test_objects_at_the_edge_of_the_map_are_cut_off():
 @pytest.mark.parametrize("text", ["pole:", "pole:x", "pole:0.1,0.2", "box:1", "cone:2", "box:1,-1"])
 def test_what_is_no_object_is_refused(text):
     if text == "pole:":
-        assert parsed_object(text) == Pole()
+        assert parse_object(text) == Pole()
         return
     with pytest.raises(LocplanError):
-        parsed_object(text)
+        parse_object(text)
 
 
 # Candidates and passages
@@ -151,7 +151,7 @@ def test_places_along_walls_are_clear_of_them_and_turned_as_they_are(angle, kind
     kept = tried(grid, kind, ends).search.places
     assert 25 < len(kept) < 55
     for row, col, heading in kept:
-        cells = cells_under(grid, kind, np.array([*grid.grid_to_world(row, col), heading]))
+        cells = find_covered_cells(grid, kind, np.array([*grid.grid_to_world(row, col), heading]))
         assert grid.clearance[cells].min() >= 0.05 + grid.resolution / 2 - 1e-9
         assert grid.clearance[cells].min() < 0.2
         if isinstance(kind, Box):
@@ -258,7 +258,7 @@ def test_an_object_that_closes_the_gap_of_a_view_is_seen_on_both_sides():
     grid, kind = open_floor(), Box(1.0, 0.1)
     lidar = Lidar(range=3.0, field_of_view_deg=300.0)
     made = tried(grid, kind, np.array([[6.0, 4.0], [6.5, 4.0]]), Robot(lidar, filter=PRODUCT))
-    rays = made.search.sight.seen.rays
+    rays = made.search.sight.route_views.rays
     assert not rays.all_round
     hits = hits_on(grid, rays)
     before = hits.copy()
@@ -304,7 +304,7 @@ def test_routes_between_places_keep_out_of_no_go_zones():
     zones = no_go((2.0, 1.0, 4.0, 5.2))
     places = {"a": (1.0, 5.0), "b": (5.0, 5.0)}
     made = place_landmarks(open_floor(), Pole(0.1), 1, places=places, robot=DRIVEN, zones=zones)
-    for routes in (made.setting.routes, made.setting.on(made.grid)):
+    for routes in (made.setting.routes, made.setting.replan_routes(made.grid)):
         (path,) = routes.values()
         assert path.length > 4.01
         fine = path.resample(0.01).xy
@@ -356,7 +356,7 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
     occupied = grid.cells == OCCUPIED
     normals = surface_normals(occupied)
     hits = hits_on(grid, rays)
-    sums = kernels.sums_of(hits, rays)
+    sums = kernels.sum_hits(hits, rays)
     objects = [(3.0, 2.6, 0.7), (1.9, 2.1, 2.0)]
     changed = np.empty(7)
     for n in (1, 2):
@@ -364,15 +364,15 @@ def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
             wanted = oracles.landmarks.landmark_information(
                 occupied, normals, 0.5, rays, n, outline, [place]
             )
-            begin, count = kernels.seeing_rays(hits, rays, n, outline, *place)
-            scene = kernels.Scene(hits, sums, rays, outline)
-            meets = count > 0 and kernels.with_object(scene, n, place, begin, count, changed)
+            begin, count = kernels.find_seeing_rays(hits, rays, n, outline, *place)
+            scene = kernels.LandmarkScene(hits, sums, rays, outline)
+            meets = count > 0 and kernels.write_object_sums(scene, n, place, begin, count, changed)
             found = as_matrix(changed if meets else sums[n])
             np.testing.assert_allclose(found, wanted, atol=2e-4)
     touched = np.zeros(len(hits), bool)
     for place in objects:
         kernels.add_object(hits, rays, outline, *place, touched)
-    sums = kernels.sums_of(hits, rays)
+    sums = kernels.sum_hits(hits, rays)
     for n in (1, 2):
         wanted = oracles.landmarks.landmark_information(
             occupied, normals, 0.5, rays, n, outline, objects
@@ -398,17 +398,17 @@ def test_the_objective_is_that_of_plain_matrices(outline):
     routes, told = np.array([0, 3, 4]), ways.Sensing(2.0, 0.03)
     motion = ways.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
     hits = hits_on(grid, rays)
-    sums = kernels.sums_of(hits, rays)
+    sums = kernels.sum_hits(hits, rays)
     places = np.array([(3.0, 2.6, 0.7), (1.9, 2.1, 2.0), (40.0, 1.0, 0.0)])
     seen, every = sightings_of(hits, rays, outline, places), np.arange(3)
-    scene = kernels.Scene(hits, sums, rays, outline)
-    found = ways.uncertainties(places, every, seen, scene, routes, told, motion)
+    scene = kernels.LandmarkScene(hits, sums, rays, outline)
+    found = ways.compute_uncertainties(places, every, seen, scene, routes, told, motion)
     for place, value in zip(places, found, strict=True):
         information = [
             oracles.landmarks.landmark_information(
                 grid.cells == OCCUPIED, normals, 0.5, rays, n, outline, [place]
             )
-            * (told.share / (1 + told.other * sums[n, kernels.HITS]))
+            * (told.share / (1 + told.hit_coefficient * sums[n, kernels.HITS]))
             for n in range(4)
         ]
         wanted = oracles.landmarks.covariances(information, rays.poses, routes, motion)
@@ -417,14 +417,14 @@ def test_the_objective_is_that_of_plain_matrices(outline):
 
 def test_a_ray_from_within_an_object_meets_nothing():
     for outline in OUTLINES:
-        assert kernels.entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+        assert kernels.find_entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
 
 
 def seen_by(robot):
     """What a robot sees on a short way, and the models of its filter."""
     hall = corridor(8.0, 2.4, resolution=0.05)
     made = tried(hall, Pole(0.2), np.array([[-1.0, 0.0], [1.0, 0.0]]), robot)
-    return made.search.sight.seen
+    return made.search.sight.route_views
 
 
 def test_a_hit_counts_some_22_times_less_for_a_likelihood_field_where_all_beams_hit():
@@ -522,9 +522,9 @@ def test_what_two_close_together_is_refused_beside_the_first(hallway):
     one = int(np.argmin(np.hypot(at[:, 0] + 1, at[:, 1] + 1)))
     opposite = int(np.argmin(np.hypot(at[:, 0] - at[one, 0], at[:, 1] - 1)))
     beside = int(np.argsort(np.hypot(*(at - at[one]).T))[1])
-    assert search.is_allowed(opposite, [], search.around([]))
-    assert not search.is_allowed(opposite, [one], search.around([one]))
-    assert not search.is_allowed(beside, [one], search.around([one]))
+    assert search.is_allowed(opposite, [], search.make_passages([]))
+    assert not search.is_allowed(opposite, [one], search.make_passages([one]))
+    assert not search.is_allowed(beside, [one], search.make_passages([one]))
     costs = locplan.Costmap.blank(made.grid, robot=0.35)
     assert locplan.plan(costs, (-6, 0), (6, 0)).path
 
@@ -533,7 +533,7 @@ def test_places_at_random_close_no_passage_either(hallway):
     made = tried(hallway, Box(0.6, 0.5), ROUTE["middle"])
     search, costs = made.search, []
     for seed in range(5):
-        chosen = search.at_random(30, np.random.default_rng(seed))
+        chosen = search.draw_random_places(30, np.random.default_rng(seed))
         poses = np.column_stack([positions_of(made), search.places[:, 2]])[chosen]
         marked = with_objects(hallway, Box(0.6, 0.5), poses)
         costs.append(locplan.Costmap.blank(marked, robot=0.35))
@@ -607,12 +607,12 @@ def test_verification_of_clear_route_loses_no_drive():
     assert driven.verdict.startswith(f"{driven.word}: no drive was lost to begin with; error 0.")
 
 
-def driven_with(lost: float, error: float, spread: float, count: int = 40) -> Outcome:
+def driven_with(lost: float, error: float, spread: float, count: int = 40) -> VerificationDrives:
     """Drives of which a share is lost at the last pose, and all err about as much."""
     errors = np.zeros((count, 50, 3))
     errors[:, :, 0] = error * np.linspace(1 - spread, 1 + spread, count)[:, None]
     errors[: round(lost * count), -1, 0] = 1.5
-    return Outcome((Drives(np.zeros((50, 3)), errors),))
+    return VerificationDrives((Drives(np.zeros((50, 3)), errors),))
 
 
 SOME = "of the drives lost before,"
@@ -638,7 +638,7 @@ def test_verification_has_the_verdict_of_its_pairs(before, after, verdict):
     assert driven.verdict.startswith(verdict)
     assert driven.word == verdict.partition(":")[0]
     pairs = (DriveSet.from_drives(each.drives) for each in sets)
-    assert driven.comparison == compare(*pairs)
+    assert driven.comparison == compare_drives(*pairs)
 
 
 def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
@@ -663,12 +663,12 @@ def test_the_poses_that_see_a_place_are_those_whose_rays_it_shortens():
 def test_paths_stay_and_shortest_paths_are_planned_again(hallway):
     bent = np.array([[-6.0, 0.0], [-3.0, 0.5], [0.0, -0.5], [6.0, 0.0]])
     made = place_landmarks(hallway, Pole(0.2), 1, paths={"bent": bent}, robot=DRIVEN)
-    assert not made.setting.planned
-    assert (made.setting.on(made.grid)["bent"].xy == bent).all()
+    assert not made.setting.is_planned
+    assert (made.setting.replan_routes(made.grid)["bent"].xy == bent).all()
     ends = {"a": (-6.0, 0.0), "b": (6.0, 0.0)}
     made = place_landmarks(hallway, Pole(0.2), 1, places=ends, robot=DRIVEN)
     beside = with_objects(made.setting.grid, Box(0.4, 0.4), [(0.0, 0.0)])
-    around = made.setting.on(beside)["a to b"].length
+    around = made.setting.replan_routes(beside)["a to b"].length
     assert around > made.setting.routes["a to b"].length + 0.02
 
 

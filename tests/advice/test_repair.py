@@ -42,7 +42,7 @@ def test_the_verdict_is_that_of_drives_with_each_map(mended):
 
 def test_a_map_without_faults_is_not_driven_in(tmp_path):
     found = mend(ROOM)
-    assert (found.changed, found.verdicts) == (0, ())
+    assert (found.n_changed, found.verdicts) == (0, ())
     assert "nothing to mend" in found.report()
     found.save(tmp_path / "room")
     assert not (tmp_path / "room" / "map_amcl.yaml").exists()

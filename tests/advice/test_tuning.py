@@ -11,8 +11,8 @@ from support.recordings import simulate_recording
 from locplan import plan
 from locplan.advice import Tuning
 from locplan.advice.figures import tuning_figure
-from locplan.advice.preset_choice import OWN, Case, choose_preset
-from locplan.advice.tuning import cut_path, plan_random_paths, simulated_cases, tune, tune_on_drive
+from locplan.advice.preset_choice import USER_SETTINGS, LevelCase, choose_preset
+from locplan.advice.tuning import cut_path, plan_random_paths, make_simulated_cases, tune, tune_on_drive
 from locplan.app.cli import main
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments, save_map
@@ -21,10 +21,10 @@ from locplan.recordings import replay
 from locplan.robots import PRECISE, SAFE, Amcl, Lidar, Robot, with_preset
 from locplan.robots.nav2 import read_amcl
 from locplan.robots.presets import amcl_presets
-from locplan.simulation import LEVELS, USUAL, Drives, simulate
+from locplan.simulation import LEVELS, NO_FAULT, Drives, simulate
 from locplan.simulation.drives import LOST, OFF_SHORT
 from locplan.simulation.verdict import DriveSet
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -64,7 +64,7 @@ def case_of(errors, off=None, name="usual", fault=""):
         spread = np.linspace(0.9, 1.1, 64)
         return DriveSet(np.log(errors[place] * spread)[numbers], is_off[numbers], is_off[numbers])
 
-    case = Case(name, drive, (16, 32, 64) if fault else (64,), fault)
+    case = LevelCase(name, drive, (16, 32, 64) if fault else (64,), fault)
     return case, driven
 
 
@@ -132,14 +132,14 @@ def test_preset_that_harms_at_one_level_is_refused():
     other, _ = case_of(BETTER, (4, 0, 12), "turns", "odometry errs in turns")
     assert choose(usual, one).name == SAFE
     choice = choose(usual, one, other)
-    assert (choice.name, choice.settings, choice.changes) == (OWN, Amcl(), "")
+    assert (choice.name, choice.settings, choice.changes) == (USER_SETTINGS, Amcl(), "")
     assert [*choice.objections] == [PRECISE, SAFE]
 
 
 def test_preset_must_be_better_at_usual_level():
     usual, _ = case_of((0.2, 0.2, 0.2))
     choice = choose(usual)
-    assert choice.name == OWN
+    assert choice.name == USER_SETTINGS
     assert (
         choice.objections[SAFE] == "safe settings are not better than your settings: no difference"
     )
@@ -165,7 +165,7 @@ def test_only_deciding_drives_are_driven_if_asked():
         ((64, 1, 64), PRECISE, [1, 1]),
         ((20, 30, 0), SAFE, [1, 2]),
         ((20, 30, 1), SAFE, [1, 2, 2]),
-        ((0, 30, 30), OWN, [1, 2, 0]),
+        ((0, 30, 30), USER_SETTINGS, [1, 2, 0]),
         ((40, 30, 40), SAFE, [1, 2, 0, 2, 0]),
     ],
 )
@@ -200,7 +200,7 @@ def test_preset_that_does_not_lead_is_driven_less():
     choice = choose(usual, drives_all=False)
     assert (choice.name, places) == (SAFE, [0, 1, 2, 0, 2])
     drives = {row.settings: row.n_drives for row in choice.results}
-    assert drives == {OWN: 64, PRECISE: 24, SAFE: 64}
+    assert drives == {USER_SETTINGS: 64, PRECISE: 24, SAFE: 64}
 
 
 def test_preset_that_recording_contradicts_is_not_simulated():
@@ -222,7 +222,7 @@ def test_preset_may_not_lose_significantly_more_drives():
     )
     assert choice.untested_error is None
     rows = {row.settings: row.verdict for row in choice.results}
-    assert rows == {OWN: "baseline", PRECISE: "undecided", SAFE: "better"}
+    assert rows == {USER_SETTINGS: "baseline", PRECISE: "undecided", SAFE: "better"}
 
 
 def test_recording_decides_instead_of_levels():
@@ -234,7 +234,7 @@ def test_recording_decides_instead_of_levels():
     assert choice.recordings == ("drive 1",)
     rows = {(row.settings, row.case): row for row in choice.results}
     assert rows[PRECISE, "drive 1"].error.value == pytest.approx(0.06)
-    assert rows[OWN, "drive 1"].n_drives == 12
+    assert rows[USER_SETTINGS, "drive 1"].n_drives == 12
     assert choice.advise_recording(["locplan"]) == ""
 
 
@@ -243,7 +243,7 @@ def test_recording_decides_instead_of_levels():
     [
         ((0.2, 0.06, 0.1), (0.2, OFF_ERROR, 0.1), SAFE, "1 of 12 runs are off at the end"),
         ((0.2, 0.3, 0.1), None, SAFE, "the error is 0.30 m, 0.20 m with your settings, on drive 1"),
-        ((0.2, 0.3, 0.25), None, OWN, "the error is 0.30 m"),
+        ((0.2, 0.3, 0.25), None, USER_SETTINGS, "the error is 0.30 m"),
         ((0.2, OFF_ERROR, 0.1), (0.2, 0.2, 0.1), SAFE, "11 of 12 runs are off at the end"),
     ],
 )
@@ -297,7 +297,7 @@ def test_random_paths_are_seeded_and_cut():
     assert max(lengths) == pytest.approx(40.0)
     assert min(lengths) >= 20 - 1e-9
     for path in paths:
-        poses_along(path, grid)  # raises if it leaves the free cells
+        make_path_poses(path, grid)  # raises if it leaves the free cells
     assert [path.xy.tolist() for path in paths] == [path.xy.tolist() for path in again]
     assert others[0].xy.tolist() != paths[0].xy.tolist()
 
@@ -325,7 +325,7 @@ def test_drives_equal_those_of_simulate():
     """A route has the same drives in every command."""
     grid, robot = hall(), Robot(LIDAR, filter=Amcl(**FEW))
     paths = plan_random_paths(Costmap.blank(grid), 2, 1)
-    (usual,) = simulated_cases(grid, robot, paths, [USUAL], drives=2, seed=5, threads=2)
+    (usual,) = make_simulated_cases(grid, robot, paths, [NO_FAULT], drives=2, seed=5, threads=2)
     drives = simulate(grid, {"a": paths[0], "b": paths[1]}, robot, drives=2, seed=5).drives
     expected = DriveSet.from_drives(drives.values())
     shown = usual.drive(robot.amcl, range(*usual.looks))
@@ -336,7 +336,7 @@ def test_drives_equal_those_of_simulate():
 def test_levels_have_64_drives_at_least():
     robot = Robot(LIDAR, filter=Amcl(min_particles=5, max_particles=5))
     paths = plan_random_paths(Costmap.blank(hall()), 5, 1)
-    usual, slip, *_ = simulated_cases(hall(), robot, paths, LEVELS, drives=2, threads=2)
+    usual, slip, *_ = make_simulated_cases(hall(), robot, paths, LEVELS, drives=2, threads=2)
     assert (usual.is_usual, slip.is_usual, slip.name) == (True, False, "slip")
     assert len(usual.drive(robot.amcl, range(*usual.looks)).lost) == 10
     assert slip.looks == (4, 7, 13)
@@ -345,7 +345,7 @@ def test_levels_have_64_drives_at_least():
 
 def test_several_maps_have_cases_of_their_own():
     robot = Robot(LIDAR, filter=Amcl(min_particles=20, max_particles=20))
-    result = tune([hall(), hall()], robot, paths=5, drives=2, threads=2, levels=[USUAL])
+    result = tune([hall(), hall()], robot, paths=5, drives=2, threads=2, levels=[NO_FAULT])
     assert [*dict.fromkeys(row.case for row in result.choice.results)] == [
         "hall usual",
         "hall 2 usual",
@@ -366,7 +366,7 @@ def test_report_shows_settings_at_all_levels(tuning):
     assert text.startswith(f"{tuning.conclusion}.")
     rows = {(row.settings, row.case) for row in tuning.choice.results}
     levels = "usual", "slip", "standstill", "turns"  # a hall has no corridor for a kink
-    assert {(name, level) for name in (OWN, PRECISE, SAFE) for level in levels} <= rows
+    assert {(name, level) for name in (USER_SETTINGS, PRECISE, SAFE) for level in levels} <= rows
     assert "off at the end" in text
     assert f"{LIDAR.title}: of 60 beams compared, " in text
     about = json.loads(json.dumps(tuning.summary(), allow_nan=False))
@@ -400,7 +400,7 @@ def precise(tuning):
 def test_settings_that_are_not_better_change_nothing(tuning, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text(PARAMS)
-    kept = dataclasses.replace(tuning.choice, name=OWN, objections={SAFE: "it is worse"})
+    kept = dataclasses.replace(tuning.choice, name=USER_SETTINGS, objections={SAFE: "it is worse"})
     unclear = dataclasses.replace(tuning, choice=kept)
     assert unclear.winner == tuning.robot.amcl
     assert unclear.changes == {}
@@ -559,7 +559,7 @@ def drive(grid):
     """A drive of 34 m, with a scan every 0.1 m."""
     costs = Costmap.blank(grid, robot=0.3)
     path = plan(costs, (2.0, 3.0), (36.0, 3.0)).path
-    return simulate_recording(grid, poses_along(path, grid)[::2])
+    return simulate_recording(grid, make_path_poses(path, grid)[::2])
 
 
 @pytest.fixture(scope="module")
@@ -572,7 +572,7 @@ def test_poor_settings_are_bettered_on_recording(tuned):
     assert tuned.choice.name == PRECISE
     assert tuned.winner.alpha2 == 0.05
     cases = {(row.settings, row.case) for row in tuned.choice.results}
-    assert {(OWN, "usual"), (PRECISE, "usual"), (OWN, "the drive"), (PRECISE, "the drive")} <= cases
+    assert {(USER_SETTINGS, "usual"), (PRECISE, "usual"), (USER_SETTINGS, "the drive"), (PRECISE, "the drive")} <= cases
     assert {case for _, case in cases} == {"usual", "the drive"}
 
 
@@ -583,7 +583,7 @@ def test_report_shows_recording(tuned):
     assert "2 runs over the whole drive (seed 1)" in text
     assert "precise: alphas 0.05, likelihood_field_prob. safe: update_min_d 0.1" in text
     verdicts = {(row.settings, row.case): row.verdict for row in tuned.choice.results}
-    assert verdicts[OWN, "the drive"] == "baseline"
+    assert verdicts[USER_SETTINGS, "the drive"] == "baseline"
     assert verdicts[PRECISE, "the drive"] == "confirmed"
     about = tuned.summary()
     assert about["recording"] == "the drive"
@@ -593,13 +593,13 @@ def test_report_shows_recording(tuned):
 def test_recording_has_the_replays_of_simulate(tuned, grid, drive):
     """The same numbers give the same replays in both commands."""
     expected = replay(drive, grid, Robot(filter=POOR), runs=2).drives
-    (row,) = (row for row in tuned.choice.results if (row.settings, row.case) == (OWN, "the drive"))
+    (row,) = (row for row in tuned.choice.results if (row.settings, row.case) == (USER_SETTINGS, "the drive"))
     assert row.error.value == pytest.approx(expected.rmse.value)
     assert row.lost.value == expected.lost.mean()
 
 
 def test_settings_that_fail_on_recording_are_kept(tuned, tmp_path):
-    kept = dataclasses.replace(tuned.choice, name=OWN, objections={PRECISE: "runs end lost"})
+    kept = dataclasses.replace(tuned.choice, name=USER_SETTINGS, objections={PRECISE: "runs end lost"})
     refused = dataclasses.replace(tuned, choice=kept)
     assert refused.changes == {}
     assert refused.conclusion == "Keep your settings: runs end lost"

@@ -11,7 +11,7 @@ from matplotlib.path import Path
 from support.maps import ascii_map, random_rooms
 
 import locplan
-from locplan.advice.weak_spots import degenerate_areas, meeting, weak_spots
+from locplan.advice.weak_spots import degenerate_areas, find_meeting_lines, find_weak_spots
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Sad, SearchWindow
 from locplan.field.covariance import DEGENERATE
@@ -246,11 +246,11 @@ def test_polygons_of_noise_are_valid_and_apart(seed):
 def test_lines_that_meet_are_found():
     bow = np.array([[0, 0], [8, 8], [8, 0], [0, 8]])
     apart = np.array([[20, 0], [30, 0], [30, 10]])
-    assert meeting([bow, apart]).tolist() == [True, False, True, False, False, False, False]
+    assert find_meeting_lines([bow, apart]).tolist() == [True, False, True, False, False, False, False]
     touching = np.array([[25, 5], [21, 20], [11, 20]])  # its first corner lies on a line
-    assert meeting([apart, touching]).any()
+    assert find_meeting_lines([apart, touching]).any()
     back = np.array([[0, 0], [8, 0], [4, 0], [4, 6]])
-    assert meeting([back]).any()
+    assert find_meeting_lines([back]).any()
 
 
 def test_small_holes_are_filled_and_others_kept():
@@ -329,10 +329,10 @@ def test_weak_spots_without_routes_lie_in_largest_part(corridors):
     costs, field = corridors
     path = locplan.plan(costs, (2.0, 3.0), (38.0, 3.0)).path
     (spot, *_), (of_route, *_) = (
-        weak_spots(costs, field, 6.0, paths) for paths in ({}, {"": path})
+        find_weak_spots(costs, field, 6.0, paths) for paths in ({}, {"": path})
     )
     assert (spot.length, spot.missing, spot.routes) == (of_route.length, of_route.missing, ())
     part = costs.blocked_where(
         np.arange(costs.grid.shape[1])[None] > costs.grid.cell((12.0, 3.0))[1]
     )
-    assert all(other.x < 13.0 for other in weak_spots(part, field, 6.0, {}))
+    assert all(other.x < 13.0 for other in find_weak_spots(part, field, 6.0, {}))

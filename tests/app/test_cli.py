@@ -875,11 +875,11 @@ def test_usage_errors_say_what_would_be_right(run, words, message):
 
 def test_choices_are_those_of_the_library(run, room):
     from locplan.export.masks import keepout_mask
-    from locplan.export.registry import formats
+    from locplan.export.registry import list_formats
     from locplan.field import ESTIMATORS
     from locplan.field.covariance import SCALARS
 
-    options = get_type_hints(formats()["nav2-keepout"].options)
+    options = get_type_hints(list_formats()["nav2-keepout"].options)
     names, _ = get_args(options["planner"])
     with pytest.raises(LocplanError, match=f"planner must be one of {', '.join(get_args(names))},"):
         keepout_mask(locplan.Costmap.blank(load_map(room)), planner="other")
@@ -1110,11 +1110,11 @@ def test_help_explains_words(run, monkeypatch, command, words):
 
 
 def test_commands_and_options_are_few(run):
-    from locplan.app.cli.application import OPTIONS, application
+    from locplan.app.cli.application import OPTIONS, make_application
 
     counts = {}
     for command in set(COMMANDS) - {"cache"}:
-        arguments = application(command)[command].assemble_argument_collection()
+        arguments = make_application(command)[command].assemble_argument_collection()
         counts[command] = sum(
             OPTIONS in each.parameter.group or not each.parameter.group
             for each in arguments

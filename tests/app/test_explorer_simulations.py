@@ -50,7 +50,7 @@ def test_simulation_equals_that_of_library(session):
     for ours, candidate in zip(answer["candidates"], choice.candidates, strict=True):
         assert ours["error"] == candidate.driven.error.value
         assert ours["lost"] == candidate.driven.lost_rate.value
-        assert ours["is_recommended"] == (candidate is choice.chosen)
+        assert ours["is_recommended"] == (candidate is choice.recommended_candidate)
     along = answer["along"]["shortest"]
     assert along["s"][-1] == pytest.approx(choice.shortest.path.length, abs=0.2)
     assert (np.array(along["high_cm"]) >= along["median_cm"]).all()

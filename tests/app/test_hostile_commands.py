@@ -14,7 +14,7 @@ from support.command_line import check_refusal
 from support.maps import ascii_map
 
 from locplan import Lidar, save_map
-from locplan.app.cli.application import COMMANDS, application
+from locplan.app.cli.application import COMMANDS, make_application
 from locplan.recordings import Recording
 
 ENDS = "--start", "0.6,0.6", "--goal", "2.0,0.8"
@@ -38,7 +38,7 @@ WRITING = {
 
 def inputs(command: str) -> list[Any]:
     """The options of a command, without those for where results go."""
-    app = application(command)[command]
+    app = make_application(command)[command]
     if not app.default_command:
         return []
     return [

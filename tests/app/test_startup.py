@@ -12,7 +12,7 @@ from support.maps import ascii_map
 
 from locplan._support import progress
 from locplan.app import cli
-from locplan.app.cli.application import application, read_summary
+from locplan.app.cli.application import make_application, read_summary
 from locplan.field import FieldConfig, Sad, load_or_compute
 
 CONFIG = FieldConfig(Sad(range=0.5))
@@ -51,7 +51,7 @@ def test_help_lists_commands_without_import():
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_summary_equals_first_paragraph_of_command_help(name):
-    text = application(name)[name].help
+    text = make_application(name)[name].help
     assert read_summary(name) == " ".join(text.partition("\n\n")[0].split()) != ""
 
 

@@ -56,7 +56,7 @@ WRITERS = {
     "nav2-keepout": lambda folder, _, costs: nav2_keepout(folder, costs),
     "nav2-speed": lambda folder, _, costs: nav2_speed(folder, costs),
     "ros-map": lambda folder, _, costs: ros_map(folder, costs),
-    "npz": lambda folder, field, _: plain_files.field(folder.with_suffix(".npz"), field),
+    "npz": lambda folder, field, _: plain_files.write_field_file(folder.with_suffix(".npz"), field),
 }
 
 

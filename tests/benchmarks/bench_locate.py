@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 import locplan
-from locplan.recordings.kernels.scan_losses import loss_at, refine
+from locplan.recordings.kernels.scan_losses import loss_at, refine_pose
 from locplan.recordings.matching import STEP, TURNS, ScanOnMap
 
 LIDAR = locplan.Lidar(range=12.0, beams=360)
@@ -40,7 +40,7 @@ def everywhere(places, ranges, best_of=300):
     least = []
     for pose in poses:
         for level in range(len(places.tables.corners)):
-            loss = refine(places.tables, level, ends, lever, pose)
+            loss = refine_pose(places.tables, level, ends, lever, pose)
         least.append(loss)
     return poses[int(np.argmin(least))]
 

@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from scipy.signal import fftconvolve
 from scipy.stats import norm
 
-from locplan.simulation.race import Judgement, Scores, judged
+from locplan.simulation.race import RaceResult, Scores, run_race
 from locplan.simulation.verdict import EXPONENT
 
 Errors = Callable[[np.random.Generator], np.ndarray]
@@ -51,7 +51,7 @@ CASES: dict[str, Errors] = {
 }
 
 
-def choice_of(case: str, seed: int) -> tuple[Judgement, float, int]:
+def choice_of(case: str, seed: int) -> tuple[RaceResult, float, int]:
     """One choice, the true ratio of its leader, and how many drives it took."""
     random = np.random.default_rng([seed, 7])
     ratios = CASES[case](random)
@@ -66,7 +66,7 @@ def choice_of(case: str, seed: int) -> tuple[Judgement, float, int]:
         some = errors[paths][:, numbers]
         return Scores(some, np.zeros(some.shape, bool))
 
-    found = judged(drive, np.zeros(len(ratios)), 1.0, 64)
+    found = run_race(drive, np.zeros(len(ratios)), 1.0, 64)
     return found, float(ratios[found.leader]), drives
 
 

@@ -394,7 +394,7 @@ def test_an_execution_that_cannot_be_is_refused(settings, message):
 
 def test_a_time_limit_is_for_those_who_take_one():
     limited = {
-        name: PlannerSpec.of(name).with_time_limit(0.7).time_limit
+        name: PlannerSpec.parse(name).with_time_limit(0.7).time_limit
         for name in ("grid", "BITstar", "BITstar:time_limit=2", "RRTstar:iterations=10")
     }
     assert limited == {
@@ -403,10 +403,10 @@ def test_a_time_limit_is_for_those_who_take_one():
         "BITstar:time_limit=2": 2.0,
         "RRTstar:iterations=10": None,
     }
-    limited = PlannerSpec.of(detour).with_time_limit(0.7)
+    limited = PlannerSpec.parse(detour).with_time_limit(0.7)
     assert find_changed_options(limited.planner) == {"time_limit": 0.7}
     with pytest.raises(ConfigError):
-        PlannerSpec.of("BITstar").with_time_limit(-1.0)
+        PlannerSpec.parse("BITstar").with_time_limit(-1.0)
 
 
 @pytest.mark.usefixtures("inline_workers")
@@ -500,7 +500,7 @@ def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
             seed=run.task.seed,
         )
         np.testing.assert_array_equal(run.xy, choice.path.xy)
-    name, options = found.about["planners"][label]
+    name, options = found.description["planners"][label]
     assert (name, options["robot"]["filter"]["alpha1"]) == ("simulated choice", 0.05)
 
 
@@ -515,14 +515,14 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
         return types.SimpleNamespace(path=None, status="unreachable")
 
     monkeypatch.setattr("locplan.simulation.recommender.choose", choose)
-    spec = PlannerSpec.of(f"simulated choice:price=3,longest=1.2,robot={nav2}")
+    spec = PlannerSpec.parse(f"simulated choice:price=3,longest=1.2,robot={nav2}")
     assert spec.seeds([4, 5]) == (4, 5)
     plan = spec.plan(corridors, CORRIDOR.start, CORRIDOR.goal, 5)
     assert plan.status == "unreachable"
     assert [options["threads"] for options in asked] == [1]
     assert asked[0]["costs"] is corridors
     assert {(each["seed"], each["price"], each["longest"]) for each in asked} == {(5, 3, 1.2)}
-    assert PlannerSpec.of("simulated choice:seed=7").seeds([4, 5]) == (7,)
+    assert PlannerSpec.parse("simulated choice:seed=7").seeds([4, 5]) == (7,)
     here = spec.plan(corridors, CORRIDOR.start, CORRIDOR.start, 1)
     assert here.path.length == 0
 
@@ -530,12 +530,12 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
 def test_what_of_a_file_is_not_simulated_is_said_once(nav2):
     nav2.write_text(nav2.read_text() + "    robot_model_type: my::Legs\n")
     with pytest.warns(ParameterWarning, match="not simulated: robot_model_type"):
-        spec = PlannerSpec.of(f"simulated choice:robot={nav2}")
+        spec = PlannerSpec.parse(f"simulated choice:robot={nav2}")
     with_options(spec.planner, seed=3)  # a second warning would be an error
 
 
 def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
-    spec = PlannerSpec.of(f"simulated choice:robot={nav2}")
+    spec = PlannerSpec.parse(f"simulated choice:robot={nav2}")
     nav2.unlink()
     again = with_options(pickle.loads(pickle.dumps(spec.planner)), seed=3)
     assert (again.robot.filter.alpha1, again.seed) == (0.05, 3)
@@ -558,13 +558,13 @@ def test_the_simulated_choice_is_read_once_and_sent_as_it_is(nav2):
 )
 def test_options_of_the_simulated_choice_are_checked_before_the_first_run(options, message):
     with pytest.raises(ConfigError, match="planner 'simulated choice:") as error:
-        PlannerSpec.of(f"simulated choice:{options}")
+        PlannerSpec.parse(f"simulated choice:{options}")
     assert message in str(error.value)
 
 
 def test_comparisons_name_all_planners_that_they_know():
     with pytest.raises(ConfigError, match=r"must be one of grid, .*, simulated choice, not 'no'"):
-        PlannerSpec.of("no")
+        PlannerSpec.parse("no")
 
 
 @pytest.mark.usefixtures("inline_workers")

@@ -528,13 +528,13 @@ def test_wrong_input_is_refused_before_any_run(tmp_path):
 )
 def test_planners_are_checked(text, complaint):
     with pytest.raises(ConfigError, match=complaint) as caught:
-        PlannerSpec.of(text)
+        PlannerSpec.parse(text)
     assert text in str(caught.value)
 
 
 def test_time_limits_and_spaces_are_known():
     def limit(text):
-        return PlannerSpec.of(text).time_limit
+        return PlannerSpec.parse(text).time_limit
 
     assert limit("BITstar:time_limit=2") == 2
     assert limit("BITstar") == 5
@@ -542,8 +542,8 @@ def test_time_limits_and_spaces_are_known():
     assert limit("RRT:max_e=0.1") == 5
     assert limit("grid:budget=3,time_limit=2") == 2
     assert limit("grid") is None
-    assert PlannerSpec.of("PRM:space=SE2").planner.space == "SE2"
-    assert PlannerSpec.of("grid:allow_corner_cutting=true").planner == GridPlanner(True)
+    assert PlannerSpec.parse("PRM:space=SE2").planner.space == "SE2"
+    assert PlannerSpec.parse("grid:allow_corner_cutting=true").planner == GridPlanner(True)
 
 
 @pytest.mark.usefixtures("inline_workers")

@@ -5,7 +5,7 @@ import pytest
 
 from locplan.export import nav2_keepout, nav2_routes, nav2_speed
 from locplan.export.formats import FORMATS
-from locplan.export.plain_files import path
+from locplan.export.plain_files import write_path_file
 from locplan.export.user_graph import nav2_graph
 
 
@@ -16,7 +16,7 @@ from locplan.export.user_graph import nav2_graph
         ("nav2-speed", nav2_speed),
         ("nav2-routes", nav2_routes),
         ("nav2-routes", nav2_graph),
-        ("path", path),
+        ("path", write_path_file),
     ],
 )
 def test_format_has_defaults_of_function(name, function):

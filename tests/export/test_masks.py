@@ -38,7 +38,7 @@ from locplan.export import (
 )
 from locplan.export.masks import keepout_mask, mask_density
 from locplan.export.parameters import DistroWarning, ParametersChanged, RobotWarning
-from locplan.export.registry import formats
+from locplan.export.registry import list_formats
 from locplan.export.values import YawWarning, unturn
 from locplan.field import CovarianceField, FieldConfig, Sad, covariance_field, load_or_compute
 from locplan.maps import FREE, OccupancyGrid, Zone, Zones, environments
@@ -863,30 +863,30 @@ ROUTE = Path(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]]))
 
 
 def test_paths_are_read_back(tmp_path):
-    plain_files.path(tmp_path / "p.csv", ROUTE)
+    plain_files.write_path_file(tmp_path / "p.csv", ROUTE)
     again = Path.load(tmp_path / "p.csv")
     np.testing.assert_allclose(again.xy, ROUTE.xy)
     np.testing.assert_allclose(again.heading, ROUTE.facing, atol=1e-6)
     assert ROUTE.facing.tolist() == pytest.approx([math.atan2(4, 3), math.pi / 2, math.pi / 2])
     (tmp_path / "excel.csv").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "p.csv").read_bytes())
     np.testing.assert_array_equal(Path.load(tmp_path / "excel.csv").xy, again.xy)
-    plain_files.path(tmp_path / "fine.CSV", ROUTE, step=0.3)
+    plain_files.write_path_file(tmp_path / "fine.CSV", ROUTE, step=0.3)
     fine = Path.load(tmp_path / "fine.CSV").xy
     assert len(fine) == 22
     assert fine[17].tolist() == [3.0, 4.0]  # a corner that no multiple of the step meets
     assert np.hypot(*np.diff(fine, axis=0).T).max() <= 0.3 + 1e-6
-    plain_files.path(tmp_path / "p.json", ROUTE, frame="odom")
+    plain_files.write_path_file(tmp_path / "p.json", ROUTE, frame="odom")
     about = json.loads((tmp_path / "p.json").read_text())
     assert (about["frame"], about["length"]) == ("odom", 6.0)
     assert about["poses"][1]["distance"] == 5.0
-    plain_files.path(tmp_path / "p.geojson", ROUTE, frame="odom")
+    plain_files.write_path_file(tmp_path / "p.geojson", ROUTE, frame="odom")
     assert json.loads((tmp_path / "p.geojson").read_text()) == ROUTE.to_geojson(frame="odom")
 
 
 def test_a_path_is_a_message_that_ros_takes(tmp_path):
     from rosbags.typesys import Stores, get_typestore
 
-    plain_files.path(tmp_path / "p.yaml", ROUTE)
+    plain_files.write_path_file(tmp_path / "p.yaml", ROUTE)
     message = yaml.safe_load((tmp_path / "p.yaml").read_text())
     types = get_typestore(Stores.ROS2_HUMBLE)
     fields = {name for name, _ in types.fielddefs["nav_msgs/msg/Path"][1]}
@@ -911,12 +911,12 @@ def test_files_that_hold_no_path_are_refused(tmp_path, text):
     with pytest.raises(LocplanError, match="there is no such file"):
         Path.load(tmp_path / "none.csv")
     with pytest.raises(LocplanError, match=r"\.csv, \.json, \.geojson, \.yaml"):
-        plain_files.path(tmp_path / "p.txt", ROUTE)
+        plain_files.write_path_file(tmp_path / "p.txt", ROUTE)
 
 
 def test_field_writes_numpy_arrays(tmp_path, costs):
     field = covariance_field(costs.grid, FieldConfig(Sad(range=1.0)))
-    plain_files.field(tmp_path / "f.npz", field)
+    plain_files.write_field_file(tmp_path / "f.npz", field)
     with np.load(tmp_path / "f.npz") as arrays:
         assert {*arrays} == {"about", "covariance", "u_map", "cells"}
         np.testing.assert_array_equal(arrays["covariance"], field.covariance)
@@ -928,7 +928,7 @@ def test_field_writes_numpy_arrays(tmp_path, costs):
         assert about["config"]["estimator"]["range"] == 1.0
     assert CovarianceField.load(tmp_path / "f.npz").config == field.config
     with pytest.raises(LocplanError, match=r"must end in \.npz"):
-        plain_files.field(tmp_path / "f.txt", field)
+        plain_files.write_field_file(tmp_path / "f.txt", field)
 
 
 TOY = '''
@@ -987,7 +987,7 @@ def test_a_format_is_a_file_and_a_line(run, tmp_path, monkeypatch):
 
 
 def test_formats_describe_every_option():
-    for each in formats().values():
+    for each in list_formats().values():
         for name, doc in field_docs(each.options).items():
             assert doc.endswith("."), f"{each.name}: {name}"
 

@@ -55,11 +55,11 @@ def test_no_inflation_hides_a_mask(corridors, name, radius, factor):
     inflation = inflated(radius, factor)
     values, conversion = keepout_mask(corridors, planner=name, inflation=inflation)
     assert conversion.saturated_share == 0
-    cost = planned.costmap_costs(corridors.grid, values, inflation.steeper or inflation)
+    cost = planned.compute_costmap_costs(corridors.grid, values, inflation.steeper or inflation)
     density = mask_density(corridors, inflation)
     meant = Costmap.from_density(corridors.grid, np.where(np.isnan(density), np.inf, density))
     for start, goal in ENDS:
-        path = planned.planned(
+        path = planned.simulate_nav2_planner(
             conversion.planner, conversion.param, corridors.grid, cost, start, goal
         )
         best = plan(meant, start, goal).metrics.cost
@@ -91,13 +91,13 @@ def test_the_inscribed_radius_is_that_of_the_padded_corners(tmp_path, costmap, i
     layer = 'plugins: [walls], walls: {plugin: "nav2_costmap_2d::InflationLayer"}'
     start = "global_costmap: {global_costmap: {ros__parameters: {"
     file.write_text(f"{start}{costmap}, {layer}}}}}}}\n")
-    found = CostmapInflation.of(read_parameters(file))
+    found = CostmapInflation.from_parameters(read_parameters(file))
     assert (found.layer, found.inflation) == ("walls", Inflation())
     assert found.inscribed_radius == pytest.approx(inscribed, abs=1e-4)
     file.write_text(f"{start}{costmap}}}}}}}\n")
-    assert CostmapInflation.of(read_parameters(file)).layer == "inflation_layer"  # as Nav2 has it
+    assert CostmapInflation.from_parameters(read_parameters(file)).layer == "inflation_layer"  # as Nav2 has it
     file.write_text("amcl: {ros__parameters: {alpha1: 0.1}}\n")
-    assert CostmapInflation.of(read_parameters(file)) is None
+    assert CostmapInflation.from_parameters(read_parameters(file)) is None
 
 
 PARAMS = """\

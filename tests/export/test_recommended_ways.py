@@ -17,9 +17,9 @@ from support.maps import ascii_map
 from locplan import load_or_compute, save_map
 from locplan.errors import ConfigError
 from locplan.export.figures import routes_figure
-from locplan.export.joined_ways import Lines, followed_costs, joined, straightened
+from locplan.export.joined_ways import LineCosts, adjust_costs, join_paths, straighten_ways
 from locplan.export.parameters import DistroWarning
-from locplan.export.recommended_ways import nav2_routes, recommended_ways
+from locplan.export.recommended_ways import nav2_routes, make_recommended_ways
 from locplan.export.route_graph import RouteGraph, to_geojson
 from locplan.export.values import YawWarning
 from locplan.field import FieldConfig
@@ -58,7 +58,7 @@ def cheapest(graph, start, goal):
 
 
 def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
-    found = recommended_ways(costs, paths)
+    found = make_recommended_ways(costs, paths)
     apart = sum(path.length for path in paths.values())
     assert found.graph.length.sum() < 0.7 * apart  # most of the corridor is one lane
     assert connected_components(found.graph.matrix)[0] == 1
@@ -67,7 +67,7 @@ def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
         np.testing.assert_allclose(xy[[0, -1]], paths[name].xy[[0, -1]], atol=0.02)
         density = np.array([costs.density[costs.grid.cell(p)] for p in Path(xy).resample(0.01)])
         assert np.isinf(density).mean() < 0.002
-        assert path_metrics(costs, paths[name]).cost * 1.11 > Lines(costs).along(xy).sum()
+        assert path_metrics(costs, paths[name]).cost * 1.11 > LineCosts(costs).compute_chain_costs(xy).sum()
     e, u = found.graph.integrated_e, found.graph.integrated_u
     assert np.isfinite(e).all()
     assert (u >= 0).all()
@@ -78,7 +78,7 @@ def test_the_cheapest_routes_are_the_recommended_ways(costs, paths):
         paths,
         {**paths, "dock to gate": plan(costs.with_weight(0), *list(STATIONS.values())[:2]).path},
     ):
-        found = recommended_ways(costs, given)
+        found = make_recommended_ways(costs, given)
         assert set(found.followed) == set(given)
         for name, way in found.ways.items():
             route = found.graph.nodes[cheapest(found.graph, way[0], way[-1])]
@@ -88,10 +88,10 @@ def test_the_cheapest_routes_are_the_recommended_ways(costs, paths):
 
 
 def test_costs_change_only_where_another_route_is_cheaper(costs, paths):
-    least = recommended_ways(costs, {"dock to gate": paths["dock to gate"]})
+    least = make_recommended_ways(costs, {"dock to gate": paths["dock to gate"]})
     assert least.changed == 0
     graph = least.graph
-    expected = Lines(costs).costs(graph.nodes, graph.edges)
+    expected = LineCosts(costs).costs(graph.nodes, graph.edges)
     np.testing.assert_allclose(graph.cost, expected)
 
 
@@ -101,26 +101,26 @@ def test_the_least_change_of_costs():
     edges = np.array([[0, 1], [0, 2], [1, 2], [1, 0], [2, 0], [2, 1]])
     length = np.hypot(*(nodes[edges[:, 0]] - nodes[edges[:, 1]]).T)
     given = nodes, edges, length, length
-    cost, followed = followed_costs(*given, [[0, 2, 1]], np.ones(1) * 100)
+    cost, followed = adjust_costs(*given, [[0, 2, 1]], np.ones(1) * 100)
     assert followed == [True]
     assert cost[0] > cost[1] + cost[5]
     np.testing.assert_allclose(np.abs(cost - length).sum(), 2 * math.hypot(5, 8) - 10, atol=0.03)
-    _, followed = followed_costs(*given, [[0, 2, 1], [1, 0]], np.ones(2) * 100)
+    _, followed = adjust_costs(*given, [[0, 2, 1], [1, 0]], np.ones(2) * 100)
     assert followed == [True, True]
     for first in (True, False):
         weights = np.array([200.0, 100.0] if first else [100.0, 200.0])
-        cost, followed = followed_costs(*given, [[0, 2, 1], [0, 1]], weights)
+        cost, followed = adjust_costs(*given, [[0, 2, 1], [0, 1]], weights)
         assert followed == [first, not first]
         assert (cost >= length - 1e-9).all()
 
 
 def test_a_path_joins_a_lane_beside_it_and_leaves_it():
     grid = OccupancyGrid(np.full((100, 400), 254), 0.1)
-    lines = Lines(Costmap.blank(grid, robot=0.0))
+    lines = LineCosts(Costmap.blank(grid, robot=0.0))
     lane = Path(np.array([[1.0, 5.0], [39.0, 5.0]]))
     beside = Path(np.array([[8.0, 8.0], [12.0, 6.0], [30.0, 6.0], [33.0, 2.0]]))
     far = Path(np.array([[8.0, 9.0], [33.0, 9.0]]))
-    nodes, ways = straightened(lines, *joined(lines, {"b": beside, "a": lane, "c": far}))
+    nodes, ways = straighten_ways(lines, *join_paths(lines, {"b": beside, "a": lane, "c": far}))
     assert list(ways) == ["b", "a", "c"]
     on_lane = [node for node in ways["b"] if node in ways["a"]]
     assert len(on_lane) >= 2
@@ -133,12 +133,12 @@ def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
     """The wall makes the line from the loop's last node to where the path goes on impassable."""
     cells = np.full((100, 100), 254)
     cells[55:, 48:52] = 0
-    lines = Lines(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0))
+    lines = LineCosts(Costmap.blank(OccupancyGrid(cells, 0.1), robot=0.0))
     there = [[1.0, 2.0], [5.0, 2.0], [3.0, 9.0], [2.0, 7.0], [5.0, 2.0], [9.0, 8.0]]
     loop = Path(np.array(there))
     for given in ({"loop": loop}, {"lane": Path(loop.xy[1:3]), "loop": loop}):
-        nodes, ways = joined(lines, given)
-        length = lines.along(nodes[ways["loop"]]).sum()
+        nodes, ways = join_paths(lines, given)
+        length = lines.compute_chain_costs(nodes[ways["loop"]]).sum()
         assert length == pytest.approx(4 + math.hypot(4, 6), rel=1e-6)
         edges = [(nodes[a], nodes[b]) for a, b in pairwise(ways["loop"])]
         assert all(math.dist(*edge) > 0.01 for edge in edges)
@@ -147,9 +147,9 @@ def test_a_path_that_crosses_itself_becomes_a_way_without_the_loop():
 
 def test_what_cannot_be_joined(costs):
     with pytest.raises(ConfigError, match="no way to export"):
-        recommended_ways(costs, {"stay": Path(np.array([[2.0, 3.0]]))})
+        make_recommended_ways(costs, {"stay": Path(np.array([[2.0, 3.0]]))})
     with pytest.raises(ConfigError, match="path wall leaves the map's free space"):
-        recommended_ways(costs, {"wall": Path(np.array([[2.0, 3.0], [20.0, 6.0]]))})
+        make_recommended_ways(costs, {"wall": Path(np.array([[2.0, 3.0], [20.0, 6.0]]))})
 
 
 def test_a_path_that_ends_where_it_starts_is_refused(costs, paths):
@@ -157,9 +157,9 @@ def test_a_path_that_ends_where_it_starts_is_refused(costs, paths):
     round_trip = Path(np.array([[2.0, 3.0], [10.0, 3.0], [2.0, 3.015]]))
     for given in ({"round": round_trip}, {**paths, "round": round_trip}):
         with pytest.raises(ConfigError, match="path round ends where it starts"):
-            recommended_ways(costs, given)
+            make_recommended_ways(costs, given)
     within_a_point = Path(np.array([[2.0, 3.0], [2.012, 3.0]]))
-    found = recommended_ways(costs, {**paths, "stay": within_a_point})
+    found = make_recommended_ways(costs, {**paths, "stay": within_a_point})
     assert set(found.ways) == set(paths)
 
 
@@ -168,7 +168,7 @@ def test_maps_far_from_the_origin_are_too_coarse():
     grid = OccupancyGrid(np.full((50, 50), 254), 0.1, (4e6, 0.0, 0.0))
     path = Path(np.array([[4e6 + 1, 1.0], [4e6 + 4, 4.0]]))
     with pytest.raises(ConfigError, match="too coarse for Nav2"):
-        recommended_ways(Costmap.blank(grid), {"there": path})
+        make_recommended_ways(Costmap.blank(grid), {"there": path})
 
 
 def features_of(folder):
@@ -244,7 +244,7 @@ def test_a_path_along_an_edge_is_exported_in_single_precision():
     y = 0.8 - 1e-9
     assert float(np.float32(y)) > 0.8  # in a blocked cell
     along = Path(np.array([[0.35, y], [3.0, y], [5.05, y]]))
-    ways = recommended_ways(costs, {"along": along})
+    ways = make_recommended_ways(costs, {"along": along})
     assert ways.graph.cost.sum() / 2 == pytest.approx(along.length, rel=1e-3)
 
 
@@ -263,7 +263,7 @@ def test_command_writes_paths_as_routes(run, tmp_path):
 
 
 def test_routes_figure_colours_cost_per_metre(costs, paths):
-    graph = recommended_ways(costs, paths).graph
+    graph = make_recommended_ways(costs, paths).graph
     figure = routes_figure(costs, graph, "routes")
     axes, bar = figure.axes
     (lines,) = axes.collections
@@ -275,7 +275,7 @@ def test_routes_figure_colours_cost_per_metre(costs, paths):
 
 
 def test_geojson_adds_up_by_nav2_scorers(costs, paths):
-    graph = recommended_ways(costs, paths).graph
+    graph = make_recommended_ways(costs, paths).graph
     features = json.loads(json.dumps(to_geojson(graph), allow_nan=False))["features"]
     points = [f for f in features if f["geometry"]["type"] == "Point"]
     lines = [f["properties"] for f in features if f["geometry"]["type"] == "LineString"]

@@ -15,7 +15,7 @@ from support.maps import ascii_map
 from locplan import save_map
 from locplan.errors import ConfigError, LocplanError
 from locplan.export.parameters import ParametersChanged
-from locplan.export.recommended_ways import recommended_ways
+from locplan.export.recommended_ways import make_recommended_ways
 from locplan.export.route_graph import to_geojson
 from locplan.export.user_graph import annotate_graph, nav2_graph
 from locplan.export.values import YawWarning
@@ -105,7 +105,7 @@ def test_edges_cost_what_their_lines_cost(costs):
 
 def test_our_graph_gets_its_costs_again(costs):
     path = Path(np.array([NODES[0], NODES[2], NODES[3], NODES[1]]))
-    ours = to_geojson(recommended_ways(costs, {"around": path}).graph)
+    ours = to_geojson(make_recommended_ways(costs, {"around": path}).graph)
     for about in edges_in(annotate_graph(costs, ours)).values():
         assert about["metadata"]["localization"] == pytest.approx(about["cost"])
         assert {"length", "penalty", "integrated_u"} < {*about["metadata"]}

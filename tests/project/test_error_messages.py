@@ -9,7 +9,7 @@ from support.bag_files import BEGIN, open_bag
 from support.command_line import check_refusal
 
 from locplan._support import checks
-from locplan.app.cli.wording import options_as_typed
+from locplan.app.cli.wording import translate_options
 from locplan.errors import MAX_MESSAGE, ConfigError, LocplanError, PoseError
 from locplan.field import Sad, Scan
 from locplan.field.estimators import estimator_class
@@ -162,6 +162,6 @@ def test_command_line_names_lidar_option_if_urdf_has_no_sensor(run, tmp_path):
 def test_command_line_keeps_words_of_python():
     text = "name another folder with --force (in Python force=True), or drop force=True"
     expected = "name another folder with --force (in Python force=True), or drop --force"
-    assert options_as_typed(text, "plan") == expected
+    assert translate_options(text, "plan") == expected
     planner = "planner 'RRTstar:time_limit=-1': time_limit must be positive"
-    assert options_as_typed(planner, "compare") == planner
+    assert translate_options(planner, "compare") == planner

@@ -20,7 +20,7 @@ from locplan._support import reading
 from locplan.comparison.benchmarks import read_movingai_map, read_scenarios
 from locplan.comparison.journal import Journal
 from locplan.errors import ConfigError, FieldError, LocplanError, MapError
-from locplan.export.registry import formats
+from locplan.export.registry import list_formats
 from locplan.field import (
     CovarianceField,
     FieldConfig,
@@ -303,7 +303,7 @@ def test_arrays_larger_than_their_limit_are_not_read(tmp_path):
 def test_folder_with_a_damaged_run_is_refused(tmp_path, text):
     (tmp_path / "run.yaml").write_text(text)
     with pytest.raises(LocplanError, match=r"run\.yaml: is no earlier result"):
-        formats()["ros-map"].check_target(tmp_path)
+        list_formats()["ros-map"].check_target(tmp_path)
 
 
 # --- memory of estimators ---------------------------------------------------------------------

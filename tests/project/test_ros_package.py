@@ -66,7 +66,7 @@ def corridors():
 @pytest.fixture(scope="module")
 def corridors_npz(corridors, tmp_path_factory):
     file = tmp_path_factory.mktemp("ros") / "field.npz"
-    plain_files.field(file, corridors)
+    plain_files.write_field_file(file, corridors)
     return str(file)
 
 
@@ -196,7 +196,7 @@ def test_a_map_with_yaw_and_headings_gives_values_in_the_world(tmp_path):
     config = FieldConfig(Scan(lidar), stride=0.2, headings=4)
     field = locplan.covariance_field(turned_room(0.7), config)
     file = tmp_path / "field.npz"
-    plain_files.field(file, field)
+    plain_files.write_field_file(file, field)
     agrees(file, field, 0.3, -2.0)
 
 
@@ -205,7 +205,7 @@ def test_the_ellipse_turns_with_the_map(tmp_path):
     axes = []
     for yaw in (0.0, 0.7):
         field = locplan.covariance_field(turned_room(yaw), Sad(range=1.0))
-        plain_files.field(tmp_path / "f.npz", field)
+        plain_files.write_field_file(tmp_path / "f.npz", field)
         read = part("field_file").FieldFile.load(str(tmp_path / "f.npz"))
         x, y = field.grid.position(6, 35)
         axes.append(part("watch").ellipse(read.at(x, y)[1])[2])

@@ -18,10 +18,10 @@ from locplan._support.kernels.particles import move_particles
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import environments
 from locplan.recordings import Recording
-from locplan.recordings.calibration import calibrate_drive, odometry_noise, scan_noise
+from locplan.recordings.calibration import calibrate_drive, fit_odometry_noise, fit_scan_noise
 from locplan.robots import Amcl, Disturbances, Odometry, Robot
 from locplan.simulation import Simulator
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 
 EXACT = {"boundary_noise": 0.0, "outliers": 0.0, "occlusion": 0.0}
 DRIFTS = {"distance_drift": 0.03, "heading_drift_deg": 2.0, "turn_drift_deg": 3.0}
@@ -37,7 +37,7 @@ def grid():
 def line(grid):
     costs = Costmap.blank(grid, robot=0.3)
     path = plan(costs, (2.0, 3.0), (36.0, 3.0)).path
-    return poses_along(path, grid)[::2]
+    return make_path_poses(path, grid)[::2]
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def reported(grid, poses, seed=1, **odometry):
 
 def test_drifts_of_odometry_are_found(grid, winding):
     odometry = reported(grid, winding, **DRIFTS, **BIASES)
-    found = odometry_noise(driven(winding, odometry), Amcl())
+    found = fit_odometry_noise(driven(winding, odometry), Amcl())
     for name, value in DRIFTS.items():
         value_found, low, high = getattr(found, name)
         assert value_found == pytest.approx(value, rel=0.25), name
@@ -95,7 +95,7 @@ def test_biases_of_odometry_are_found(grid, winding, few_resamples):
             y + sin * ahead + cos * aside,
             heading + turn,
         )
-    found = odometry_noise(driven(winding, odometry), Amcl())
+    found = fit_odometry_noise(driven(winding, odometry), Amcl())
     assert found.distance_bias.value == pytest.approx(0.03, abs=0.005)
     assert found.turn_bias.value == pytest.approx(-0.04, abs=0.005)
     assert found.heading_bias_deg.value == pytest.approx(0.5, abs=0.05)
@@ -103,7 +103,7 @@ def test_biases_of_odometry_are_found(grid, winding, few_resamples):
 
 def test_noise_of_the_poses_is_told_from_that_of_odometry(grid, winding, few_resamples):
     odometry = reported(grid, winding, **DRIFTS, **BIASES)
-    found = odometry_noise(driven(winding, odometry, (0.05, 0.02)), Amcl())
+    found = fit_odometry_noise(driven(winding, odometry, (0.05, 0.02)), Amcl())
     assert 0.035 < found.position_noise.value < 0.055
     assert found.heading_noise_deg.value == pytest.approx(math.degrees(0.02), rel=0.25)
     assert found.heading_drift_deg.value == pytest.approx(DRIFTS["heading_drift_deg"], rel=0.3)
@@ -122,18 +122,18 @@ def test_the_alphas_of_amcls_own_model_are_found(grid, winding, few_resamples):
         dx, dy = cos * ahead - sin * aside, sin * ahead + cos * aside
         move_particles(random, particle, 1, dx, dy, turn, poses[-1][2], settings)
         poses.append(particle[:, 0])
-    found = odometry_noise(driven(np.array(poses), winding), true)
+    found = fit_odometry_noise(driven(np.array(poses), winding), true)
     for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
         assert getattr(found, name).value == pytest.approx(getattr(true, name), rel=0.3), name
 
 
 def test_short_and_straight_drives_say_what_they_cannot_tell(grid, line, few_resamples):
     odometry = reported(grid, line, **DRIFTS)
-    assert odometry_noise(driven(line[:20], odometry[:20]), Amcl()) is None
+    assert fit_odometry_noise(driven(line[:20], odometry[:20]), Amcl()) is None
     straight = np.column_stack([np.arange(0, 60, 0.2), np.zeros(300), np.zeros(300)])
-    found = odometry_noise(driven(straight, reported(grid, straight)), Amcl())
+    found = fit_odometry_noise(driven(straight, reported(grid, straight)), Amcl())
     assert "turned by 0 deg in all, too little for alpha1" in found.notes[0]
-    noisy = odometry_noise(driven(straight, straight, (0.01, 0.02)), Amcl())
+    noisy = fit_odometry_noise(driven(straight, straight, (0.01, 0.02)), Amcl())
     assert any("turned by 0 deg in all" in note for note in noisy.notes)
     assert not {"turn_bias", "turn_drift_deg"} & {*noisy.settings()}
 
@@ -143,7 +143,7 @@ def test_poses_that_jump_are_told(grid, winding, few_resamples):
     jumping = winding.copy()
     for n in range(100, len(jumping), 60):
         jumping[n:, :2] += 0.3
-    found = odometry_noise(driven(jumping, odometry), Amcl())
+    found = fit_odometry_noise(driven(jumping, odometry), Amcl())
     assert any("may jump" in note for note in found.notes)
 
 
@@ -154,7 +154,7 @@ def test_noise_and_outliers_of_ranges_are_found(grid, line, sigma, outliers):
     random = np.random.default_rng(3)
     drive = simulate_recording(grid, line, lidar=lidar, disturbances=made)
     noise = random.standard_normal(line.shape) * [0.04, 0.04, 0.01]
-    found = scan_noise(dataclasses.replace(drive, poses=line + noise), grid, threads=1)
+    found = fit_scan_noise(dataclasses.replace(drive, poses=line + noise), grid, threads=1)
     assert found.range_sigma.value == pytest.approx(sigma, rel=0.2)
     assert found.outliers.value == pytest.approx(outliers, abs=0.012)
     assert found.blocked.value < 0.01
@@ -165,7 +165,7 @@ def test_noise_and_outliers_of_ranges_are_found(grid, line, sigma, outliers):
 
 def test_objects_in_view_are_found(grid, line):
     made = Disturbances(**EXACT | {"occlusion": 0.6, "occlusion_deg": 40.0})
-    found = scan_noise(simulate_recording(grid, line, disturbances=made), grid)
+    found = fit_scan_noise(simulate_recording(grid, line, disturbances=made), grid)
     assert found.occlusion.value == pytest.approx(0.6, abs=0.15)
     assert 30 < found.occlusion_deg.value < 42
     assert 0.03 < found.blocked.value < 0.6 * 40 / 270  # walls hide some objects
@@ -175,11 +175,11 @@ def test_objects_in_view_are_found(grid, line):
 def test_jumps_of_odometry_are_left_out(few_resamples):
     """As where its driver is started again, or where a filter's pose jumps."""
     drive = Recording.load(FILE)
-    plain = odometry_noise(drive, Amcl())
+    plain = fit_odometry_noise(drive, Amcl())
     odometry, poses = drive.odometry.copy(), drive.poses.copy()
     odometry[150:] = of_poses.move_poses(odometry[150:], (-7.0, 3.0, 2.0))
     poses[300:, 0] += 4.0
-    found = odometry_noise(dataclasses.replace(drive, poses=poses, odometry=odometry), Amcl())
+    found = fit_odometry_noise(dataclasses.replace(drive, poses=poses, odometry=odometry), Amcl())
     assert found.notes[-1].endswith("which are left out: 2")
     assert not any("jump" in note for note in plain.notes)
     for name in ("alpha2", "alpha3", "distance_drift", "heading_drift_deg", "heading_bias_deg"):
@@ -193,13 +193,13 @@ def test_a_jump_counts_beside_the_lesser_of_the_two_ways(few_resamples, jumping)
     drive = Recording.load(FILE)
     moved_on = getattr(drive, jumping).copy()
     moved_on[150:, :2] += 0.6 * np.array([np.cos(moved_on[149, 2]), np.sin(moved_on[149, 2])])
-    found = odometry_noise(dataclasses.replace(drive, **{jumping: moved_on}), Amcl())
+    found = fit_odometry_noise(dataclasses.replace(drive, **{jumping: moved_on}), Amcl())
     assert found.notes[-1].endswith("which are left out: 1")
 
 
 def test_walls_that_differ_from_the_map_are_no_objects():
     """The small drive has the usual disturbances, whose walls shadow others."""
-    found = scan_noise(Recording.load(FILE), load_map(MAP))
+    found = fit_scan_noise(Recording.load(FILE), load_map(MAP))
     assert found.occlusion.value == pytest.approx(Disturbances.occlusion, abs=0.06)
     assert found.occlusion_deg.value == pytest.approx(Disturbances.occlusion_deg, abs=3)
 
@@ -210,16 +210,16 @@ def test_runs_of_short_beams_count_from_four_on(grid, line):
     for first, count in ((short, 9), (short[:3], 0)):
         ranges = plain.ranges.copy()
         ranges[:, 10 : 10 + len(first)][:, first] = 0.3
-        found = scan_noise(dataclasses.replace(plain, ranges=ranges), grid)
+        found = fit_scan_noise(dataclasses.replace(plain, ranges=ranges), grid)
         assert found.occlusion_deg.value == pytest.approx(count * 270 / 90), count
 
 
 def test_scans_of_another_map_are_refused(grid, line):
     ranges = np.random.default_rng(0).uniform(0.5, 8.0, (len(line), LIDAR.beams))
     with pytest.raises(RecordingError, match="scans fit the map and lie in its free space"):
-        scan_noise(Recording(ranges, LIDAR, line), grid)
+        fit_scan_noise(Recording(ranges, LIDAR, line), grid)
     with pytest.raises(RecordingError, match="has 9 scans, too few: 10 are needed"):
-        scan_noise(Recording(ranges[:9], LIDAR, line[:9]), grid)
+        fit_scan_noise(Recording(ranges[:9], LIDAR, line[:9]), grid)
 
 
 def test_blocks_are_drawn_as_a_whole():

@@ -75,7 +75,7 @@ def test_posteriors_are_those_of_the_plain_loops():
 
 def test_scans_fix_the_pose_where_they_were_taken(office, drive):
     matches = match_scans(drive.every(10), office)
-    assert matches.judged.all()
+    assert matches.is_matched.all()
     off = np.hypot(*matches.best[:, :2].T)
     assert np.median(off) <= 0.1
     assert (off < 3 * np.maximum(matches.position_std, 0.1)).mean() > 0.9
@@ -139,11 +139,11 @@ def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
         evaluate_drive(each, office, estimators={"scan": Scan(drive.lidar)})
         for each in (some, crowded)
     )
-    assert not one.outdated.any()
-    np.testing.assert_array_equal(other.outdated, crowd)
+    assert not one.is_outdated.any()
+    np.testing.assert_array_equal(other.is_outdated, crowd)
     assert "12 of" in other.verdict[1]
     assert "saw what is not on the map" in other.verdict[1]
-    assert other.compared.sum() == one.compared.sum() - 12
+    assert other.is_compared.sum() == one.is_compared.sum() - 12
     on_map, on_way = (
         next(line.get_xydata() for line in axes.lines if line.get_marker() == "x")
         for axes in drive_figure(other).axes[:2]
@@ -161,7 +161,7 @@ def test_returns_that_scatter_about_walls_are_no_people(office, drive):
     scattered = dataclasses.replace(some, ranges=np.abs(ranges))
     found = evaluate_drive(scattered, office, estimators={"scan": Scan(drive.lidar)})
     assert (found.matches.score[::4] < -0.5).mean() > 0.8
-    assert not found.outdated.any()
+    assert not found.is_outdated.any()
     assert (found.matches.stray < 1 / 6).all()
 
 

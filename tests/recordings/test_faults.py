@@ -16,11 +16,11 @@ from support.recordings import simulate_recording
 
 from locplan import Lidar, load_map
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
-from locplan.advice.map_reading import Reading
-from locplan.advice.recorded import recorded as look_at_drives
+from locplan.advice.map_reading import MapReading
+from locplan.advice.recorded import analyze_recordings as look_at_drives
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, MapFaults, OccupancyGrid, environments
 from locplan.recordings import Recording, read_recording
-from locplan.recordings.calibration import odometry_noise
+from locplan.recordings.calibration import fit_odometry_noise
 from locplan.recordings.faults import find_recording_faults, measure_steps
 from locplan.robots import Amcl, Disturbances
 
@@ -63,7 +63,7 @@ def test_faults_are_none_if_drive_is_sound(office, drive):
     assert faults.is_sound
     assert faults.places == ()
     assert not faults.faulty_steps.any()
-    assert faults.moved_back > 5
+    assert faults.backward_steps > 5
     assert faults.reversed_steps == 0
     assert faults.stretch.length < 0.5
     assert not any("map" in text or "jumps" in text for text in faults.sentences)
@@ -76,13 +76,13 @@ def test_faults_name_dropped_sign_of_reversing(drive):
     faults = find_recording_faults(with_ways(drive, drop_sign))
     assert faults.has_sign_fault
     assert not faults.is_sound
-    assert faults.reversed_steps == faults.moved_back > 5
+    assert faults.reversed_steps == faults.backward_steps > 5
     assert faults.reversed_way == pytest.approx(3.0, abs=0.6)
     assert faults.faulty_steps[72:98].all()
     assert not faults.faulty_steps[:65].any()
     assert not faults.faulty_steps[107:].any()
     assert faults.sentences[0] == (
-        f"Odometry moves forward at {faults.reversed_steps} of {faults.moved_back} places where the"
+        f"Odometry moves forward at {faults.reversed_steps} of {faults.backward_steps} places where the"
         f" scans move back ({faults.reversed_way:.2g} m). Probably the driver drops the sign of the"
         " velocity."
     )
@@ -181,7 +181,7 @@ def test_faulty_steps_are_not_in_drift(drive, monkeypatch):
 
     slipped = with_ways(drive, slip)
     faulty = find_recording_faults(slipped).faulty_steps
-    alphas = [odometry_noise(slipped, Amcl(), mask).alpha3.value for mask in (None, faulty)]
+    alphas = [fit_odometry_noise(slipped, Amcl(), mask).alpha3.value for mask in (None, faulty)]
     assert alphas[1] < 0.1 * alphas[0]
 
 
@@ -201,12 +201,12 @@ def test_check_reports_faults_and_leaves_them_out(office, drive, monkeypatch):
     drives, robot = [with_ways(drive, change) for change in (slip, stand)], drive.robot()
     map_faults = MapFaults(office, (), office)
     results = [
-        look_at_drives([one], Reading(office), map_faults, robot, None, 1, 1) for one in drives
+        look_at_drives([one], MapReading(office), map_faults, robot, None, 1, 1) for one in drives
     ]
     assert [result.are_sound for result in results] == [(True,), (False,)]
-    assert any("Odometry and scans disagree" in text for text in results[0].said)
+    assert any("Odometry and scans disagree" in text for text in results[0].sentences)
     masks = [None, find_recording_faults(drives[0]).faulty_steps]
-    drifts = [odometry_noise(drives[0], Amcl(), mask).distance_bias.value for mask in masks]
+    drifts = [fit_odometry_noise(drives[0], Amcl(), mask).distance_bias.value for mask in masks]
     assert abs(drifts[1]) < 0.3 * abs(drifts[0])
     assert results[0].robot.odometry.distance_bias == pytest.approx(abs(drifts[1]))
 

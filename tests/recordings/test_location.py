@@ -22,9 +22,9 @@ from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording
 from locplan.recordings.evaluation import match_scans
 from locplan.recordings.figures import locate_figure, located_drive_figure
-from locplan.recordings.kernels.scan_losses import fits, loss_at, refine, settle
+from locplan.recordings.kernels.scan_losses import fits, loss_at, refine_pose, refine_on_lattice
 from locplan.recordings.location import locate_drive
-from locplan.recordings.matching import Matching, ScanDatabase, ScanOnMap, make_database
+from locplan.recordings.matching import Matching, ScanDatabase, ScanOnMap, make_range_database
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -271,16 +271,16 @@ def test_a_recording_of_one_scan_knows_its_lidar(alike):
 
 
 def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
-    database = make_database(different, Matching(lidar=LIDAR))
+    database = make_range_database(different, Matching(lidar=LIDAR))
     ranges = scan_at(different, LIDAR, *POSES[0])
-    compared = database.matching.compared(ranges[None])[0]
+    compared = database.matching.select_ranges(ranges[None])[0]
     scan = ScanOnMap(database, compared)
     ends, lever = scan.ends, scan.lever
     tables, last = database.tables, len(database.tables.corners) - 1
 
     def refined(pose):
         moved = np.array(pose)
-        refine(tables, last, ends, lever, moved)
+        refine_pose(tables, last, ends, lever, moved)
         return tuple(moved.tolist())
 
     x, y, heading = POSES[0]
@@ -296,7 +296,7 @@ def test_settling_finds_the_least_loss_as_the_plain_search_does(different):
             tuple((at + shift).tolist()),
         )
         pose = at + shift
-        assert settle(tables, ends, lever, 4, 2.0, 3, 0.1, pose) == least
+        assert refine_on_lattice(tables, ends, lever, 4, 2.0, 3, 0.1, pose) == least
         np.testing.assert_array_equal(pose, expected)
         gains.append(loss_at(tables, last, ends, *refined(tuple((at + shift).tolist()))) - least)
     assert max(gains) > 0
@@ -317,7 +317,7 @@ def office():
 
 @pytest.fixture(scope="module")
 def located(office):
-    return locate_drive(Recording.load(FILE).every(25), office, threads=1)
+    return locate_drive(Recording.load(FILE).subsample(25), office, threads=1)
 
 
 def test_a_drive_is_located_scan_by_scan(located, office):
@@ -402,8 +402,8 @@ def test_one_scan_gives_a_table_of_places(located, office):
     found = locate_drive(located.recording[2:3], office)
     text, about = found.report(), found.summary()
     assert "recorded" in text
-    assert f" {math.degrees(found.alone.best.heading_std):.1f}\n" in text
-    assert found.figure().get_suptitle() == locate_figure(found.alone).get_suptitle()
+    assert f" {math.degrees(found.single_location.best.heading_std):.1f}\n" in text
+    assert found.figure().get_suptitle() == locate_figure(found.single_location).get_suptitle()
     assert "from the recorded pose." in text.splitlines()[-1]
     assert about["modes"][0]["weight"] <= 1
     assert about["recorded"]["distance"] == pytest.approx(found.distance[0])

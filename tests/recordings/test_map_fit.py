@@ -34,9 +34,9 @@ def small() -> Recording:
 
 def check_found(fit: MapFit, drive: Recording, wanted: Recording) -> None:
     """The move that was found leads back, to a fraction of a cell."""
-    assert fit.shifted
+    assert fit.is_shifted
     assert not fit.fits
-    found = drive.moved(*fit.move)
+    found = drive.move(*fit.move)
     assert np.abs(found.poses[:, :2] - wanted.poses[:, :2]).max() < 0.06
     turned = (found.poses[:, 2] - wanted.poses[:, 2] + np.pi) % (2 * np.pi) - np.pi
     assert np.abs(turned).max() < 0.005
@@ -45,7 +45,7 @@ def check_found(fit: MapFit, drive: Recording, wanted: Recording) -> None:
 def test_a_drive_fits_its_own_map(small, grid):
     fit = fit_to_map(small, grid)
     assert fit.fits
-    assert not fit.shifted
+    assert not fit.is_shifted
     assert fit.share > 0.9
     assert fit.distance == 0.1
     assert fit.sentence == f"The map fits: {fit.share:.0%} of the beams end within 0.1 m of a wall."
@@ -83,7 +83,7 @@ def test_a_small_shift_is_told_although_many_beams_end_near_walls(small, grid):
 def test_another_map_does_not_fit(small, coarse_fit):
     fit = fit_to_map(small, load_map(MAP.with_name("warehouse.yaml")))
     assert not fit.fits
-    assert not fit.shifted
+    assert not fit.is_shifted
     assert fit.best_share < 0.6
     assert fit.ranges is None
     assert "The map does not fit" in fit.sentence
@@ -196,10 +196,10 @@ def test_real_logs_fit_their_maps_and_no_others(name, request):
     log = read_recording(SHARED_DATA / "carmen" / f"{name}-corrected.log.gz")
     own = load_map(SHARED_DATA / "rosmaps_carmen" / name)
     assert fit_to_map(log, own).share > 0.9
-    moved = log.moved(-2.0, 3.0, 0.8)
+    moved = log.move(-2.0, 3.0, 0.8)
     check_found(fit_to_map(moved, own), moved, log)
     other = NAMES[NAMES.index(name) - 1]
     request.getfixturevalue("coarse_fit")  # nothing is to be found
     fit = fit_to_map(log, load_map(SHARED_DATA / "rosmaps_carmen" / other))
     assert not fit.fits
-    assert not fit.shifted
+    assert not fit.is_shifted

@@ -17,25 +17,25 @@ from locplan._support.kernels.lidar import LidarBeams as Beams
 from locplan._support.kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.recordings.kernels import matches as lists, scan_losses as losses
-from locplan.recordings.matching import TURNS, Matching, ScanOnMap, make_database, places_every
+from locplan.recordings.matching import TURNS, Matching, ScanOnMap, make_range_database, select_spaced_places
 from locplan.robots import Lidar
 
 
 def test_scans_of_a_part_of_the_view_have_unseen_beams():
     matching = Matching(lidar=Lidar(range=8.0, field_of_view_deg=90.0, mount_yaw_deg=90.0))
-    seen = np.degrees(matching.bearings[matching.seen])
+    seen = np.degrees(matching.bearings[matching.is_in_view])
     assert (seen.min(), seen.max()) == pytest.approx((45.0, 135.0))
-    database = make_database(join_rooms(room_cells()), matching)
+    database = make_range_database(join_rooms(room_cells()), matching)
     (scan,) = database.scans_at(np.array([[20.5, 30.5, 0.0]]))
-    assert np.isnan(scan[~matching.seen]).all()
-    assert not np.isnan(scan[matching.seen]).any()
+    assert np.isnan(scan[~matching.is_in_view]).all()
+    assert not np.isnan(scan[matching.is_in_view]).any()
 
 
 def test_measured_scans_are_compared_beam_by_beam():
     lidar = Lidar(range=8.0, min_range=0.5, beams=720, field_of_view_deg=180.0)
     measured = 1.0 + lidar.angles + math.pi / 2  # each beam knows its angle
     measured[:3], measured[-3:] = 0.1, 9.0
-    (scan,) = Matching(lidar=lidar).compared(measured[None])
+    (scan,) = Matching(lidar=lidar).select_ranges(measured[None])
     bearings = (Matching(lidar=lidar).bearings + math.pi) % (2 * math.pi) - math.pi
     finite = np.isfinite(scan)
     apart = np.abs(scan[finite] - 1.0 - math.pi / 2 - bearings[finite])
@@ -45,7 +45,7 @@ def test_measured_scans_are_compared_beam_by_beam():
 
 
 def test_modes_without_a_home_are_those_of_a_scan():
-    database = make_database(two_rooms(), Matching(lidar=LIDAR))
+    database = make_range_database(two_rooms(), Matching(lidar=LIDAR))
     home = np.array([[15.5, 30.5, 1.1]])
     scans = database.scans_at(home)
     found = ScanOnMap(database, scans[0]).modes()
@@ -58,13 +58,13 @@ def test_modes_without_a_home_are_those_of_a_scan():
 def test_places_lie_one_in_each_square_where_the_robot_fits():
     fits = np.zeros((8, 9), bool)
     fits[1, 2] = fits[2, 2] = fits[6, 7] = True
-    assert places_every(0.4, fits, 0.1).tolist() == [[2.5, 1.5], [7.5, 6.5]]
+    assert select_spaced_places(0.4, fits, 0.1).tolist() == [[2.5, 1.5], [7.5, 6.5]]
 
 
 def test_places_do_not_depend_on_the_strips_that_are_looked_through(monkeypatch):
     fits = np.random.default_rng(4).random((61, 47)) < 0.3
     monkeypatch.setattr("locplan.recordings.matching.BAND", 10**6)
-    whole = places_every(0.5, fits, 0.1)
+    whole = select_spaced_places(0.5, fits, 0.1)
     expected = {}  # the cell next to the middle of each square, the first one in order of rows
     for row, col in np.argwhere(fits).tolist():
         aside = (row % 5 - 2) ** 2 + (col % 5 - 2) ** 2
@@ -72,7 +72,7 @@ def test_places_do_not_depend_on_the_strips_that_are_looked_through(monkeypatch)
         expected[row // 5, col // 5] = min(square, (aside, row, col))
     assert whole.tolist() == [[c + 0.5, r + 0.5] for _, (_, r, c) in sorted(expected.items())]
     monkeypatch.setattr("locplan.recordings.matching.BAND", 600)
-    np.testing.assert_array_equal(places_every(0.5, fits, 0.1), whole)
+    np.testing.assert_array_equal(select_spaced_places(0.5, fits, 0.1), whole)
 
 
 @pytest.mark.parametrize("band", sample_cases([1000, 1, 10**6]))
@@ -82,7 +82,7 @@ def test_losses_in_strips_are_those_of_the_whole_map(monkeypatch, band, settings
     cells = np.where(np.random.default_rng(5).random((70, 40)) < 0.004, OCCUPIED, FREE)
     grid = OccupancyGrid(cells.astype(np.uint8), 0.05)
     matching = Matching(lidar=LIDAR, **settings)
-    made = make_database(grid, matching).tables
+    made = make_range_database(grid, matching).tables
     expected = oracles.matching.loss_tables(
         grid.cells == OCCUPIED, 0.05, matching.sigmas(0.05), matching.z_rand, made.margin
     )
@@ -95,7 +95,7 @@ def test_specks_of_free_space_are_not_reachable():
     cells[50:58, 50:58] = FREE
     cells[0] = OCCUPIED
     grid, matching = OccupancyGrid(cells, 0.1), Matching(lidar=LIDAR, robot_radius=0.0)
-    fits = make_database(grid, matching).fits
+    fits = make_range_database(grid, matching).fits
     assert not fits[54, 54]
     assert fits[20, 20]
 
@@ -151,7 +151,7 @@ def test_ranges_are_those_of_plain_loops():
         [random.uniform(3, 10, 12), random.uniform(3, 13, 12), random.uniform(-3, 3, 12)]
     )
     ranges = np.empty((12, 7))
-    lists.ranges_from(empty_squares(stops), 0.2, poses, lidar, ranges)
+    lists.cast_ranges(empty_squares(stops), 0.2, poses, lidar, ranges)
     expected = oracles.matching.ranges_from(stops, 0.2, poses, lidar)
     inside = expected > 0.2
     np.testing.assert_allclose(ranges[inside], expected[inside], atol=1e-6)
@@ -208,7 +208,7 @@ def test_refinement_is_that_of_plain_loops(seed):
     table = Table(seed)
     pose = np.array([8.2, 9.4, 0.3 * seed])
     steps, start = table.tables.steps[0], pose.copy()
-    best = losses.refine(table.tables, 0, table.ends, 6.0, pose)
+    best = losses.refine_pose(table.tables, 0, table.ends, 6.0, pose)
     expected, least = oracles.matching.refine(
         table.loss, table.fits, start, steps, 6.0, losses.ROUNDS
     )
@@ -222,7 +222,7 @@ def test_polishing_is_that_of_plain_loops(seed):
     table = Table(seed)
     pose = np.array([9.2, 8.4, 0.3 * seed])
     steps, start = table.tables.steps[0], pose.copy()
-    best = losses.polish(table.tables, table.ends, 6.0, pose)
+    best = losses.polish_pose(table.tables, table.ends, 6.0, pose)
     expected, least = oracles.matching.polish(
         table.loss, table.fits, start, steps, 6.0, losses.ROUNDS
     )
@@ -235,7 +235,7 @@ def test_alike_poses_are_dropped():
     random = np.random.default_rng(4)
     poses = np.column_stack([random.uniform(0, 6, (60, 2)), random.uniform(-9, 9, 60)])
     order = random.permutation(60)
-    kept = losses.unlike(poses, order, 1.5, 0.8)
+    kept = losses.find_distinct_poses(poses, order, 1.5, 0.8)
     assert kept.tolist() == oracles.matching.unlike(poses, order, 1.5, 0.8)
     assert 1 < len(kept) < 60
 
@@ -255,7 +255,7 @@ def almost_equal_rooms(seed):
 def test_no_pose_away_from_home_is_better_than_the_best_mode(seed):
     """Branch and bound over all poses 0.1 m and 3 deg apart finds none with a lower loss."""
     grid = almost_equal_rooms(seed)
-    database = make_database(grid, Matching(lidar=Lidar(range=5.0), robot_radius=0.2))
+    database = make_range_database(grid, Matching(lidar=Lidar(range=5.0), robot_radius=0.2))
     home = np.array([*database.positions[len(database.positions) // 3], 0.4])
     (ranges,) = database.scans_at(home[None])
     scan = ScanOnMap(database, ranges)

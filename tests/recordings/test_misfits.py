@@ -15,7 +15,7 @@ from locplan._support.kernels.walls import count_scans
 from locplan.errors import RecordingError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.recordings import Recording, find_misfits, read_recording
-from locplan.recordings.map_fit import range_fit
+from locplan.recordings.map_fit import fit_ranges
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_missing_walls_lie_at_true_ones(office, drive):
 
 def test_false_walls_are_those_that_scans_see_through(office, drive):
     misfits = find_misfits(with_ghosts(office), [drive])
-    assert misfits.seen_through > 0.02
+    assert misfits.false_share > 0.02
     assert misfits.false.sum() > 500
     assert (office.cells[misfits.false] == FREE).mean() > 0.95
 
@@ -203,7 +203,7 @@ def scaled(grid, drive, ratio):
 @pytest.mark.parametrize("ratio", [0.96, 1.0, 1.02])
 def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
     grid, own = scaled(office, drive, ratio)
-    found = range_fit(grid, [own])
+    found = fit_ranges(grid, [own])
     assert found.factor.value == pytest.approx(1 / ratio, abs=0.002)
     assert found.factor.low < found.factor.value < found.factor.high
     assert abs(found.depth.value) < 0.2 * grid.resolution
@@ -214,7 +214,7 @@ def test_a_wrong_resolution_is_found_by_the_ranges(office, drive, ratio):
 def test_walls_that_are_inflated_are_deep(office, drive, cells):
     around = cv2.dilate((office.cells == OCCUPIED).view(np.uint8), np.ones((2 * cells + 1,) * 2))
     grid = replace(office, cells=np.where(around > 0, np.uint8(OCCUPIED), office.cells))
-    found = range_fit(grid, [drive])
+    found = fit_ranges(grid, [drive])
     assert found.depth.value == pytest.approx(cells * grid.resolution, abs=0.5 * grid.resolution)
     assert found.factor.value == pytest.approx(1, abs=0.005)
     assert [each.kind for each in found.faults(grid)] == ["deep walls"] * (cells > 1)
@@ -222,8 +222,8 @@ def test_walls_that_are_inflated_are_deep(office, drive, cells):
 
 def test_a_drive_that_is_too_short_tells_no_fault_of_the_ranges(office, drive):
     grid, own = scaled(office, drive, 0.9)
-    assert not [*range_fit(grid, [own[:40]]).faults(grid)]
-    assert np.isnan(range_fit(without(office, share=1.0), [drive]).factor.value)
+    assert not [*fit_ranges(grid, [own[:40]]).faults(grid)]
+    assert np.isnan(fit_ranges(without(office, share=1.0), [drive]).factor.value)
 
 
 def test_poses_may_be_off_by_a_little(office, drive):

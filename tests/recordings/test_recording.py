@@ -93,7 +93,7 @@ def test_what_does_not_belong_together_is_refused(changes, words):
 def test_scans_are_chosen():
     whole = drive()
     same(whole[1:4], whole[[1, 2, 3]])
-    same(whole.every(2), whole[np.arange(6) % 2 == 0])
+    same(whole.subsample(2), whole[np.arange(6) % 2 == 0])
     same(whole.window(0.5, 1.5), whole[1:3])
     assert len(whole[5:]) == 1
     assert whole[::3].odometry[1].tolist() == whole.odometry[3].tolist()
@@ -113,11 +113,11 @@ def test_scans_are_chosen():
 
 def test_a_moved_drive_sees_the_same_from_elsewhere():
     whole = drive()
-    moved = whole.moved(1.0, -2.0, 0.7)
+    moved = whole.move(1.0, -2.0, 0.7)
     cos, sin = math.cos(0.7), math.sin(0.7)
     ends = whole.ends() @ np.array([[cos, sin], [-sin, cos]]) + (1.0, -2.0)
     np.testing.assert_allclose(moved.ends(), ends, atol=1e-12)
-    same(moved.moved(*_back((1.0, -2.0, 0.7))), whole, 1e-9)
+    same(moved.move(*_back((1.0, -2.0, 0.7))), whole, 1e-9)
 
 
 def _back(move):
@@ -142,7 +142,7 @@ def test_files_give_back_what_was_saved(tmp_path, times, odometry):
     whole, path = drive(times=times, odometry=odometry), tmp_path / "a.npz"
     whole.save(path)
     same(Recording.load(path), whole)
-    same(read_recording(path, every=2), whole.every(2), 1e-6)
+    same(read_recording(path, every=2), whole.subsample(2), 1e-6)
     if times:
         same(read_recording(path, window=(0.4, 1.1)), whole.window(0.4, 1.1), 1e-6)
     near = read_recording(path, range_limits=(0.2, 3.0), mount=(1.0, 2.0, math.pi))
@@ -240,7 +240,7 @@ def test_carmen_is_read_in_the_order_of_its_lines(tmp_path):
     assert (read.lidar.range, read.lidar.beams, read.lidar.field_of_view_deg) == (49.9, 4, 135.0)
     assert read.lidar.mount_yaw_deg == -22.5
     assert read.ranges[0].tolist() == [1.0, 2.0, np.inf, np.inf]
-    same(read_recording(path, every=2), read.every(2))
+    same(read_recording(path, every=2), read.subsample(2))
 
 
 def test_odometry_that_begins_anew_at_corrected_poses_is_put_together(tmp_path):

@@ -24,7 +24,7 @@ from locplan.robots import Amcl, Disturbances, Robot
 from locplan.robots.particles import compared_ends
 from locplan.simulation import Simulator, drive_open
 from locplan.simulation.drives import LOST, OFF
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -43,7 +43,7 @@ def line(grid):
     """True poses of a drive of 0.1 m steps through a room and a corridor, (n, 3)."""
     costs = Costmap.blank(grid, robot=0.3)
     path = plan(costs, (2.0, 3.0), (30.0, 3.0)).path
-    return poses_along(path, grid)[::2]
+    return make_path_poses(path, grid)[::2]
 
 
 @pytest.fixture(scope="module")
@@ -324,7 +324,7 @@ def test_a_drive_is_replayed_twenty_times_by_default(files, monkeypatch, capsys,
 
 def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, capsys, coarse_fit):
     command = ["simulate", files / "map.yaml", "--recording", files / "drive.npz", "--drives", "2"]
-    drive = Recording.load(files / "drive.npz").moved(0.0, 1.0, 0.0)
+    drive = Recording.load(files / "drive.npz").move(0.0, 1.0, 0.0)
     drive.save(files / "drive.npz")
     code, _, err = run(monkeypatch, capsys, *command)
     assert code == 2

@@ -18,10 +18,10 @@ from locplan._support.kernels.particles import BeamScores
 from locplan.errors import ConfigError, RecordingError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording, read_recording, record_drive
-from locplan.recordings.calibration import odometry_noise
+from locplan.recordings.calibration import fit_odometry_noise
 from locplan.recordings.figures import trajectory_figure
 from locplan.recordings.kernels import least_squares, trajectory as kernels
-from locplan.recordings.smoothing import referenced, smooth, trajectory_of
+from locplan.recordings.smoothing import with_ground_truth, smooth, load_or_smooth
 from locplan.recordings.trajectory import Jump
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -66,8 +66,8 @@ def test_the_density_of_a_move_is_that_of_its_parts(scale):
         error = random.standard_normal(3) * scale * (0.2, 0.2, 0.1)
         deviation = random.uniform(0.02, 0.2, 3)
         expected = oracles.trajectories.density_of(error, deviation, 1e-15)
-        assert kernels.density_of(error, deviation, 1e-15) == pytest.approx(expected, rel=1e-3)
-    assert kernels.density_of(np.array([20.0, 0, 0]), deviation, 1e-15) == 1e-15
+        assert kernels.compute_motion_density(error, deviation, 1e-15) == pytest.approx(expected, rel=1e-3)
+    assert kernels.compute_motion_density(np.array([20.0, 0, 0]), deviation, 1e-15) == 1e-15
 
 
 def small_scene():
@@ -92,7 +92,7 @@ def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope()
         pose = random.uniform((0.4, 0.4, -3), (1.1, 0.8, 3))
 
         def fit(at):
-            return least_squares.fit_of(field, beams, ends, at, matrix, vector)
+            return least_squares.evaluate_fit(field, beams, ends, at, matrix, vector)
 
         expected = oracles.trajectories.fit_of(walls, 0.1, 0.1, 0.1, ends, pose)
         assert fit(pose) == pytest.approx(expected, abs=1e-5)
@@ -101,7 +101,7 @@ def test_the_fit_of_a_scan_is_that_of_its_ends_and_its_equations_are_the_slope()
         rise = [(fit(pose + step) - fit(pose - step)) / 2e-4 for step in steps]
         # Where an end crosses into another cell within a step, the slope jumps.
         assert slope == pytest.approx(-30.0 * np.array(rise), rel=0.1, abs=4.0)
-    assert math.isnan(least_squares.fit_of(field, beams, ends * np.nan, pose, matrix, vector))
+    assert math.isnan(least_squares.evaluate_fit(field, beams, ends * np.nan, pose, matrix, vector))
 
 
 def test_the_best_way_is_the_likeliest_of_all():
@@ -110,7 +110,7 @@ def test_the_best_way_is_the_likeliest_of_all():
         candidates = random.uniform(-1, 1, (3, 5, 3))
         gains, moves = random.uniform(-9, 0, (3, 5)), random.uniform(-1, 1, (5, 3))
         deviations = random.uniform(0.1, 0.6, (5, 3))
-        way = kernels.best_way(candidates, gains, moves, deviations, 1e-9)
+        way = kernels.find_likeliest_way(candidates, gains, moves, deviations, 1e-9)
         assert tuple(way) == oracles.trajectories.best_way(
             candidates, gains, moves, deviations, 1e-9
         )
@@ -132,7 +132,7 @@ def test_blocks_are_solved_and_inverted_as_the_whole_matrix():
     whole = oracles.trajectories.whole_matrix(diagonal, beside)
     assert step.ravel() == pytest.approx(-np.linalg.solve(whole, vector.ravel()))
     own, across = np.empty((6, 3, 3)), np.empty((6, 3, 3))
-    least_squares.covariances_of(equations, own, across)
+    least_squares.write_covariances(equations, own, across)
     inverse = np.linalg.inv(whole + 1e-9 * np.eye(18))
     for n in range(6):
         here, before = slice(3 * n, 3 * n + 3), slice(3 * n - 3, 3 * n)
@@ -149,7 +149,7 @@ def some_drive(ends):
         poses.append(of_poses.apply_motions(poses[-1], move + random.standard_normal(3) * 0.05))
     deviations = np.full((6, 3), 0.05)
     deviations[3] = np.inf  # a jump
-    drive = least_squares.Drive(np.tile(ends, (6, 1, 1)), np.ones(6), moves, deviations)
+    drive = least_squares.DriveScans(np.tile(ends, (6, 1, 1)), np.ones(6), moves, deviations)
     return drive, np.array(poses)
 
 
@@ -158,17 +158,17 @@ def test_the_equations_of_odometry_are_the_slope_of_its_loss():
     drive, poses = some_drive(ends * np.nan)
     beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
     equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
-    least_squares.normal_equations(field, beams, drive, poses, equations)
+    least_squares.write_normal_equations(field, beams, drive, poses, equations)
     slope, rest = equations.vector.copy(), least_squares.Equations(*map(np.copy, equations))
     for n, axis in np.ndindex(6, 3):
         step = np.zeros((6, 3))
         step[n, axis] = 1e-6
         up, down = (
-            least_squares.normal_equations(field, beams, drive, poses + sign * step, rest)
+            least_squares.write_normal_equations(field, beams, drive, poses + sign * step, rest)
             for sign in (1, -1)
         )
         assert slope[n, axis] == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-4)
-    assert not equations.beside[3].any()
+    assert not equations.off_diagonal[3].any()
 
 
 def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
@@ -176,11 +176,11 @@ def test_refined_poses_lose_less_and_follow_odometry_where_scans_say_nothing():
     drive, poses = some_drive(ends)
     beams = least_squares.Beams(0.1, 0.1, 30.0, -1.0)
     equations = least_squares.Equations(*np.empty((2, 6, 3, 3)), np.empty((6, 3)))
-    before = least_squares.normal_equations(field, beams, drive, poses, equations)
+    before = least_squares.write_normal_equations(field, beams, drive, poses, equations)
     found = poses.copy()
     after = least_squares.refine_poses(field, beams, drive, found, 20)
     assert after < before
-    loss = least_squares.normal_equations(field, beams, drive, found, equations)
+    loss = least_squares.write_normal_equations(field, beams, drive, found, equations)
     assert loss == pytest.approx(after)
     nothing = drive._replace(ends=drive.ends * np.nan)
     least_squares.refine_poses(field, beams, nothing, poses, 50)
@@ -192,7 +192,7 @@ def test_particles_spread_as_moves_err():
     cloud = np.zeros((3, 4), np.float32)
     cloud[2] = math.pi / 2  # ahead is up
     poses, deviation = np.empty((3, 80_000)), np.array([0.1, 0.05, 0.02])
-    kernels.spread(np.random.default_rng(9), cloud, np.array([1.0, 0, 0.2]), deviation, poses)
+    kernels.spread_particles(np.random.default_rng(9), cloud, np.array([1.0, 0, 0.2]), deviation, poses)
     low, middle, high = np.quantile(poses, (0.159, 0.5, 0.841), axis=1)
     assert middle == pytest.approx([0.0, 1.0, math.pi / 2 + 0.2], abs=2e-3)
     assert (high - low) / 2 == pytest.approx([0.0585, 0.117, 0.0234], rel=0.05)
@@ -203,7 +203,7 @@ def test_particles_are_drawn_in_proportion_to_their_weights():
     poses = np.arange(12.0).reshape(3, 4)
     cloud = np.empty((3, 1000), np.float32)
     weights = np.array([1.0, 0.0, 2.0, 7.0])
-    kernels.draw_evenly(np.random.default_rng(6), poses, weights, cloud)
+    kernels.resample_evenly(np.random.default_rng(6), poses, weights, cloud)
     counts = [(cloud[0] == x).sum() for x in poses[0]]
     assert counts == pytest.approx([100, 0, 200, 700], abs=1)
     assert (cloud[2] - cloud[0] == 8).all()
@@ -260,8 +260,8 @@ def test_a_slip_of_the_wheels_is_named(drive):
     (jump,) = found.jumps
     assert (jump.scan, jump.kind) == (20, "slip")
     assert jump.distance == pytest.approx(2.0, abs=0.15)
-    assert not found.trusted[19:23].any()  # scans are 0.35 m apart, and a metre counts
-    assert found.trusted[[18, 24]].all()
+    assert not found.is_trusted[19:23].any()  # scans are 0.35 m apart, and a metre counts
+    assert found.is_trusted[[18, 24]].all()
     assert off(found, drive).max() < 0.2
     assert "wheels slip 2" in " ".join(found.sentences)
 
@@ -284,7 +284,7 @@ def test_a_robot_that_was_carried_away_is_found_again(drive):
         both["ranges"][keep], drive.lidar, both["poses"][keep], odometry=np.array(odometry)
     )
     found = smooth(GRID, carried)
-    assert off(found, carried, found.trusted).max() < 0.2
+    assert off(found, carried, found.is_trusted).max() < 0.2
 
 
 def test_a_displaced_stretch_of_the_map_is_named(drive, found):
@@ -323,9 +323,9 @@ def test_smooth_trusts_scan_without_fit_between_others(drive):
     ranges[crowd, :110] = np.random.default_rng(12).uniform(0.5, 8.0, (3, 110))
     crowded = smooth(GRID, replace(drive, ranges=ranges), start="log")
     assert (crowded.fits[crowd] < -0.8).all()
-    assert crowded.trusted[29:32].all()
+    assert crowded.is_trusted[29:32].all()
     assert off(crowded, drive)[30] < 0.1
-    assert not crowded.trusted[50:52].any()
+    assert not crowded.is_trusted[50:52].any()
 
 
 def test_smooth_trusts_no_scan_of_twin_rooms():
@@ -335,7 +335,7 @@ def test_smooth_trusts_no_scan_of_twin_rooms():
     grid = OccupancyGrid(np.hstack([room, room]), 0.1)
     way = locplan.Path(np.array([[1.0, 2.5], [2.0, 4.0], [5.0, 4.0], [6.5, 2.0]]))
     drive = record_drive(grid, way, ROBOT, spacing=0.35)
-    assert not smooth(grid, drive).trusted.any()
+    assert not smooth(grid, drive).is_trusted.any()
 
 
 def test_a_robot_whose_log_has_no_odometry_follows_its_poses(drive, found):
@@ -402,7 +402,7 @@ def test_real_drives_are_found_on_maps_of_their_other_scans(name, half):
     other = {"odd": "even", "even": "odd"}[half]
     grid = locplan.load_map(SHARED_DATA / "rosmaps_carmen" / f"{name}_{other}" / "map.yaml")
     found = smooth(grid, drive)
-    error, some = off(found, drive), found.trusted
+    error, some = off(found, drive), found.is_trusted
     turn = np.degrees(np.abs(of_poses.wrap_angles(found.poses[:, 2] - drive.poses[:, 2])))
     assert np.median(error) <= 0.04
     assert np.quantile(error[some], 0.95) <= 0.12
@@ -433,8 +433,8 @@ def test_smooth_finds_dense_drives(name, median, most):
     error = off(trajectory, drive)
     assert np.median(error) <= median
     assert np.quantile(error, 0.95) <= most
-    assert not (error[trajectory.trusted] > 0.3).any()
-    assert trajectory.trusted.mean() >= 0.935
+    assert not (error[trajectory.is_trusted] > 0.3).any()
+    assert trajectory.is_trusted.mean() >= 0.935
 
 
 # What is kept
@@ -469,14 +469,14 @@ def test_a_pass_goes_on_with_no_blocks_of_another_call_nor_with_damaged_ones(
 
 
 def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_path):
-    made = trajectory_of(drive, GRID, cache_dir=tmp_path)
+    made = load_or_smooth(drive, GRID, cache_dir=tmp_path)
     steps = []
-    again = trajectory_of(drive, GRID, cache_dir=tmp_path, progress=lambda *s: steps.append(s))
+    again = load_or_smooth(drive, GRID, cache_dir=tmp_path, progress=lambda *s: steps.append(s))
     assert made == again == found
     assert not steps
     renamed = replace(drive, source=replace(drive.source, file="monday"))
     grid = OccupancyGrid(GRID.cells, GRID.resolution, origin=GRID.origin, name="lab")
-    again = trajectory_of(renamed, grid, cache_dir=tmp_path)
+    again = load_or_smooth(renamed, grid, cache_dir=tmp_path)
     assert (again.drive, again.map) == ("monday", "lab")
     assert np.array_equal(again.poses, found.poses)
     found.save(tmp_path / "saved")
@@ -493,11 +493,11 @@ def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run, monkeypat
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        trajectory_of(drive, GRID, cache_dir=tmp_path, progress=stop)
+        load_or_smooth(drive, GRID, cache_dir=tmp_path, progress=stop)
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))
     (entry,) = json.loads(run("cache", "list", "--json")[1])
     assert (entry["kind"], entry["finished_share"]) == ("unfinished", None)
-    trajectory_of(drive, GRID, cache_dir=tmp_path)
+    load_or_smooth(drive, GRID, cache_dir=tmp_path)
     (entry,) = json.loads(run("cache", "list", "--json")[1])
     about = entry["kind"], entry["map"], entry["details"], entry["finished_share"]
     assert about == ("trajectory", GRID.name, drive.source.file, 1.0)
@@ -507,14 +507,14 @@ def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run, monkeypat
 
 
 def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
-    assert referenced(drive, GRID) is drive  # it is no bag
-    smoothed = referenced(drive, GRID, "smoothed", cache_dir=tmp_path)
+    assert with_ground_truth(drive, GRID) is drive  # it is no bag
+    smoothed = with_ground_truth(drive, GRID, "smoothed", cache_dir=tmp_path)
     assert np.array_equal(smoothed.poses, found.poses[found.trusted])
-    assert referenced(smoothed, GRID, "smoothed") is smoothed
+    assert with_ground_truth(smoothed, GRID, "smoothed") is smoothed
     as_bag = replace(drive, source=replace(drive.source, file="monday", lidar_frame="laser"))
-    assert len(referenced(as_bag, GRID, cache_dir=tmp_path)) == len(smoothed)
+    assert len(with_ground_truth(as_bag, GRID, cache_dir=tmp_path)) == len(smoothed)
     with pytest.raises(ConfigError, match="reference must be one of"):
-        referenced(drive, GRID, "truth")
+        with_ground_truth(drive, GRID, "truth")
 
 
 def test_the_figure_marks_what_is_not_to_be_trusted(drive, found):
@@ -546,11 +546,11 @@ def test_the_report_names_what_is_not_to_be_trusted_and_how_odometry_errs(found)
 
 
 def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):
-    noise = odometry_noise(found.of(drive), ROBOT.amcl)
+    noise = fit_odometry_noise(found.of(drive), ROBOT.amcl)
     assert any("too short to tell the drifts" in note for note in noise.notes)
     assert not any("drift" in name for name in noise.settings())
     assert "distance_bias" in noise.settings()
-    true = odometry_noise(drive, ROBOT.amcl)
+    true = fit_odometry_noise(drive, ROBOT.amcl)
     assert not any("too short" in note for note in true.notes)
     assert "distance_drift" in true.settings()
 
@@ -562,7 +562,7 @@ def test_the_drifts_of_odometry_are_not_lost_in_poses_that_saw_it():
     ways = [locplan.plan(costs, *pair).path.xy for pair in itertools.pairwise(ends)]
     way = locplan.Path(np.concatenate([ways[0], *(each[1:] for each in ways[1:])]))
     drive = record_drive(GRID, way, ROBOT, spacing=0.25)
-    noise = odometry_noise(smooth(GRID, drive).of(drive), ROBOT.amcl)
+    noise = fit_odometry_noise(smooth(GRID, drive).replace_poses(drive), ROBOT.amcl)
     assert noise.distance_drift.value == pytest.approx(ROBOT.odometry.distance_drift, rel=0.2)
     turned = noise.turned / way.length
     drift = math.hypot(noise.heading_drift_deg.value, noise.turn_drift_deg.value * turned**0.5)

@@ -10,7 +10,7 @@ from locplan.errors import ConfigError
 from locplan.field import Fisher, Fused, Sad, Scan
 from locplan.robots import LIDARS, Amcl, Lidar, Robot
 from locplan.robots.nav2 import ParameterWarning
-from locplan.simulation.drives import drive_arguments
+from locplan.simulation.drives import make_drive_arguments
 
 URDF = """<robot name="r"><link name="laser"/>
 <gazebo reference="laser"><sensor name="front" type="{kind}">
@@ -347,5 +347,5 @@ def test_amcl_only_limits_the_lidar():
         (Amcl(laser_min_range=0.5, laser_max_range=4.0), 0.5, 4.0),
         (Amcl(laser_min_range=0.1, laser_max_range=0.0), 0.2, 10.0),
     ):
-        beams = drive_arguments(grid, Robot(lidar, filter=amcl)).lidar
+        beams = make_drive_arguments(grid, Robot(lidar, filter=amcl)).lidar
         assert (beams.min_range, beams.max_range) == (least, most)

@@ -11,7 +11,7 @@ from locplan.robots import Amcl, Disturbances, Lidar, Robot
 from locplan.robots.amcl import OMNIDIRECTIONAL
 from locplan.robots.nav2 import read_amcl
 from locplan.simulation import Simulator
-from locplan.simulation.amcl_parameters import BeamsLeft, filter_warnings, write_tuned
+from locplan.simulation.amcl_parameters import BeamsLeft, find_filter_warnings, write_tuned
 
 LIDAR = Lidar(range=12.0, range_sigma=0.03)
 CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
@@ -19,9 +19,9 @@ CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
 
 @pytest.mark.parametrize("lidar", [LIDAR, Lidar(range=200.0)])
 def test_nav2s_defaults_have_no_warnings(lidar):
-    assert filter_warnings(Amcl(), lidar) == []
+    assert find_filter_warnings(Amcl(), lidar) == []
     assert (
-        filter_warnings(Amcl(), lidar, {"z_short": 0.05, "z_max": 0.05, "use_sim_time": True}) == []
+        find_filter_warnings(Amcl(), lidar, {"z_short": 0.05, "z_max": 0.05, "use_sim_time": True}) == []
     )
 
 
@@ -39,15 +39,15 @@ def test_nav2s_defaults_have_no_warnings(lidar):
     ],
 )
 def test_each_fault_has_one_warning(changes, words):
-    (found,) = filter_warnings(Amcl(**changes), LIDAR)
+    (found,) = find_filter_warnings(Amcl(**changes), LIDAR)
     assert re.search(words, found)
     assert "\n" not in found
 
 
 def test_weights_that_add_up_to_1_with_those_of_the_beam_model_are_fine():
     amcl = Amcl(z_hit=0.85, z_rand=0.05)
-    assert filter_warnings(amcl, LIDAR, {"z_short": 0.05, "z_max": 0.05}) == []
-    assert len(filter_warnings(amcl, LIDAR, {"z_short": 0.5, "z_max": "much"})) == 1
+    assert find_filter_warnings(amcl, LIDAR, {"z_short": 0.05, "z_max": 0.05}) == []
+    assert len(find_filter_warnings(amcl, LIDAR, {"z_short": 0.5, "z_max": "much"})) == 1
 
 
 def test_write_tuned_writes_changed_motion_model(tmp_path):

@@ -114,7 +114,7 @@ def test_a_robot_whose_filter_is_good_arrives_at_its_goal():
     goal = line(*BENT, grid=grid).xy[-1]
     assert all(math.dist(each.truth[-1, :2], goal) < 0.5 for each in found.drives)
     assert all(math.dist(each.believed[-1, :2], goal) <= 0.25 for each in found.drives)
-    assert found.arrived.low == pytest.approx(0.676, abs=1e-3)
+    assert found.arrival_rate.low == pytest.approx(0.676, abs=1e-3)
 
 
 class Shifted:
@@ -201,7 +201,7 @@ def test_robot_stands_still_if_arc_meets_wall():
     assert (found.outcome, found.standstills) == ("aborted", 14)
     arrivals = Arrivals((found, dataclasses.replace(found, outcome="arrived", standstills=0)))
     assert arrivals.standstills == 7.0
-    assert arrivals.aborted.value == 0.5
+    assert arrivals.abort_rate.value == 0.5
     step, heading = np.diff(found.truth, axis=0), found.truth[:-1, 2]
     ahead = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
     # Two spins by 90 deg, and one retreat by 0.3 m.
@@ -391,7 +391,7 @@ def test_drives_say_where_robots_stop_end_and_leave_the_path():
     truth[:, 0] = np.arange(40) * 0.1
     truth[10:20, 1] = truth[30:35, 1] = 0.7
     path = line((0.0, 0.0), (4.0, 0.0))
-    found = Arrivals((Arrival.of("arrived", truth, truth, path),))
+    found = Arrivals((Arrival.from_drive("arrived", truth, truth, path),))
     assert [(each["what"], each["x"]) for each in found.places().records()] == [
         ("leaves the path by 0.5 m", pytest.approx(1.0)),
         ("leaves the path by 0.5 m", pytest.approx(3.0)),

@@ -29,7 +29,7 @@ from locplan.recordings import replay
 from locplan.robots import Amcl, Disturbances, Odometry
 from locplan.simulation import Choice, choose, simulate
 from locplan.simulation.query_routes import simulate_queries
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 from locplan.testing import check_filter
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -78,7 +78,7 @@ def errors(filter_map=None, robot=EXACT, drives=8, **more):
 def test_amcl_stepped_by_its_protocol_gives_what_a_replay_gives(interval):
     grid = OccupancyGrid(room().cells, 0.125, (3.0, -2.0, 0.5))
     xy = np.column_stack(grid.grid_to_world([30.0, 30.0, 20.0], [12.0, 60.0, 80.0]))
-    line = poses_along(Path(xy), grid)[::3]
+    line = make_path_poses(Path(xy), grid)[::3]
     drive = simulate_recording(grid, line)
     amcl = Amcl(resample_interval=interval, max_beams=30, laser_max_range=4.0, **FEW)
     robot = Robot(drive.lidar, filter=amcl)
@@ -304,14 +304,14 @@ def test_whatever_drives_takes_a_filter_map(tmp_path):
     tuned = [result.choice.results[0].error.value for result in results]
     assert tuned[0] == tuned[1] < tuned[2]
     assert tuned[3] < tuned[2]
-    assert aware[1].about["filter_map"] == {"name": "old", "digest": old.digest}
+    assert aware[1].description["filter_map"] == {"name": "old", "digest": old.digest}
 
 
 @pytest.mark.long
 def test_recorded_drives_are_replayed_on_the_filter_map():
     grid, old = room(), shifted_wall()
     back = Path(np.array([[1.5, 4.0], [9.5, 4.0], [9.5, 2.0], [10.5, 4.0], [1.5, 4.2]] * 2))
-    drive = simulate_recording(grid, poses_along(back, grid)[::4])
+    drive = simulate_recording(grid, make_path_poses(back, grid)[::4])
     runs = [replay(drive, grid, EXACT, runs=4, filter_map=m) for m in (None, grid, old)]
     assert np.array_equal(runs[0].errors, runs[1].errors)
     assert runs[0].drives.rmse.value < runs[2].drives.rmse.value

@@ -25,7 +25,7 @@ from locplan.simulation import (
 )
 from locplan.simulation.arrivals import Arrival
 from locplan.simulation.driver import CHOOSING, FRESH, route_key
-from locplan.simulation.verdict import DriveSet, compare
+from locplan.simulation.verdict import DriveSet, compare_drives
 
 LIDAR = Lidar(range=5.0, beams=60)
 ROBOT = Robot(LIDAR, filter=Amcl(min_particles=60, max_particles=60), footprint=0.2)
@@ -232,9 +232,9 @@ def test_verdict_compares_rates_of_reached_goals():
 
     one = DriveSet.from_drives([drives], [arrivals("arrived", "aborted")])
     two = DriveSet.from_drives([drives], [arrivals("arrived"), arrivals("arrived")])
-    reached = compare(one, two).reached
+    reached = compare_drives(one, two).reached
     assert (reached.baseline.value, reached.alternative.value) == (0.5, 1.0)
-    assert compare(one, DriveSet.from_drives([drives])).reached is None
+    assert compare_drives(one, DriveSet.from_drives([drives])).reached is None
 
 
 @pytest.mark.long
@@ -263,5 +263,5 @@ def test_commands_report_the_same_rates_of_one_route():
         if drives == route.rates.n_drives:
             assert result.drives["a"].lost_rate == route.rates.lost
             assert 0 < route.rates.lost.value < 1
-        assert result.arrivals["a"].arrived == shown.arrivals.arrived
-    assert (route.rates.n_closed, route.rates.reached.value) == (16, shown.arrivals.arrived.value)
+        assert result.arrivals["a"].arrival_rate == shown.arrivals.arrival_rate
+    assert (route.rates.n_closed, route.rates.reached.value) == (16, shown.arrivals.arrival_rate.value)

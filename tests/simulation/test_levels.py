@@ -13,10 +13,10 @@ from locplan import Lidar, OccupancyGrid, Path, Robot
 from locplan.errors import ConfigError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.robots import Amcl, Odometry
-from locplan.simulation import LEVELS, USUAL, Level, Simulator, drive_open, levels_for
+from locplan.simulation import LEVELS, NO_FAULT, Level, Simulator, drive_open, select_levels
 from locplan.simulation.drives import LOST
 from locplan.simulation.levels import KINKED_MAP, REVERSAL, SLIP, STANDSTILL, TURNS, Kink, find_kink
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 
 LIDAR = Lidar(range=5.0, beams=60)
 ROBOT = Robot(
@@ -102,7 +102,7 @@ def test_level_only_raises_errors_of_odometry():
     assert changed == dataclasses.replace(Odometry(), turn_drift_deg=6.7)
     turn = math.radians(60)
     assert math.hypot(6.7 * math.sqrt(turn), 0.02 * 60) == pytest.approx(7.0, abs=0.1)
-    assert USUAL.change_odometry(Odometry()) == Odometry()
+    assert NO_FAULT.change_odometry(Odometry()) == Odometry()
 
 
 @pytest.mark.parametrize(
@@ -149,10 +149,10 @@ def test_levels_for_leaves_out_impossible_faults():
     grid = corridor()
     names = [level.name for level in LEVELS]
     assert names == ["usual", "slip", "standstill", "reversal", "turns", "kinked map"]
-    assert [level.name for level in levels_for([STRAIGHT, BACK], grid)] == names
-    assert REVERSAL not in levels_for([STRAIGHT], grid)
+    assert [level.name for level in select_levels([STRAIGHT, BACK], grid)] == names
+    assert REVERSAL not in select_levels([STRAIGHT], grid)
     hall = ascii_map("##########", *["#........#"] * 6, "##########", resolution=2.0)
-    assert KINKED_MAP not in levels_for([Path(np.array([[4.0, 7.0], [16.0, 7.0]]))], hall)
+    assert KINKED_MAP not in select_levels([Path(np.array([[4.0, 7.0], [16.0, 7.0]]))], hall)
 
 
 # Kinks
@@ -207,7 +207,7 @@ def test_drive_on_kinked_map_follows_the_kink():
     """A filter that tracks the map is right on the map, though the building is straight."""
     simulator = Simulator(corridor(), ROBOT, threads=1)
     drives = drive_open(simulator, {"a": STRAIGHT}, range(4), level=KINKED_MAP)["a"]
-    assert (drives.poses == poses_along(STRAIGHT, simulator.grid)).all()
+    assert (drives.poses == make_path_poses(STRAIGHT, simulator.grid)).all()
     ends = drives.position_error[:, -20:]
     assert ends.max() < 0.6  # a truth that is not turned is off by more than 1.3 m
     kink = find_kink(STRAIGHT, simulator.grid)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from locplan.simulation.driver import CHOOSING
-from locplan.simulation.race import Scores, judged
+from locplan.simulation.race import Scores, run_race
 from locplan.simulation.verdict import BETTER, UNDECIDED, WORDS
 
 
@@ -43,7 +43,7 @@ class Paths:
 
     def judged(self, **more):
         asked = {"price_of_loss": 1.0, "drives": 64, **more}
-        return judged(self, np.zeros(len(self.means)), **asked)
+        return run_race(self, np.zeros(len(self.means)), **asked)
 
 
 def verdicts(ratios, count=300, **more):
@@ -145,13 +145,13 @@ def test_a_path_that_loses_more_drives_is_never_recommended():
 def test_a_lost_drive_and_the_handicap_count_in_the_race():
     assert Paths([1.0, 0.5], 1, losing=(1,)).judged(price_of_loss=9.0).leader == 0
     paths = Paths([1.0, 0.8, 0.7], 1, deviation=0.1)
-    assert judged(paths, np.array([0.0, 0.0, 0.5]), 1.0, 8).leader == 1
+    assert run_race(paths, np.array([0.0, 0.0, 0.5]), 1.0, 8).leader == 1
 
 
 def test_price_of_length_decides_between_finalists():
     handicaps = np.array([0.0, 0.0, 0.5])
     leaders = [
-        judged(Paths([1.0, 0.2, 0.16], seed, deviation=0.6), handicaps, 1.0, 8).leader
+        run_race(Paths([1.0, 0.2, 0.16], seed, deviation=0.6), handicaps, 1.0, 8).leader
         for seed in range(20)
     ]
     assert leaders.count(1) >= 16

@@ -17,7 +17,7 @@ from locplan.maps import environments
 from locplan.planning import Query
 from locplan.robots import Amcl, Robot
 from locplan.simulation import choose, choose_many, recommendations as module
-from locplan.simulation.recommendations import Choices, read_choices
+from locplan.simulation.recommendations import Choices, read_recommendations
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -70,7 +70,7 @@ def test_each_choice_is_that_of_choose(costs, made):
 
 def test_saved_choices_are_read_back(made, tmp_path):
     made.save(tmp_path / "planned")
-    read = read_choices(tmp_path / "planned")
+    read = read_recommendations(tmp_path / "planned")
     assert read == {each.query.name: each.choice for each in made}
     header, *rows = (tmp_path / "planned" / "choices.csv").read_text().splitlines()
     assert header.startswith("map,query,")
@@ -123,8 +123,8 @@ def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeyp
         return choose(*arguments, **options)
 
     monkeypatch.setattr(module, "choose", note)
-    case = module._Case("map", costs, QUERIES[1], 2)
-    found = module.chosen(locplan.__version__, case, QUICK)
+    case = module._QueryCase("map", costs, QUERIES[1], 2)
+    found = module.choose_for_case(locplan.__version__, case, QUICK)
     assert (found.costs, threads) == (None, [1])
     choose_many(costs, QUERIES[1:2], **QUICK, threads=2)
     assert threads == [1, 2]
@@ -214,7 +214,7 @@ def test_queries_without_a_path_count_as_such():
     ends = [((0.75, 0.75), (3.75, 0.75)), ((0.75, 0.75), (1.25, 1.25))]
     found = choose_many(Costmap.blank(parted), ends, **QUICK)
     assert [each.choice.status for each in found] == ["unreachable", "solved"]
-    assert (len(found.solved), found.left) == (1, 0)
+    assert (len(found.solved_choices), found.n_detours) == (1, 0)
     assert "1 of 2" in found.report()
     assert found.table().records()[0]["chosen"] == ""
     assert found.error_ratio.value == 1.0

@@ -43,9 +43,9 @@ from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.parts import Inflation
 from locplan.simulation import Arrivals, Simulator, drive_closed
 from locplan.simulation.arrivals import Arrival
-from locplan.simulation.figures import choice_figure
+from locplan.simulation.figures import recommendation_figure
 from locplan.simulation.problem import MINIMISED, ChoiceSettings
-from locplan.simulation.race import log_errors
+from locplan.simulation.race import compute_log_errors
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
 FEW = Amcl(min_particles=100, max_particles=100)
@@ -128,9 +128,9 @@ def test_each_minimised_error_is_that_of_its_part_of_the_drive():
     expected["lost"] = expected["rmse"]
     assert set(expected) == set(MINIMISED)
     for minimise, values in expected.items():
-        found = log_errors(distance, errors, minimise, 100.0)
+        found = compute_log_errors(distance, errors, minimise, 100.0)
         np.testing.assert_allclose(found, values, err_msg=minimise)
-    clipped = log_errors(distance, errors, "rmse", 1.5)
+    clipped = compute_log_errors(distance, errors, "rmse", 1.5)
     np.testing.assert_allclose(clipped, [0.5 * math.log(1.5**2 + least), 0.5 * math.log(least)])
 
 
@@ -293,17 +293,17 @@ def test_without_drives_or_a_field_the_shortest_is_taken(grid, costs):
     own = {"mine": Path([START, (2.0, 1.0), (10.0, 1.0), GOAL])}
     found = choose(grid, START, GOAL, costs=costs, candidates=own, **{**QUICK, "drives": 0})
     assert names_of(found) == ["shortest", "mine"]
-    assert found.chosen is found.shortest
+    assert found.recommended_candidate is found.shortest
 
 
 def test_the_settings_that_are_compared_keep_the_robots_own_particles_and_beams():
     own = Amcl(max_particles=700, max_beams=31, alpha1=0.4)
-    rival = ChoiceSettings().rival_of(own)
+    rival = ChoiceSettings().find_rival(own)
     assert (rival.max_particles, rival.max_beams, rival.alpha1) == (700, 31, 0.4)
     assert (rival.update_min_d, rival.update_min_a) == (0.1, 0.1)
-    assert ChoiceSettings().rival_of(rival) is None
-    assert ChoiceSettings(rival=own).rival_of(Amcl()) == own
-    assert ChoiceSettings(rival=None).rival_of(own) is None
+    assert ChoiceSettings().find_rival(rival) is None
+    assert ChoiceSettings(rival=own).find_rival(Amcl()) == own
+    assert ChoiceSettings(rival=None).find_rival(own) is None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -318,8 +318,8 @@ class Wrapped:
 
 
 def test_beside_a_filter_that_is_no_amcl_no_parameters_are_driven():
-    assert ChoiceSettings().rival_of(Wrapped()) is None
-    assert ChoiceSettings(rival=Amcl()).rival_of(Wrapped()) is None
+    assert ChoiceSettings().find_rival(Wrapped()) is None
+    assert ChoiceSettings(rival=Amcl()).find_rival(Wrapped()) is None
 
 
 @pytest.mark.long
@@ -381,7 +381,7 @@ def test_no_candidate_crosses_no_go_zone(grid, fielded):
     assert len(choice.candidates) > 1
     for each in choice.candidates:
         assert not crosses(zones, grid, each.path.xy)
-    texts = [text.get_text() for text in choice_figure(choice).legends[0].get_texts()]
+    texts = [text.get_text() for text in recommendation_figure(choice).legends[0].get_texts()]
     assert "no-go zone" in texts
     # A choice that was loaded, and the costmap of its path, have the zones, too.
     assert choice.costmap().zones == zones
@@ -618,7 +618,7 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
 def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
     found = two_ways(corridors, minimise=minimise, drives=32)
     if minimise != "heading":
-        assert found.chosen.driven.error.value < 0.9 * found.shortest.driven.error.value
+        assert found.recommended_candidate.driven.error.value < 0.9 * found.shortest.driven.error.value
     shown = found.report()
     assert ("error [deg]" in shown) == (minimise == "heading")
     assert ("error at the goal" in shown) == (minimise == "goal-error")
@@ -628,7 +628,7 @@ def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
 def test_a_high_price_of_metres_keeps_the_shortest(corridors, better):
     priced = two_ways(corridors, price=10.0)
     assert better.best
-    assert priced.chosen.path.length <= 1.1 * priced.shortest.path.length
+    assert priced.recommended_candidate.path.length <= 1.1 * priced.shortest.path.length
 
 
 @pytest.mark.usefixtures("one_steered_drive")
@@ -714,7 +714,7 @@ def test_tuning_advice_names_whose_settings(better, own, whose):
 
 def test_an_unreachable_goal_is_a_result(grid, costs):
     found = choose(grid, START, (11.5, 5.5), costs=costs, **QUICK)
-    assert (found.status, found.path, found.chosen) == ("unreachable", None, None)
+    assert (found.status, found.path, found.recommended_candidate) == ("unreachable", None, None)
     assert found.report().startswith("The goal is unreachable: no path joins start and goal")
     assert found.summary()["candidates"] == []
     assert len(found._repr_png_()) > 1000
@@ -1045,7 +1045,7 @@ def test_bad_input_ends_the_command_before_long_work(
 
 
 def test_the_path_to_take_is_drawn_strongest_and_last(better):
-    figure = choice_figure(better)
+    figure = recommendation_figure(better)
     lines = [line for line in figure.axes[0].lines if line.get_linestyle() != "None"]
     widths = [line.get_linewidth() for line in lines]
     assert widths == sorted(widths)
@@ -1059,7 +1059,7 @@ def test_the_path_to_take_is_drawn_strongest_and_last(better):
 
 
 def test_the_errors_along_the_way_are_those_of_the_drives(better):
-    lower = choice_figure(better).axes[1]
+    lower = recommendation_figure(better).axes[1]
     both = [line.get_xydata() for line in lower.lines if len(line.get_xdata()) > 2]
     for found, each in zip(both, (better.shortest, better.chosen), strict=True):
         np.testing.assert_allclose(found, each.driven.profile[:, :2])
@@ -1068,7 +1068,7 @@ def test_the_errors_along_the_way_are_those_of_the_drives(better):
 def test_the_errors_along_the_shortest_path_are_drawn_where_it_is_kept(better):
     judgement = dataclasses.replace(better.judgement, verdict="no difference")
     kept = dataclasses.replace(better, judgement=judgement)
-    lower = choice_figure(kept).axes[1]
+    lower = recommendation_figure(kept).axes[1]
     (found,) = [line.get_xydata() for line in lower.lines if len(line.get_xdata()) > 2]
     np.testing.assert_allclose(found, better.shortest.driven.profile[:, :2])
 
@@ -1180,7 +1180,7 @@ def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
     old = Choice.load(file)
     assert old.taken == better.taken
     assert old.arrives == ""
-    assert math.isnan(old.chosen.driven.off_at_end_rate.value)
+    assert math.isnan(old.recommended_candidate.driven.off_at_end_rate.value)
 
 
 def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):

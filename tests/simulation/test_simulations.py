@@ -24,10 +24,10 @@ from locplan.robots import Amcl, Disturbances, Robot
 from locplan.robots.amcl import OMNIDIRECTIONAL
 from locplan.robots.nav2 import read_amcl
 from locplan.simulation import Drives, Simulator, drive_open, simulate
-from locplan.simulation.drives import DRIVEN, LOST, rmse_ratio
+from locplan.simulation.drives import DRIVE_COLUMNS, LOST, compute_rmse_ratio
 from locplan.simulation.figures import simulation_figure
 from locplan.simulation.query_routes import Route, Routes, RoutesOnMaps, simulate_queries
-from locplan.simulation.worlds import poses_along
+from locplan.simulation.worlds import make_path_poses
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -65,7 +65,7 @@ def open_space(metres=40.0, resolution=0.1):
 
 
 def test_poses_follow_the_path_and_face_ahead(two_corridors, in_room):
-    poses = poses_along(in_room, two_corridors)
+    poses = make_path_poses(in_room, two_corridors)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     assert steps.max() <= 0.05 + 1e-9
     assert poses[0, :2].tolist() == [2.0, 3.0]
@@ -74,16 +74,16 @@ def test_poses_follow_the_path_and_face_ahead(two_corridors, in_room):
     assert poses[-1, 2] == pytest.approx(math.atan2(6.5, 0.5))
     assert abs(np.diff(poses[:, 2])).max() < 0.5
     headed = Path(in_room.xy, np.array([1.0, 2.0, 3.0]))
-    assert poses_along(headed, two_corridors)[[0, -1], 2].tolist() == [1.0, 3.0]
+    assert make_path_poses(headed, two_corridors)[[0, -1], 2].tolist() == [1.0, 3.0]
 
 
 def test_turns_on_the_spot_take_their_time(two_corridors):
     back = Path(np.array([[2.0, 3.0], [5.0, 3.0], [2.0, 3.0]]))
-    poses = poses_along(back, two_corridors)
+    poses = make_path_poses(back, two_corridors)
     assert abs(np.diff(poses[:, 2])).max() <= 0.1 + 1e-9
     assert abs(poses[-1, 2]) == pytest.approx(math.pi)
     turned = Path(np.array([[2.0, 3.0], [5.0, 3.0], [5.0, 3.0]]), np.array([0.0, 0.0, 2.0]))
-    poses = poses_along(turned, two_corridors)
+    poses = make_path_poses(turned, two_corridors)
     assert abs(np.diff(poses[:, 2])).max() <= 0.1 + 1e-9
     assert poses[-1].tolist() == [5.0, 3.0, 2.0]
 
@@ -99,7 +99,7 @@ def test_turns_on_the_spot_take_their_time(two_corridors):
 )
 def test_paths_that_cannot_be_driven_are_refused(two_corridors, xy, reason):
     with pytest.raises(LocplanError, match=reason):
-        poses_along(Path(np.array(xy)), two_corridors)
+        make_path_poses(Path(np.array(xy)), two_corridors)
 
 
 def test_without_any_noise_the_filter_is_right_even_where_nothing_is_seen():
@@ -236,11 +236,11 @@ def test_lost_drives_and_their_intervals(two_corridors):
     assert drives.kept_rmse.low < drives.kept_rmse.value < drives.kept_rmse.high < LOST
     assert drives.median_error.value == np.median(drives.position_error)
     assert drives.median_error.low < drives.median_error.value < drives.median_error.high
-    about = extract_values(DRIVEN, drives)
+    about = extract_values(DRIVE_COLUMNS, drives)
     assert about["median_error"] == list(drives.median_error)
     assert about["kept_rmse"] == list(drives.kept_rmse)
     assert drives.profile().shape == (len(drives.poses), 9)
-    assert rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
+    assert compute_rmse_ratio(drives, drives) == pytest.approx((1, 1, 1))
 
 
 def test_the_legend_of_a_narrow_map_is_within_the_picture():
@@ -264,7 +264,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
     drives = Drives(poses, errors)
     assert drives.lost.all()
     assert np.isnan(drives.kept_rmse).all()
-    assert extract_values(DRIVEN, drives)["kept_rmse"] == [None] * 3
+    assert extract_values(DRIVE_COLUMNS, drives)["kept_rmse"] == [None] * 3
     assert drives.median_error == (0.0, 0.0, 0.0)
     errors[:2, 4, 1] = LOST / 2  # two are too few for an interval
     kept = Drives(poses, errors).kept_rmse
@@ -336,7 +336,7 @@ def test_queries_without_a_path_are_left_out(two_corridors):
     near, far = Query("near", (2, 3), (6, 3)), Query("far", (2, 3), (38, 3))
     routes = simulate_queries(cut, [near, far], drives=2)
     assert [route.query.name for route in routes.routes] == ["near"]
-    assert routes.about["robot"]["lidar"]["range"] == 1.0  # that of the field
+    assert routes.description["robot"]["lidar"]["range"] == 1.0  # that of the field
     with pytest.raises(LocplanError, match="no query has a path"):
         simulate_queries(cut, [far], drives=2)
 
@@ -360,7 +360,7 @@ def test_a_ratio_of_drives_is_within_its_interval_as_often_as_it_says():
     random, inside = np.random.default_rng(0), 0
     for _ in range(400):
         a, b = map(drives_with, random.lognormal(0.0, 1.0, (2, 60, 1)))
-        low, high = rmse_ratio(a, b)[1:]
+        low, high = compute_rmse_ratio(a, b)[1:]
         inside += low <= 1 <= high
     assert 0.92 < inside / 400 < 0.98
 
@@ -389,7 +389,7 @@ def test_intervals_of_too_few_drives():
     assert still.rmse.value == still.median_error.value == 0.0
     two = drives_with([[2.0], [8.0]])
     assert two.typical_rmse.value == pytest.approx(4.0)
-    assert rmse_ratio(two, drives_with([[1.0], [1.0]])).value == pytest.approx(4.0)
+    assert compute_rmse_ratio(two, drives_with([[1.0], [1.0]])).value == pytest.approx(4.0)
     assert np.isnan(drives_with([[2 * LOST]] * 6).kept_rmse).all()
 
 

@@ -16,23 +16,23 @@ from support.maps import blocks
 
 from locplan import Lidar, OccupancyGrid, Robot, mend, place_landmarks
 from locplan.advice import Pole, verify_landmarks
-from locplan.advice.landmarks import Outcome as LandmarkDrives, Verification
-from locplan.advice.preset_choice import OWN, Case, choose_preset
-from locplan.advice.trials import Outcome, confirm_fixes, contrast, select_fixes, try_fix
+from locplan.advice.landmarks import VerificationDrives as LandmarkDrives, Verification
+from locplan.advice.preset_choice import USER_SETTINGS, LevelCase, choose_preset
+from locplan.advice.trials import Outcome, confirm_fixes, compare_fix, select_fixes, try_fix
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
 from locplan.robots.presets import amcl_presets
 from locplan.simulation import Drives
 from locplan.simulation.driver import CHOOSING
 from locplan.simulation.drives import LOST
-from locplan.simulation.race import Scores, judged
+from locplan.simulation.race import Scores, run_race
 from locplan.simulation.verdict import (
     BETTER,
     NO_DIFFERENCE,
     UNDECIDED,
     WORSE,
     DriveSet,
-    compare,
+    compare_drives,
     confirm,
     look,
     plan_looks,
@@ -97,7 +97,7 @@ def test_verdict_finds_a_ratio_of_four_fifths():
 
 def test_verdict_finds_fewer_lost_drives():
     shown = look_at(1.0, lost=(0.4, 0.1))
-    assert np.mean(shown.fewer_lost & shown.is_better) >= 0.9
+    assert np.mean(shown.has_fewer_lost & shown.is_better) >= 0.9
 
 
 def test_only_look_has_the_whole_error_probability():
@@ -118,17 +118,17 @@ def test_verdict_is_its_own_mirror_image():
 def test_verdict_is_undecided_if_errors_and_losses_contradict():
     errors = np.linspace(-0.1, 0.1, 64)
     lost = np.arange(64) < 20
-    verdict = compare(drive_set(errors, ~lost & lost), drive_set(errors * 1.1 - 0.5, lost))
-    assert (verdict.word, verdict.more_lost) == (UNDECIDED, True)
+    verdict = compare_drives(drive_set(errors, ~lost & lost), drive_set(errors * 1.1 - 0.5, lost))
+    assert (verdict.word, verdict.has_more_lost) == (UNDECIDED, True)
     assert verdict.ratio.high < 1
 
 
 def test_verdict_of_narrow_interval_is_no_difference():
     errors = np.linspace(-0.3, 0.3, 64)
     alike = drive_set(errors[::-1] * 0.1 + errors, errors > 9)
-    assert compare(drive_set(errors, errors > 9), alike).word == NO_DIFFERENCE
-    assert compare(drive_set(errors, errors > 9), drive_set(errors, errors > 9)).ratio.value == 1
-    assert compare(
+    assert compare_drives(drive_set(errors, errors > 9), alike).word == NO_DIFFERENCE
+    assert compare_drives(drive_set(errors, errors > 9), drive_set(errors, errors > 9)).ratio.value == 1
+    assert compare_drives(
         drive_set(errors[:4], [False] * 4), drive_set(errors[-4:], [False] * 4)
     ).word in (
         WORSE,
@@ -139,7 +139,7 @@ def test_verdict_of_narrow_interval_is_no_difference():
 def test_verdict_intervals_cover_the_truth():
     shown = look_at(0.8, looks_left=0)
     assert np.mean((shown.low <= math.log(0.8)) & (math.log(0.8) <= shown.high)) >= 0.975
-    verdict = compare(drive_set([0.0] * 8, [True] * 4 + [False] * 4), drive_set([1.0] * 8, [0] * 8))
+    verdict = compare_drives(drive_set([0.0] * 8, [True] * 4 + [False] * 4), drive_set([1.0] * 8, [0] * 8))
     assert verdict.lost.baseline.value == 0.5
     assert verdict.lost.baseline.low < 0.5 < verdict.lost.baseline.high
     assert verdict.lost.alternative.value == 0.0
@@ -154,7 +154,7 @@ def test_drive_set_joins_lines_and_knows_the_end():
     assert joined.lost.tolist() == [True, True, False] * 2
     assert joined.off_at_end.tolist() == [False, True, False] * 2
     assert joined.log_error[0] == pytest.approx(0.5 * math.log((LOST + 0.5) ** 2 / 5), abs=1e-5)
-    verdict = compare(joined, joined)
+    verdict = compare_drives(joined, joined)
     assert verdict.off_at_end.alternative.value == pytest.approx(1 / 3)
 
 
@@ -212,7 +212,7 @@ def choose_among(ratios, seed, drives=64):
         at = np.ix_([*paths], place_of(numbers, drives))
         return Scores(errors[at], lost[at])
 
-    return judged(drive, np.zeros(len(ratios)), 1.0, drives)
+    return run_race(drive, np.zeros(len(ratios)), 1.0, drives)
 
 
 def test_choose_rarely_recommends_one_of_eight_equals():
@@ -229,10 +229,10 @@ def test_choose_agrees_with_the_verdict_on_its_drives():
             rows = [(errors[0, at], flags[0, at]) for errors, flags in (pairs[n] for n in paths)]
             return Scores(*(np.array(part) for part in zip(*rows, strict=True)))
 
-        found = judged(drive, np.zeros(2), 1.0, 8)
+        found = run_race(drive, np.zeros(2), 1.0, 8)
         if found.leader:
             both = drive_set(before[0, :8], lost[0, :8]), drive_set(after[0, :8], others[0, :8])
-            verdict = compare(*both)
+            verdict = compare_drives(*both)
             assert (verdict.word, verdict.ratio) == (found.verdict, found.ratio)
 
 
@@ -398,7 +398,7 @@ def test_callers_agree_on_the_same_drives():
             for errors, lost in zip((before, after), flags, strict=True)
         ]
         sets = [DriveSet.from_drives([drives]) for drives in both]
-        word = compare(*sets).word
+        word = compare_drives(*sets).word
         landmarks = Verification(*(LandmarkDrives((drives,)) for drives in both), None, {}, 1)
         outcomes = [
             Outcome(
@@ -409,7 +409,7 @@ def test_callers_agree_on_the_same_drives():
             )
             for each in sets
         ]
-        assert landmarks.word == contrast(*outcomes).verdict.word == word
+        assert landmarks.word == compare_fix(*outcomes).verdict.word == word
         seen.add(word)
     assert {BETTER, UNDECIDED} <= seen
 
@@ -431,13 +431,13 @@ def drawn_tuning(ratios, seed):
         row = settings.index(amcl)
         return DriveSet(errors[row, numbers], lost[row, numbers], lost[row, numbers])
 
-    return choose_preset(user_settings, [Case("usual", drive, (64,))], [LINE]).name
+    return choose_preset(user_settings, [LevelCase("usual", drive, (64,))], [LINE]).name
 
 
 def test_tune_rarely_recommends_one_of_three_equals():
     """Both presets equal the user's settings."""
     recommended = [drawn_tuning([1.0] * 3, seed) for seed in range(400)]
-    assert np.mean([name != OWN for name in recommended]) <= 0.025
+    assert np.mean([name != USER_SETTINGS for name in recommended]) <= 0.025
 
 
 def test_tune_finds_the_preset_of_four_fifths():
@@ -455,10 +455,10 @@ def test_verdict_finds_drives_off_at_end_more_often():
         alternative[:n_harmed] = True
         baseline[n_harmed : n_harmed + n_returned] = True
         sets = [DriveSet(errors, none, off) for off in (baseline, alternative)]
-        return compare(*sets).more_off
+        return compare_drives(*sets).has_more_off
 
     assert [has_more(6), has_more(7), has_more(8, 6), has_more(22, 8)] == [False, True, False, True]
-    assert not compare(DriveSet(errors, none), DriveSet(errors, none)).more_off
+    assert not compare_drives(DriveSet(errors, none), DriveSet(errors, none)).has_more_off
 
 
 def test_drives_are_rarely_off_if_few_are():

@@ -80,8 +80,8 @@ class InlineWorkers:
         pass
 
     def run(self, orders):
-        from locplan.comparison.runs import perform
+        from locplan.comparison.runs import perform_job
 
         for order in orders:
-            run = perform(self.planners[order.planner], order, math.inf)
+            run = perform_job(self.planners[order.planner], order, math.inf)
             yield dataclasses.replace(run, wall_seconds=run.seconds)

@@ -368,7 +368,7 @@ READERS = {
     "planner": Reader(
         text_of("spec.txt"),
         "spec.txt",
-        lambda file: PlannerSpec.of(file.read_bytes().decode("utf-8", "surrogateescape")),
+        lambda file: PlannerSpec.parse(file.read_bytes().decode("utf-8", "surrogateescape")),
     ),
 }
 """All readers of files by name."""

@@ -36,8 +36,8 @@ class Rays(NamedTuple):
     step: float  # from one ray to the next [rad]
     beams: int  # rays at a pose
     all_round: bool  # whether the last ray has the first as its neighbour
-    least: float  # nearer returns count as none [m]
-    most: float  # greatest range [m]
+    min_range: float  # nearer returns count as none [m]
+    max_range: float  # greatest range [m]
     swing: float  # a beam of range r tells 1 / (1 + swing r^2) of what a short one does [1 / m^2]
 
 
@@ -58,7 +58,7 @@ class Outline(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def hits_of_map(surfaces: Surfaces, rays: Rays, hits: Singles) -> None:
+def cast_map_hits(surfaces: Surfaces, rays: Rays, hits: Singles) -> None:
     """Fill the hits (n, beams, 4) of all poses on a map."""
     for n in range(len(hits)):
         for b in range(rays.beams):
@@ -72,11 +72,11 @@ def _write_hit(surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles) -> 
     x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     bearing = rays.first[n] + b * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
-    at, row, col = cast(squares, y / resolution, x / resolution, dy, dx, rays.most / resolution)
+    at, row, col = cast(squares, y / resolution, x / resolution, dy, dx, rays.max_range / resolution)
     at *= resolution
-    if not 0 < at < np.inf or at < rays.least:
+    if not 0 < at < np.inf or at < rays.min_range:
         # Nothing is seen behind a wall that is too near.
-        hit[RANGE] = at if at < rays.least else np.inf
+        hit[RANGE] = at if at < rays.min_range else np.inf
         hit[NORMAL_X] = hit[NORMAL_Y] = hit[TURN] = 0.0
         return
     nx, ny = np.float64(normals[row, col, 1]), np.float64(normals[row, col, 0])
@@ -94,7 +94,7 @@ def _set_hit(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def entry(
+def find_entry(
     outline: Outline, cos: float, sin: float, x: float, y: float, dx: float, dy: float
 ) -> tuple[float, float, float]:
     """Range at which a ray from (x, y) enters an object at the origin, and the normal there.
@@ -133,7 +133,7 @@ def entry(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def meeting(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[int, int]:
+def find_meeting_rays(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[int, int]:
     """First ray of a pose that may meet an object at (x, y), and how many follow it; or none."""
     reach = outline.half_length
     if not outline.is_round:
@@ -141,7 +141,7 @@ def meeting(rays: Rays, n: int, outline: Outline, x: float, y: float) -> tuple[i
     offset_x = x - rays.poses[n, 0] - rays.levers[n, 0]
     offset_y = y - rays.poses[n, 1] - rays.levers[n, 1]
     distance = np.hypot(offset_x, offset_y)
-    if distance - reach > rays.most:
+    if distance - reach > rays.max_range:
         return 0, 0
     if distance <= reach:
         return 0, rays.beams
@@ -168,18 +168,18 @@ def add_object(
     """Change the hits (n, beams, 4) as an object at (x, y) does, and mark the poses, (n,)."""
     cos, sin = np.cos(heading), np.sin(heading)
     for n in range(rays.first.size):
-        begin, count = meeting(rays, n, outline, x, y)
+        begin, count = find_meeting_rays(rays, n, outline, x, y)
         from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
         for k in range(count):
             b = (begin + k) % rays.beams
             bearing = rays.first[n] + b * rays.step
             dx, dy = np.cos(bearing), np.sin(bearing)
-            at, nx, ny = entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+            at, nx, ny = find_entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
             hit = hits[n, b]
-            if at >= hit[RANGE] or at > rays.most:
+            if at >= hit[RANGE] or at > rays.max_range:
                 continue
             touched[n] = True
-            if at < rays.least:
+            if at < rays.min_range:
                 nx, ny = 0.0, 0.0
             _set_hit(hit, rays, n, at, dx, dy, nx, ny)
 
@@ -187,7 +187,7 @@ def add_object(
 @njit(inline="always")
 def _change(sums: Floats, hit: Singles, sign: float, rays: Rays) -> None:
     """Add a hit to the sums of a pose, or take it away."""
-    if rays.least <= hit[RANGE] < np.inf:
+    if rays.min_range <= hit[RANGE] < np.inf:
         sign /= 1 + rays.swing * np.float64(hit[RANGE]) ** 2
         nx, ny = np.float64(hit[NORMAL_X]), np.float64(hit[NORMAL_Y])
         turn = np.float64(hit[TURN])
@@ -200,7 +200,7 @@ def _change(sums: Floats, hit: Singles, sign: float, rays: Rays) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sum_up(hits: Singles, rays: Rays, touched: Bools, sums: Floats) -> None:
+def write_sums(hits: Singles, rays: Rays, touched: Bools, sums: Floats) -> None:
     """Write the weighted sums of g g^T over the rays of touched poses, and the hits, (n, 7)."""
     for n in range(hits.shape[0]):
         if not touched[n]:
@@ -209,15 +209,15 @@ def sum_up(hits: Singles, rays: Rays, touched: Bools, sums: Floats) -> None:
             sums[n, k] = 0.0
         for b in range(hits.shape[1]):
             _change(sums[n], hits[n, b], 1.0, rays)
-            if rays.least <= hits[n, b, RANGE] < np.inf:
+            if rays.min_range <= hits[n, b, RANGE] < np.inf:
                 sums[n, HITS] += 1
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def sums_of(hits: Singles, rays: Rays) -> Floats:
+def sum_hits(hits: Singles, rays: Rays) -> Floats:
     """Weighted sums of g g^T over the rays of each pose, and the number of its hits, (n, 7)."""
     sums = np.zeros((hits.shape[0], 7))
-    sum_up(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
+    write_sums(hits, rays, np.ones(hits.shape[0], np.bool_), sums)
     return sums
 
 
@@ -230,11 +230,11 @@ class Sightings(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def seeing_rays(
+def find_seeing_rays(
     hits: Singles, rays: Rays, n: int, outline: Outline, x: float, y: float, heading: float
 ) -> tuple[int, int]:
     """First ray of a pose that an object at (x, y) shortens, and how many up to the last; or 0."""
-    begin, count = meeting(rays, n, outline, x, y)
+    begin, count = find_meeting_rays(rays, n, outline, x, y)
     from_x, from_y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     cos, sin = np.cos(heading), np.sin(heading)
     first, last = -1, -1
@@ -242,8 +242,8 @@ def seeing_rays(
         b = (begin + k) % rays.beams
         bearing = rays.first[n] + b * rays.step
         dx, dy = np.cos(bearing), np.sin(bearing)
-        at, _, _ = entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
-        if at < hits[n, b, RANGE] and at <= rays.most:
+        at, _, _ = find_entry(outline, cos, sin, from_x - x, from_y - y, dx, dy)
+        if at < hits[n, b, RANGE] and at <= rays.max_range:
             first, last = k if first < 0 else first, k
     if first < 0:
         return 0, 0
@@ -271,7 +271,7 @@ def find_sightings(
         x, y, heading = candidates[m, 0], candidates[m, 1], candidates[m, 2]
         at = sightings.starts[m]
         for n in range(rays.first.size):
-            first, count = seeing_rays(hits, rays, n, outline, x, y, heading)
+            first, count = find_seeing_rays(hits, rays, n, outline, x, y, heading)
             if count > 0:
                 if has_room:
                     sightings.poses[at] = n
@@ -280,7 +280,7 @@ def find_sightings(
         counts[m] = at - sightings.starts[m]
 
 
-class Scene(NamedTuple):
+class LandmarkScene(NamedTuple):
     """What stands already, and the outline of the objects that may come."""
 
     hits: Singles  # (n, beams, 4) on the map and the objects
@@ -290,8 +290,8 @@ class Scene(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def with_object(
-    scene: Scene, n: int, place: Numbers, begin: int, count: int, changed: Floats
+def write_object_sums(
+    scene: LandmarkScene, n: int, place: Numbers, begin: int, count: int, changed: Floats
 ) -> bool:
     """Write a pose's sums with an object at a place into `changed` (7,); False if they stay.
 
@@ -312,8 +312,8 @@ def with_object(
     for k in range(count):
         b = (begin + k) % rays.beams
         dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
-        at, nx, ny = entry(outline, heading_cos, heading_sin, from_x - x, from_y - y, dx, dy)
-        if at >= hits[n, b, RANGE] or at > rays.most:
+        at, nx, ny = find_entry(outline, heading_cos, heading_sin, from_x - x, from_y - y, dx, dy)
+        if at >= hits[n, b, RANGE] or at > rays.max_range:
             continue
         any_ray = True
         _change(changed, hits[n, b], -1.0, rays)

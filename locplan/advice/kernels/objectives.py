@@ -21,9 +21,9 @@ from locplan.advice.kernels.landmarks import (
     XY,
     YT,
     YY,
-    Scene,
+    LandmarkScene,
     Sightings,
-    with_object,
+    write_object_sums,
 )
 
 
@@ -35,7 +35,7 @@ class Sensing(NamedTuple):
     """
 
     share: float  # [1 / m^2]
-    other: float  # how far each further hit lessens the information of one
+    hit_coefficient: float  # how far each further hit lessens the information of one
 
 
 class Motion(NamedTuple):
@@ -49,9 +49,9 @@ class Motion(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def update(p: Floats, sums: Floats, sensing: Sensing) -> None:
+def update_covariance(p: Floats, sums: Floats, sensing: Sensing) -> None:
     """Turn a covariance P (6,) [xx, xy, yy, xt, yt, tt] into (P^-1 + I)^-1, I of the sums (7,)."""
-    share = sensing.share / (1 + sensing.other * max(sums[HITS], 0.0))
+    share = sensing.share / (1 + sensing.hit_coefficient * max(sums[HITS], 0.0))
     _invert(p)
     for k in range(6):
         p[k] += share * sums[k]
@@ -73,7 +73,7 @@ def _invert(m: Floats) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def move(p: Floats, dx: float, dy: float, motion: Motion) -> None:
+def move_covariance(p: Floats, dx: float, dy: float, motion: Motion) -> None:
     """Turn a covariance P (6,) into F P F^T + Q ds, as the robot moves by (dx, dy)."""
     way = np.hypot(dx, dy)
     xt, yt, tt = p[XT], p[YT], p[TT]
@@ -92,7 +92,7 @@ def move(p: Floats, dx: float, dy: float, motion: Motion) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def covariances(
+def compute_route_covariances(
     sums: Floats, poses: Floats, routes: Ints, sensing: Sensing, motion: Motion
 ) -> tuple[Floats, Floats]:
     """Covariances (n, 6) before and after each look around, along routes.
@@ -105,17 +105,17 @@ def covariances(
         _begin(p, motion)
         for n in range(routes[r], routes[r + 1]):
             if n > routes[r]:
-                move(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
+                move_covariance(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
             for k in range(6):
                 before[n, k] = p[k]
-            update(p, sums[n], sensing)
+            update_covariance(p, sums[n], sensing)
             for k in range(6):
                 after[n, k] = p[k]
     return before, after
 
 
 @njit(inline="always")
-def _alike(p: Floats, other: Floats) -> bool:
+def _is_forgotten(p: Floats, other: Floats) -> bool:
     """Whether an object that is out of sight no longer matters."""
     share = 1e-6  # by which a variance may differ from what it was
     is_close = abs(p[XX] - other[XX]) <= share * other[XX]
@@ -132,11 +132,11 @@ def _begin(p: Floats, motion: Motion) -> None:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def uncertainties(
+def compute_uncertainties(
     candidates: Floats,
     indices: Ints,
     sightings: Sightings,
-    scene: Scene,
+    scene: LandmarkScene,
     routes: Ints,
     sensing: Sensing,
     motion: Motion,
@@ -154,9 +154,9 @@ def uncertainties(
     scene : Scene
         What stands already, the poses with their rays, and the object.
     routes, sensing, motion
-        See `covariances`.
+        See `compute_route_covariances`.
     """
-    base_covariances = covariances(scene.sums, scene.rays.poses, routes, sensing, motion)
+    base_covariances = compute_route_covariances(scene.sums, scene.rays.poses, routes, sensing, motion)
     after, count = base_covariances[1], len(scene.sums)
     total = 0.0
     for n in range(count):
@@ -167,29 +167,29 @@ def uncertainties(
         stretch = sightings.starts[at], sightings.starts[at + 1]
         place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
         models = sensing, motion
-        value = _sum_with(total, place, stretch, sightings, scene, routes, models, base_covariances)
+        value = _sum_variances(total, place, stretch, sightings, scene, routes, models, base_covariances)
         result[m] = value / count
     return result
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _sum_with(
+def _sum_variances(
     value: float,
     place: tuple[float, float, float],
     stretch: tuple[int, int],
     sightings: Sightings,
-    scene: Scene,
+    scene: LandmarkScene,
     routes: Ints,
     models: tuple[Sensing, Motion],
-    known: tuple[Floats, Floats],
+    base_covariances: tuple[Floats, Floats],
 ) -> float:
     """Sum `value` of P_xx + P_yy over all poses, with an object besides that is seen in a stretch.
 
     Covariances are followed only from a pose that sees the object to where it is forgotten; those
-    `known`, before and after each look, are without it.
+    `base_covariances`, before and after each look, are without it.
     """
     sensing, motion = models
-    before, after = known
+    before, after = base_covariances
     sums, poses = scene.sums, scene.rays.poses
     changed, p = np.empty(7), np.empty(6)
     k, stop = stretch
@@ -203,17 +203,17 @@ def _sum_with(
         meets = k < stop and sightings.poses[k] == n
         if meets:
             begin, n_rays = sightings.rays[k, 0], sightings.rays[k, 1]
-            meets = with_object(scene, n, place, begin, n_rays, changed)
+            meets = write_object_sums(scene, n, place, begin, n_rays, changed)
             k += 1
         if not differs and not meets:
             continue
         if not differs:
             for c in range(6):
                 p[c] = before[n, c]
-        update(p, changed if meets else sums[n], sensing)
+        update_covariance(p, changed if meets else sums[n], sensing)
         value += p[XX] + p[YY] - after[n, XX] - after[n, YY]
-        differs = n + 1 < routes[r + 1] and (meets or not _alike(p, after[n]))
+        differs = n + 1 < routes[r + 1] and (meets or not _is_forgotten(p, after[n]))
         if differs:
             n += 1
-            move(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
+            move_covariance(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
     return value

@@ -18,8 +18,8 @@ from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedC
 from locplan._support.checks import short_repr, suggestion
 from locplan._support.files import protect_inputs
 from locplan._support.supervision import INTERRUPTED, end_if_supervised
-from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, launched
-from locplan.app.cli.wording import options_as_typed
+from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, run_tokens
+from locplan.app.cli.wording import translate_options
 from locplan.errors import LocplanError, one_line
 
 __all__ = ["COMMANDS", "main"]
@@ -33,26 +33,26 @@ def main() -> None:
     try:
         with _warnings_as_lines(), protect_inputs():
             _check_none_is_empty(sys.argv[1:])
-            code, _ = launched(sys.argv[1:])
+            code, _ = run_tokens(sys.argv[1:])
         _flush()
     except (LocplanError, CycloptsError, MemoryError) as error:
         notes = getattr(error, "__notes__", ())  # such as lines to save in a file
-        code = _complain(f"error: {_fault(error)}", WRONG_INPUT, *notes)
+        code = _complain(f"error: {_format_fault(error)}", WRONG_INPUT, *notes)
     except KeyboardInterrupt:
         end_if_supervised()
         code = _complain("interrupted", INTERRUPTED)
     except OSError as error:
-        code = _failed(error)
+        code = _report_os_error(error)
     sys.exit(code or 0)
 
 
-def _failed(error: OSError) -> int:
+def _report_os_error(error: OSError) -> int:
     """The exit code after a failure of the system, which is said unless nobody listens."""
     if isinstance(error, BrokenPipeError):
         sys.stdout = sys.stderr = None
         return SYSTEM_ERROR
-    where = "the output" if error.filename is None else os.fsdecode(error.filename)
-    code = _complain(f"error: {where}: {error.strerror or error}", SYSTEM_ERROR)
+    subject = "the output" if error.filename is None else os.fsdecode(error.filename)
+    code = _complain(f"error: {subject}: {error.strerror or error}", SYSTEM_ERROR)
     sys.stdout = None
     end_if_supervised(code)  # no thread in the background outlives the output
     return code
@@ -81,15 +81,15 @@ def _check_none_is_empty(tokens: list[str]) -> None:
         if equals and name.startswith("--") and not value.strip():
             raise LocplanError(f"{name} is empty; give it a value, or leave it out")
         if not token.strip():
-            what = before if before.startswith("-") else "an argument"
-            raise LocplanError(f"{what} is empty; give it a value, or leave it out")
+            subject = before if before.startswith("-") else "an argument"
+            raise LocplanError(f"{subject} is empty; give it a value, or leave it out")
 
 
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
     def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
         if category.__module__.startswith("locplan."):
-            _complain(f"warning: {options_as_typed(str(message))}", 0)
+            _complain(f"warning: {translate_options(str(message))}", 0)
         else:  # that of a library says nothing to users
             logging.getLogger("locplan.app.cli").debug("%s: %s", category.__name__, message)
 
@@ -99,28 +99,28 @@ def _warnings_as_lines() -> Iterator[None]:
         yield
 
 
-def _fault(error: Exception) -> str:
+def _format_fault(error: Exception) -> str:
     """What a user is to read of an error."""
     if isinstance(error, CycloptsError):
-        return f"{_in_one_line(error)} (--help shows how)"
+        return f"{_format_usage_error(error)} (--help shows how)"
     if isinstance(error, MemoryError):
         return "the memory does not suffice; give less at a time"
-    return options_as_typed(str(error))
+    return translate_options(str(error))
 
 
-def _in_one_line(error: CycloptsError) -> str:
+def _format_usage_error(error: CycloptsError) -> str:
     if isinstance(error, UnusedCliTokensError):
-        return _unexpected(error.unused_tokens or ())
+        return _describe_unexpected(error.unused_tokens or ())
     if isinstance(error, MissingArgumentError) and (argument := error.argument):
         guess = "".join(" ".join(str(error).split()).partition("Did you mean")[1:])
         return f"{argument.name} is missing{'. ' if guess else ''}{guess}"
-    if isinstance(error, CoercionError) and (line := _no_choice(error)):
+    if isinstance(error, CoercionError) and (line := _describe_choices(error)):
         return line
     words = re.split(r"\s+", str(error).strip())
-    return " ".join(map(_short, words)).removesuffix(".")
+    return " ".join(map(_shorten, words)).removesuffix(".")
 
 
-def _no_choice(error: CoercionError) -> str:
+def _describe_choices(error: CoercionError) -> str:
     """The line about a value that is none of an option's choices; empty where it has none."""
     if not (error.argument and error.token):
         return ""
@@ -132,13 +132,13 @@ def _no_choice(error: CoercionError) -> str:
     return f"{name} must be one of {', '.join(choices)}, not {short_repr(value)}{guess}"
 
 
-def _unexpected(tokens: Sequence[str]) -> str:
+def _describe_unexpected(tokens: Sequence[str]) -> str:
     numbers = all(re.fullmatch(r"-?[\d.]+", token) for token in tokens)
     remedy = "; write positions as X,Y with a comma" if numbers else ""
-    return f"unexpected: {' '.join(map(_short, tokens))}{remedy}"
+    return f"unexpected: {' '.join(map(_shorten, tokens))}{remedy}"
 
 
-def _short(word: str) -> str:
+def _shorten(word: str) -> str:
     """A word as it is unless it is too long."""
     return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
     from rich.console import Console, ConsoleOptions
 
-SYSTEM_ERROR, WRONG_INPUT, BEYOND_LIMIT = 1, 2, 4
+SYSTEM_ERROR, WRONG_INPUT, LIMIT_EXCEEDED = 1, 2, 4
 INSTALL_COMPLETION = "--install-completion"
 COMMANDS = {
     "check": "Start",
@@ -115,7 +115,7 @@ def format_default(value: Any) -> str | None:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def application(*names: str) -> App:
+def make_application(*names: str) -> App:
     """The command line with these commands, all of them by default."""
     app = App(
         name="locplan",
@@ -124,10 +124,10 @@ def application(*names: str) -> App:
         help_flags=("-h", "--help"),
         version_flags="--version",
         help_format="plaintext",
-        help_formatter=Filling(),
+        help_formatter=FilledFormatter(),
         help_epilogue=(
             f"The exit code is 0 for a result, {SYSTEM_ERROR} if the system fails, {WRONG_INPUT}"
-            f" for wrong input, {BEYOND_LIMIT} if a limit of check is exceeded,"
+            f" for wrong input, {LIMIT_EXCEEDED} if a limit of check is exceeded,"
             f" {INTERRUPTED} after Ctrl-C, and {TERMINATED} after SIGTERM."
         ),
         group_parameters=OPTIONS,
@@ -158,11 +158,11 @@ def application(*names: str) -> App:
     return app
 
 
-def launched(tokens: list[str]) -> tuple[int | None, RunRecord]:
+def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
     """Run the command that is named, and import no other; return its exit code and its run."""
     first = next((token for token in tokens if not token.startswith("-")), "")
     completing = INSTALL_COMPLETION in tokens  # which needs all commands
-    app = application(*(COMMANDS if completing else {first} & COMMANDS.keys()))
+    app = make_application(*(COMMANDS if completing else {first} & COMMANDS.keys()))
     app.meta.suppress_keyboard_interrupt = False
 
     @app.meta.default
@@ -198,7 +198,7 @@ def _record(run: RunRecord, _: object, commands: tuple[str, ...], arguments: Arg
         for name, argument in entered.items()
         if OUTPUT not in (argument.parameter.group or ())  # type: ignore[operator]
     }
-    run.settings = {name: _typed(argument) for name, argument in settings.items()}
+    run.settings = {name: _setting_from_argument(argument) for name, argument in settings.items()}
     run.files = frozenset(
         name for name, argument in settings.items() if _names_a_file(argument.field_info.annotation)
     )
@@ -209,7 +209,7 @@ def _names_a_file(kind: Any) -> bool:
     return kind is Path or any(map(_names_a_file, get_args(kind)))
 
 
-def _typed(argument: Argument) -> Setting:
+def _setting_from_argument(argument: Argument) -> Setting:
     """What was typed for an option."""
     texts = [token.value for token in argument.tokens]
     if argument.hint is bool and texts == [""]:
@@ -218,14 +218,14 @@ def _typed(argument: Argument) -> Setting:
 
 
 @contextmanager
-def _log_on_stderr(shown: bool) -> Iterator[None]:
+def _log_on_stderr(is_verbose: bool) -> Iterator[None]:
     log, libraries = logging.getLogger("locplan"), logging.getLogger()
     # Without any handler Python itself shows what libraries warn of.
-    handler = logging.StreamHandler() if shown else logging.NullHandler()
+    handler = logging.StreamHandler() if is_verbose else logging.NullHandler()
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
     before = log.level
     libraries.addHandler(handler)
-    if shown:
+    if is_verbose:
         log.setLevel(logging.DEBUG)
     try:
         yield
@@ -234,7 +234,7 @@ def _log_on_stderr(shown: bool) -> Iterator[None]:
         log.setLevel(before)
 
 
-class Filling(DefaultFormatter):
+class FilledFormatter(DefaultFormatter):
     """The usual help, without the line ends and indents that texts have in the source.
 
     Lines of examples stay as they are.
@@ -243,16 +243,16 @@ class Filling(DefaultFormatter):
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
         """Write a group of options or commands."""
         for panel_entry in panel.entries:
-            _fill(panel_entry.description)
+            _fill_paragraphs(panel_entry.description)
         super().__call__(console, options, panel)
 
     def render_description(self, console: Console, options: ConsoleOptions, text: Any) -> None:
         """Write what a command does."""
-        _fill(text)
+        _fill_paragraphs(text)
         super().render_description(console, options, text)
 
 
-def _fill(description: Any) -> None:
+def _fill_paragraphs(description: Any) -> None:
     """Join the lines of each paragraph of a text of cyclopts', which adds choices behind it."""
     text = getattr(description, "primary_renderable", None)
     if text is not None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cyclopts import Token
 
 
-def parse_with(
+def make_parser(
     parse: Callable[[str, str], Any], metavar: str, *, is_repeatable: bool = False
 ) -> Parameter:
     """Return a parameter whose texts a function parses, which takes the option's name and a text.
@@ -49,7 +49,7 @@ def show_default(read: Callable[[], object]) -> Parameter:
     return Parameter(show_default=lambda _: format_default(read()))
 
 
-def check_with(check: Callable[[Any], object]) -> Parameter:
+def make_validator(check: Callable[[Any], object]) -> Parameter:
     """Return a parameter whose values, each of several, a function checks before any work."""
 
     def validate(_: object, values: Any) -> None:
@@ -149,29 +149,29 @@ def _convert_count(_: object, tokens: Sequence[Token]) -> int:
     raise LocplanError(f"{token.keyword} must be a whole number, not {short_repr(token.value)}")
 
 
-WHOLE = Parameter(converter=_convert_count)
-Whole = Annotated[int, WHOLE]
+INTEGER = Parameter(converter=_convert_count)
+Integer = Annotated[int, INTEGER]
 """A whole number whose range the library checks."""
-INPUT = check_with(protect_input)
+INPUT = make_validator(protect_input)
 """Of a file that is read: no result is written over it."""
-MAP = Parameter("MAP"), check_with(keep_map)
+MAP = Parameter("MAP"), make_validator(keep_map)
 
 MapFile = Annotated[Path, *MAP]
 """A map, which is a positional argument."""
 MapFiles = Annotated[list[Path], *MAP]
-Position = Annotated[tuple[float, float] | None, parse_with(parse_position, "X,Y")]
-Pose = Annotated[Any, parse_with(parse_pose, "X,Y[,DEG]")]
-Poses = Annotated[tuple[Any, ...], parse_with(parse_pose, "X,Y[,DEG]", is_repeatable=True)]
-Positions = Annotated[tuple[Any, ...], parse_with(parse_position, "X,Y", is_repeatable=True)]
-Ranges = Annotated[tuple[float, ...] | None, parse_with(parse_numbers, "R1,R2")]
-Limits = Annotated[Any, parse_with(partial(parse_numbers, count=2), "MIN,MAX")]
-Shift = Annotated[Any, parse_with(parse_shift, "X,Y,DEG")]
+Position = Annotated[tuple[float, float] | None, make_parser(parse_position, "X,Y")]
+Pose = Annotated[Any, make_parser(parse_pose, "X,Y[,DEG]")]
+Poses = Annotated[tuple[Any, ...], make_parser(parse_pose, "X,Y[,DEG]", is_repeatable=True)]
+Positions = Annotated[tuple[Any, ...], make_parser(parse_position, "X,Y", is_repeatable=True)]
+Ranges = Annotated[tuple[float, ...] | None, make_parser(parse_numbers, "R1,R2")]
+Limits = Annotated[Any, make_parser(partial(parse_numbers, count=2), "MIN,MAX")]
+Shift = Annotated[Any, make_parser(parse_shift, "X,Y,DEG")]
 InputFile = Annotated[Path | None, INPUT, Parameter(metavar="FILE")]
 PathFiles = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="CSV")]
 InputFiles = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="FILE")]
 InputFolders = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="FOLDER")]
-Count = Annotated[int, WHOLE, Parameter(validator=Number(gte=1, lte=100_000))]
-PairCount = Annotated[int, WHOLE, Parameter(validator=Number(gte=2, lte=100_000))]
+Count = Annotated[int, INTEGER, Parameter(validator=Number(gte=1, lte=100_000))]
+PairCount = Annotated[int, INTEGER, Parameter(validator=Number(gte=2, lte=100_000))]
 """A number of objects of which there must be two at least."""
 Switch = Annotated[bool, Parameter(negative=())]
 
@@ -192,7 +192,7 @@ def _load_planner(text: str) -> locplan.comparison.planners.PlannerSpec:
 
     function = _FUNCTION.fullmatch(text)
     if function is None:
-        return PlannerSpec.of(text)
+        return PlannerSpec.parse(text)
     file, name = Path(function["file"]), function["name"] or ""
     if not name.isidentifier():
         example = f"--planner {file}:plan"
@@ -220,8 +220,8 @@ def load_function(file: Path, name: str) -> Callable[..., Any]:
             key for key, value in values.items()
             if inspect.isfunction(value) and value.__code__.co_filename == str(file)
         ]  # fmt: skip
-        known = f"it has {', '.join(names)}" if names else "it has none"
-        raise ConfigError(f"{file}: there is no function {short_repr(name)}; {known}")
+        function_text = f"it has {', '.join(names)}" if names else "it has none"
+        raise ConfigError(f"{file}: there is no function {short_repr(name)}; {function_text}")
     function: Any = values[name]
     if not hasattr(function, "version"):  # a comparison runs an edited planner again
         function.version = hashlib.sha256(source.encode()).hexdigest()[:8]

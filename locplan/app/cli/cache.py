@@ -9,7 +9,7 @@ from cyclopts.validators import Number
 
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import Switch
-from locplan.app.cli.groups import Output
+from locplan.app.cli.groups import OutputOptions
 
 Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
 
@@ -36,7 +36,7 @@ def list_entries(*, json: Switch = False) -> None:
     folder = cache_folder(None)
     cached_results = cache_entries(folder)
     table = cache_table(cached_results, folder)
-    Output(json=json).show([cached_result.to_json() for cached_result in cached_results], table)
+    OutputOptions(json=json).show([cached_result.to_json() for cached_result in cached_results], table)
 
 
 @cache.command
@@ -52,8 +52,8 @@ def clear(*, older_than: Days = 0.0) -> None:
     from locplan.field.cache import cache_folder, clear_cache
 
     removed, busy = clear_cache(cache_folder(None), older_than)
-    kept = f"; being computed, and kept: {len(busy)}" if busy else ""
-    print(f"removed {len(removed)}, {format_bytes(sum(entry.size for entry in removed))}{kept}")
+    busy_text = f"; being computed, and kept: {len(busy)}" if busy else ""
+    print(f"removed {len(removed)}, {format_bytes(sum(cached_result.size for cached_result in removed))}{busy_text}")
 
 
 @cache.command

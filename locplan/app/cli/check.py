@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import locplan
 from locplan._support.progress import progress_bar
-from locplan.app.cli.application import BEYOND_LIMIT, command
-from locplan.app.cli.arguments import InputFile, MapFile, parse_with
+from locplan.app.cli.application import LIMIT_EXCEEDED, command
+from locplan.app.cli.arguments import InputFile, MapFile, make_parser
 from locplan.app.cli.groups import (
     SEED,
     FilterMapFile,
-    Output,
+    OutputOptions,
     RecordingFiles,
     RobotOptions,
     Seed,
@@ -33,7 +33,7 @@ def parse_limit(_: str, text: str) -> Limit:
     return limits.Limit.parse(text)
 
 
-Limits = Annotated[tuple[Any, ...], parse_with(parse_limit, "LIMIT", is_repeatable=True)]
+Limits = Annotated[tuple[Any, ...], make_parser(parse_limit, "LIMIT", is_repeatable=True)]
 
 
 @command(
@@ -53,7 +53,7 @@ def check(
     filter_map: FilterMapFile = None,
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> int:
     """Find where a robot gets lost on a map, and the fix that helps most.
 
@@ -98,7 +98,7 @@ def check(
     output.finish(result, output.output, robot.nav2_files())
     for limit in fail_if:
         print(one_line(limit.said(result)), file=sys.stderr)
-    return BEYOND_LIMIT if any(limit.fails(result) for limit in fail_if) else 0
+    return LIMIT_EXCEEDED if any(limit.fails(result) for limit in fail_if) else 0
 
 
 def _print_finding(finding: str) -> None:

@@ -25,7 +25,7 @@ from locplan.app.cli.arguments import (
 from locplan.app.cli.groups import (
     SEED,
     FieldOptions,
-    Output,
+    OutputOptions,
     RobotOptions,
     Seed,
     Threads,
@@ -76,7 +76,7 @@ def compare(
     field: FieldOptions = FieldOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Run planners side by side, and report which one is best, where and by how much.
 
@@ -111,7 +111,7 @@ def compare(
     workers
         Number of runs at a time. [default: all cores]
     """
-    from locplan.comparison.planners import specs_of
+    from locplan.comparison.planners import make_specs
     from locplan.comparison.result import Comparison
     from locplan.comparison.settings import Execution, RandomQueries
 
@@ -126,7 +126,7 @@ def compare(
         min_distance=RandomQueries.min_distance if min_distance is None else min_distance,
         seed=seed,
     )
-    planners = specs_of(parse_planners(planner)) if planner else None
+    planners = make_specs(parse_planners(planner)) if planner else None
     compared_robot, config = field.choose(robot.load())
     configs = [config] if ranges is None else [with_range(config, lidar_range) for lidar_range in ranges]
     output.check(Comparison.files)

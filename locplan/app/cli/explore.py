@@ -18,11 +18,11 @@ from locplan.app.cli.arguments import (
     Position,
     Positions,
     Switch,
-    Whole,
+    Integer,
     refuse,
     show_default,
 )
-from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight, load_zones
+from locplan.app.cli.groups import FieldOptions, OutputOptions, RobotOptions, Threads, Weight, load_zones
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -46,12 +46,12 @@ def explore(
     via: Positions = (),
     weight: Weight = None,
     zones: InputFile = None,
-    port: Annotated[Whole, show_default(lambda: None)] = 0,
+    port: Annotated[Integer, show_default(lambda: None)] = 0,
     no_browser: Switch = False,
     robot: RobotOptions = RobotOptions(),
     field: FieldOptions = FieldOptions(),
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Explore a map in the browser: drag start and goal, draw walls and zones.
 

@@ -24,16 +24,16 @@ from locplan.app.cli.arguments import (
     read_paths,
     refuse,
 )
-from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads, Weight, load_zones
+from locplan.app.cli.groups import FieldOptions, OutputOptions, RobotOptions, Threads, Weight, load_zones
 from locplan.errors import ConfigError
-from locplan.export.registry import formats
+from locplan.export.registry import list_formats
 
 if TYPE_CHECKING:
     from locplan.export.registry import ExportJob, Format
     from locplan.field.config import FieldConfig
     from locplan.field.field import CovarianceField
 
-FORMATS = formats()
+FORMATS = list_formats()
 WITH_PATHS = [name for name, format in FORMATS.items() if format.paths != "none"]
 FormatName = Annotated[str, Parameter(metavar="FORMAT", choices=tuple(FORMATS), help="Format.")]
 
@@ -111,7 +111,7 @@ def export(
     robot: RobotOptions = RobotOptions(),
     field: FieldOptions = FieldOptions(),
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Write cost maps, route graphs and paths for navigation stacks.
 
@@ -205,20 +205,20 @@ def _job_of_choices(
 ) -> tuple[FieldConfig, MakeJob]:
     """Return the settings of the field of choices, and their job."""
     from locplan.export import registry
-    from locplan.simulation.recommendations import read_choices
+    from locplan.simulation.recommendations import read_recommendations
 
     takes_several = format.paths == "several" and format.name == "nav2-routes"
     if not takes_several:
         refuse("with --choice, which has its own", path=path_files)
-    choices = read_choices(*folders)
+    choices = read_recommendations(*folders)
     if len(choices) > 1 and not takes_several:
         raise ConfigError(f"--to {format.name} takes one --choice, not {len(choices)}")
     paths, first = read_paths(path_files), next(iter(choices.values()))
 
     def make_job(computed: CovarianceField) -> ExportJob:
         if takes_several:
-            return registry.ExportJob.of_choices(choices, computed, paths)
-        return registry.ExportJob.of_choice(first, computed)
+            return registry.ExportJob.from_choices(choices, computed, paths)
+        return registry.ExportJob.from_choice(first, computed)
 
     return first.config, make_job
 

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 import locplan
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import MapFiles
-from locplan.app.cli.groups import FieldOptions, Output, RobotOptions, Threads
+from locplan.app.cli.groups import FieldOptions, OutputOptions, RobotOptions, Threads
 
 
 @command(
@@ -25,7 +25,7 @@ def field(
     robot: RobotOptions = RobotOptions(),
     options: FieldOptions = FieldOptions(),
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> int:
     """Compute how uncertain a pose match is throughout a map, or several.
 

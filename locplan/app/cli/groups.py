@@ -25,8 +25,8 @@ from locplan._support.progress import progress_bar, working
 from locplan._support.runs import note_robot, take_written
 from locplan.app.cli import arguments
 from locplan.app.cli.application import COMPUTATION, OUTPUT, ROBOT
-from locplan.app.cli.arguments import INPUT, WHOLE, Switch, check_with
-from locplan.app.cli.wording import options_as_typed
+from locplan.app.cli.arguments import INPUT, INTEGER, Switch, make_validator
+from locplan.app.cli.wording import translate_options
 from locplan.errors import ConfigError, LocplanError, RecordingError, one_line
 
 if TYPE_CHECKING:
@@ -65,10 +65,10 @@ class RobotOptions:
     """The robot of a command."""
 
     robot: Annotated[
-        tuple[Path, ...], Parameter(metavar="FILE[:NAMESPACE]"), check_with(_keep_robot_file)
+        tuple[Path, ...], Parameter(metavar="FILE[:NAMESPACE]"), make_validator(_keep_robot_file)
     ] = ()
     """Nav2 parameters, robot file, URDF or SDF. Later files win."""
-    lidar: Annotated[str | None, Parameter(metavar="NAME"), check_with(_check_lidar)] = None
+    lidar: Annotated[str | None, Parameter(metavar="NAME"), make_validator(_check_lidar)] = None
     """Lidar or robot, such as turtlebot4. See `locplan info`."""
     set: Annotated[tuple[str, ...], Parameter(metavar="NAME=VALUE")] = ()
     """Setting, such as range=8. See `locplan info --settings`."""
@@ -161,10 +161,10 @@ class RobotOptions:
         """Warn of settings of the filter that work badly with the robot's lidar."""
         from locplan.robots.nav2 import ParameterWarning
         from locplan.robots.parameters import read_parameters
-        from locplan.simulation.amcl_parameters import filter_warnings
+        from locplan.simulation.amcl_parameters import find_filter_warnings
 
         further_parameters = read_parameters(*self.nav2_files()).node_parameters("amcl")
-        for fault in filter_warnings(robot.amcl, robot.known_lidar, further_parameters):
+        for fault in find_filter_warnings(robot.amcl, robot.known_lidar, further_parameters):
             warnings.warn(ParameterWarning(fault), stacklevel=2)
 
     def nav2_file(self, node: str) -> Path | None:
@@ -194,7 +194,7 @@ class RobotOptions:
 
 FilterMapFile = Annotated[
     Path | None,
-    check_with(arguments.keep_map),
+    make_validator(arguments.keep_map),
     Parameter(
         metavar="MAP", group=ROBOT, help="Map of the robot's filter, if it differs from MAP."
     ),
@@ -249,7 +249,7 @@ def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | 
     from locplan.advice import repair
     from locplan.maps.files import MapWarning, find_maps, read_map
     from locplan.maps.map_faults import find_mask_faults
-    from locplan.simulation.worlds import check_filter_map, check_of_one_map
+    from locplan.simulation.worlds import check_filter_map, check_single_map
 
     map_files = find_maps(*maps)
     for map_file in map_files:
@@ -260,11 +260,11 @@ def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | 
     grids = [locplan.load_map(map_file) for map_file in map_files]
     filter_maps = [locplan.load_map(file)] if file else grids
     for grid in filter_maps:
-        if offer := repair.offer(grid):
+        if offer := repair.format_solid_wall_warning(grid):
             warnings.warn(MapWarning(offer), stacklevel=2)
     if file is None:
         return None
-    check_of_one_map(filter_maps[0], grids)
+    check_single_map(filter_maps[0], grids)
     return check_filter_map(filter_maps[0], grids[0])
 
 
@@ -292,7 +292,7 @@ def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
             read = files.read_recording
             return read(file, needs_poses=needs_poses, progress=progress)
     except LocplanError as error:
-        text = options_as_typed(str(error), "recording")
+        text = translate_options(str(error), "recording")
         if text == str(error):
             raise
         remedy = f"read it with locplan recording {file} first, and its options"
@@ -302,18 +302,18 @@ def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
 def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording:
     """Return a recording with its ground truth on a map; a LocplanError unless the map fits."""
     from locplan.recordings.map_fit import check_place, fit_to_map
-    from locplan.recordings.smoothing import referenced
+    from locplan.recordings.smoothing import with_ground_truth
 
     recording = read_recording(file)
     with working("comparing the scans with the map"):
         check_place(recording, grid)
     with progress_bar("smoothing", "") as progress:
-        recording = referenced(recording, grid, progress=progress)
+        recording = with_ground_truth(recording, grid, progress=progress)
     with working("comparing the scans with the map"):
         fit = fit_to_map(recording, grid)
     if not fit.fits:
         x, y, turn = fit.move
-        align = f" --align {x:.3f},{y:.3f},{math.degrees(turn):.2f}" if fit.shifted else ""
+        align = f" --align {x:.3f},{y:.3f},{math.degrees(turn):.2f}" if fit.is_shifted else ""
         raise LocplanError(
             f"{map_file}: {fit.sentence.rstrip('.')}; find the ground truth with locplan recording"
             f"{align}"
@@ -330,12 +330,12 @@ Seed = Annotated[
         help="Seed of all random numbers.",
         validator=Number(gte=0, lte=2**63 - 1),
     ),
-    WHOLE,
+    INTEGER,
 ]
 Threads = Annotated[
     int | None,
     Parameter(group=COMPUTATION, help="Number of threads.", show_default="all cores"),
-    check_with(check_threads),
+    make_validator(check_threads),
 ]
 
 
@@ -491,13 +491,13 @@ def with_range(config: FieldConfig, reach: float) -> FieldConfig:
 Weight = Annotated[
     float | None,
     Parameter(metavar="METRES"),
-    check_with(lambda weight: locplan.planning.layers.check_weight(weight)),
+    make_validator(lambda weight: locplan.planning.layers.check_weight(weight)),
 ]
 
 
 @Parameter(name="*", group=OUTPUT)
 @dataclass(frozen=True, kw_only=True)
-class Output:
+class OutputOptions:
     """The output of a command."""
 
     output: Annotated[Path | None, Parameter(name=("--output", "-o"), metavar="PATH")] = None
@@ -507,10 +507,10 @@ class Output:
     json: Switch = False
     """Print the result as JSON."""
 
-    def check(self, files: Results, *more: str) -> None:
+    def check(self, files: Results, *further_names: str) -> None:
         """Raise a LocplanError if the folder cannot take the files; called before long work."""
         if self.output:
-            files.into(self.output, *more, force=self.force)
+            files.into(self.output, *further_names, force=self.force)
 
     def finish(
         self, result: Any, *details: Any, saved_details: tuple[Any, ...] | None = None

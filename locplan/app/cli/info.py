@@ -11,7 +11,7 @@ from locplan._support.output import Output as Target
 from locplan._support.progress import progress_bar, working
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import MapFile, Switch
-from locplan.app.cli.groups import Output, RobotOptions
+from locplan.app.cli.groups import OutputOptions, RobotOptions
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def info(
     lidars: Switch = False,
     settings: Switch = False,
     robot: RobotOptions = RobotOptions(),
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Describe a map: size, faults, rooms, and places for start and goal.
 
@@ -92,12 +92,12 @@ def info(
     output.show(values, "\n".join(lines), output.output)
 
 
-def _format_settings(listed: Table) -> str:
+def _format_settings(settings_table: Table) -> str:
     """Return the robot's settings for people: name, unit and value."""
     from locplan._support.tables import format_table
 
     rows = [
-        (f"{name} [{unit}]" if unit else name, value) for _, name, unit, value, _ in listed.rows
+        (f"{name} [{unit}]" if unit else name, value) for _, name, unit, value, _ in settings_table.rows
     ]
     return f"{format_table(['setting', 'value'], rows)}\n--json shows the meaning of each setting."
 
@@ -129,7 +129,7 @@ def _format_names(names: dict[str, list[str]]) -> str:
     )
 
 
-def _target(map_file: Path, output: Output) -> Target | None:
+def _target(map_file: Path, output: OutputOptions) -> Target | None:
     """Return the file of a picture, or the folder for a built-in map's files; None for none."""
     from locplan.maps.environments import is_built_in
 

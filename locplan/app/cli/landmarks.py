@@ -14,12 +14,12 @@ from locplan.app.cli.arguments import (
     MapFile,
     PathFiles,
     Position,
-    Whole,
+    Integer,
     check_ends,
     read_paths,
     show_default,
 )
-from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads, load_zones
+from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Threads, load_zones
 from locplan.errors import ConfigError
 
 
@@ -29,7 +29,7 @@ def _default_drives() -> int:
     return DRIVES
 
 
-DriveCount = Annotated[Whole | None, show_default(_default_drives)]
+DriveCount = Annotated[Integer | None, show_default(_default_drives)]
 
 
 @command(
@@ -45,13 +45,13 @@ def landmarks(
     path: PathFiles = (),
     places: InputFile = None,
     object: Annotated[str, Parameter(metavar="KIND:SIZE")] = "pole:0.2",
-    count: Whole = 6,
+    count: Integer = 6,
     zones: InputFile = None,
     drives: DriveCount = None,
     robot: RobotOptions = RobotOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Propose places for poles or boxes that keep the robot from getting lost.
 
@@ -78,7 +78,7 @@ def landmarks(
     drives
         Number of drives that verify them, 0 for none.
     """
-    from locplan.advice.landmark_objects import parsed_object
+    from locplan.advice.landmark_objects import parse_object
     from locplan.advice.landmarks import DRIVES, Landmarks, verify_landmarks
     from locplan.planning.queries import read_stations
     from locplan.simulation.drives import check_drives
@@ -90,7 +90,7 @@ def landmarks(
     if places:
         stations = read_stations(places)
         places_by_name = {station.name: (station.x, station.y) for station in stations}
-    kind = parsed_object(object)
+    kind = parse_object(object)
     drives = DRIVES if drives is None else drives
     check_drives(drives, or_none=True)
     simulated, grid = robot.load_simulated(), locplan.load_map(map_file)

@@ -10,8 +10,8 @@ from cyclopts.validators import Number
 import locplan
 from locplan._support.progress import progress_bar, working
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import WHOLE, Count, InputFile, MapFile, refuse, show_default
-from locplan.app.cli.groups import Output, RecordingFile, Threads, read_recording
+from locplan.app.cli.arguments import INTEGER, Count, InputFile, MapFile, refuse, show_default
+from locplan.app.cli.groups import OutputOptions, RecordingFile, Threads, read_recording
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -43,14 +43,14 @@ def locate(
     /,
     *,
     recording: RecordingFile = None,
-    scan: Annotated[int | None, WHOLE, Parameter(validator=Number(gte=0))] = None,
+    scan: Annotated[int | None, INTEGER, Parameter(validator=Number(gte=0))] = None,
     at: Annotated[float | None, Parameter(metavar="SECONDS")] = None,
     every: Count | None = None,
     near_path: InputFile = None,
     within: Within = None,
     count: PlaceCount = None,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Find where on the map scans were taken, without their recorded poses.
 
@@ -108,7 +108,7 @@ def locate(
 
 
 def _select_scans(
-    recording: Recording, scan: int | None, seconds: float | None, every: int
+    recording: Recording, scan: int | None, seconds: float | None, scan_step: int
 ) -> Recording:
     """Return the recording of one scan, or of every n-th one."""
     if seconds is not None:
@@ -121,7 +121,7 @@ def _select_scans(
             )
         scan = int(abs(after - seconds).argmin())
     if scan is None:
-        return recording.every(every)
+        return recording.subsample(scan_step)
     if scan >= len(recording):
         raise ConfigError(
             f"--scan must be below the recording's {len(recording)} scans, not {scan}"

@@ -20,7 +20,7 @@ from locplan.app.cli.arguments import (
     Pose,
     Poses,
     Switch,
-    Whole,
+    Integer,
     parse_planners,
     read_paths,
     refuse,
@@ -30,7 +30,7 @@ from locplan.app.cli.groups import (
     SEED,
     FieldOptions,
     FilterMapFile,
-    Output,
+    OutputOptions,
     RobotOptions,
     Seed,
     Threads,
@@ -62,7 +62,7 @@ def _settings() -> type[ChoiceSettings]:
 
 
 MaxLength = Annotated[float | None, show_default(lambda: _settings().longest)]
-DriveCount = Annotated[Whole | None, show_default(lambda: _settings().drives)]
+DriveCount = Annotated[Integer | None, show_default(lambda: _settings().drives)]
 Minimised = Annotated[
     Error | None, Parameter(show_choices=False), show_default(lambda: _settings().minimise)
 ]
@@ -97,7 +97,7 @@ def plan(
     field: FieldOptions = FieldOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Recommend a path along which the robot can localize.
 
@@ -164,7 +164,7 @@ def plan(
             file=sys.stderr,
         )
     candidates: dict[str, locplan.Path | Planner] = {**read_paths(path)}
-    for name, candidate in _planners(planner, seed, via, max_e, budget).items():
+    for name, candidate in _parse_planners(planner, seed, via, max_e, budget).items():
         if name in candidates:
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
         candidates[name] = candidate
@@ -199,11 +199,11 @@ def plan(
     if output.json:
         return
     print_zones(zones, polygons)
-    if step := _next_step(choice, str(map_file), output):
+    if step := _suggest_next_step(choice, str(map_file), output):
         print(f"\nNext: {step[0]}", *step[1:], sep="\n  ")
 
 
-def _planners(
+def _parse_planners(
     texts: tuple[str, ...], seed: int, via: Any, max_e: float | None, budget: float | None
 ) -> dict[str, Planner]:
     """Return planners by their labels, if they keep the limits that are set.
@@ -223,9 +223,9 @@ def _planners(
     return planners
 
 
-def _next_step(choice: locplan.Choice, map_file: str, output: Output) -> tuple[str, ...]:
+def _suggest_next_step(choice: locplan.Choice, map_file: str, output: OutputOptions) -> tuple[str, ...]:
     """Return what to do next, and the commands for it; empty if there is nothing to do."""
-    words, map_word, recommended = typed_words(), format_argument(map_file), choice.chosen
+    words, map_word, recommended = typed_words(), format_argument(map_file), choice.recommended_candidate
     robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
     if recommended is None:
         info_command = shlex.join(["locplan", "info", map_word])
@@ -240,7 +240,7 @@ def _next_step(choice: locplan.Choice, map_file: str, output: Output) -> tuple[s
         return "tune the filter, then plan with its settings:", tune, plan_again
     statistics, arrivals = recommended.driven, recommended.arrivals
     is_lost = statistics is not None and statistics.lost_rate.value >= HALF
-    if is_lost or (arrivals is not None and arrivals.arrived.value <= HALF):
+    if is_lost or (arrivals is not None and arrivals.arrival_rate.value <= HALF):
         check = shlex.join(["locplan", "check", map_word, *robot_words])
         return "find why the robot fails, and what helps most:", check
     if choice.is_undecided:
@@ -266,7 +266,7 @@ def _find_front(
     robot: RobotOptions,
     field: FieldOptions,
     threads: int | None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Compute the Pareto front of length and degeneracy, and show where it bends."""
     from locplan.field.summary import describe_field

@@ -17,17 +17,17 @@ from locplan.app.cli.arguments import (
     Limits,
     Pose,
     Shift,
-    check_with,
+    make_validator,
     keep_map,
     refuse,
 )
-from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads
+from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Threads
 from locplan.errors import ConfigError
 
 Topic = Annotated[str | None, Parameter(metavar="TOPIC")]
 Frame = Annotated[str | None, Parameter(metavar="FRAME")]
 DriveFile = Annotated[Path, Parameter("FILE"), INPUT]
-OptionalMap = Annotated[Path | None, Parameter("MAP"), check_with(keep_map)]
+OptionalMap = Annotated[Path | None, Parameter("MAP"), make_validator(keep_map)]
 
 
 @command(
@@ -53,7 +53,7 @@ def recording(
     robot: RobotOptions = RobotOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Read a recorded drive once: topics, faults, noise, and on a map the ground truth.
 
@@ -115,7 +115,7 @@ def recording(
             progress=progress,
         )
     if align:
-        drive = drive.moved(*align)
+        drive = drive.move(*align)
     grid = locplan.load_map(map_file) if map_file else None
     with progress_bar("finding the ground truth" if grid else "comparing scans", "") as progress:
         report = study_recording(

@@ -8,7 +8,7 @@ import locplan
 from locplan._support.progress import progress_bar
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import Count, MapFile, PairCount, show_default
-from locplan.app.cli.groups import SEED, Output, RobotOptions, Seed, Threads
+from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Threads
 
 
 def _default_paths() -> int:
@@ -37,7 +37,7 @@ def repair(
     robot: RobotOptions = RobotOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Repair a map for the robot's filter, and simulate drives that show the gain.
 

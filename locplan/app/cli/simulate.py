@@ -23,7 +23,7 @@ from locplan.app.cli.groups import (
     SEED,
     FieldOptions,
     FilterMapFile,
-    Output,
+    OutputOptions,
     RecordingFile,
     RobotOptions,
     Seed,
@@ -77,7 +77,7 @@ def simulate(
     field: FieldOptions = FieldOptions(),
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Simulate drives with the robot's filter: its error, and how often it gets lost.
 
@@ -211,7 +211,7 @@ def _replay(
     filter_map: Path | None,
     seed: int,
     threads: int | None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Replay the filter on a recording."""
     from locplan.recordings.replays import REPLAY_RUNS, Replay, replay

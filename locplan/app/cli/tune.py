@@ -10,11 +10,11 @@ from cyclopts.validators import Number
 import locplan
 from locplan._support.progress import progress_bar
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import WHOLE, MapFiles, PairCount, refuse, show_default
+from locplan.app.cli.arguments import INTEGER, MapFiles, PairCount, refuse, show_default
 from locplan.app.cli.groups import (
     SEED,
     FilterMapFile,
-    Output,
+    OutputOptions,
     RecordingFiles,
     RobotOptions,
     Seed,
@@ -40,7 +40,7 @@ def _default_drives() -> str:
 
 PathCount = Annotated[
     int | None,
-    WHOLE,
+    INTEGER,
     Parameter(validator=Number(gte=5, lte=1000)),
     show_default(_default_paths),
 ]
@@ -62,7 +62,7 @@ def tune(
     filter_map: FilterMapFile = None,
     seed: Seed = SEED,
     threads: Threads = None,
-    output: Output = Output(),
+    output: OutputOptions = OutputOptions(),
 ) -> None:
     """Find AMCL settings that localize the robot better, and write them for Nav2.
 
@@ -100,7 +100,7 @@ def tune(
                 paths=paths or tuning.PATHS,
                 drives=drives or tuning.DRIVES,
                 filter_map=load_filter_map(filter_map, maps),
-                others=further_parameters,
+                further_parameters=further_parameters,
                 seed=seed,
                 threads=threads,
                 progress=progress,
@@ -127,7 +127,7 @@ def tune(
                 robot.load_recorded(recordings[0]),
                 drives=drives or RUNS,
                 filter_map=load_filter_map(filter_map, maps),
-                others=further_parameters,
+                further_parameters=further_parameters,
                 seed=seed,
                 threads=threads,
                 progress=progress,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 
-from locplan.app.cli.application import COMMANDS, application
+from locplan.app.cli.application import COMMANDS, make_application
 
 KEYWORD = re.compile(
     r"(?<!in Python )(?<![\w:.\-/'\"=,<{])([a-z]+(?:_[a-z]+)*)"
@@ -14,7 +14,7 @@ KEYWORD = re.compile(
 """A keyword of Python, with the value behind it if there is one."""
 
 
-def options_as_typed(text: str, command: str = "") -> str:
+def translate_options(text: str, command: str = "") -> str:
     """Return a message with options of a command in place of Python's keywords.
 
     Of a word without a value only one with an underscore is taken for a keyword.
@@ -29,9 +29,9 @@ def options_as_typed(text: str, command: str = "") -> str:
     # The options of a planner are typed with --planner, and as in Python.
     if text.startswith("planner '") or not re.search(r"[a-z]=|[a-z]_[a-z]", text):
         return text
-    metavars = _options(command)
+    metavars = _list_options(command)
 
-    def typed(match: re.Match[str]) -> str:
+    def replace_keyword(match: re.Match[str]) -> str:
         name, value = match.groups()
         if name not in metavars or (value is None and "_" not in name):
             return match.group()
@@ -42,15 +42,15 @@ def options_as_typed(text: str, command: str = "") -> str:
             value = metavars[name] or value[1:-1].replace(" ", "")
         return f"{flag} {value.strip(chr(39) + chr(34))}"
 
-    return KEYWORD.sub(typed, text)
+    return KEYWORD.sub(replace_keyword, text)
 
 
-def _options(command: str) -> dict[str, str]:
+def _list_options(command: str) -> dict[str, str]:
     """Return the names of a command's options in Python, and their metavars."""
     command = command or next((token for token in sys.argv[1:] if token in COMMANDS), "")
     if not command:
         return {}
-    arguments = application(command)[command].assemble_argument_collection()
+    arguments = make_application(command)[command].assemble_argument_collection()
     flags = {name: argument for argument in arguments for name in argument.names if name.startswith("--")}
     return {
         name.removeprefix("--").replace("-", "_"): str(argument.parameter.metavar or "")

@@ -84,7 +84,7 @@ def _read_points(field: CovarianceField) -> Compute:
 
 def describe_choice(choice: Choice) -> dict[str, Any]:
     """Return a recommendation as the page shows it."""
-    chosen, shortest = choice.chosen, choice.shortest
+    chosen, shortest = choice.recommended_candidate, choice.shortest
     assert chosen is not None
     assert shortest is not None
     headline, *others = choice.answer
@@ -113,7 +113,7 @@ def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
         "error_interval": [error.low, error.high],
         "lost": lost.value,
         "lost_interval": [lost.low, lost.high],
-        "is_recommended": candidate is choice.chosen,
+        "is_recommended": candidate is choice.recommended_candidate,
         "is_shortest": candidate is choice.shortest,
     }
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from locplan._support.checks import MAX_RANGE, check_number
 from locplan._support.kernels.arrays import Octets
-from locplan.advice.landmark_objects import Pole, Shape, cells_under
+from locplan.advice.landmark_objects import Pole, Shape, find_covered_cells
 from locplan.errors import ConfigError
 from locplan.field.config import SHORT_LIDAR, FieldConfig, equip_robot
 from locplan.maps.grid import OccupancyGrid
@@ -84,7 +84,7 @@ class Site:
                 config, robot = _with_lidar(config, robot, change["lidar"], change["range"])
             elif change["kind"] == "pole":
                 pose = np.array([*change["points"][0], 0.0])
-                cells[cells_under(self.grid, Pole(change["width"]), pose)] = OCCUPIED
+                cells[find_covered_cells(self.grid, Pole(change["width"]), pose)] = OCCUPIED
             elif change["kind"] != "zone":
                 level = OCCUPIED if change["kind"] == "wall" else FREE
                 _draw_line(cells, self.grid, change["points"], change["width"], level)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from locplan._support.kernels.arrays import Bools
-from locplan.advice.weak_spots import CLEAR, ROUND, WeakSpot, is_within, weak_spots
+from locplan.advice.weak_spots import CLEAR, ROUND, WeakSpot, are_inside, find_weak_spots
 from locplan.planning.costmap import Costmap
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class NamedSpot:
 
     def contains(self, xy: tuple[float, float]) -> bool:
         """Return whether a position lies in the spot [m]."""
-        within: Bools = is_within(self.spot, np.array([xy]))
+        within: Bools = are_inside(self.spot, np.array([xy]))
         return bool(within[0])
 
 
@@ -95,7 +95,7 @@ def name_weak_spots(scene: Scene, report: CheckReport | None = None) -> list[Nam
     costs = scene.costs
     if costs.zones:  # weak spots do not depend on zones
         costs = Costmap.from_field(costs.grid, scene.field, robot=costs.robot_radius)
-    spots: Sequence[WeakSpot] = weak_spots(costs, scene.field, reach, {})
+    spots: Sequence[WeakSpot] = find_weak_spots(costs, scene.field, reach, {})
     if report is not None:
         spots = [_with_outline(facts, spots) for facts in report.facts["weak_spots"]]
     else:
@@ -115,5 +115,5 @@ def _with_outline(facts: dict[str, Any], spots: Sequence[WeakSpot]) -> WeakSpot:
     spot, here = WeakSpot(**values), np.array([[facts["x"], facts["y"]]])
     if spot.missing == CLEAR:
         return spot
-    around = next((other for other in spots if is_within(other, here)[0]), spot)
+    around = next((other for other in spots if are_inside(other, here)[0]), spot)
     return dataclasses.replace(spot, outline=around.outline, holes=around.holes)

@@ -13,7 +13,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats
 from locplan._support.kernels.particles import BeamScores
-from locplan.recordings.kernels.trajectory import error_of
+from locplan.recordings.kernels.trajectory import write_motion_error
 
 BY_SCAN = 15.0
 """Number of independent beams by which it is told whether the map explains a scan."""
@@ -30,7 +30,7 @@ class Beams(NamedTuple):
     floor: float  # log-likelihood of a beam of a scan that the map does not explain
 
 
-class Drive(NamedTuple):
+class DriveScans(NamedTuple):
     """Scans one after the other, and what odometry says of the ways between them."""
 
     ends: Floats  # (n, b, 2) ends of beams on the robot [m]; NaN without a return
@@ -43,12 +43,12 @@ class Equations(NamedTuple):
     """Normal equations of n poses, which are block-tridiagonal."""
 
     diagonal: Floats  # (n, 3, 3)
-    beside: Floats  # (n, 3, 3) from each pose to the one before
+    off_diagonal: Floats  # (n, 3, 3) from each pose to the one before
     vector: Floats  # (n, 3) gradient
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def fit_of(
+def evaluate_fit(
     field: BeamScores, beams: Beams, ends: Floats, pose: Array, matrix: Floats, vector: Floats
 ) -> float:
     """Mean log-likelihood of a scan's ends (b, 2) [m] at a pose, 0 at best; NaN without returns.
@@ -99,16 +99,16 @@ def fit_of(
 
 
 @njit(nogil=True, cache=True)
-def fits_along(field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fits: Floats) -> None:
+def evaluate_fits(field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fits: Floats) -> None:
     """Write the mean log-likelihoods of n scans at poses (c, n, 3) into `fits` (c, n)."""
     matrix, vector = np.empty((3, 3)), np.empty(3)
     for c in range(len(poses)):
         for n in range(len(ends)):
-            fits[c, n] = fit_of(field, beams, ends[n], poses[c, n], matrix, vector)
+            fits[c, n] = evaluate_fit(field, beams, ends[n], poses[c, n], matrix, vector)
 
 
 @njit(nogil=True, cache=True)
-def _inverse(matrix: Floats) -> Array:
+def _invert_symmetric(matrix: Floats) -> Array:
     """Inverse of a symmetric positive matrix (3, 3), by cofactors."""
     cofactors = np.empty((3, 3))
     for p in range(3):
@@ -133,7 +133,7 @@ def _odometry_terms(
     before[:], after[:], sides[:] = 0.0, 0.0, 0.0
     if not np.isfinite(deviation[0]):
         return 0.0
-    error_of(first, second, move, sides)
+    write_motion_error(first, second, move, sides)
     cos, sin = np.cos(first[2]), np.sin(first[2])
     after[0, 0], after[0, 1], after[1, 0], after[1, 1], after[2, 2] = cos, sin, -sin, cos, 1.0
     before[0, 2], before[1, 2] = sides[1] + move[1], -sides[0] - move[0]
@@ -150,8 +150,8 @@ def _odometry_terms(
 
 
 @njit(nogil=True, cache=True)
-def normal_equations(
-    field: BeamScores, beams: Beams, drive: Drive, poses: Floats, equations: Equations
+def write_normal_equations(
+    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, equations: Equations
 ) -> float:
     """Loss of a trajectory (n, 3); its normal equations are written into `equations`."""
     diagonal, off_diagonal, vector = equations
@@ -159,7 +159,7 @@ def normal_equations(
     diagonal[:], off_diagonal[:], vector[:] = 0.0, 0.0, 0.0
     loss = 0.0
     for n in range(len(poses)):
-        fit = fit_of(field, beams, drive.ends[n], poses[n], matrix, sides)
+        fit = evaluate_fit(field, beams, drive.ends[n], poses[n], matrix, sides)
         if not np.isnan(fit):
             # A scan that the map does not explain counts less: a mixture by scan.
             explained, not_so = np.exp(BY_SCAN * fit), np.exp(BY_SCAN * beams.floor)
@@ -196,7 +196,7 @@ def solve_blocks(equations: Equations, damping: float, step: Floats) -> None:
             led = off_diagonal[n] @ inverses[n - 1]
             block -= led @ off_diagonal[n].T
             side -= led @ sides[n - 1]
-        inverses[n], sides[n] = _inverse(block), side
+        inverses[n], sides[n] = _invert_symmetric(block), side
     for n in range(count - 1, -1, -1):
         side = sides[n]
         if n < count - 1:
@@ -206,20 +206,20 @@ def solve_blocks(equations: Equations, damping: float, step: Floats) -> None:
 
 @njit(nogil=True, cache=True)
 def refine_poses(
-    field: BeamScores, beams: Beams, drive: Drive, poses: Floats, rounds: int
+    field: BeamScores, beams: Beams, drive: DriveScans, poses: Floats, rounds: int
 ) -> float:
     """Move a trajectory (n, 3) to less loss by Levenberg and Marquardt's steps; return the loss."""
     count = len(poses)
     blocks = np.empty((2, count, 3, 3))
     equations, damping = Equations(blocks[0], blocks[1], np.empty((count, 3))), 1e-3
     trial_poses, step = poses.copy(), np.empty((count, 3))
-    loss = normal_equations(field, beams, drive, poses, equations)
+    loss = write_normal_equations(field, beams, drive, poses, equations)
     for _ in range(rounds):
         solve_blocks(equations, damping, step)
         for n in range(count):
             for axis in range(3):
                 trial_poses[n, axis] = poses[n, axis] + min(max(step[n, axis], -0.5), 0.5)
-        after = normal_equations(field, beams, drive, trial_poses, equations)
+        after = write_normal_equations(field, beams, drive, trial_poses, equations)
         if after <= loss:
             gain, loss, damping = loss - after, after, max(damping / 10, 1e-9)
             poses[:] = trial_poses
@@ -227,12 +227,12 @@ def refine_poses(
                 break
         else:
             damping *= 10
-            normal_equations(field, beams, drive, poses, equations)
+            write_normal_equations(field, beams, drive, poses, equations)
     return loss
 
 
 @njit(nogil=True, cache=True)
-def covariances_of(equations: Equations, own: Floats, across: Floats) -> None:
+def write_covariances(equations: Equations, covariances: Floats, across: Floats) -> None:
     """Write the covariances of poses, (n, 3, 3), and those with the pose before, from equations."""
     diagonal, off_diagonal, _ = equations
     count = len(diagonal)
@@ -241,10 +241,10 @@ def covariances_of(equations: Equations, own: Floats, across: Floats) -> None:
         block = diagonal[n] + 1e-9 * np.eye(3)
         if n:
             block -= off_diagonal[n] @ inverses[n - 1] @ off_diagonal[n].T
-        inverses[n] = _inverse(block)
+        inverses[n] = _invert_symmetric(block)
     for n in range(count - 1, -1, -1):
-        own[n], across[n] = inverses[n], 0.0
+        covariances[n], across[n] = inverses[n], 0.0
         if n < count - 1:
             led = inverses[n] @ off_diagonal[n + 1].T
-            across[n + 1] = -own[n + 1] @ led.T
-            own[n] += led @ own[n + 1] @ led.T
+            across[n + 1] = -covariances[n + 1] @ led.T
+            covariances[n] += led @ covariances[n + 1] @ led.T

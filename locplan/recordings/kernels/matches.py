@@ -83,33 +83,33 @@ TURNS = 96
 
 
 @njit(nogil=True, cache=True)
-def sift_down(scores: Shorts, where: Ints, at: int) -> None:
+def sift_down(scores: Shorts, pairs: Ints, at: int) -> None:
     """Restore the heap, the greatest (score, place) first, below an entry that has shrunk."""
     while True:
         child = 2 * at + 1
         if child >= scores.size:
             return
         sibling = child + 1
-        if sibling < scores.size and (scores[sibling], where[sibling]) > (scores[child], where[child]):
+        if sibling < scores.size and (scores[sibling], pairs[sibling]) > (scores[child], pairs[child]):
             child = sibling
-        if (scores[child], where[child]) <= (scores[at], where[at]):
+        if (scores[child], pairs[child]) <= (scores[at], pairs[at]):
             return
         scores[child], scores[at] = scores[at], scores[child]
-        where[child], where[at] = where[at], where[child]
+        pairs[child], pairs[at] = pairs[at], pairs[child]
         at = child
 
 
 @njit(nogil=True, cache=True)
 def score_block(
-    codes: Octets, first: int, beams: Ints, scan: Octets, most: int, limit: int, scores: Shorts
+    codes: Octets, first: int, beams: Ints, scan: Octets, max_gap: int, limit: int, scores: Shorts
 ) -> None:
     """Write the scores of sixty-four places at all turns into `scores`, (TURNS x 64,).
 
     The scores of turns at which none of the places is below `limit` may be less than they are, but
     not below it.
     """
-    stretch = MAX_OCTET // most
-    cap, bound = np.uint8(most), np.uint16(limit)
+    stretch = MAX_OCTET // max_gap
+    cap, bound = np.uint8(max_gap), np.uint16(limit)
     scores[:] = 0
     for turn in range(0, TURNS, 4):  # so many turns are compared at once
         begin = 0
@@ -137,7 +137,7 @@ def score_block(
 
 @njit(nogil=True, cache=True)
 def shortlist(
-    codes: Octets, places: int, beams: Ints, scan: Octets, most: int, keep: int
+    codes: Octets, places: int, beams: Ints, scan: Octets, max_gap: int, keep: int
 ) -> tuple[Array, Array]:
     """Find the `keep` best pairs of a place and a turn that is better than the turns next to it.
 
@@ -152,7 +152,7 @@ def shortlist(
         Numbers of the scan's beams that count.
     scan : (k,) array of uint8
         Codes of their ranges.
-    most : int
+    max_gap : int
         Gap at which a beam costs no more [codes].
     keep : int
         Number of pairs.
@@ -169,7 +169,7 @@ def shortlist(
     scores = np.empty(TURNS * OCTETS, np.uint16)
     for block in range(-(-places // OCTETS)):
         first = block * 2 * TURNS * OCTETS
-        score_block(codes, first, beams, scan, most, int(best[0]), scores)
+        score_block(codes, first, beams, scan, max_gap, int(best[0]), scores)
         for turn in range(TURNS):
             row = turn * OCTETS
             before, after = (turn - 1) % TURNS * OCTETS, (turn + 1) % TURNS * OCTETS
@@ -189,7 +189,7 @@ def shortlist(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def ranges_from(
+def cast_ranges(
     squares: Octets, resolution: float, poses: Floats, lidar: LidarBeams, ranges: Floats
 ) -> None:
     """Write the ranges of scans at poses (row, col, heading) into `ranges`, (n, beam) [m].

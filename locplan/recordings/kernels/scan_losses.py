@@ -70,7 +70,7 @@ def fits(tables: LossTables, x: float, y: float) -> bool:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def refine(tables: LossTables, level: int, ends: Singles, lever: float, pose: Floats) -> float:
+def refine_pose(tables: LossTables, level: int, ends: Singles, lever: float, pose: Floats) -> float:
     """Move a pose, x, y [cells] and heading [rad], to where no step lowers the loss; return it.
 
     Steps along the axes and turns that move an end `lever` cells away as far are tried in turn,
@@ -98,7 +98,7 @@ def refine(tables: LossTables, level: int, ends: Singles, lever: float, pose: Fl
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def polish(tables: LossTables, ends: Singles, lever: float, pose: Floats) -> float:
+def polish_pose(tables: LossTables, ends: Singles, lever: float, pose: Floats) -> float:
     """Move a pose to where no step in any of 26 directions lowers the loss; return the loss.
 
     Steps along one axis alone stop where a turn would have to go with a move. The steps are those
@@ -126,22 +126,22 @@ def polish(tables: LossTables, ends: Singles, lever: float, pose: Floats) -> flo
 
 
 @njit(nogil=True, cache=True)
-def are_alike(a: Floats, b: Floats, apart: float, turned: float) -> bool:
-    """Whether two poses are nearer than `apart` [cells] and `turned` [rad] to each other."""
+def are_alike(a: Floats, b: Floats, max_distance: float, max_turn: float) -> bool:
+    """Whether two poses are nearer than `max_distance` [cells] and `max_turn` [rad] to each other."""
     across, along = a[0] - b[0], a[1] - b[1]
-    if across * across + along * along >= apart * apart:
+    if across * across + along * along >= max_distance * max_distance:
         return False
-    return abs((a[2] - b[2] + np.pi) % (2 * np.pi) - np.pi) < turned
+    return abs((a[2] - b[2] + np.pi) % (2 * np.pi) - np.pi) < max_turn
 
 
 @njit(nogil=True, cache=True)
-def unlike(poses: Floats, order: Ints, apart: float, turned: float) -> Array:
+def find_distinct_poses(poses: Floats, order: Ints, max_distance: float, max_turn: float) -> Array:
     """Indices, in order, of the poses that are like none of those before that are kept."""
     distinct = np.empty(order.size, np.int64)
     count = 0
     for n in order:
         for k in range(count):
-            if are_alike(poses[n], poses[distinct[k]], apart, turned):
+            if are_alike(poses[n], poses[distinct[k]], max_distance, max_turn):
                 break
         else:
             distinct[count] = n
@@ -150,23 +150,23 @@ def unlike(poses: Floats, order: Ints, apart: float, turned: float) -> Array:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def modes(
+def find_modes(
     tables: LossTables,
     ends: Singles,
     starts: Floats,
     lever: float,
-    enough: float,
+    max_excess: float,
     slack: float,
     home: Floats,
-    away: float,
-    apart: float,
-    turned: float,
+    far_distance: float,
+    max_distance: float,
+    max_turn: float,
 ) -> tuple[Array, Array]:
     """Poses of least loss that are found from starts, the best first, (n, 3), and losses (n,).
 
     But for the last deviation, every second beam is compared. A start is given up when its loss
     with a wider deviation, which is hardly greater than that with a narrower one, is above the
-    least loss that was found by more than `enough`, and above the least loss away from home.
+    least loss that was found by more than `max_excess`, and above the least loss away from home.
 
     Parameters
     ----------
@@ -174,15 +174,15 @@ def modes(
         See `refine`.
     starts : (k, 3) array
         Poses to begin from.
-    enough : float
+    max_excess : float
         Excess over the least loss up to which all modes are found [steps].
     slack : float
         By how much the first refinement lowers a loss at most [steps].
     home : (2,) array
         Position, x and y [cells]; NaN where there is none.
-    away : float
+    far_distance : float
         Distance from home from which on the best mode is found whatever its loss [cells].
-    apart, turned : float
+    max_distance, max_turn : float
         Distance [cells] and angle [rad] below which two modes are one.
     """
     count, last = len(starts), len(tables.corners) - 1
@@ -192,17 +192,17 @@ def modes(
     for n in range(count):
         if fits(tables, poses[n, 0], poses[n, 1]):
             losses[n] = factor * loss_at(tables, 0, sparse_ends, poses[n, 0], poses[n, 1], poses[n, 2])
-    place, candidates, order = (home[0], home[1], away), (poses, losses), _ascending(losses)
-    _refine_all(tables, 0, (sparse_ends, factor), lever, order, enough, slack, place, candidates)
+    place, candidates, order = (home[0], home[1], far_distance), (poses, losses), _ascending(losses)
+    _refine_all(tables, 0, (sparse_ends, factor), lever, order, max_excess, slack, place, candidates)
     for level in range(1, last + 1):
-        order = unlike(poses, _ascending(losses), apart / 2, turned / 2)
+        order = find_distinct_poses(poses, _ascending(losses), max_distance / 2, max_turn / 2)
         scaled = (sparse_ends, factor) if level < last else (ends, 1.0)
-        _refine_all(tables, level, scaled, lever, order, enough, 0.0, place, candidates)
-    distinct = unlike(poses, _ascending(losses), apart, turned)
+        _refine_all(tables, level, scaled, lever, order, max_excess, 0.0, place, candidates)
+    distinct = find_distinct_poses(poses, _ascending(losses), max_distance, max_turn)
     poses, losses = poses[distinct], losses[distinct]
     for n in range(len(distinct)):
-        if losses[n] <= losses[0] + enough:
-            losses[n] = polish(tables, ends, lever, poses[n])
+        if losses[n] <= losses[0] + max_excess:
+            losses[n] = polish_pose(tables, ends, lever, poses[n])
     order = np.argsort(losses, kind="mergesort")
     return poses[order], losses[order]
 
@@ -220,29 +220,29 @@ def _refine_all(
     scaled: tuple[Singles, float],
     lever: float,
     order: Ints,
-    enough: float,
+    max_excess: float,
     slack: float,
     home: tuple[float, float, float],
-    found: tuple[Floats, Floats],
+    candidates: tuple[Floats, Floats],
 ) -> None:
     """Refine poses in the order of their losses; those given up get infinite ones, see `modes`."""
-    (ends, factor), (poses, losses) = scaled, found
+    (ends, factor), (poses, losses) = scaled, candidates
     before = losses.copy()
     losses[:] = np.inf
     x, y, far_distance = home
     min_loss, min_far_loss = np.inf, 0.0 if np.isnan(x) else np.inf
     for n in order:
         # The rest of the order is worse: refined, too, it would neither be the best nor near it.
-        if before[n] > min_loss + enough + slack and before[n] > min_far_loss + slack:
+        if before[n] > min_loss + max_excess + slack and before[n] > min_far_loss + slack:
             break
-        losses[n] = factor * refine(tables, level, ends, lever, poses[n])
+        losses[n] = factor * refine_pose(tables, level, ends, lever, poses[n])
         min_loss = min(min_loss, losses[n])
         if np.hypot(poses[n, 0] - x, poses[n, 1] - y) > far_distance:
             min_far_loss = min(min_far_loss, losses[n])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def settle(
+def refine_on_lattice(
     tables: LossTables,
     ends: Singles,
     lever: float,
@@ -257,10 +257,10 @@ def settle(
     The lattice has so many steps [cells] to each side in x and y, and so many turns [rad]. That is
     repeated about the pose that was found, as long as the lattice has a lower loss, which is the
     loss at the least deviation. The robot fits at all positions but perhaps the first. For
-    `tables`, `ends` and `lever` see `refine`.
+    `tables`, `ends` and `lever` see `refine_pose`.
     """
     last = len(tables.corners) - 1
-    best = refine(tables, last, ends, lever, pose)
+    best = refine_pose(tables, last, ends, lever, pose)
     best_pose = np.empty(3)
     for _ in range(6):  # so often at most the pose moves to a better one of the lattice around it
         min_loss = best
@@ -278,5 +278,5 @@ def settle(
         if min_loss >= best:
             break
         pose[:] = best_pose
-        best = refine(tables, last, ends, lever, pose)
+        best = refine_pose(tables, last, ends, lever, pose)
     return best

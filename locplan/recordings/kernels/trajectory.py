@@ -51,7 +51,7 @@ ERRORS, SLIPS, SLIP_TURNS = _errors(), _slips(), _slip_turns()
 
 
 @njit(nogil=True, cache=True)
-def density_of(error: Array, deviation: Array, kidnapped: float) -> float:
+def compute_motion_density(error: Array, deviation: Array, kidnapped: float) -> float:
     """Density of a move that errs so, (3,): a body with a skirt, slips, and a robot carried away.
 
     `kidnapped` is the density of being put anywhere. The density is right to a thousandth.
@@ -64,30 +64,30 @@ def density_of(error: Array, deviation: Array, kidnapped: float) -> float:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _density(square: float, away: float, turn: float, size: float, kidnapped: float) -> float:
+def _density(square: float, squared_distance: float, turn: float, size: float, kidnapped: float) -> float:
     """Density of an error by its square in deviations, squared distance [m^2] and turn [rad].
 
     `size` is the product of the deviations.
     """
-    if away >= FARTHEST_SLIP**2:
+    if squared_distance >= FARTHEST_SLIP**2:
         return kidnapped
-    slip = _looked_up(SLIPS, away * PER_SQUARE_METRE) * _looked_up(
+    slip = _interpolate_table(SLIPS, squared_distance * PER_SQUARE_METRE) * _interpolate_table(
         SLIP_TURNS, abs(turn) * PER_RADIAN
     )
     if square >= MOST_SQUARE:
         return kidnapped + slip
-    return kidnapped + slip + _looked_up(ERRORS, square * PER_SQUARE) / size
+    return kidnapped + slip + _interpolate_table(ERRORS, square * PER_SQUARE) / size
 
 
 @njit(nogil=True, cache=True)
-def _looked_up(table: Floats, at: float) -> float:
+def _interpolate_table(table: Floats, at: float) -> float:
     """Value of a table between its entries."""
     n = int(at)
     return table[n] + (at - n) * (table[n + 1] - table[n])
 
 
 @njit(nogil=True, cache=True)
-def error_of(first: Array, second: Array, move: Floats, error: Floats) -> None:
+def write_motion_error(first: Array, second: Array, move: Floats, error: Floats) -> None:
     """Write the way between two poses (3,) minus a move into `error` (3,)."""
     dx, dy = second[0] - first[0], second[1] - first[1]
     cos, sin = np.cos(first[2]), np.sin(first[2])
@@ -97,7 +97,7 @@ def error_of(first: Array, second: Array, move: Floats, error: Floats) -> None:
 
 
 @njit(nogil=True, cache=True)
-def spread(random: Random, cloud: Singles, move: Floats, deviation: Floats, poses: Floats) -> None:
+def spread_particles(random: Random, cloud: Singles, move: Floats, deviation: Floats, poses: Floats) -> None:
     """Fill `poses` (3, m) with moved particles of a cloud (3, n), each taken equally often."""
     count, n_poses = cloud.shape[1], poses.shape[1]
     for n in range(n_poses):
@@ -119,7 +119,7 @@ def spread(random: Random, cloud: Singles, move: Floats, deviation: Floats, pose
 
 
 @njit(nogil=True, cache=True)
-def draw_evenly(random: Random, poses: Floats, weights: Floats, cloud: Singles) -> None:
+def resample_evenly(random: Random, poses: Floats, weights: Floats, cloud: Singles) -> None:
     """Fill a cloud (3, n) with particles drawn systematically by their weights."""
     total, count = weights.sum(), cloud.shape[1]
     step = total / count
@@ -182,7 +182,7 @@ def sample_backwards(
 
 
 @njit(nogil=True, cache=True)
-def best_way(
+def find_likeliest_way(
     candidates: Floats, gains: Floats, moves: Floats, deviations: Floats, kidnapped: float
 ) -> Ints:
     """Index of the candidate at each of k scans, (k,), of the likeliest way (Viterbi).
@@ -196,8 +196,8 @@ def best_way(
         for c in range(n_candidates):
             after[c], came[k, c] = -np.inf, 0
             for b in range(n_candidates):
-                error_of(candidates[b, k - 1], candidates[c, k], moves[k], error)
-                total = best[b] + np.log(density_of(error, deviations[k], kidnapped))
+                write_motion_error(candidates[b, k - 1], candidates[c, k], moves[k], error)
+                total = best[b] + np.log(compute_motion_density(error, deviations[k], kidnapped))
                 if total > after[c]:
                     after[c], came[k, c] = total, b
         for c in range(n_candidates):

@@ -32,7 +32,7 @@ class Surroundings(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def gap_at(squares: Octets, row: float, col: float, reach: float) -> float:
+def measure_gap(squares: Octets, row: float, col: float, reach: float) -> float:
     """Distance to the nearest wall's edge, up to `reach` [cells]; below 0 off the map."""
     i, j = int(np.floor(row)), int(np.floor(col))
     rows, cols = squares.shape[1] - 2, squares.shape[2] - 2
@@ -51,15 +51,15 @@ def gap_at(squares: Octets, row: float, col: float, reach: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def margin_at(
-    surroundings: Surroundings, body: Body, x: float, y: float, heading: float, enough: float
+def measure_margin(
+    surroundings: Surroundings, body: Body, x: float, y: float, heading: float, max_margin: float
 ) -> float:
-    """Distance of an outline from the walls, up to `enough` [m]; below 0 it is in one."""
+    """Distance of an outline from the walls, up to `max_margin` [m]; below 0 it is in one."""
     cos, sin, cell = np.cos(heading), np.sin(heading), surroundings.resolution
-    margin = enough
+    margin = max_margin
     for n in range(len(body.discs)):
         ahead, left, radius = body.discs[n]
         row, col = (y + sin * ahead + cos * left) / cell, (x + cos * ahead - sin * left) / cell
         reach = max(radius + margin, 0.0) / cell
-        margin = min(margin, gap_at(surroundings.squares, row, col, reach) * cell - radius)
+        margin = min(margin, measure_gap(surroundings.squares, row, col, reach) * cell - radius)
     return margin

@@ -20,23 +20,23 @@ from locplan._support.kernels.arrays import Floats, Ints, Random
 from locplan._support.kernels.drives import OdometryErrors, FilterState, advance, correct, estimate_pose, is_due
 from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
 from locplan._support.kernels.particles import BeamScores, FilterSettings
-from locplan.simulation.kernels.bodies import Body, Surroundings, gap_at, margin_at
+from locplan.simulation.kernels.bodies import Body, Surroundings, measure_gap, measure_margin
 from locplan.simulation.kernels.pursuit import (
     AT,
     BLOCKED,
     FAILED,
     NEAR,
-    PLANNED,
+    PLAN_TICK,
     REACH,
     RECOVERY,
     SINCE,
     STANDSTILLS,
     TICK,
     TICKS,
-    Trace,
+    DriveState,
     is_clear,
     is_way_free,
-    nearest_on,
+    advance_to_nearest,
     pursue,
 )
 
@@ -65,7 +65,7 @@ GO, PLAN, ENDED, ABORTED, TIMED_OUT = range(5)
 
 
 @njit(nogil=True, cache=True)
-def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, trace: Trace) -> int:
+def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, trace: DriveState) -> int:
     """Write the next command into the trace; GO, or PLAN, or how the drive has ended.
 
     Parameters
@@ -94,7 +94,7 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
     command[:] = 0.0
     if counts[RECOVERY]:
         return recover(path, surroundings, body, trace)
-    path_distance = nearest_on(path, x, y, counts)
+    path_distance = advance_to_nearest(path, x, y, counts)
     if path_distance > HALF_COSTMAP:
         return ABORTED
     before = trace.believed[max(n - STALL, 0)]
@@ -102,16 +102,16 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
         return fail(counts)
     tx, ty, _ = trace.truth[n]
     cell = surroundings.resolution
-    room = gap_at(surroundings.squares, ty / cell, tx / cell, NEAR / cell) * cell
+    room = measure_gap(surroundings.squares, ty / cell, tx / cell, NEAR / cell) * cell
     carrot_distance = pursue(path, body, room, trace)
     clear = is_clear(surroundings, body, carrot_distance, trace)
-    if n > counts[PLANNED]:
+    if n > counts[PLAN_TICK]:
         # Nav2 plans once a second. Without need the planner would find the same path again.
-        due = n - counts[PLANNED] >= period
+        due = n - counts[PLAN_TICK] >= period
         if not due and n % REPLAN == 0:
             due = not clear or path_distance > ASTRAY or not is_way_free(path, surroundings, body, trace)
         if due:
-            counts[PLANNED] = n
+            counts[PLAN_TICK] = n
             return PLAN
     if clear:
         counts[BLOCKED] = 0
@@ -137,17 +137,17 @@ def fail(counts: Ints) -> int:
     counts[RECOVERY] = RECOVERY_TICKS[number % 4]
     if counts[RECOVERY]:
         return GO
-    counts[PLANNED] = counts[TICKS]
+    counts[PLAN_TICK] = counts[TICKS]
     return PLAN
 
 
 @njit(nogil=True, cache=True)
-def recover(path: Floats, surroundings: Surroundings, body: Body, trace: Trace) -> int:
+def recover(path: Floats, surroundings: Surroundings, body: Body, trace: DriveState) -> int:
     """Spin, wait, or back up if that is clear, and plan again at last."""
     counts, command = trace.counts, trace.command
     counts[RECOVERY] -= 1
     if counts[RECOVERY] == 0:
-        counts[PLANNED] = counts[SINCE] = counts[TICKS]
+        counts[PLAN_TICK] = counts[SINCE] = counts[TICKS]
         return PLAN
     kind = counts[FAILED] // 2 % 4
     if kind == SPIN and body.radius == 0:
@@ -160,8 +160,8 @@ def recover(path: Floats, surroundings: Surroundings, body: Body, trace: Trace) 
 
 
 @njit(nogil=True, cache=True)
-def act(
-    random: Random, surroundings: Surroundings, body: Body, odometry: OdometryErrors, trace: Trace
+def apply_command(
+    random: Random, surroundings: Surroundings, body: Body, odometry: OdometryErrors, trace: DriveState
 ) -> None:
     """Drive for a tick: odometry reports the command, and its errors are in the true motion."""
     n, command = trace.counts[TICKS], trace.command
@@ -173,21 +173,21 @@ def act(
     deviation = odometry.heading_drift**2 * way + odometry.turn_drift**2 * abs(turn)
     noise = np.sqrt(deviation) * random.standard_normal()
     true_turn = (turn - bend * way - noise) / turn_scale
-    moved(trace.reported, n, way, bearing, turn)
-    moved(trace.truth, n, true_way, bearing, true_turn)
+    write_next_pose(trace.reported, n, way, bearing, turn)
+    write_next_pose(trace.truth, n, true_way, bearing, true_turn)
     trace.counts[TICKS] = n + 1
     x, y, heading = trace.truth[n]
-    margin = margin_at(surroundings, body, x, y, heading, 0.0)
+    margin = measure_margin(surroundings, body, x, y, heading, 0.0)
     x, y, heading = trace.truth[n + 1]
-    if margin_at(surroundings, body, x, y, heading, margin) < margin:  # a wall is in the way
+    if measure_margin(surroundings, body, x, y, heading, margin) < margin:  # a wall is in the way
         for axis in range(3):
             trace.truth[n + 1, axis] = trace.truth[n, axis]
 
 
 @njit(nogil=True, cache=True)
-def moved(poses: Floats, n: int, way: float, aside: float, turn: float) -> None:
+def write_next_pose(poses: Floats, n: int, way: float, bearing: float, turn: float) -> None:
     """Write the pose after `n`."""
-    middle = poses[n, 2] + turn / 2 + aside
+    middle = poses[n, 2] + turn / 2 + bearing
     poses[n + 1, 0] = poses[n, 0] + way * np.cos(middle)
     poses[n + 1, 1] = poses[n, 1] + way * np.sin(middle)
     poses[n + 1, 2] = poses[n, 2] + turn
@@ -209,7 +209,7 @@ def follow(
     odometry: OdometryErrors,
     settings: FilterSettings,
     perfect: bool,
-    trace: Trace,
+    trace: DriveState,
 ) -> int:
     """Drive until a plan is needed or the drive has ended, which the returned decision says.
 
@@ -252,11 +252,11 @@ def follow(
         decision = decide(path, surroundings, body, period, trace)
         if decision != GO:
             return decision
-        act(random, surroundings, body, odometry, trace)
+        apply_command(random, surroundings, body, odometry, trace)
 
 
 @njit(nogil=True, cache=True)
-def believe(pose: tuple[float, float, float], frame: Floats, trace: Trace) -> None:
+def believe(pose: tuple[float, float, float], frame: Floats, trace: DriveState) -> None:
     """Write the filter's pose, which is in its own map's axes, into the trace."""
     n = trace.counts[TICKS]
     cos, sin = np.cos(frame[2]), np.sin(frame[2])

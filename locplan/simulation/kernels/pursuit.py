@@ -12,7 +12,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.kernels.particles import wrap_angle
-from locplan.simulation.kernels.bodies import Body, Surroundings, margin_at
+from locplan.simulation.kernels.bodies import Body, Surroundings, measure_margin
 
 TICK = 0.1
 """Time between two commands [s]."""
@@ -37,11 +37,11 @@ REACH = 30
 costmap."""
 SIGHT = 50
 """Points of the path ahead on which walls are seen."""
-TICKS, AT, BLOCKED, PLANNED, FAILED, RECOVERY, SINCE, STANDSTILLS = range(8)
+TICKS, AT, BLOCKED, PLAN_TICK, FAILED, RECOVERY, SINCE, STANDSTILLS = range(8)
 """Places in `Trace.counts`."""
 
 
-class Trace(NamedTuple):
+class DriveState(NamedTuple):
     """A drive until now."""
 
     truth: Floats  # (ticks, 3) true poses
@@ -53,14 +53,14 @@ class Trace(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: Trace) -> bool:
+def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: DriveState) -> bool:
     """True if a second of the command, at most so far [m], keeps off the walls.
 
     A robot that is too close to a wall may move if it comes no nearer.
     """
     ahead, left, turn = trace.command
     x, y, heading = first = trace.truth[trace.counts[TICKS]]
-    margin = margin_at(surroundings, body, x, y, heading, MARGIN)
+    margin = measure_margin(surroundings, body, x, y, heading, MARGIN)
     for _ in range(LOOK):
         middle = heading + turn * TICK / 2
         cos, sin = np.cos(middle) * TICK, np.sin(middle) * TICK
@@ -68,13 +68,13 @@ def is_clear(surroundings: Surroundings, body: Body, reach: float, trace: Trace)
         heading += turn * TICK
         if np.hypot(x - first[0], y - first[1]) > reach:
             return True
-        if margin_at(surroundings, body, x, y, heading, margin) < margin - 1e-9:
+        if measure_margin(surroundings, body, x, y, heading, margin) < margin - 1e-9:
             return False
     return True
 
 
 @njit(nogil=True, cache=True)
-def nearest_on(path: Floats, x: float, y: float, counts: Ints) -> float:
+def advance_to_nearest(path: Floats, x: float, y: float, counts: Ints) -> float:
     """Return the distance from the path [m], up to where the gear changes; count up to there."""
     first, nearest, distance = counts[AT], counts[AT], np.inf
     for k in range(first, min(first + REACH, len(path))):
@@ -90,7 +90,7 @@ def nearest_on(path: Floats, x: float, y: float, counts: Ints) -> float:
 
 
 @njit(nogil=True, cache=True)
-def carrot_on(path: Floats, x: float, y: float, nearest: int) -> int:
+def find_carrot(path: Floats, x: float, y: float, nearest: int) -> int:
     """Return the index of the point to pursue, up to where the gear changes."""
     carrot, last = nearest, len(path) - 1
     while (
@@ -103,7 +103,7 @@ def carrot_on(path: Floats, x: float, y: float, nearest: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def regulated(speed: float, curvature: float, room: float, left: float) -> float:
+def regulate_speed(speed: float, curvature: float, room: float, left: float) -> float:
     """Return the speed on an arc at a distance from walls and from the goal [m]."""
     slow = speed * min(1.0, room / NEAR)
     if abs(curvature) * TIGHT > 1:
@@ -113,10 +113,10 @@ def regulated(speed: float, curvature: float, room: float, left: float) -> float
 
 
 @njit(nogil=True, cache=True)
-def pursue(path: Floats, body: Body, room: float, trace: Trace) -> float:
+def pursue(path: Floats, body: Body, room: float, trace: DriveState) -> float:
     """Write the command that leads to the point ahead on the path; return its distance [m]."""
     x, y, heading = trace.believed[trace.counts[TICKS]]
-    carrot, last = carrot_on(path, x, y, trace.counts[AT]), len(path) - 1
+    carrot, last = find_carrot(path, x, y, trace.counts[AT]), len(path) - 1
     gear = path[carrot, 2]
     heading += np.pi * (gear < 0)
     dx, dy = path[carrot, 0] - x, path[carrot, 1] - y
@@ -128,7 +128,7 @@ def pursue(path: Floats, body: Body, room: float, trace: Trace) -> float:
     if body.radius > 0:
         curvature = min(max(curvature, -1 / body.radius), 1 / body.radius)
     left = np.hypot(path[last, 0] - x, path[last, 1] - y) if carrot == last else np.inf
-    speed, command = regulated(body.speed, curvature, room, left), trace.command
+    speed, command = regulate_speed(body.speed, curvature, room, left), trace.command
     if body.omnidirectional:
         command[0], command[1] = speed * np.cos(bearing), speed * np.sin(bearing)
         command[2] = min(max(bearing, -MAX_TURN), MAX_TURN)
@@ -141,7 +141,7 @@ def pursue(path: Floats, body: Body, room: float, trace: Trace) -> float:
 
 
 @njit(nogil=True, cache=True)
-def is_way_free(path: Floats, surroundings: Surroundings, body: Body, trace: Trace) -> bool:
+def is_way_free(path: Floats, surroundings: Surroundings, body: Body, trace: DriveState) -> bool:
     """True if the path ahead keeps the margin of an arc from the walls that the robot sees.
 
     The robot puts these walls where the filter's pose has them.
@@ -155,6 +155,6 @@ def is_way_free(path: Floats, surroundings: Surroundings, body: Body, trace: Tra
         along = np.arctan2(path[k + 1, 1] - path[k, 1], path[k + 1, 0] - path[k, 0]) + turn
         along += np.pi * (path[k + 1, 2] < 0)
         at = x + cos * dx - sin * dy, y + sin * dx + cos * dy
-        if margin_at(surroundings, body, at[0], at[1], along, MARGIN) < MARGIN - 1e-9:
+        if measure_margin(surroundings, body, at[0], at[1], along, MARGIN) < MARGIN - 1e-9:
             return False
     return True
