@@ -39,7 +39,7 @@ from scipy.stats import spearmanr
 import locplan
 from locplan._support import drawing as style
 from locplan._support.drawing import Picture, save_figure
-from locplan._support.intervals import Interval, estimate_mean, compute_wilson_interval
+from locplan._support.intervals import Interval, compute_wilson_interval, estimate_mean
 from locplan.field.config import SHORT_LIDAR
 from locplan.planning import describe_map, random_queries
 from locplan.recordings import Recording, read_recording, replay

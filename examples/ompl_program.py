@@ -37,7 +37,9 @@ def main(folder: str = "ompl_program") -> None:
     # Or everything in OMPL's own set-up, here to compare planners with its Benchmark. (That keeps
     # its set-up to the end of the program, where nanobind complains of a leak: a flaw of OMPL.)
     setup = geometric.SimpleSetup(information)
-    start, goal = (ompl.state_from_pose(information, motions, ends[name]) for name in ("start", "goal"))
+    start, goal = (
+        ompl.state_from_pose(information, motions, ends[name]) for name in ("start", "goal")
+    )
     setup.setStartAndGoalStates(start, goal)
     setup.setOptimizationObjective(ompl.CostObjective(information, motions))
     benchmark = tools.Benchmark(setup, "two_corridors")

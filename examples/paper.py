@@ -28,16 +28,16 @@ from locplan import CovarianceField
 from locplan._support.drawing import BLUE, ERROR_COLOURS, MAP_COLOURS, Picture, save_figure
 from locplan.field import OffsetLattice, Sad, position_axes, sampled_covariances, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
-from locplan.maps.figures import draw_cells, draw_map, map_size, downsample
+from locplan.maps.figures import downsample, draw_cells, draw_map, map_size
 from locplan.paper import template_matching
 from locplan.paper.claims import (
     PLACES,
     Slide,
+    compute_claim_shares,
     maps_of_places,
     mismatch_at,
     one_dimensional,
     share_smaller_with_range,
-    compute_claim_shares,
 )
 
 Floats = np.ndarray

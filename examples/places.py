@@ -26,7 +26,7 @@ from locplan import FieldConfig, Fisher, Fused, Lidar, OccupancyGrid, Sad, Scan
 from locplan._support.intervals import Interval, Rank, Resamples, make_generator, rank
 from locplan._support.kernels.arrays import Floats, Ints, Octets, Random
 from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams as KernelLidar, measure_ends
-from locplan._support.kernels.likelihood import NOWHERE, ScanLattice, LikelihoodField, make_lattice
+from locplan._support.kernels.likelihood import NOWHERE, LikelihoodField, ScanLattice, make_lattice
 from locplan._support.kernels.posterior import score_scan
 from locplan._support.poses import find_window
 from locplan.field import equip_robot, scalar
@@ -36,7 +36,11 @@ from locplan.maps import OCCUPIED
 from locplan.planning import Costmap, plan_field
 from locplan.robots import Amcl, Robot, planning_radius
 from locplan.simulation import NO_FAULT, Simulator
-from locplan.simulation.worlds import POSE_SPACING, _make_facing_poses as facing_ahead, rotate_errors
+from locplan.simulation.worlds import (
+    POSE_SPACING,
+    _make_facing_poses as facing_ahead,
+    rotate_errors,
+)
 
 OWN = Path(__file__).resolve().parent.parent / "maps"
 FILTERS = {

@@ -37,13 +37,13 @@ def check_filter(filter: Filter) -> None:
     >>> from locplan.robots import Amcl
     >>> check_filter(Amcl())
     """
-    first, second = _driven(filter), _driven(filter)
+    first, second = _estimate_drive(filter), _estimate_drive(filter)
     if not np.array_equal(first, second):
         raise LocplanError(
             "equal seeds give unequal poses: draw only from `random`, and share nothing between two"
             " filters that were started"
         )
-    off = np.abs(first[-1] - _truth()[-1])
+    off = np.abs(first[-1] - _make_true_poses()[-1])
     if off.max() > 0.5:
         x, y, heading = first[-1]
         raise LocplanError(
@@ -52,7 +52,7 @@ def check_filter(filter: Filter) -> None:
         )
 
 
-def _truth() -> Floats:
+def _make_true_poses() -> Floats:
     """Poses (n, 3) of a straight drive."""
     poses = np.zeros((STEPS, 3))
     poses[:, :2] = (1.5, 1.8)
@@ -60,14 +60,14 @@ def _truth() -> Floats:
     return poses
 
 
-def _driven(filter: Filter) -> Floats:
+def _estimate_drive(filter: Filter) -> Floats:
     """The filter's poses (n, 3) along the drive, each checked."""
     cells = np.full((40, 60), FREE)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1, name="room")
-    lidar, truth = Lidar(range=8.0, beams=72), _truth()
+    lidar, truth = Lidar(range=8.0, beams=72), _make_true_poses()
     tracker = filter.start(grid, lidar, truth[0], (0.05, 0.02), np.random.default_rng(1))
-    found = []
+    estimates = []
     for pose in truth:
         tracker.motion(np.add(pose, (7.0, -3.0, 0.0)))  # odometry has a frame of its own
         tracker.scan(_scan(pose, lidar))
@@ -76,13 +76,13 @@ def _driven(filter: Filter) -> Floats:
             raise LocplanError("estimate() must be x, y, heading, three finite numbers")
         if covariance.shape != (3, 3):
             raise LocplanError(f"covariance() must be (3, 3), not {covariance.shape}")
-        known = np.isfinite(covariance).all()
-        if known and (
+        has_covariance = np.isfinite(covariance).all()
+        if has_covariance and (
             not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] < -1e-9
         ):
             raise LocplanError("covariance() must be symmetric, without negative variances")
-        found.append(estimate)
-    return np.array(found)
+        estimates.append(estimate)
+    return np.array(estimates)
 
 
 def _scan(pose: Floats, lidar: Lidar) -> Singles:

@@ -41,7 +41,9 @@ def read_arrays(
     with open_file(file) as content:
         try:
             with zipfile.ZipFile(content) as archive:
-                members = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
+                members = {
+                    member.filename.removesuffix(".npy"): member for member in archive.infolist()
+                }
                 selected_names = [name for name in members if names is None or name in names]
                 if (total := sum(members[name].file_size for name in selected_names)) > limit:
                     size_limit = f"of at most {limit / 1e6:.0f} MB"

@@ -48,7 +48,9 @@ def check_positive(name: str, value: object, unit: str = "") -> float:
         return float(value)
     requirement = f"a positive number of {unit}" if unit else "positive"
     minimum_text = f" of at least {1 / MAX_AMOUNT:g}" if is_number(value) and 0 < value < 1 else ""
-    raise ConfigError(f"{name} must be {requirement}{minimum_text}{_maximum_text(value)}, not {short_repr(value)}")
+    raise ConfigError(
+        f"{name} must be {requirement}{minimum_text}{_maximum_text(value)}, not {short_repr(value)}"
+    )
 
 
 def check_range(name: str, value: object) -> float:
@@ -90,7 +92,9 @@ def check_instance(name: str, value: object, kind: type, remedy: str = "") -> ob
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         remedy_text = f"; {remedy}" if remedy else ""
-        raise ConfigError(f"{name} must be {article} {kind.__name__}, not {short_repr(value)}{remedy_text}")
+        raise ConfigError(
+            f"{name} must be {article} {kind.__name__}, not {short_repr(value)}{remedy_text}"
+        )
     return value
 
 
@@ -100,7 +104,9 @@ def check_position(x: object, y: object = None, name: str = "a position") -> tup
     try:
         first, second = (float(value) for value in coordinates)  # type: ignore[attr-defined]
     except (TypeError, ValueError, OverflowError):
-        raise PoseError(f"{name} must be two numbers x, y in metres, not {short_repr(coordinates)}") from None
+        raise PoseError(
+            f"{name} must be two numbers x, y in metres, not {short_repr(coordinates)}"
+        ) from None
     if not (math.isfinite(first) and math.isfinite(second)):
         raise PoseError(f"{name} must be finite metres, not {first:g},{second:g}")
     if max(abs(first), abs(second)) > FARTHEST:
@@ -224,7 +230,14 @@ class Settings:
         for setting_field in dataclasses.fields(self):
             if check_spec := _find_check(type(self), setting_field.name):
                 check, *limits = check_spec
-                set_frozen_fields(self, **{setting_field.name: check(setting_field.name, getattr(self, setting_field.name), *limits)})
+                set_frozen_fields(
+                    self,
+                    **{
+                        setting_field.name: check(
+                            setting_field.name, getattr(self, setting_field.name), *limits
+                        )
+                    },
+                )
 
     def __repr__(self) -> str:
         changed = ", ".join(f"{name}={value!r}" for name, value in _find_changed_settings(self))
@@ -234,7 +247,9 @@ class Settings:
 def _find_check(owner: type, name: str) -> tuple[Any, ...]:
     """The check of a setting, which a class that gives it another default has from its base."""
     declared = (vars(base).get("__dataclass_fields__", {}).get(name) for base in owner.__mro__)
-    checks = (setting_field.metadata.get("check", ()) for setting_field in declared if setting_field)
+    checks = (
+        setting_field.metadata.get("check", ()) for setting_field in declared if setting_field
+    )
     return next(filter(None, checks), ())
 
 
@@ -245,8 +260,13 @@ def describe_changed_settings(settings: Settings) -> list[str]:
 
 def _find_changed_settings(settings: Any) -> Iterator[tuple[str, Any]]:
     for setting_field in dataclasses.fields(settings):
-        value, default_factory = getattr(settings, setting_field.name), setting_field.default_factory
-        default = setting_field.default if default_factory is dataclasses.MISSING else default_factory()
+        value, default_factory = (
+            getattr(settings, setting_field.name),
+            setting_field.default_factory,
+        )
+        default = (
+            setting_field.default if default_factory is dataclasses.MISSING else default_factory()
+        )
         if make := setting_field.metadata.get("default"):
             default = make(settings)
         if hasattr(value, "shape") or value != default:  # arrays have no one truth
@@ -326,7 +346,8 @@ def _check_resource_limit(name: str, value: int | None, per_core: int, size: int
     maximum, reason = per_core * cores, f"{per_core} for each of this machine's {cores} cores"
     if size * maximum > usable_memory():
         maximum = max(1, usable_memory() // size)
-        reason = f"{_format_gigabytes(usable_memory())} of this machine's memory, {_format_gigabytes(size)} each"
+        memory, share = _format_gigabytes(usable_memory()), _format_gigabytes(size)
+        reason = f"{memory} of this machine's memory, {share} each"
     if check_integer(name, value) > maximum:
         raise ConfigError(f"{name} must be at most {maximum} ({reason}), not {value}")
     return int(value)
@@ -336,7 +357,8 @@ def check_memory(data_name: str, size: float, remedy: str) -> None:
     """Raise a ConfigError if something takes more memory [bytes] than the machine has."""
     if size > usable_memory():
         raise ConfigError(
-            f"{data_name} take {_format_gigabytes(size)} of memory, and this machine has {_format_gigabytes(usable_memory())} for"
+            f"{data_name} take {_format_gigabytes(size)} of memory, and this machine has"
+            f" {_format_gigabytes(usable_memory())} for"
             f" them; {remedy}"
         )
 

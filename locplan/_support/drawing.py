@@ -172,7 +172,9 @@ class Picture(Figure):
         *lines : str
             Its lines.
         """
-        filled = (part for title_line in lines for part in break_title(title_line, self.get_figwidth()))
+        filled = (
+            part for title_line in lines for part in break_title(title_line, self.get_figwidth())
+        )
         self.suptitle("\n".join(filled), fontsize="medium")
 
     def _show_texts_as_they_are(self) -> None:
@@ -250,7 +252,11 @@ def round_numbers(low: float, high: float, max_ticks: int = MAX_TICKS) -> Floats
         round_values = round_values[(within[0] <= round_values) & (round_values <= within[1])]
         if len(round_values) > max_ticks:
             # Decades are left out where even they are too many.
-            return ticks if len(ticks) >= MIN_TICKS else round_values[:: -(-len(round_values) // max_ticks)]
+            return (
+                ticks
+                if len(ticks) >= MIN_TICKS
+                else round_values[:: -(-len(round_values) // max_ticks)]
+            )
         ticks = round_values
         if len(ticks) >= MIN_TICKS + 1:
             return ticks

@@ -50,14 +50,18 @@ def check_folder(folder: Path) -> None:
     It is called before long work; the folder is made when there is something to write.
     """
     with errors_in_one_line(folder):
-        existing_parent = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))
+        existing_parent = next(
+            parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent)
+        )
         if not existing_parent.is_dir():
             obstacle = "a file, not a folder" if existing_parent.exists() else "a link to nothing"
             raise LocplanError(f"{existing_parent}: is {obstacle}; name another folder")
         try:  # root may, by its rights, also where no file system takes a folder
             os.rmdir(tempfile.mkdtemp(dir=existing_parent))
         except OSError:
-            raise LocplanError(f"{existing_parent}: cannot be written; choose another folder") from None
+            raise LocplanError(
+                f"{existing_parent}: cannot be written; choose another folder"
+            ) from None
 
 
 def make_folder(folder: Path) -> None:

@@ -185,9 +185,14 @@ def bootstrap_statistics(
     `statistic` is called with weights (n,): 1 for all, and then how often each is drawn.
     """
     estimates = statistic(np.ones(len(blocks)))
-    resampled_statistics = np.array([statistic(statistic_samples) for statistic_samples in draw_blocks(blocks, resamples)])
+    resampled_statistics = np.array(
+        [statistic(statistic_samples) for statistic_samples in draw_blocks(blocks, resamples)]
+    )
     samples = resampled_statistics.reshape(-1, len(estimates)).T
-    return [interval_from_resamples(float(value), statistic_samples) for value, statistic_samples in zip(estimates, samples, strict=True)]
+    return [
+        interval_from_resamples(float(value), statistic_samples)
+        for value, statistic_samples in zip(estimates, samples, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -238,17 +243,26 @@ def rank(values: Sequence[Floats], errors: Sequence[Floats], resamples: Resample
     """
     all_values, all_errors = np.concatenate(values), np.concatenate(errors)
     weights = np.concatenate(
-        [place_draws * resamples.maps[:, m, None] for m, place_draws in enumerate(resamples.places)], axis=1
+        [
+            place_draws * resamples.maps[:, m, None]
+            for m, place_draws in enumerate(resamples.places)
+        ],
+        axis=1,
     )
     within = np.array([spearman(v, e) for v, e in zip(values, errors, strict=True)])
     within_drawn = np.stack(
-        [_spearmans(v, e, w) for v, e, w in zip(values, errors, resamples.places, strict=True)], axis=1
+        [_spearmans(v, e, w) for v, e, w in zip(values, errors, resamples.places, strict=True)],
+        axis=1,
     )
     means = (within_drawn * resamples.maps).sum(axis=1) / resamples.maps.sum(axis=1)
     return Rank(
-        interval_from_resamples(spearman(all_values, all_errors), _spearmans(all_values, all_errors, weights)),
+        interval_from_resamples(
+            spearman(all_values, all_errors), _spearmans(all_values, all_errors, weights)
+        ),
         interval_from_resamples(float(within.mean()), means),
-        interval_from_resamples(auc(all_values, all_errors), _aucs(all_values, all_errors, weights)),
+        interval_from_resamples(
+            auc(all_values, all_errors), _aucs(all_values, all_errors, weights)
+        ),
     )
 
 

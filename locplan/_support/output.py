@@ -88,7 +88,9 @@ class Output:
             raise LocplanError(f"{self.target}: {fault}; {self._remedy}")
         expected_names = {*self.unfinished, self._run_name if kind else ""}
         for name in self._present():
-            if name not in expected_names and recorded_digests.get(name, "") != compute_file_digest(self._home / name):
+            if name not in expected_names and recorded_digests.get(name, "") != compute_file_digest(
+                self._home / name
+            ):
                 fault = "was changed after locplan wrote it"
                 if name not in recorded_digests:
                     fault = "is no earlier result of this command"
@@ -102,7 +104,11 @@ class Output:
         writes nothing.
         """
         self.check()
-        base = next(existing_parent for existing_parent in (self._home, *self._home.parents) if existing_parent.is_dir())
+        base = next(
+            existing_parent
+            for existing_parent in (self._home, *self._home.parents)
+            if existing_parent.is_dir()
+        )
         with errors_in_one_line(self.target), temporary_folder(base) as staging:
             within = self._home.relative_to(base)
             new = staging / NEW / within
@@ -116,8 +122,13 @@ class Output:
             if not written:
                 return
             kind, recorded_digests = runs.read_outputs(self._home / self._run_name)
-            present = {name: compute_file_digest(self._home / name) for name in {**recorded_digests, **written}}
-            unchanged = {name for name in recorded_digests if present[name] == recorded_digests[name]}
+            present = {
+                name: compute_file_digest(self._home / name)
+                for name in {**recorded_digests, **written}
+            }
+            unchanged = {
+                name for name in recorded_digests if present[name] == recorded_digests[name]
+            }
             is_more = adds and kind == self.kind
             stale = set() if is_more else unchanged - written.keys()
             outputs = {name: recorded_digests[name] for name in unchanged - stale} | written
@@ -290,8 +301,16 @@ def strip_staging_folder(text: str | os.PathLike[str]) -> str:
 def list_files(folder: Path) -> Iterator[str]:
     """Names of the files in a folder and in those below, but for hidden ones."""
     for place, folders, files in os.walk(folder):
-        links = [folder_name for folder_name in folders if os.path.islink(os.path.join(place, folder_name))]
-        folders[:] = sorted(folder_name for folder_name in folders if folder_name[0] != "." and folder_name not in links)
+        links = [
+            folder_name
+            for folder_name in folders
+            if os.path.islink(os.path.join(place, folder_name))
+        ]
+        folders[:] = sorted(
+            folder_name
+            for folder_name in folders
+            if folder_name[0] != "." and folder_name not in links
+        )
         for name in sorted([*files, *links]):
             if name[0] != ".":
                 yield Path(place, name).relative_to(folder).as_posix()

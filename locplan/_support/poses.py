@@ -37,7 +37,8 @@ def move_poses(poses: Floats, move: tuple[float, float, float]) -> Floats:
 def find_update_poses(poses: Floats, min_distance: float, min_turn: float) -> list[int]:
     """Indices of the poses (n, 3) at which AMCL updates: the first, and after so much motion.
 
-    That is more than `min_distance` along x or y [m], or more than `min_turn` [rad], since the one before.
+    A pose counts if it is more than `min_distance` along x or y [m], or more than `min_turn` [rad],
+    from the one before.
     """
     update_indices, (at_x, at_y, at_heading) = [0], poses[0].tolist()
     for n, (x, y, heading) in enumerate(poses.tolist()):
@@ -167,7 +168,10 @@ def interpolate_transforms(times: Floats, before: Floats, after: Floats) -> Floa
 
 def _slerp(start: Floats, end: Floats, share: Floats) -> Floats:
     """Unit quaternions at a share of the turn from one to the other, (n, 4)."""
-    start, end = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True) for quaternions in (start, end))
+    start, end = (
+        quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+        for quaternions in (start, end)
+    )
     angle = np.arccos(np.clip((start * end).sum(1), -1.0, 1.0))
     plain = angle < 1e-6
     sine = np.where(plain, 1.0, np.sin(angle))
@@ -202,10 +206,14 @@ class FrameTree:
 
     def drop_unrelated_tracks(self, target: str, sources: Iterable[str]) -> None:
         """Leave out what moves on no way from one frame to others, as a robot's wheels do."""
-        connecting = {edge for transform in sources for edge, _ in self._chain(target, transform) or ()}
+        connecting = {
+            edge for transform in sources for edge, _ in self._chain(target, transform) or ()
+        }
         moving = {edge for edge, transform in self._edges.items() if isinstance(transform, Track)}
         self._left_out |= moving - connecting
-        self._edges = {k: transform for k, transform in self._edges.items() if k not in self._left_out}
+        self._edges = {
+            k: transform for k, transform in self._edges.items() if k not in self._left_out
+        }
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -223,7 +231,10 @@ class FrameTree:
         """The frames that are connected, each group by itself, for an error message."""
         groups: list[list[str]] = []
         for frame in self.frames:
-            group = next((group_frames for group_frames in groups if self.has_chain(group_frames[0], frame)), None)
+            group = next(
+                (group_frames for group_frames in groups if self.has_chain(group_frames[0], frame)),
+                None,
+            )
             if group is None:
                 groups.append([frame])
             else:
@@ -246,7 +257,9 @@ class FrameTree:
         for edge, backwards in chain:
             step = self._edges[edge]
             pose = step.at_times() if isinstance(step, Track) else np.array([step])
-            source_poses = compose_transforms(source_poses, invert_transforms(pose) if backwards else pose)
+            source_poses = compose_transforms(
+                source_poses, invert_transforms(pose) if backwards else pose
+            )
         return source_poses
 
     def _chain(self, target: str, source: str) -> list[tuple[Edge, bool]] | None:

@@ -159,11 +159,15 @@ class _Bar:
         if self._began:
             return self._rate
         # A kernel that is read from the cache takes less time than there is between two looks.
-        self._n_compiling_looks = self._n_compiling_looks + 1 if self._n_compiling_looks > 1 or is_compiling() else 0
+        self._n_compiling_looks = (
+            self._n_compiling_looks + 1 if self._n_compiling_looks > 1 or is_compiling() else 0
+        )
         return COMPILING if self._n_compiling_looks > 1 else self._first
 
 
-def split_progress(progress: ProgressCallback | None, sizes: Sequence[int]) -> list[ProgressCallback]:
+def split_progress(
+    progress: ProgressCallback | None, sizes: Sequence[int]
+) -> list[ProgressCallback]:
     """Callbacks for the parts of one task, which follow each other and have `sizes` steps."""
 
     def part(before: int) -> ProgressCallback:

@@ -52,7 +52,11 @@ def field_docs(kind: type) -> dict[str, str]:
 def _read_field_types(kind: type) -> dict[str, str]:
     """The fields that a class is made with, and their types as they are written."""
     if dataclasses.is_dataclass(kind):
-        return {dataclass_field.name: str(dataclass_field.type) for dataclass_field in dataclasses.fields(kind) if dataclass_field.init}
+        return {
+            dataclass_field.name: str(dataclass_field.type)
+            for dataclass_field in dataclasses.fields(kind)
+            if dataclass_field.init
+        }
     hints = getattr(kind, "__annotations__", {})
     names = getattr(kind, "_fields", ())
     return {name: getattr(hints.get(name), "__forward_arg__", "") for name in names}

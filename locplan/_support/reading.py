@@ -237,10 +237,16 @@ def check_stamp(file: object, content: object, kind: str, version: int) -> None:
     """Raise a LocplanError unless a file holds this kind of thing, in a version that is known."""
     fields = content if isinstance(content, dict) else {}
     file_kind, file_version = fields.get("kind"), fields.get("version")
-    if not isinstance(file_kind, str) or not isinstance(file_version, int) or not 1 <= file_version < 10**6:
+    if (
+        not isinstance(file_kind, str)
+        or not isinstance(file_version, int)
+        or not 1 <= file_version < 10**6
+    ):
         raise LocplanError(f"{file}: is damaged, or no {kind} that locplan has saved; save it anew")
     if file_kind != kind:
-        raise LocplanError(f"{file}: holds a {short_repr(file_kind)[1:-1]}, not a {kind}; name another file")
+        raise LocplanError(
+            f"{file}: holds a {short_repr(file_kind)[1:-1]}, not a {kind}; name another file"
+        )
     if file_version > version:
         raise LocplanError(
             f"{file}: is of a newer locplan (version {file_version} of a {kind}, this one reads"

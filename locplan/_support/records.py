@@ -115,7 +115,9 @@ class Table:
             Heading of a first column, `number`, that counts the rows from 1; none by default.
         """
         declared = tuple(columns)
-        rows = tuple(tuple(column.extract_value(record) for column in declared) for record in records)
+        rows = tuple(
+            tuple(column.extract_value(record) for column in declared) for record in records
+        )
         if number is None:
             return cls(declared, rows)
         counted = tuple((n, *row) for n, row in enumerate(rows, 1))
@@ -149,12 +151,19 @@ class Table:
 
     def format_transposed(self) -> list[list[str]]:
         """Heading and values of each column for people, a row each: few records side by side."""
-        titled_columns = [(n, column) for n, column in enumerate(self.columns) if column.title is not None]
-        return [[titled_column.heading, *(titled_column.text(row[n]) for row in self.rows)] for n, titled_column in titled_columns]
+        titled_columns = [
+            (n, column) for n, column in enumerate(self.columns) if column.title is not None
+        ]
+        return [
+            [titled_column.heading, *(titled_column.text(row[n]) for row in self.rows)]
+            for n, titled_column in titled_columns
+        ]
 
     def records(self) -> list[dict[str, Any]]:
         """The rows by the names of their columns, fit for JSON; null is what is not known."""
-        return [tables.nan_to_none(dict(zip(self.names, row, strict=True))) for row in self._values()]
+        return [
+            tables.nan_to_none(dict(zip(self.names, row, strict=True))) for row in self._values()
+        ]
 
     def write_csv(self, file: Path) -> None:
         """Write the rows, as a whole or not at all; what is not known is empty.

@@ -13,8 +13,8 @@ from typing import Any
 from locplan._support.reading import (
     MAX_JSON_BYTES,
     check_stamp,
-    parse_yaml,
     dump_yaml,
+    parse_yaml,
     read_content,
     stamp,
 )
@@ -54,7 +54,9 @@ class RunRecord:
         """Entries of run.yaml, with files as they are named from the folder where it will be."""
         settings = dict(self.settings)
         for name in self.files & settings.keys():
-            settings[name] = _convert_setting(settings[name], lambda text: _make_relative(text, home))
+            settings[name] = _convert_setting(
+                settings[name], lambda text: _make_relative(text, home)
+            )
         content: dict[str, Any] = {"command": self.command, "settings": settings}
         content |= {name: digests for name in ("maps", "robot") if (digests := getattr(self, name))}
         content["files"] = sorted(self.files & settings.keys())
@@ -97,7 +99,10 @@ class RunRecord:
             option = f"--{name.replace('_', '-')}"
             for argument in value if isinstance(value, list) else [value]:
                 words.append(
-                    format_argument(str(argument)) if name in POSITIONAL else option if argument is True
+                    format_argument(str(argument))
+                    if name in POSITIONAL
+                    else option
+                    if argument is True
                     else f"{option}={argument}"
                 )  # fmt: skip
         return words

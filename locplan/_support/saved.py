@@ -46,11 +46,17 @@ class EqualByValue:
         if type(self) is not type(other):
             return NotImplemented
         return self is other or all(
-            _are_equal(getattr(self, compared_field.name), getattr(other, compared_field.name)) for compared_field in _get_compared_fields(self)
+            _are_equal(getattr(self, compared_field.name), getattr(other, compared_field.name))
+            for compared_field in _get_compared_fields(self)
         )
 
     def __hash__(self) -> int:
-        return hash(tuple(_hash_value(getattr(self, compared_field.name)) for compared_field in _get_compared_fields(self)))
+        return hash(
+            tuple(
+                _hash_value(getattr(self, compared_field.name))
+                for compared_field in _get_compared_fields(self)
+            )
+        )
 
 
 class Stored(EqualByValue):
@@ -84,7 +90,9 @@ class Stored(EqualByValue):
         try:
             return cast("Self", decode_tree(cls, _strip_stamp(content)))
         except (LocplanError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-            raise LocplanError(f"{file}: is damaged ({short_repr(str(error))}); save it anew") from None
+            raise LocplanError(
+                f"{file}: is damaged ({short_repr(str(error))}); save it anew"
+            ) from None
 
     def write(self, file: Path) -> None:
         """Write all of it, as a whole or not at all.
@@ -154,7 +162,10 @@ def encode_tree(value: Any) -> Any:
         return encode_tree(value.to_json())
     if hasattr(value, "from_summary"):
         return encode_tree(value.summary())
-    names = [*(member.name for member in _get_compared_fields(value)), *getattr(value, "derived", ())]
+    names = [
+        *(member.name for member in _get_compared_fields(value)),
+        *getattr(value, "derived", ()),
+    ]
     return {name: encode_tree(getattr(value, name)) for name in names}
 
 
@@ -203,18 +214,25 @@ def decode_tree(kind: Any, tree: Any) -> Any:
         return kind(*_decode_numbers(_require_list(tree)))
     hints, derived = typing.get_type_hints(kind), getattr(kind, "derived", ())
     left_out = (*derived, *getattr(kind, "former", ()))
-    fields = {name: subtree for name, subtree in _require_mapping(tree).items() if name not in left_out}
+    fields = {
+        name: subtree for name, subtree in _require_mapping(tree).items() if name not in left_out
+    }
     return kind(**{name: decode_tree(hints[name], subtree) for name, subtree in fields.items()})
 
 
 def _decode_collection(origin: Any, args: tuple[Any, ...], tree: Any) -> Any:
     """A tuple, a list or a dictionary of values."""
     if issubclass(origin, Mapping):
-        return {name: decode_tree(args[1], subtree) for name, subtree in _require_mapping(tree).items()}
+        return {
+            name: decode_tree(args[1], subtree) for name, subtree in _require_mapping(tree).items()
+        }
     if not issubclass(origin, tuple):
         return [decode_tree(args[0], subtree) for subtree in _require_list(tree)]
     member_kinds = args[:1] * len(tree) if args[-1] is ... else args
-    return tuple(decode_tree(member_kind, subtree) for member_kind, subtree in zip(member_kinds, _require_list(tree), strict=True))
+    return tuple(
+        decode_tree(member_kind, subtree)
+        for member_kind, subtree in zip(member_kinds, _require_list(tree), strict=True)
+    )
 
 
 def _decode_union(kinds: Sequence[Any], tree: Any) -> Any:
@@ -232,7 +250,9 @@ def _decode_union(kinds: Sequence[Any], tree: Any) -> Any:
 def _decode_array(tree: Any, kind: Any) -> NDArray[Any]:
     """An array that nobody changes, of the type of a dtype[...]."""
     (scalar_type,) = typing.get_args(kind)
-    dtype = np.dtype(scalar_type if isinstance(scalar_type, type) and scalar_type is not Any else None)
+    dtype = np.dtype(
+        scalar_type if isinstance(scalar_type, type) and scalar_type is not Any else None
+    )
     if isinstance(tree, np.ndarray):
         _require(tree, np.can_cast(tree.dtype, dtype, "same_kind"))
         values = tree.astype(dtype, copy=False)
@@ -275,7 +295,9 @@ def _strip_stamp(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _get_compared_fields(value: Any) -> list[dataclasses.Field[Any]]:
-    return [dataclass_field for dataclass_field in dataclasses.fields(value) if dataclass_field.compare]
+    return [
+        dataclass_field for dataclass_field in dataclasses.fields(value) if dataclass_field.compare
+    ]
 
 
 def _are_equal(first: Any, second: Any) -> bool:
@@ -286,7 +308,9 @@ def _are_equal(first: Any, second: Any) -> bool:
     if isinstance(first, (tuple, list)) and type(first) is type(second):
         return len(first) == len(second) and all(map(_are_equal, first, second))
     if isinstance(first, Mapping) and isinstance(second, Mapping):
-        return first.keys() == second.keys() and all(_are_equal(first[name], second[name]) for name in first)
+        return first.keys() == second.keys() and all(
+            _are_equal(first[name], second[name]) for name in first
+        )
     return bool(first == second or (first != first and second != second))
 
 

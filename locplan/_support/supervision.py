@@ -47,7 +47,11 @@ def _announce_folders(read_end: int, write_end: int, *folders: str) -> None:
 
 def find_existing_folders(packed_names: bytes) -> list[str]:
     """Return those temporary folders, named each with a null behind, that are still there."""
-    return [folder for folder in map(os.fsdecode, packed_names.split(b"\0")[:-1]) if os.path.isdir(folder)]
+    return [
+        folder
+        for folder in map(os.fsdecode, packed_names.split(b"\0")[:-1])
+        if os.path.isdir(folder)
+    ]
 
 
 INTERRUPTED = 128 + signal.SIGINT
@@ -72,7 +76,11 @@ def run_supervised(work: Callable[[], None], clear: Callable[[str], None]) -> in
         work()
         return 0
 
-    forwarded = {signal_number for signal_number in FORWARDED_SIGNALS if signal.getsignal(signal_number) != signal.SIG_IGN}
+    forwarded = {
+        signal_number
+        for signal_number in FORWARDED_SIGNALS
+        if signal.getsignal(signal_number) != signal.SIG_IGN
+    }
     read_end, write_end = os.pipe()
     for end in (read_end, write_end):  # it tells of what is left; nobody waits for that
         os.set_blocking(end, False)

@@ -159,7 +159,9 @@ def wrap_lines(lines: Sequence[str]) -> list[str]:
     """
     width = min(shutil.get_terminal_size((TEXT_WIDTH, 24)).columns, TEXT_WIDTH)
     bound_lines = (UNBREAKABLE_SPACES.sub("\xa0", text_line) for text_line in lines)
-    return [part.replace("\xa0", " ") for line in bound_lines for part in textwrap.wrap(line, width)]
+    return [
+        part.replace("\xa0", " ") for line in bound_lines for part in textwrap.wrap(line, width)
+    ]
 
 
 def format_rounded_up(value: float) -> str:
@@ -207,7 +209,12 @@ def make_feature(
 ) -> dict[str, Any]:
     """A feature with its properties; null is what is not known."""
     geometry = {"type": kind, "coordinates": coordinates}
-    return {"type": "Feature", **members, "properties": nan_to_none(dict(properties)), "geometry": geometry}
+    return {
+        "type": "Feature",
+        **members,
+        "properties": nan_to_none(dict(properties)),
+        "geometry": geometry,
+    }
 
 
 def close_rings(*rings: ArrayLike) -> list[list[list[float]]]:
@@ -216,12 +223,16 @@ def close_rings(*rings: ArrayLike) -> list[list[list[float]]]:
     return [[*ring, ring[0]] for ring in corners]
 
 
-def make_collection(name: str, features: Iterable[dict[str, Any]], **members: Any) -> dict[str, Any]:
+def make_collection(
+    name: str, features: Iterable[dict[str, Any]], **members: Any
+) -> dict[str, Any]:
     """A collection of features."""
     return {"type": "FeatureCollection", "name": name, **members, "features": [*features]}
 
 
-def write_geojson(file: Path, feature_collection: Mapping[str, Any], *, indent: int | None = None) -> None:
+def write_geojson(
+    file: Path, feature_collection: Mapping[str, Any], *, indent: int | None = None
+) -> None:
     """Write a collection, as a whole or not at all."""
     text = json.dumps(feature_collection, allow_nan=False, indent=indent)
     with replacing(file) as temporary:

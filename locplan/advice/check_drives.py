@@ -13,7 +13,7 @@ import numpy as np
 
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan.advice import fixes as _fixes
-from locplan.advice.driving import SiteRunner, Site
+from locplan.advice.driving import Site, SiteRunner
 from locplan.advice.failures import Passage, blame_spots, find_passage
 from locplan.advice.fixes import CHEAP, KINDS, MEND, REACH, SETTINGS, WALLS, Fix
 from locplan.advice.map_reading import MapReading
@@ -23,15 +23,15 @@ from locplan.advice.rates import (
     DriveRates,
     FixResult,
     RouteResult,
+    compute_drive_rates,
     is_helpful,
     is_rare,
     rank_fixes,
-    compute_drive_rates,
     sort_routes,
 )
 from locplan.advice.recorded import RecordingEvidence
 from locplan.advice.settings import choose_settings, is_contradicted
-from locplan.advice.trials import Outcome, Trial, confirm_fixes, compare_fix, select_fixes, try_fix
+from locplan.advice.trials import Outcome, Trial, compare_fix, confirm_fixes, select_fixes, try_fix
 from locplan.advice.weak_spots import WeakSpot
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
@@ -115,7 +115,12 @@ class FixTrials:
     """
 
     def __init__(
-        self, site: Site, effort: Effort, recorded: RecordingEvidence, seed: int, threads: int | None
+        self,
+        site: Site,
+        effort: Effort,
+        recorded: RecordingEvidence,
+        seed: int,
+        threads: int | None,
     ) -> None:
         self.site, self.effort, self.seed, self.threads = site, effort, seed, threads
         self.fixes_by_kind: dict[str, Fix] = {}
@@ -245,7 +250,9 @@ class FixTrials:
     def _select(self, results: Sequence[FixResult]) -> tuple[str, ...]:
         """Select the fixes that help together."""
         order = [
-            result.kind for result in rank_fixes(results) if is_helpful(result, self._baseline.rates)
+            result.kind
+            for result in rank_fixes(results)
+            if is_helpful(result, self._baseline.rates)
         ]
         return select_fixes(
             self._certain_kinds,
@@ -309,7 +316,10 @@ class FixTrials:
     def _make_result(
         self, fix: Fix, site: Site, trial: Trial, arrivals: Mapping[str, Arrivals]
     ) -> FixResult:
-        old, new = (sum(p.length for p in compared_site.paths.values()) for compared_site in (self.site, site))
+        old, new = (
+            sum(p.length for p in compared_site.paths.values())
+            for compared_site in (self.site, site)
+        )
         return FixResult(
             fix.kind,
             fix.title,
@@ -353,7 +363,9 @@ class FixTrials:
         if not self.recommended_kinds:
             return rates, rates, None
         site = _fixes.apply_fixes(self.fixes_by_kind, self.recommended_kinds, self.site)
-        before = compute_drive_rates(combination.before, self._drive_closed(self.site, self._n_closed))
+        before = compute_drive_rates(
+            combination.before, self._drive_closed(self.site, self._n_closed)
+        )
         after = compute_drive_rates(combination.after, self._drive_closed(site))
         verdict = compare_drives(combination.before.drive_set, combination.after.drive_set)
         return before, after, _add_reached(verdict, before, after)
@@ -376,7 +388,9 @@ class FixTrials:
         missing: dict[range, list[str]] = defaultdict(list)
         for name in site.paths:
             count = counts[name] if counts else self._closed
-            missing[range(len(route_arrivals[name].drives) if name in route_arrivals else 0, count)].append(name)
+            missing[
+                range(len(route_arrivals[name].drives) if name in route_arrivals else 0, count)
+            ].append(name)
         for numbers, names in missing.items():
             if numbers:
                 part = replace(site, paths={name: site.paths[name] for name in names})

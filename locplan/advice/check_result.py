@@ -188,7 +188,9 @@ class Check(Result):
             }
         )
 
-    def list_written_files(self, params: Folder | str | Sequence[Folder] | None = ()) -> dict[str, str]:
+    def list_written_files(
+        self, params: Folder | str | Sequence[Folder] | None = ()
+    ) -> dict[str, str]:
         """The files of the recommended fixes, and what to do with each.
 
         Parameters

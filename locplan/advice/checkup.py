@@ -6,8 +6,8 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from locplan._support.checks import check_threads, check_choice, check_integer
-from locplan._support.progress import ProgressCallback, split_progress, scale_progress
+from locplan._support.checks import check_choice, check_integer, check_threads
+from locplan._support.progress import ProgressCallback, scale_progress, split_progress
 from locplan.advice import text as in_short
 from locplan.advice.check_drives import EFFORTS, FixTrials
 from locplan.advice.check_result import Check, explain_spots
@@ -129,12 +129,15 @@ def check(
     robot, report_finding = equip_robot(robot), found or (lambda _: None)
     stages = split_progress(progress, [*SHARES.values()])
     steps = {
-        name: scale_progress(part, size) for part, (name, size) in zip(stages, SHARES.items(), strict=True)
+        name: scale_progress(part, size)
+        for part, (name, size) in zip(stages, SHARES.items(), strict=True)
     }
     map_faults = faults(grid, source)
     map_faults.refuse_mask()
     report_finding(in_short.format_faults(map_faults))
-    reading, paths = _read_map_and_plan_routes(grid, source, robot, stations, EFFORTS[effort].routes, seed)
+    reading, paths = _read_map_and_plan_routes(
+        grid, source, robot, stations, EFFORTS[effort].routes, seed
+    )
     drives = analyze_recordings(recordings, reading, map_faults, robot, filter_map, seed, threads)
     for sentence in drives.sentences:
         report_finding(sentence)
@@ -152,7 +155,9 @@ def check(
     baseline = trials.drive_baseline(spots, steps["baseline"])
     report_finding(in_short.format_baseline(baseline.rates))
     results = []
-    for result in trials.try_fixes(reading, drives.faults.repaired_map, costs, field, steps["fixes"]):
+    for result in trials.try_fixes(
+        reading, drives.faults.repaired_map, costs, field, steps["fixes"]
+    ):
         results.append(result)
         if is_better(result):
             report_finding(in_short.format_fix(result, baseline.rates))
@@ -174,10 +179,10 @@ def check(
         findings=drives.findings,
         preset_choice=trials.preset_choice,
         site=site,
-        fixed_site=apply_fixes(trials.tried, trials.recommended_kinds, site),
+        fixed_site=apply_fixes(trials.fixes_by_kind, trials.recommended_kinds, site),
         source=source,
         reading=reading,
-        artifacts={kind: trials.tried[kind].made for kind in trials.recommended_kinds},
+        artifacts={kind: trials.fixes_by_kind[kind].artifact for kind in trials.recommended_kinds},
         assumed=assumed,
         effort=effort,
         seed=seed,

@@ -80,11 +80,15 @@ class SiteRunner:
         lost = ~np.isnan(lost_at)
         return Outcome(np.array(log_error), lost, np.array(lost_at), np.array(off_at_end))
 
-    def drive_closed_loop(self, numbers: range, progress: ProgressCallback | None = None) -> list[Arrivals]:
+    def drive_closed_loop(
+        self, numbers: range, progress: ProgressCallback | None = None
+    ) -> list[Arrivals]:
         """Drive each route steered by the filter's pose; none in a world that is stretched."""
         if self.site.stretch != 1:
             return []
-        arrivals_by_route = drive_closed(self._simulator, self.site.paths, numbers, progress=progress)
+        arrivals_by_route = drive_closed(
+            self._simulator, self.site.paths, numbers, progress=progress
+        )
         return [*arrivals_by_route.values()]
 
 

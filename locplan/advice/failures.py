@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from locplan._support.kernels.arrays import Floats, Ints
-from locplan.advice.weak_spots import CLEAR, WeakSpot, group_positions, are_inside, sample_path
+from locplan.advice.weak_spots import CLEAR, WeakSpot, are_inside, group_positions, sample_path
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.path import Path
@@ -85,7 +85,9 @@ def blame_spots(
         places.append(_place_without_area(at, CLEAR, passing, lost=len(members)))
     stops = _collect_stops(arrivals)
     stop_owner = np.full(len(stops), -1)
-    for at, members in group_positions(np.array([stop.xy for stop in stops]).reshape(-1, 2), STOP_RADIUS):
+    for at, members in group_positions(
+        np.array([stop.xy for stop in stops]).reshape(-1, 2), STOP_RADIUS
+    ):
         if len(members) >= 2:
             stop_owner[members] = len(places)
             kinds = {stops[n].what for n in members}
@@ -173,7 +175,9 @@ def _blame_route(
     since = lost_at[:, None] - distance
     # A robot drives up to 10 m from a spot until it is lost because of it.
     near = (since >= -0.5) & (since <= 10.0)
-    spot_distances = [np.where(near & are_inside(spot, line), distance, -1.0).max(axis=1) for spot in spots]
+    spot_distances = [
+        np.where(near & are_inside(spot, line), distance, -1.0).max(axis=1) for spot in spots
+    ]
     owner = np.argmax([np.full(len(lost_at), -0.5), *spot_distances], axis=0) - 1
     return owner, np.column_stack([np.interp(lost_at, distance, spot) for spot in line.T])
 

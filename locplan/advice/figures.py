@@ -19,20 +19,20 @@ from locplan._support import drawing as style
 from locplan._support.drawing import (
     MAP_COLOURS,
     Picture,
-    draw_number,
     break_title,
+    draw_number,
     make_logarithmic,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan.advice.landmark_objects import place_outline
 from locplan.advice.landmarks import EXPECTED, PAYING_SHARE, Landmarks, Verification
 from locplan.advice.weak_spots import sample_path
-from locplan.maps.figures import draw_cells, draw_map, drawn_size, crop_map, map_size, downsample
+from locplan.maps.figures import crop_map, downsample, draw_cells, draw_map, drawn_size, map_size
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import (
     along_norm,
-    draw_coloured_line,
     draw_along_bar,
+    draw_coloured_line,
     draw_ends,
     draw_path,
 )
@@ -349,7 +349,9 @@ def landmarks_figure(landmarks: Landmarks, verification: Verification | None = N
         crop_map(grid, list(landmarks.setting.routes.values()))
         for grid in (landmarks.setting.grid, landmarks.grid)
     ]
-    title = f"{landmarks.setting.grid.name or 'map'}: {len(landmarks)} x {landmarks.setting.kind.title}"
+    title = (
+        f"{landmarks.setting.grid.name or 'map'}: {len(landmarks)} x {landmarks.setting.kind.title}"
+    )
     title_lines = [title, verification.verdict if verification else "not verified by drives"]
     title_lines.append(f"with {landmarks.setting.robot.title}")
     figure, part, maps, plots = _make_panels(grids[0], title_lines, 2 if verification else 1)
@@ -410,7 +412,10 @@ def _draw_gains(axes: Axes, landmarks: Landmarks) -> None:
     """Draw the expected deviation over the number of landmarks."""
     numbers: NDArray[Any] = np.arange(len(landmarks.curve))
     axes.plot(numbers, landmarks.expected_deviations, "o-", color=style.VERMILION, markersize=4)
-    if landmarks.expected_deviations[-1] > 0 and landmarks.expected_deviations[0] > 10 * landmarks.expected_deviations[-1]:
+    if (
+        landmarks.expected_deviations[-1] > 0
+        and landmarks.expected_deviations[0] > 10 * landmarks.expected_deviations[-1]
+    ):
         make_logarithmic(axes.yaxis)
     else:
         axes.set_ylim(0, 1.05 * float(landmarks.expected_deviations.max()) or 1.0)
@@ -418,7 +423,9 @@ def _draw_gains(axes: Axes, landmarks: Landmarks) -> None:
         axes.axvline(landmarks.paying, color="0.6", linewidth=0.8)
         note = f"further ones: less\nthan {PAYING_SHARE:.0%} each"
         at = "data", "axes fraction"
-        axes.annotate(note, (landmarks.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8)
+        axes.annotate(
+            note, (landmarks.paying, 0.97), (4, 0), at, "offset points", va="top", fontsize=8
+        )
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="number of landmarks", ylabel=EXPECTED.heading)
 

@@ -26,7 +26,8 @@ def describe_fix_files(check: Check, params: Params = ()) -> dict[str, str]:
     if {REACH, SETTINGS} & {*check.recommended} and has_amcl(params):
         values = "your parameters, changed"
         if len(params) > 1:
-            values = f"{' and '.join(parameter_path.name for parameter_path in params)} in one file, changed"
+            file_names = " and ".join(parameter_path.name for parameter_path in params)
+            values = f"{file_names} in one file, changed"
     mask = {"mask/nav2.yaml": "parameters with the mask's; see mask/README.md for its planner"}
     texts_by_kind = {
         WALLS: {"map.yaml": f"the map for all of Nav2, with {check.reading.title}"},
@@ -66,7 +67,11 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         The user's parameters of Nav2, of which a copy is changed: one file, since nav2_bringup
         takes one.
     """
-    kinds, reading, parameter_file = {*check.recommended}, check.reading, folder / "nav2_params.yaml"
+    kinds, reading, parameter_file = (
+        {*check.recommended},
+        check.reading,
+        folder / "nav2_params.yaml",
+    )
     params = base = as_files(params)
     if kinds & {REACH, SETTINGS} and has_amcl(params):
         if len(params) > 1:
@@ -91,5 +96,8 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
         for name, path in check.changed_paths.items():
             path.save(folder / name)
         if mask := check.artifacts.get(PATHS):
-            ways = {file.removesuffix(".csv"): route_path for file, route_path in check.changed_paths.items()}
+            ways = {
+                file.removesuffix(".csv"): route_path
+                for file, route_path in check.changed_paths.items()
+            }
             nav2_keepout(folder / "mask", mask, params=base, paths=ways)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 from locplan._support.kernels.arrays import Floats
 from locplan._support.progress import ProgressCallback
-from locplan.advice.driving import SiteRunner, Site
+from locplan.advice.driving import Site, SiteRunner
 from locplan.advice.landmark_objects import Pole, with_objects
 from locplan.advice.landmarks import place_landmarks
 from locplan.advice.map_reading import MapReading
@@ -80,7 +80,10 @@ def list_fixes(site: Site, reading: MapReading, mended: OccupancyGrid) -> Iterat
             lambda old: replace(old, filter_map=mended),
         )
     robot_filter = site.robot.filter
-    if isinstance(robot_filter, Amcl) and robot_filter.reach(site.robot.known_lidar) < site.robot.known_lidar.range:
+    if (
+        isinstance(robot_filter, Amcl)
+        and robot_filter.reach(site.robot.known_lidar) < site.robot.known_lidar.range
+    ):
         full: dict[str, Any] = {"laser_max_range": Amcl().laser_max_range}
         far = f"laser_max_range {Amcl().laser_max_range:g}"
         yield Fix(
@@ -133,7 +136,9 @@ def propose_paths(
     score : callable
         Drives a site, and gives what sites are ranked by; less is better.
     """
-    useful_choices = {name: choice for name, choice in choices.items() if choice.path and choice.best > 0}
+    useful_choices = {
+        name: choice for name, choice in choices.items() if choice.path and choice.best > 0
+    }
     paths_by_route = {name: choice.path for name, choice in useful_choices.items() if choice.path}
     if not paths_by_route:
         return None
@@ -146,7 +151,9 @@ def propose_paths(
         usable_paths = {name: path for name, path in ways.items() if path and path.length}
         if len(usable_paths) < len(ways):
             continue
-        mask_fix = _make_paths_fix(site, usable_paths, "a keepout mask, other paths", "a mask for Nav2", mask)
+        mask_fix = _make_paths_fix(
+            site, usable_paths, "a keepout mask, other paths", "a mask for Nav2", mask
+        )
         if (mask_score := score(mask_fix.apply(site))) < best_score:
             best, best_score = mask_fix, mask_score
     return best
@@ -157,7 +164,9 @@ def _make_paths_fix(
 ) -> Fix:
     """The fix of other paths; those that are as long as they were count as the old ones."""
     longer = {name: path.length - site.paths[name].length for name, path in paths.items()}
-    changed = {name: paths[name] for name, extra_length in longer.items() if abs(extra_length) > 0.01}
+    changed = {
+        name: paths[name] for name, extra_length in longer.items() if abs(extra_length) > 0.01
+    }
     extra_length = sum(longer.values()) / max(1, len(changed))
     detail = f"{subject} on {len(changed)} of {len(site.paths)} routes, {extra_length:+.1f} m"
     title = "keepout mask" if mask else "other paths"

@@ -11,7 +11,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import Settings, set_frozen_fields, check_number, check_positive, short_repr
+from locplan._support.checks import (
+    Settings,
+    check_number,
+    check_positive,
+    set_frozen_fields,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.poses import find_window
 from locplan.errors import ConfigError
@@ -227,7 +233,9 @@ def with_objects(grid: OccupancyGrid, kind: LandmarkObject, poses: Iterable[Any]
     return dataclasses.replace(grid, cells=cells)
 
 
-def find_covered_cells(grid: OccupancyGrid, kind: LandmarkObject, pose: Floats) -> tuple[Ints, Ints]:
+def find_covered_cells(
+    grid: OccupancyGrid, kind: LandmarkObject, pose: Floats
+) -> tuple[Ints, Ints]:
     """Rows and columns of the cells of a map that an object fills, as `with_objects` says.
 
     Parameters
@@ -251,7 +259,9 @@ def parse_object_poses(poses: Iterable[Any]) -> Floats:
         except (TypeError, ValueError):
             values = []
         if len(values) not in (2, 3) or not np.isfinite(values).all():
-            raise ConfigError(f"a landmark must be (x, y) or (x, y, heading), not {short_repr(pose)}")
+            raise ConfigError(
+                f"a landmark must be (x, y) or (x, y, heading), not {short_repr(pose)}"
+            )
         rows.append([*values, 0.0][:3])
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
@@ -300,7 +310,9 @@ def _sample_outline(shape: Shape, heading: float, step: float) -> Floats:
     sides = []
     for corner, next_corner in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         count = math.ceil(float(np.hypot(*(next_corner - corner))) / step)
-        sides.append(corner + np.linspace(0, 1, count, endpoint=False)[:, None] * (next_corner - corner))
+        sides.append(
+            corner + np.linspace(0, 1, count, endpoint=False)[:, None] * (next_corner - corner)
+        )
     return np.concatenate(sides)
 
 

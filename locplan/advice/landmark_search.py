@@ -79,7 +79,9 @@ class Passages:
         after = before & (distances >= radius - 1e-9)
         if (after == before).all():
             return False
-        _, parts, statistics, _ = cv2.connectedComponentsWithStats(after.astype("u1"), connectivity=4)
+        _, parts, statistics, _ = cv2.connectedComponentsWithStats(
+            after.astype("u1"), connectivity=4
+        )
         # Area of free space that may be closed off, since it is no passage [m^2].
         min_cells = 0.25 / self.grid.resolution**2 if around >= AROUND else 0
         large = np.flatnonzero(statistics[:, cv2.CC_STAT_AREA] >= min_cells)
@@ -88,7 +90,10 @@ class Passages:
             return False
         _, old_parts = cv2.connectedComponents(before.astype("u1"), connectivity=4)
         owners = [old_parts[parts == part][0] for part in large.tolist()]
-        return any(owners.count(part_label) > 1 for part_label in np.unique(old_parts[before & ~after]).tolist())
+        return any(
+            owners.count(part_label) > 1
+            for part_label in np.unique(old_parts[before & ~after]).tolist()
+        )
 
 
 WALL_GAP, OBJECT_GAP = 0.05, 0.05
@@ -141,7 +146,8 @@ def _place_along_walls(grid: OccupancyGrid, shape: Shape) -> Floats:
         half = min(0.25, way[-1] / 4)
         length = max(way[-1], 1e-9)
         d_row, d_col = (
-            np.interp((sample_distances + half) % length, way, v) - np.interp((sample_distances - half) % length, way, v)
+            np.interp((sample_distances + half) % length, way, v)
+            - np.interp((sample_distances - half) % length, way, v)
             for v in ring.T
         )
         nearest = np.searchsorted(way, sample_distances).clip(0, len(at)) % len(at)
@@ -192,7 +198,10 @@ def _place_beside_routes(
             extent = shape.half_length if turn else shape.half_width
             for side in (-1, 1):
                 side_offset = side * (keep + extent) / grid.resolution + side
-                at_row, at_col = row + np.cos(ahead) * side_offset, col - np.sin(ahead) * side_offset
+                at_row, at_col = (
+                    row + np.cos(ahead) * side_offset,
+                    col - np.sin(ahead) * side_offset,
+                )
                 heading = np.mod(ahead + turn + 1e-9, np.pi) - 1e-9
                 pose_lists.append(np.column_stack([at_row, at_col, heading]))
     return _select_open_poses(grid, np.concatenate(pose_lists))

@@ -54,7 +54,9 @@ def make_route_views(
     grid: OccupancyGrid, lines: Sequence[Poses], shape: Shape, robot: Robot
 ) -> RouteViews:
     """Look around on a map at poses in the world, `compute_look_step` apart on each line."""
-    rays = _make_rays(world_to_map_frame(grid, np.concatenate(lines)), shape, robot, grid.resolution)
+    rays = _make_rays(
+        world_to_map_frame(grid, np.concatenate(lines)), shape, robot, grid.resolution
+    )
     count = len(rays.first)
     check_memory(
         f"{count:,} poses with {rays.beams} rays", count * rays.beams * 40, "take shorter routes"
@@ -194,7 +196,13 @@ class Sight:
 
     def __post_init__(self) -> None:
         from locplan._support.kernels.rays import empty_squares
-        from locplan.advice.kernels.landmarks import Outline, LandmarkScene, Surfaces, cast_map_hits, sum_hits
+        from locplan.advice.kernels.landmarks import (
+            LandmarkScene,
+            Outline,
+            Surfaces,
+            cast_map_hits,
+            sum_hits,
+        )
 
         rays, resolution = self.route_views.rays, self.grid.resolution
         count, occupied = len(rays.first), self.grid.cells == OCCUPIED
@@ -231,7 +239,13 @@ class Sight:
         from locplan.advice.kernels.objectives import compute_route_covariances
 
         route_views = self.route_views
-        _, after = compute_route_covariances(self.sums, route_views.rays.poses, route_views.routes, route_views.a_step, route_views.motion)
+        _, after = compute_route_covariances(
+            self.sums,
+            route_views.rays.poses,
+            route_views.routes,
+            route_views.a_step,
+            route_views.motion,
+        )
         return float((after[:, XX] + after[:, YY]).mean())
 
     def compute_objectives(self, indices: Ints) -> Floats:
@@ -239,10 +253,17 @@ class Sight:
         from locplan.advice.kernels.objectives import compute_uncertainties
 
         route_views = self.route_views
-        kernel_arguments = self.sightings, self.scene, route_views.routes, route_views.a_step, route_views.motion
+        kernel_arguments = (
+            self.sightings,
+            self.scene,
+            route_views.routes,
+            route_views.a_step,
+            route_views.motion,
+        )
         return np.concatenate(
             self._run_in_lots(
-                lambda part: compute_uncertainties(self.candidate_poses, part, *kernel_arguments), np.asarray(indices, np.int64)
+                lambda part: compute_uncertainties(self.candidate_poses, part, *kernel_arguments),
+                np.asarray(indices, np.int64),
             )
         )
 
@@ -250,14 +271,25 @@ class Sight:
         """Which poses see which place, and by which rays."""
         from locplan.advice.kernels.landmarks import Sightings, find_sightings
 
-        candidate_poses, kernel_arguments = self.candidate_poses, (self._hits_of_map, self.route_views.rays, self.outline)
-        counts, all_numbers = np.zeros(len(candidate_poses), np.int64), np.arange(len(candidate_poses))
+        candidate_poses, kernel_arguments = (
+            self.candidate_poses,
+            (self._hits_of_map, self.route_views.rays, self.outline),
+        )
+        counts, all_numbers = (
+            np.zeros(len(candidate_poses), np.int64),
+            np.arange(len(candidate_poses)),
+        )
 
         def fill_sightings(starts: Ints) -> Sightings:
             room = starts[-1]
-            new_sightings = Sightings(starts, np.empty(room, np.int32), np.empty((room, 2), np.int16))
+            new_sightings = Sightings(
+                starts, np.empty(room, np.int32), np.empty((room, 2), np.int16)
+            )
             self._run_in_lots(
-                lambda lot: find_sightings(candidate_poses, lot[0], lot[-1] + 1, *kernel_arguments, new_sightings, counts), all_numbers
+                lambda lot: find_sightings(
+                    candidate_poses, lot[0], lot[-1] + 1, *kernel_arguments, new_sightings, counts
+                ),
+                all_numbers,
             )
             return new_sightings
 

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import check_threads, set_frozen_fields, check_position, short_repr, check_integer
+from locplan._support.checks import (
+    check_integer,
+    check_position,
+    check_threads,
+    set_frozen_fields,
+    short_repr,
+)
 from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.output import Results
@@ -28,14 +34,14 @@ from locplan.advice.landmark_objects import (
 )
 from locplan.advice.landmark_search import (
     CLEARANCE,
-    Passages,
     LandmarkSearch,
-    list_candidate_places,
+    Passages,
     count_reasons,
-    poses_from_places,
     find_refusals,
+    list_candidate_places,
+    poses_from_places,
 )
-from locplan.advice.landmark_sight import Sight, sample_lines, make_route_views
+from locplan.advice.landmark_sight import Sight, make_route_views, sample_lines
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equip_robot
 from locplan.maps.files import save_map
@@ -117,7 +123,9 @@ class Verification:
     @cached_property
     def comparison(self) -> Verdict:
         """The verdict on the drives with landmarks beside those without, with its figures."""
-        return compare_drives(*(DriveSet.from_drives(drive_group.drives) for drive_group in (self.before, self.after)))
+        return compare_drives(
+            *(DriveSet.from_drives(drive_group.drives) for drive_group in (self.before, self.after))
+        )
 
     @property
     def word(self) -> str:
@@ -150,7 +158,9 @@ class Verification:
         drive_groups = {"none": self.before, "proposed": self.after}
         if self.random:
             drive_groups["as many at random"] = self.random
-        rows = zip(drive_groups, Table.from_records(OUTCOME, drive_groups.values()).rows, strict=True)
+        rows = zip(
+            drive_groups, Table.from_records(OUTCOME, drive_groups.values()).rows, strict=True
+        )
         return Table(
             (Column("world", title="landmarks"), *OUTCOME),
             tuple((name, *row) for name, row in rows),
@@ -380,7 +390,8 @@ def landmarks_report(landmarks: Landmarks, verification: Verification | None = N
     verdict = [verification.verdict if verification else "not verified: nothing was driven"]
     verdict.append(f"with {setting.robot.title}")
     gains = [
-        f"{len(landmarks)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without any:"
+        f"{len(landmarks)} x {setting.kind.title}, in order of gain; {EXPECTED.heading} without"
+        " any:"
         f" {landmarks.expected_deviations[0]:.3f}"
     ]
     if landmarks.advice:
@@ -498,7 +509,9 @@ def _prepare_search(
     candidates = list_candidate_places(grid, kind.shape, routes.values(), keep)
     robots = cKDTree(map_poses_from_world(grid, np.concatenate(lines))[:, :2])
     within = (route_views.rays.most + kind.shape.reach) / grid.resolution
-    candidates = candidates[np.isfinite(robots.query(candidates[:, :2], distance_upper_bound=within)[0])]
+    candidates = candidates[
+        np.isfinite(robots.query(candidates[:, :2], distance_upper_bound=within)[0])
+    ]
     clear_of = [path.resample(grid.resolution / 2).xy for path in routes.values()]
     at = np.column_stack(grid.world_to_grid(*np.concatenate(clear_of).T))
     reasons = find_refusals(candidates, grid, passages, at, keep, closed)
@@ -508,7 +521,9 @@ def _prepare_search(
             f"no {kind.title} may stand within the lidar's range of the robot:"
             f" {count_reasons(reasons)}; give a smaller object, or smaller no-go zones"
         )
-    return LandmarkSearch(Sight(grid, route_views, kind.shape, candidates[allowed], threads), passages)
+    return LandmarkSearch(
+        Sight(grid, route_views, kind.shape, candidates[allowed], threads), passages
+    )
 
 
 def parse_routes(
@@ -542,7 +557,9 @@ def parse_routes(
             f"there must be 2 to {MAX_PLACES} places, which routes join, not {len(values_by_name)};"
             " give longer lists of routes as paths"
         )
-    ends = {str(name): check_position(xy, name=f"place {name}") for name, xy in values_by_name.items()}
+    ends = {
+        str(name): check_position(xy, name=f"place {name}") for name, xy in values_by_name.items()
+    }
     costs = Costmap.blank(grid, robot=robot_radius, zones=zones)
     for name, xy in ends.items():
         costs.find_cell(xy, name)
@@ -550,7 +567,9 @@ def parse_routes(
     for (first, start), (second, goal) in combinations(ends.items(), 2):
         shortest = plan(costs, start, goal).path
         if shortest is None:
-            raise LocplanError(f"no path leads from {first} to {second}; name places that are joined")
+            raise LocplanError(
+                f"no path leads from {first} to {second}; name places that are joined"
+            )
         routes[f"{first} to {second}"] = shortest
     return routes
 
@@ -614,10 +633,14 @@ def verify_landmarks(
     outcomes = []
     for grid, count, report in zip(maps, counts, callbacks, strict=True):
         simulator = Simulator(grid, setting.robot, seed=seed, threads=threads)
-        drives_by_route = drive_open(simulator, setting.replan_routes(grid), range(count), progress=report)
+        drives_by_route = drive_open(
+            simulator, setting.replan_routes(grid), range(count), progress=report
+        )
         outcomes.append(VerificationDrives(tuple(drives_by_route.values())))
     before, after, *at_random = outcomes
-    pooled = VerificationDrives(tuple(line_drives for outcome in at_random for line_drives in outcome.drives))
+    pooled = VerificationDrives(
+        tuple(line_drives for outcome in at_random for line_drives in outcome.drives)
+    )
     pairs = zip(before.drives, after.drives, strict=True)
     profiles = dict(zip(setting.routes, pairs, strict=True))
     return Verification(before, after, pooled if at_random else None, profiles, seed)
@@ -627,7 +650,10 @@ def _make_random_maps(landmarks: Landmarks, n_sets: int, seed: int) -> list[Occu
     """Return maps with objects at random places; none if too few places are allowed."""
     grid, kind, search = landmarks.setting.grid, landmarks.setting.kind, landmarks.search
     # Stream of random numbers of places at random, next to those of `Simulator`.
-    choices = [search.draw_random_places(len(landmarks), make_generator(seed, 100, n)) for n in range(n_sets)]
+    choices = [
+        search.draw_random_places(len(landmarks), make_generator(seed, 100, n))
+        for n in range(n_sets)
+    ]
     if not all(choices):
         return []
     poses = [poses_from_places(grid, search.places[choice]) for choice in choices]

@@ -136,7 +136,9 @@ def _try_further(check: Check, repeat_command: list[str], map_file: str) -> tupl
             shlex.join([word for word in repeat_command if word != "--effort=quick"]),
         )
     if check.recorded:
-        drive = [word.partition("=")[2] for word in repeat_command if word.startswith("--recording=")]
+        drive = [
+            word.partition("=")[2] for word in repeat_command if word.startswith("--recording=")
+        ]
         command = ["locplan", "recording", *drive[:1], map_file, "-o", "recording"]
         return "no fix helps. See where the scans do not fit the map:", shlex.join(command)
     return (
@@ -145,7 +147,9 @@ def _try_further(check: Check, repeat_command: list[str], map_file: str) -> tupl
     )
 
 
-def _make_commands(check: Check, folder: Folder, repeat_command: list[str], map_file: str, params: Params) -> str:
+def _make_commands(
+    check: Check, folder: Folder, repeat_command: list[str], map_file: str, params: Params
+) -> str:
     """Return commands that put the fixes in force, or check that they help, a line each."""
     kinds, absolute_folder = {*check.recommended}, folder.resolve()
     lines = []
@@ -173,8 +177,13 @@ def _make_commands(check: Check, folder: Folder, repeat_command: list[str], map_
         lines.append(["locplan", "export", map_file, *to])
     if len(arguments) == 1 and not {WALLS, LANDMARKS, PATHS} & kinds:
         # The user merges the lines of these files by hand, and can check before what they do.
-        repeat_command = [word for word in repeat_command if MEND not in kinds or "--filter-map" not in word]
-        file_options = {MEND: ("--filter-map", "map_amcl.yaml"), SETTINGS: ("--robot", "nav2_params.yaml")}
+        repeat_command = [
+            word for word in repeat_command if MEND not in kinds or "--filter-map" not in word
+        ]
+        file_options = {
+            MEND: ("--filter-map", "map_amcl.yaml"),
+            SETTINGS: ("--robot", "nav2_params.yaml"),
+        }
         for fix, (option, name) in file_options.items():
             if fix in kinds or (fix == SETTINGS and REACH in kinds):
                 repeat_command += [option, str(folder / name)]

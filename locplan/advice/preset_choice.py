@@ -189,7 +189,8 @@ class PresetChoice:
         if self.untested_error is None:
             return ""
         return (
-            f"Precise settings reach {format_metres(self.untested_error)}, but a robot that gets lost"
+            f"Precise settings reach {format_metres(self.untested_error)}, but a robot that gets"
+            " lost"
             " with them does not return. Test them on a recorded drive:"
             f" `{shlex.join([*command, '--recording', 'FILE'])}`"
         )
@@ -215,7 +216,8 @@ class PresetChoice:
             )
         return (
             f"Lost: {OFF} at some time. The usual level decides. At every other level"
-            f" the safe preset must not be off at the end significantly more often than {USER_SETTINGS}, and"
+            " the safe preset must not be off at the end significantly more often than"
+            f" {USER_SETTINGS}, and"
             " the precise one only rarely."
         )
 
@@ -369,7 +371,8 @@ class _PresetTrial:
                 return ""  # the user's settings need no drives
             n_drives, looks_left = len(drives.lost), len(case.looks) - n_looks
             harm = (
-                f"{name} settings are off at the end in {format_rate(drives.off_at_end_rate)} of the"
+                f"{name} settings are off at the end in {format_rate(drives.off_at_end_rate)} of"
+                " the"
                 f" drives if {case.fault}"
             )
             if name == PRECISE:
@@ -395,7 +398,9 @@ class _PresetTrial:
     def object_on_recordings(self, name: str) -> str:
         """Return why recorded drives, or then simulated ones, speak against a preset."""
         for recording in self._recordings:
-            before, after = (self._replay(settings, recording) for settings in (USER_SETTINGS, name))
+            before, after = (
+                self._replay(settings, recording) for settings in (USER_SETTINGS, name)
+            )
             if objection := find_objection(before, after):
                 return f"{name} settings: {objection} on {recording.name}"
         self.compare_at_usual_level(name)
@@ -424,7 +429,9 @@ class _PresetTrial:
             results=tuple(results),
             verdicts=self._verdicts,
             objections=self.objections,
-            cost_ratio=_compute_cost_ratio(self._settings[USER_SETTINGS], self._settings[name], lines),
+            cost_ratio=_compute_cost_ratio(
+                self._settings[USER_SETTINGS], self._settings[name], lines
+            ),
             recordings=tuple(recording.name for recording in self._recordings),
         )
 
@@ -453,7 +460,10 @@ class _PresetTrial:
 
     def _result(self, name: str, case: LevelCase) -> CaseResult:
         drives = DriveSet.join(self._drive_sets[name, case.name])
-        n_looks = min(len(self._drive_sets.get((settings, case.name), ())) for settings in (USER_SETTINGS, name))
+        n_looks = min(
+            len(self._drive_sets.get((settings, case.name), ()))
+            for settings in (USER_SETTINGS, name)
+        )
         if name == USER_SETTINGS:
             word = BASELINE
         elif [case] == self._base_cases:
@@ -464,7 +474,10 @@ class _PresetTrial:
         return CaseResult(name, case.name, *rates, len(drives.lost), word)
 
     def _result_on_recording(self, name: str, recording: str) -> CaseResult:
-        runs, before = self._replayed[name, recording], self._replayed.get((USER_SETTINGS, recording))
+        runs, before = (
+            self._replayed[name, recording],
+            self._replayed.get((USER_SETTINGS, recording)),
+        )
         if name == USER_SETTINGS:
             word = BASELINE
         else:
@@ -485,7 +498,9 @@ def find_objection(before: Drives, after: Drives) -> str:
         return f"{after.off_at_end.sum()} of {len(after.errors)} runs are off at the end"
     n_lost = [int(drives.lost.sum()) for drives in (before, after)]
     if n_lost[1] > n_lost[0]:
-        return f"{n_lost[1]} of {len(after.errors)} runs get lost, {n_lost[0]} with {USER_SETTINGS},"
+        return (
+            f"{n_lost[1]} of {len(after.errors)} runs get lost, {n_lost[0]} with {USER_SETTINGS},"
+        )
     errors = [drives.rmse.value for drives in (before, after)]
     if errors[1] > errors[0]:
         user_error, error = map(format_metres, errors)

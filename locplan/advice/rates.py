@@ -186,7 +186,9 @@ def rank_fixes(fixes: Sequence[FixResult]) -> list[FixResult]:
         The fixes.
     """
     keeping = [fix for fix in fixes if fix.keeps_more]
-    best_lost = min((fix.rates.lost for fix in keeping or filter(is_better, fixes)), default=NOTHING)
+    best_lost = min(
+        (fix.rates.lost for fix in keeping or filter(is_better, fixes)), default=NOTHING
+    )
 
     def key(fix: FixResult) -> tuple[bool, bool, float, float]:
         is_improvement = is_better(fix)
@@ -223,7 +225,8 @@ def compute_drive_rates(outcome: Outcome, arrivals: Mapping[str, Arrivals]) -> D
             for drives in arrivals.values()
         ]
         reached, missed = (
-            compute_wilson_interval(float(route_shares.mean()), size) for route_shares in (shares, np.array(misses) / counts)
+            compute_wilson_interval(float(route_shares.mean()), size)
+            for route_shares in (shares, np.array(misses) / counts)
         )
     n_closed = sum(len(drives.drives) for drives in arrivals.values())
     drive_set = outcome.drive_set

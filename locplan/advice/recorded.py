@@ -13,7 +13,7 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFault, MapFaults
 from locplan.recordings.calibration import fit_odometry_noise, fit_scan_noise
 from locplan.recordings.faults import RecordingFaults, find_recording_faults
-from locplan.recordings.map_fit import find_misfits, fit_to_map, fit_ranges
+from locplan.recordings.map_fit import find_misfits, fit_ranges, fit_to_map
 from locplan.recordings.recording import Recording
 from locplan.recordings.replays import ReplayedDrive, find_replay_limit, sparse_notes
 from locplan.robots.robot import Robot
@@ -102,8 +102,11 @@ def analyze_recordings(
             sentences.append(f"walls: {error}")
     stretch = ranges.factor.value if ranges and ranges.is_scaled else 1.0
     of_ranges = ranges.faults(grid) if ranges else ()
-    map_faults = replace(map_faults, meant=grid, found=(*of_ranges, *misfits, *map_faults))
-    sound = (recording in fitting and drive_faults.is_sound for recording, drive_faults in zip(recordings, faults, strict=True))
+    map_faults = replace(map_faults, corrected_map=grid, faults=(*of_ranges, *misfits, *map_faults))
+    sound = (
+        recording in fitting and drive_faults.is_sound
+        for recording, drive_faults in zip(recordings, faults, strict=True)
+    )
     if stretch != 1:  # the poses are in other lengths than those of the map
         replays = []
     return RecordingEvidence(
@@ -130,7 +133,10 @@ def _calibrate_robot(
     ]
     noise = fit_odometry_noise(drive, robot.amcl, faulty)
     if noise is None:
-        return robot.with_settings(changes), [*sentences, "odometry: too short a drive, taken as it was"]
+        return robot.with_settings(changes), [
+            *sentences,
+            "odometry: too short a drive, taken as it was",
+        ]
     changes |= noise.settings()
     sentences.append(
         f"odometry as recorded: {text('drift', noise.distance_drift, 'm/√m')},"

@@ -164,7 +164,9 @@ def repair_report(mended: Mended) -> str:
             lines.append(
                 "no wall is another: a filter that knows its place gains nothing; plans do"
             )
-    lines.append(f"{mended.n_changed:,} cells are other ones for the filter; plan on {planning_map}")
+    lines.append(
+        f"{mended.n_changed:,} cells are other ones for the filter; plan on {planning_map}"
+    )
     if mended.undriven:
         return "\n".join([*lines, f"no verdict by drives: {mended.undriven}"])
     lines += [
@@ -252,7 +254,9 @@ def mend(
         as_is, hollow = (
             [
                 *drive_open(
-                    Simulator(world, filter_robot, filter_map=filter_map, seed=seed, threads=threads),
+                    Simulator(
+                        world, filter_robot, filter_map=filter_map, seed=seed, threads=threads
+                    ),
                     ways,
                     range(drives),
                     progress=tell,

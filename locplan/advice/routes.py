@@ -24,7 +24,9 @@ Stations = str | os.PathLike[str] | Sequence[Any] | Mapping[str, Any]
 """A file of stations or queries, stations, positions by name, or (start, goal) pairs [m]."""
 
 
-def plan_routes(costs: Costmap, stations: Stations | None, count: int, seed: int) -> dict[str, Path]:
+def plan_routes(
+    costs: Costmap, stations: Stations | None, count: int, seed: int
+) -> dict[str, Path]:
     """The shortest path of each route by its name.
 
     Parameters
@@ -38,7 +40,11 @@ def plan_routes(costs: Costmap, stations: Stations | None, count: int, seed: int
     seed : int
         Seed of those that are drawn at random.
     """
-    queries = _make_distant_queries(costs, count, seed) if stations is None else _make_station_queries(costs, stations)
+    queries = (
+        _make_distant_queries(costs, count, seed)
+        if stations is None
+        else _make_station_queries(costs, stations)
+    )
     if len(queries) > MAX_ROUTES:
         step = math.ceil(len(queries) / MAX_ROUTES)
         queries = queries[::step]
@@ -51,7 +57,8 @@ def plan_routes(costs: Costmap, stations: Stations | None, count: int, seed: int
         path = plan(costs, query.start[:2], query.goal[:2]).path if start != goal else None
         if path is None or not path.length:
             raise ConfigError(
-                f"route {short_repr(query.name)}: no path leads from start to goal; leave it out, or"
+                f"route {short_repr(query.name)}: no path leads from start to goal; leave it out,"
+                " or"
                 " give the robot's own footprint and margin"
             )
         paths[query.name] = path

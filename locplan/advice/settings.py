@@ -80,7 +80,9 @@ def is_contradicted(site: Site, fixed_site: Site, recorded: RecordingEvidence) -
     return any(
         find_objection(
             drive.replay(site.robot.amcl),
-            replace(drive, filter_map=changed_map or drive.filter_map).replay(fixed_site.robot.amcl),
+            replace(drive, filter_map=changed_map or drive.filter_map).replay(
+                fixed_site.robot.amcl
+            ),
         )
         for drive in recorded.replays
     )

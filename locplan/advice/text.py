@@ -86,7 +86,8 @@ def headline(check: Check) -> tuple[str, ...]:
     """Return the first sentences: how often the robot gets lost, and reaches the goal."""
     rates = check.baseline
     lost = (
-        f"Your robot gets lost (error > {LOST:g} m) in {format_rate(rates.lost)} of {rates.n_drives}"
+        f"Your robot gets lost (error > {LOST:g} m) in {format_rate(rates.lost)} of"
+        f" {rates.n_drives}"
         f" simulated drives. It is off at the end in {format_rate(rates.off_at_end)}."
     )
     if not rates.n_closed:
@@ -187,7 +188,8 @@ def fix_rows(check: Check) -> list[FixRow]:
     rows = [FixRow("none", "", check.baseline, "")]
     if check.confirmed:
         titles, details = (
-            " + ".join(getattr(fix, name) for fix in check.recommended_fixes) for name in ("title", "detail")
+            " + ".join(getattr(fix, name) for fix in check.recommended_fixes)
+            for name in ("title", "detail")
         )
         change = _change(check.confirmed.word, check.confirmed.ratio)
         rows.append(FixRow(titles, details, check.after, change, True))
@@ -286,7 +288,9 @@ def _replay_table(check: Check, *, is_complete: bool) -> list[str]:
         Column("error", title="error", value=lambda result: format_metres(result.error.value)),
         Column("lost", title="lost", value=lambda result: _format_share(result.lost)),
         Column(
-            "off_at_end", title="off at the end", value=lambda result: _format_share(result.off_at_end)
+            "off_at_end",
+            title="off at the end",
+            value=lambda result: _format_share(result.off_at_end),
         ),
     )
     results = [
@@ -331,7 +335,9 @@ def _rate_columns() -> tuple[Column, ...]:
         off_at_end, reached = "off at end", "at goal"
     return (
         Column("lost", title="lost", value=lambda row: _format_share(row.rates.lost)),
-        Column("off_at_end", title=off_at_end, value=lambda row: _format_share(row.rates.off_at_end)),
+        Column(
+            "off_at_end", title=off_at_end, value=lambda row: _format_share(row.rates.off_at_end)
+        ),
         Column("reached", title=reached, value=lambda row: _format_share(row.rates.reached)),
     )
 

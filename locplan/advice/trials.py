@@ -207,13 +207,19 @@ def select_fixes(
         kinds = (*kinds, kind)
     for kind in [kind for kind in kinds if kind not in certain]:
         reduced = tuple(other for other in kinds if other != kind)
-        if reduced and _is_superfluous(drive(reduced, selection_numbers), drive(kinds, selection_numbers)):
+        if reduced and _is_superfluous(
+            drive(reduced, selection_numbers), drive(kinds, selection_numbers)
+        ):
             kinds = reduced
     return kinds
 
 
 def confirm_fixes(
-    certain: tuple[str, ...], kinds: tuple[str, ...], drive: DriveFixes, selection_numbers: range, fresh: range
+    certain: tuple[str, ...],
+    kinds: tuple[str, ...],
+    drive: DriveFixes,
+    selection_numbers: range,
+    fresh: range,
 ) -> Combination:
     """Confirm a combination of fixes by fresh drives, which alone decide.
 

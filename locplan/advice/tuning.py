@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from locplan._support.checks import check_threads, check_instance, check_integer
+from locplan._support.checks import check_instance, check_integer, check_threads
 from locplan._support.intervals import format_metres
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
@@ -23,8 +23,8 @@ from locplan._support.tables import REPORT_WIDTH, nan_to_none
 from locplan.advice.preset_choice import (
     LEVEL_DRIVES,
     USER_SETTINGS,
-    LevelCase,
     CaseResult,
+    LevelCase,
     PresetChoice,
     choice_values,
     choose_preset,
@@ -37,7 +37,13 @@ from locplan.planning.plans import plan
 from locplan.planning.queries import random_queries
 from locplan.recordings.faults import find_recording_faults
 from locplan.recordings.recording import Recording
-from locplan.recordings.replays import RUNS, ReplayedDrive, ReplayInputs, find_replay_limit, sparse_notes
+from locplan.recordings.replays import (
+    RUNS,
+    ReplayedDrive,
+    ReplayInputs,
+    find_replay_limit,
+    sparse_notes,
+)
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import AMCL_PRESETS, describe_preset
 from locplan.robots.robot import Robot
@@ -52,7 +58,12 @@ from locplan.simulation.drives import check_drives
 from locplan.simulation.levels import LEVELS, NO_FAULT, Level, select_levels, select_paths
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import DriveSet
-from locplan.simulation.worlds import summarize_filter_map, check_filter_map, check_single_map, make_path_poses
+from locplan.simulation.worlds import (
+    check_filter_map,
+    check_single_map,
+    make_path_poses,
+    summarize_filter_map,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,9 +135,8 @@ class Tuning(Result):
             before, after = (
                 self._first_result(name, choice.recordings) for name in (USER_SETTINGS, choice.name)
             )
-            errors = (
-                f"{format_metres(after.error.value)} on {after.case}, {format_metres(before.error.value)}"
-            )
+            error, baseline_error = (format_metres(rates.error.value) for rates in (after, before))
+            errors = f"{error} on {after.case}, {baseline_error}"
             return f"Use {choice.title}: an error of {errors} with {USER_SETTINGS}"
         less = 100 * (1 - choice.verdicts[choice.name].ratio.value)
         return f"Use {choice.title}: {less:.0f} % less error than with {USER_SETTINGS}"
@@ -211,7 +221,8 @@ def tuning_report(tuning: Tuning) -> str:
     elif tuning.recording:
         lines.append(
             _wrap(
-                f"No preset holds on your drive: keep {USER_SETTINGS}. Look at how well the map fits there,"
+                f"No preset holds on your drive: keep {USER_SETTINGS}. Look at how well the map"
+                " fits there,"
                 " and how far odometry drifts (locplan recording FILE MAP)."
             )
         )
@@ -434,10 +445,14 @@ def tune(
     check_integer("paths", paths, FEWEST_PATHS, 1000)
     check_drives(drives)
     simulators = [
-        Simulator(map_grid, robot, filter_map=filter_map, seed=seed, threads=threads) for map_grid in grids
+        Simulator(map_grid, robot, filter_map=filter_map, seed=seed, threads=threads)
+        for map_grid in grids
     ]
     simulated_robot = simulators[0].robot
-    ways = [plan_random_paths(Costmap.blank(map_grid, robot=simulated_robot), paths, seed) for map_grid in grids]
+    ways = [
+        plan_random_paths(Costmap.blank(map_grid, robot=simulated_robot), paths, seed)
+        for map_grid in grids
+    ]
     labels = number_names([map_grid.name or "map" for map_grid in grids]) if grids[1:] else [""]
     shared: Any = {"filter_map": filter_map, "seed": seed, "threads": threads}
     cases = [
@@ -448,7 +463,9 @@ def tune(
         )
     ]
     lines = [
-        make_path_poses(path, map_grid) for map_grid, map_paths in zip(grids, ways, strict=True) for path in map_paths
+        make_path_poses(path, map_grid)
+        for map_grid, map_paths in zip(grids, ways, strict=True)
+        for path in map_paths
     ]
     choice = choose_preset(simulated_robot.amcl, cases, lines, progress=progress)
     beams_left = min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned)
@@ -457,7 +474,9 @@ def tune(
         robot=simulated_robot,
         choice=choice,
         beams_left=beams_left,
-        warnings=list_setting_warnings(simulated_robot, choice.settings, beams_left, further_parameters),
+        warnings=list_setting_warnings(
+            simulated_robot, choice.settings, beams_left, further_parameters
+        ),
         paths=paths,
         drives=drives,
         seed=seed,
@@ -563,7 +582,9 @@ def tune_on_drive(
     """
     recordings, grids = as_list(recording), as_list(grid)
     for drive in recordings:
-        check_instance("recording", drive, Recording, "read one with locplan.recordings.read_recording")
+        check_instance(
+            "recording", drive, Recording, "read one with locplan.recordings.read_recording"
+        )
     for map_grid in grids:
         check_grid(map_grid)
     if len(grids) not in (1, len(recordings)):
@@ -586,7 +607,10 @@ def tune_on_drive(
     ]
     for replayed_drive in drives_on_maps:
         _check_drive(replayed_drive)
-    faults = [find_recording_faults(replayed_drive.recording, replayed_drive.grid) for replayed_drive in drives_on_maps]
+    faults = [
+        find_recording_faults(replayed_drive.recording, replayed_drive.grid)
+        for replayed_drive in drives_on_maps
+    ]
     maps = [*dict.fromkeys(grids)]
     map_labels = number_names([map_grid.name or "map" for map_grid in maps]) if maps[1:] else [""]
     cases = []
@@ -612,7 +636,9 @@ def tune_on_drive(
         progress=progress,
     )
     beams_left = min(map(_beams_left, drives_on_maps), key=lambda left: left.returned)
-    sparse = dict.fromkeys(note for drive in recordings for note in sparse_notes(drive, drive_robot.amcl))
+    sparse = dict.fromkeys(
+        note for drive in recordings for note in sparse_notes(drive, drive_robot.amcl)
+    )
     of_faults = [
         f"{replayed_drive.name}: {text.rstrip('.')}"
         for replayed_drive, fault in zip(drives_on_maps, faults, strict=True)
@@ -623,7 +649,9 @@ def tune_on_drive(
         robot=drive_robot,
         choice=choice,
         beams_left=beams_left,
-        warnings=list_setting_warnings(drive_robot, choice.settings, beams_left, further_parameters),
+        warnings=list_setting_warnings(
+            drive_robot, choice.settings, beams_left, further_parameters
+        ),
         paths=SIMULATED_PATHS,
         drives=SIMULATED_DRIVES,
         seed=seed,

@@ -139,7 +139,9 @@ def thin_rings(rings: Sequence[Ints], tolerance: float) -> list[Ints]:
         corner_indices = [_simplify_ring(ring, tolerance) for ring in rings]
         left = (ring[k] for ring, k in zip(rings, corner_indices, strict=True))
         areas = [signed_area(ring) if len(ring) > 2 else 0.0 for ring in left]
-        have_same_sign = all(a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True))
+        have_same_sign = all(
+            a * signed_area(ring) > 0 for a, ring in zip(areas, rings, strict=True)
+        )
         if have_same_sign and abs(sum(areas) - exact) <= 0.02 * exact:
             return corner_indices
         tolerance /= 2
@@ -166,7 +168,9 @@ def untangle_rings(rings: Sequence[Ints], corner_indices: Sequence[Ints]) -> lis
             return corner_indices
         for n in np.flatnonzero(np.add.reduceat(met, bounds[:-1])).tolist():
             lines = np.flatnonzero(met[bounds[n] : bounds[n + 1]]).tolist()
-            extra_corners = [_find_farthest_corner(rings[n], corner_indices[n], line) for line in lines]
+            extra_corners = [
+                _find_farthest_corner(rings[n], corner_indices[n], line) for line in lines
+            ]
             corner_indices[n] = np.unique(np.concatenate([corner_indices[n], *extra_corners]))
 
 
@@ -239,7 +243,9 @@ def make_polygons(mask: Bools, labels: NDArray[np.int32], min_hole: float) -> di
         owners += [label] * len(corners)
     polygons: dict[int, list[Ints]] = {}
     if rings:
-        for label, ring, indices in zip(owners, rings, untangle_rings(rings, corner_indices), strict=True):
+        for label, ring, indices in zip(
+            owners, rings, untangle_rings(rings, corner_indices), strict=True
+        ):
             polygons.setdefault(label, []).append(ring[indices])
     return polygons
 
@@ -544,7 +550,11 @@ def _make_spot(
     direction = area.direction % math.pi
     along = np.array([math.cos(direction), math.sin(direction)])
     length, width = (float(np.ptp(area.outline @ way)) for way in (along, along[::-1] * [-1, 1]))
-    passing = {name: inner_points for name, line in lines.items() if len(inner_points := line[are_inside(area, line)])}
+    passing = {
+        name: inner_points
+        for name, line in lines.items()
+        if len(inner_points := line[are_inside(area, line)])
+    }
     longest = max(passing.values(), key=len, default=np.array([area.middle]))
     x, y = longest[len(longest) // 2].tolist()
     turns = area.heading_std > math.radians(10) and area.position_std < 0.2

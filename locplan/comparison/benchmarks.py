@@ -18,7 +18,14 @@ from locplan import __version__
 from locplan._support.checks import check_file_path, short_repr
 from locplan._support.public import load_templates
 from locplan._support.reading import read_text
-from locplan.comparison.statistics import MEASURES, Array, Run, best_so_far, compute_median_costs, query_from_run
+from locplan.comparison.statistics import (
+    MEASURES,
+    Array,
+    Run,
+    best_so_far,
+    compute_median_costs,
+    query_from_run,
+)
 from locplan.errors import LocplanError, MapError
 from locplan.maps.files import load_map
 from locplan.maps.grid import OccupancyGrid
@@ -105,11 +112,14 @@ def _scenario(path: Path, number: int, line: str, grid: OccupancyGrid) -> Query:
         raise LocplanError(f"{path}: line {number}: is no scenario: {short_repr(line)}") from None
     if (rows, cols) != grid.shape:
         raise LocplanError(
-            f"{path}: line {number}: is for a map of {short_repr(cols)} x {short_repr(rows)} cells, but"
+            f"{path}: line {number}: is for a map of {short_repr(cols)} x {short_repr(rows)}"
+            " cells, but"
             f" {grid.name or 'this one'} has {grid.shape[1]} x {grid.shape[0]}"
         )
     if not (grid.contains(start_row, start_col) and grid.contains(goal_row, goal_col)):
-        raise LocplanError(f"{path}: line {number}: begins or ends outside its map: {short_repr(line)}")
+        raise LocplanError(
+            f"{path}: line {number}: begins or ends outside its map: {short_repr(line)}"
+        )
     start = grid.position(rows - 1 - start_row, start_col)
     goal = grid.position(rows - 1 - goal_row, goal_col)
     return Query(f"scenario {number - 1}", start, goal)
@@ -205,10 +215,14 @@ def write_ompl_logs(
 def _planner(label: str, runs: Sequence[Run], reference: float) -> dict[str, Any]:
     """The runs of a planner in a log, and their best cost at equal steps, as OMPL samples it."""
     points = [best_so_far(run) for run in runs]
-    has_history = any(run.history and run_points for run, run_points in zip(runs, points, strict=True))
+    has_history = any(
+        run.history and run_points for run, run_points in zip(runs, points, strict=True)
+    )
     end = max((time for run_points in points for time, _ in run_points), default=0.0)
     moments = np.linspace(0.0, end, 101)[1:]
-    courses = [_samples(run_points, moments, reference) for run_points in points] if has_history else []
+    courses = (
+        [_samples(run_points, moments, reference) for run_points in points] if has_history else []
+    )
     records = [_properties(run, reference) for run in runs]
     return {"label": label, "records": records, "courses": courses}
 

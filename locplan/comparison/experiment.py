@@ -14,7 +14,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from locplan._support.checks import check_workers, check_instance, check_choice, short_repr, usable_cores, check_integer
+from locplan._support.checks import (
+    check_choice,
+    check_instance,
+    check_integer,
+    check_workers,
+    short_repr,
+    usable_cores,
+)
 from locplan._support.output import temporary_folder
 from locplan.comparison.benchmarks import read_benchmark_map, read_scenarios
 from locplan.comparison.journal import Journal
@@ -24,9 +31,9 @@ from locplan.comparison.runs import Job, make_jobs, put_costmap, run_jobs
 from locplan.comparison.settings import (
     Execution,
     RandomQueries,
+    compute_map_digest,
     describe_field_config,
     describe_queries,
-    compute_map_digest,
     resolve_queries,
     versions,
 )
@@ -137,10 +144,15 @@ def compare(
         if isinstance(map_or_costmap, OccupancyGrid):
             check_on_map(zones, map_or_costmap)
         elif zones:
-            raise ConfigError(f"map {short_repr(name)} is a costmap with its own zones; leave zones out")
+            raise ConfigError(
+                f"map {short_repr(name)} is a costmap with its own zones; leave zones out"
+            )
     settings = {
         "versions": versions(),
-        "maps": {name: compute_map_digest(map_or_costmap) for name, map_or_costmap in maps_by_name.items()},
+        "maps": {
+            name: compute_map_digest(map_or_costmap)
+            for name, map_or_costmap in maps_by_name.items()
+        },
         "fields": {label: describe_field_config(config) for label, config in fields.items()},
         "criterion": criterion,
         **({"zones": zones.digest} if zones else {}),
@@ -255,7 +267,15 @@ def _cases(
         map_queries = queries[name] if isinstance(queries, Mapping) else queries
         case_queries: tuple[Query, ...] = ()
         if isinstance(map_or_costmap, Costmap):
-            cases = [Case(name, "own cost", map_or_costmap.grid, map_or_costmap.robot_radius, user_costmap=map_or_costmap)]
+            cases = [
+                Case(
+                    name,
+                    "own cost",
+                    map_or_costmap.grid,
+                    map_or_costmap.robot_radius,
+                    user_costmap=map_or_costmap,
+                )
+            ]
         else:
             cases = [
                 make_case(
@@ -276,7 +296,9 @@ def _cases(
 def _queries(query_source: Any, costs: Costmap, headed: bool) -> tuple[Query, ...]:
     """The queries that `resolved_queries` has left random, or in a file."""
     if isinstance(query_source, RandomQueries):
-        return normalize_queries(costs, query_source.count, query_source.min_distance, query_source.seed, headed)
+        return normalize_queries(
+            costs, query_source.count, query_source.min_distance, query_source.seed, headed
+        )
     if isinstance(query_source, (str, os.PathLike)) and Path(query_source).suffix == ".scen":
         # A file may hold fifteen thousand.
         return tuple(read_scenarios(query_source, costs.grid, count=100))

@@ -14,7 +14,13 @@ from locplan._support import drawing as styles
 from locplan._support.checks import make_printable
 from locplan._support.drawing import Picture, label_plainly
 from locplan._support.kernels.arrays import Floats
-from locplan.comparison.statistics import Run, RunSetting, group_records, compute_median_costs, query_from_run
+from locplan.comparison.statistics import (
+    Run,
+    RunSetting,
+    compute_median_costs,
+    group_records,
+    query_from_run,
+)
 from locplan.field.figures import draw_field
 from locplan.maps.figures import draw_map
 from locplan.planning.figures import draw_ends, draw_path
@@ -125,7 +131,9 @@ def find_most_telling_scene(comparison: Comparison) -> QueryScene | None:
 
     It is None if the baseline has no path on a known map.
     """
-    queries = group_records(compute_median_costs(comparison.runs).items(), lambda median_cost: median_cost[0][0])
+    queries = group_records(
+        compute_median_costs(comparison.runs).items(), lambda median_cost: median_cost[0][0]
+    )
     gaps: dict[tuple[RunSetting, str], float] = {}
     for (setting, name), median_costs_of_query in queries.items():
         costs = {planner: cost for (_, planner), cost in median_costs_of_query}

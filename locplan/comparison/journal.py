@@ -125,7 +125,11 @@ class Journal:
     def _check(self, head: Mapping[str, Any]) -> None:
         """Raise a LocplanError if the runs in the file are of other settings."""
         current_settings = parse_json(_line(self._head))
-        names = [name for name in {**current_settings, **head} if current_settings.get(name) != head.get(name)]
+        names = [
+            name
+            for name in {**current_settings, **head}
+            if current_settings.get(name) != head.get(name)
+        ]
         if names:
             raise LocplanError(
                 f"{self.path}: has runs of other settings ({', '.join(names)}); name another place,"

@@ -14,15 +14,21 @@ from locplan.planning.costmap import Costmap
 from locplan.planning.ompl.planner import Ompl
 from locplan.planning.plans import check_ends, run_planner
 from locplan.planning.protocol import Planner, Position
-from locplan.planning.registry import PLANNERS, PlannerEntry, normalize_planner_name, planner_from_name, list_planner_names
+from locplan.planning.registry import (
+    PLANNERS,
+    PlannerEntry,
+    list_planner_names,
+    normalize_planner_name,
+    planner_from_name,
+)
 from locplan.planning.requests import (
     AnyPlanner,
     FunctionPlanner,
-    unwrap_planner,
     find_changed_options,
-    own_planner,
-    make_planner,
     has_option,
+    make_planner,
+    own_planner,
+    unwrap_planner,
     with_options,
 )
 from locplan.planning.results import Plan
@@ -73,8 +79,12 @@ class PlannerSpec:
                 "a planner must be a name or a function with a name, such as"
                 f" PlannerSpec('mine', FunctionPlanner(f)), not {short_repr(planner)}"
             )
-        options = ",".join(f"{name}={value}" for name, value in find_changed_options(planner_object).items())
-        return cls(f"{planner_object.name}:{options}" if options else planner_object.name, planner_object)
+        options = ",".join(
+            f"{name}={value}" for name, value in find_changed_options(planner_object).items()
+        )
+        return cls(
+            f"{planner_object.name}:{options}" if options else planner_object.name, planner_object
+        )
 
     def with_time_limit(self, limit: float | None) -> PlannerSpec:
         """The spec with a time limit, if the planner takes one and has no end of its own.
@@ -148,7 +158,10 @@ class PlannerSpec:
         """
         options, planner = find_changed_options(self.planner), own_planner(self.planner)
         if planner is None:
-            return [self.planner.name, {name: _plain_option(value) for name, value in options.items()}]
+            return [
+                self.planner.name,
+                {name: _plain_option(value) for name, value in options.items()},
+            ]
         code: Any = planner.function if isinstance(planner, FunctionPlanner) else type(planner)
         version_text = "no version" if self.version is None else f"version {self.version}"
         texts = {name: short_repr(value) for name, value in options.items()}
@@ -211,7 +224,9 @@ def make_specs(planners: Iterable[AnyPlanner | PlannerSpec]) -> list[PlannerSpec
 def find_costmap_robot(maps: Any) -> Robot | None:
     """The robot of the first map that is a costmap for one that is no circle."""
     maps_and_costmaps = maps.values() if isinstance(maps, Mapping) else maps
-    maps_and_costmaps = maps_and_costmaps if isinstance(maps_and_costmaps, Iterable) else [maps_and_costmaps]
+    maps_and_costmaps = (
+        maps_and_costmaps if isinstance(maps_and_costmaps, Iterable) else [maps_and_costmaps]
+    )
     robots = [costmap.robot for costmap in maps_and_costmaps if isinstance(costmap, Costmap)]
     return next((robot for robot in robots if needs_lattice(robot)), None)
 
@@ -225,7 +240,9 @@ def _parse_spec(text: str) -> PlannerSpec:
     label = f"{name}:{squeezed}" if parts else name
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
     # Only comparisons know it by name, since it needs more than a costmap.
-    planners_by_name = PLANNERS | {"simulated choice": PlannerEntry(SimulatedChoice, "simulated error")}
+    planners_by_name = PLANNERS | {
+        "simulated choice": PlannerEntry(SimulatedChoice, "simulated error")
+    }
     try:
         if name:
             name = normalize_planner_name(name, planners_by_name)
@@ -253,7 +270,8 @@ def parse_options(text: str, rest: str) -> dict[str, Any]:
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals and value):
             raise ConfigError(
-                f"planner {short_repr(text)}: {short_repr(part)} must be NAME=VALUE, such as time_limit=2"
+                f"planner {short_repr(text)}: {short_repr(part)} must be NAME=VALUE, such as"
+                " time_limit=2"
             )
         if name.partition(".")[0] == "settings":
             raise ConfigError(

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup, escape
 
-from locplan._support.public import render_png, load_templates
+from locplan._support.public import load_templates, render_png
 from locplan.comparison.figures import cost_figure, find_most_telling_scene, scene_figure
 from locplan.comparison.result import Comparison, Standing
 from locplan.comparison.statistics import Run, group_records
@@ -134,7 +134,9 @@ def collect_settings(comparison: Comparison) -> dict[str, str]:
         *("locplan", "python", "numpy", "numba", "scipy", "ompl", "machine", "workers"),
         *("began", "time_limit", "random_queries"),
     )
-    report_settings = {name: str(comparison.description[name]) for name in names if name in comparison.description}
+    report_settings = {
+        name: str(comparison.description[name]) for name in names if name in comparison.description
+    }
     for case in comparison.cases.values():
         config = json.dumps(case.settings and case.settings.to_json())
         field_text = f"{config}, u of {case.criterion}" if case.criterion else config

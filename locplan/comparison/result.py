@@ -17,7 +17,13 @@ from locplan._support.saved import to_plain_data
 from locplan._support.tables import wrap_lines
 from locplan.comparison import statistics
 from locplan.comparison.benchmarks import write_ompl_logs
-from locplan.comparison.statistics import PlannerContrast, Run, RunSetting, Summary, compute_contrasts
+from locplan.comparison.statistics import (
+    PlannerContrast,
+    Run,
+    RunSetting,
+    Summary,
+    compute_contrasts,
+)
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
@@ -66,7 +72,11 @@ class Case:
             assert self.user_costmap is not None
             return self.user_costmap, None
         covariance_field = self.field_of(self.grid, self.settings)
-        options: Any = {"robot": self.robot_radius, "criterion": self.criterion, "zones": self.zones}
+        options: Any = {
+            "robot": self.robot_radius,
+            "criterion": self.criterion,
+            "zones": self.zones,
+        }
         return Costmap.from_field(self.grid, covariance_field, **options), covariance_field
 
 
@@ -203,9 +213,14 @@ class Comparison(Result):
         """
         contrasts_by_planner: dict[tuple[RunSetting, str], dict[str, PlannerContrast]] = {}
         for summary in self.contrasts(pooled=pooled):
-            contrasts_by_planner.setdefault((summary.setting, summary.planner), {})[summary.measure] = summary
+            contrasts_by_planner.setdefault((summary.setting, summary.planner), {})[
+                summary.measure
+            ] = summary
         summaries = self.summaries(pooled=pooled)
-        rows = [Standing(summary, contrasts_by_planner[summary.setting, summary.planner]) for summary in summaries]
+        rows = [
+            Standing(summary, contrasts_by_planner[summary.setting, summary.planner])
+            for summary in summaries
+        ]
         cases = [statistics.setting_from_run(run, pooled)[:2] for run in self.runs]
         order = {case: n for n, case in enumerate(dict.fromkeys([*self.cases, *cases]))}
         return sorted(rows, key=lambda row: (order[row.setting[:2]], row.setting.weight))
@@ -238,7 +253,8 @@ class Comparison(Result):
             runs = [run for run in self.runs if statistics.setting_from_run(run) == setting]
             sentences = [
                 _failure(runs, r.summary.planner)
-                or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}{self._format_undrivable(r)}"
+                or f"{r.summary.planner}: {r.cost.sentence or 'the baseline'}"
+                f"{self._format_undrivable(r)}"
                 for r in rows
             ]
             parts += wrap_lines(sentences)
@@ -300,7 +316,9 @@ class Comparison(Result):
         write_comparison_report(folder / "report.html", self)
         self.table().write_csv(folder / "comparison.csv")
         Table.from_records(statistics.RUN_COLUMNS, self.runs).write_csv(folder / "runs.csv")
-        seconds, size = (self.description.get(name) or math.nan for name in ("time_limit", "memory"))
+        seconds, size = (
+            self.description.get(name) or math.nan for name in ("time_limit", "memory")
+        )
         write_ompl_logs(
             self.runs,
             folder / "ompl_logs",

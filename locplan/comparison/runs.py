@@ -60,7 +60,9 @@ def make_jobs(
 ) -> Iterator[Job]:
     """Yield the orders of a case, whose costmap is in the folder `home`."""
     _check_queries(case, costs, {spec.planner.space for spec in specs})
-    for weight, query, (planner_index, spec) in itertools.product(weights, case.queries, enumerate(specs)):
+    for weight, query, (planner_index, spec) in itertools.product(
+        weights, case.queries, enumerate(specs)
+    ):
         for seed in spec.seeds(seeds):
             task = Task(case.map, case.config, query.name, weight, spec.label, int(seed))
             yield Job(task, home, query.start, query.goal, planner_index)
@@ -97,7 +99,9 @@ def run_jobs(
     runs = {
         job.task: run
         for job in jobs
-        if (run := journal_runs.get(job.task)) and not run.is_aborted and run.task.planner in lasting
+        if (run := journal_runs.get(job.task))
+        and not run.is_aborted
+        and run.task.planner in lasting
     }
     for spec in specs:
         count = sum(task.planner == spec.label for task in runs)
@@ -123,7 +127,11 @@ def _longest_first(jobs: Sequence[Job], specs: Sequence[PlannerSpec]) -> list[Jo
         return unknown if spec.time_limit is None else spec.time_limit
 
     groups = group_records(jobs, lambda order: (order.costs, order.task.weight))
-    return [job for costmap_jobs in groups.values() for job in sorted(costmap_jobs, key=limit, reverse=True)]
+    return [
+        job
+        for costmap_jobs in groups.values()
+        for job in sorted(costmap_jobs, key=limit, reverse=True)
+    ]
 
 
 def put_costmap(costs: Costmap, folder: Path) -> None:
@@ -139,7 +147,9 @@ def put_costmap(costs: Costmap, folder: Path) -> None:
         (folder / "about.pickle").write_bytes(pickled_costmap)
     except OSError as error:
         reason = error.strerror or error
-        raise LocplanError(f"{folder}: cannot be written ({reason}); TMPDIR names another") from None
+        raise LocplanError(
+            f"{folder}: cannot be written ({reason}); TMPDIR names another"
+        ) from None
 
 
 @lru_cache(maxsize=1)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from locplan import __version__
-from locplan._support.checks import check_memory, check_workers, is_integer, check_positive
+from locplan._support.checks import check_memory, check_positive, check_workers, is_integer
 from locplan._support.progress import ProgressCallback
 from locplan._support.reading import read_text
 from locplan.field.config import FieldConfig
@@ -111,11 +111,25 @@ def compute_map_digest(map_or_costmap: OccupancyGrid | Costmap) -> str:
         return map_or_costmap.digest
     content = hashlib.blake2b(digest_size=16)
     # The simulated choice takes its lidar from the settings.
-    settings = map_or_costmap.settings and json.dumps(map_or_costmap.settings.to_json(), sort_keys=True)
+    settings = map_or_costmap.settings and json.dumps(
+        map_or_costmap.settings.to_json(), sort_keys=True
+    )
     robot = [map_or_costmap.robot.digest] if map_or_costmap.robot else []
-    digest_parts = map_or_costmap.grid.digest, map_or_costmap.robot_radius, map_or_costmap.weight, settings, *robot
+    digest_parts = (
+        map_or_costmap.grid.digest,
+        map_or_costmap.robot_radius,
+        map_or_costmap.weight,
+        settings,
+        *robot,
+    )
     content.update(repr(digest_parts).encode())
-    for layer in (map_or_costmap.density, map_or_costmap.u, map_or_costmap.e, map_or_costmap.u_of_heading, map_or_costmap.e_of_heading):
+    for layer in (
+        map_or_costmap.density,
+        map_or_costmap.u,
+        map_or_costmap.e,
+        map_or_costmap.u_of_heading,
+        map_or_costmap.e_of_heading,
+    ):
         if layer is not None:
             content.update(np.ascontiguousarray(layer).view(np.uint8).data)
     return content.hexdigest()

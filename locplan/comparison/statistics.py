@@ -138,7 +138,9 @@ RUN_COLUMNS = tuple(
 """The columns of a table with a row for each run."""
 
 
-def group_records(records: Iterable[Record], key: Callable[[Record], Key]) -> dict[Key, list[Record]]:
+def group_records(
+    records: Iterable[Record], key: Callable[[Record], Key]
+) -> dict[Key, list[Record]]:
     """The records by a key, in the order in which the keys come first."""
     groups: dict[Key, list[Record]] = {}
     for record in records:
@@ -201,11 +203,16 @@ def compute_summaries(runs: Iterable[Run], pooled: bool = False) -> list[Summary
     planner_summaries = []
     for (setting, planner), group in by_planner(runs, pooled).items():
         solved = [run for run in group if run.status == "solved"]
-        shares = [np.mean([run.status == "solved" for run in query_runs]) for _, query_runs in by_query(group)]
+        shares = [
+            np.mean([run.status == "solved" for run in query_runs])
+            for _, query_runs in by_query(group)
+        ]
         success = compute_wilson_interval(float(np.mean(shares)), len(shares))
         columns = zip(MEASURES, tabulate_measures(solved).T, strict=True)
         measures = {name: compute_quartiles(column) for name, column in columns}
-        planner_summaries.append(Summary(setting, planner, len(group), len(solved), success, measures))
+        planner_summaries.append(
+            Summary(setting, planner, len(group), len(solved), success, measures)
+        )
     return planner_summaries
 
 
@@ -253,7 +260,8 @@ def compute_median_costs(runs: Iterable[Run]) -> dict[tuple[Query, str], float]:
     solved = (run for run in runs if math.isfinite(run.measure("cost")))
     groups = group_records(solved, lambda run: (query_from_run(run), run.task.planner))
     return {
-        key: float(np.median([run.measures["cost"] for run in query_runs])) for key, query_runs in groups.items()
+        key: float(np.median([run.measures["cost"] for run in query_runs]))
+        for key, query_runs in groups.items()
     }
 
 
@@ -337,7 +345,9 @@ class PlannerContrast:
         return f"[{100 * low + 0.0:.3g}, {100 * high + 0.0:.3g}]"
 
 
-def compute_contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) -> list[PlannerContrast]:
+def compute_contrasts(
+    runs: Iterable[Run], baseline: str, pooled: bool = False
+) -> list[PlannerContrast]:
     """Every planner and measure compared with the baseline's on the same queries.
 
     `pooled` takes all maps together, each query alike, with the maps as strata. Intervals are
@@ -365,8 +375,13 @@ def compute_contrasts(runs: Iterable[Run], baseline: str, pooled: bool = False) 
             if kind == RATIO:
                 is_comparable &= (planner_values > 0) & (baseline_values > 0)
             compared_values = planner_values[is_comparable], baseline_values[is_comparable]
-            estimate, middles = _estimate(kind, *compared_values, maps[is_comparable]), map(compute_quartiles, compared_values)
-            planner_contrasts.append(PlannerContrast(setting, planner, baseline, measure, kind, estimate, *middles))
+            estimate, middles = (
+                _estimate(kind, *compared_values, maps[is_comparable]),
+                map(compute_quartiles, compared_values),
+            )
+            planner_contrasts.append(
+                PlannerContrast(setting, planner, baseline, measure, kind, estimate, *middles)
+            )
     return planner_contrasts
 
 
@@ -374,7 +389,9 @@ Medians = dict[tuple[str, str], Array]
 """The measures of a query, by its map and name, in the order of `MEASURES`."""
 
 
-def compute_query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tuple[RunSetting, str], Medians]:
+def compute_query_medians(
+    runs: Iterable[Run], pooled: bool = False
+) -> dict[tuple[RunSetting, str], Medians]:
     """The medians over seeds of the solved runs of each query, by setting and planner."""
     return {
         key: {
@@ -388,10 +405,14 @@ def compute_query_medians(runs: Iterable[Run], pooled: bool = False) -> dict[tup
 def _columnwise_median(values: Array) -> Array:
     """The median of the known values of each column."""
     columns = [column[~np.isnan(column)] for column in values.T]
-    return np.array([np.median(finite_values) if finite_values.size else np.nan for finite_values in columns])
+    return np.array(
+        [np.median(finite_values) if finite_values.size else np.nan for finite_values in columns]
+    )
 
 
-def _estimate(kind: str, planner_values: Array, baseline_values: Array, maps: NDArray[np.intp]) -> Interval:
+def _estimate(
+    kind: str, planner_values: Array, baseline_values: Array, maps: NDArray[np.intp]
+) -> Interval:
     """The estimate with Student's interval, the maps as strata."""
     if not planner_values.size or (kind == SUMS and not baseline_values.any()):
         return Interval(np.nan, np.nan, np.nan)
@@ -413,8 +434,13 @@ def _pseudo_values(kind: str, planner_values: Array, baseline_values: Array) -> 
     if kind == DIFFERENCE:
         return planner_values - baseline_values
     with np.errstate(divide="ignore", invalid="ignore"):
-        without = (planner_values.sum() - planner_values) / (baseline_values.sum() - baseline_values)
-    return np.asarray(len(planner_values) * planner_values.sum() / baseline_values.sum() - (len(planner_values) - 1) * without)
+        without = (planner_values.sum() - planner_values) / (
+            baseline_values.sum() - baseline_values
+        )
+    return np.asarray(
+        len(planner_values) * planner_values.sum() / baseline_values.sum()
+        - (len(planner_values) - 1) * without
+    )
 
 
 def _half_width(values: Array, maps: NDArray[np.intp]) -> float:

@@ -75,7 +75,9 @@ class FieldJob:
             single_output = self._output(self.output)
             with (
                 working(f"writing {self.output.name}"),
-                nullcontext(folder / self.output.name) if folder else single_output.writing() as file,
+                nullcontext(folder / self.output.name)
+                if folder
+                else single_output.writing() as file,
             ):
                 self._write(file, computed)
         return computed
@@ -128,7 +130,9 @@ def field_jobs(
         If a file cannot be written, the fields have no such scalar, or two maps have one name.
     """
     if scalar:
-        check_choice("the picture", scalar, [*SCALARS, *(layer.name for layer in config.estimator.layers)])
+        check_choice(
+            "the picture", scalar, [*SCALARS, *(layer.name for layer in config.estimator.layers)]
+        )
     files = find_maps(*maps)
     if len(files) == 1:
         job = FieldJob(files[0], output, scalar, force=force)
@@ -172,7 +176,9 @@ class FieldRun:
 
     def to_json(self) -> dict[str, Any]:
         """The run, fit for JSON."""
-        summary_values = to_plain_data(self.summary) if self.summary else {"map": map_name_from_file(self.file)}
+        summary_values = (
+            to_plain_data(self.summary) if self.summary else {"map": map_name_from_file(self.file)}
+        )
         run_values = {"error": self.error, "seconds": round(self.seconds, 3)}
         return {"file": str(self.file)} | summary_values | run_values
 

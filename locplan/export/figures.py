@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from locplan._support.drawing import FIELD_COLOURS, LIGHT_MAP_COLOURS, PREVIEW_DPI, save_figure
 from locplan.export.route_graph import RouteGraph
 from locplan.maps.figures import (
+    downsample,
     downsample_map,
     draw_cells,
     draw_map,
     draw_zones,
     map_axes,
     map_size,
-    downsample,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
@@ -61,11 +61,17 @@ def values_figure(
     zones : Zones, optional
         The zones to draw.
     """
-    grid, coarse_values = downsample_map(grid, 1000), downsample(values, maximum=True, max_blocks=1000)
+    grid, coarse_values = (
+        downsample_map(grid, 1000),
+        downsample(values, maximum=True, max_blocks=1000),
+    )
     figure, axes = map_axes(grid)
     draw_map(axes, grid)
     if (coarse_values >= 0).any():
-        masked_values, norm = np.ma.masked_less(coarse_values, 0), Normalize(0.0, max(25.0, coarse_values.max()))
+        masked_values, norm = (
+            np.ma.masked_less(coarse_values, 0),
+            Normalize(0.0, max(25.0, coarse_values.max())),
+        )
         image = draw_cells(axes, grid, masked_values, cmap=FIELD_COLOURS, norm=norm)
         bar = figure.colorbar(image, ax=axes, label=label, shrink=0.9)
         if falling:

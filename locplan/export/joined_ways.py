@@ -114,17 +114,28 @@ def _share_way(
     common = [node for node in way if node in other]
     if len(common) < 2:
         return way
-    (a, b), (i, j) = ([node_list.index(common[k]) for k in (0, -1)] for node_list in (way, list(other)))
-    way_part, other_part = way[a : b + 1], list(other[i : j + 1] if i < j else other[j : i + 1][::-1])
+    (a, b), (i, j) = (
+        [node_list.index(common[k]) for k in (0, -1)] for node_list in (way, list(other))
+    )
+    way_part, other_part = (
+        way[a : b + 1],
+        list(other[i : j + 1] if i < j else other[j : i + 1][::-1]),
+    )
     limit = COSTLIER * lines.compute_chain_costs(nodes[way_part]).sum()
-    if way_part == other_part or lines.compute_chain_costs(nodes[other_part]).sum() > limit or are_apart(nodes, way_part, other_part):
+    if (
+        way_part == other_part
+        or lines.compute_chain_costs(nodes[other_part]).sum() > limit
+        or are_apart(nodes, way_part, other_part)
+    ):
         return way
     return _remove_loops(way[:a] + other_part + way[b + 1 :])
 
 
 def are_apart(nodes: Positions, way: Sequence[int], other: Sequence[int]) -> bool:
     """Whether two ways lie farther apart than ways that are one."""
-    first_xy, second_xy = (Path(nodes[list(node_list)]).resample(SPACING).xy for node_list in (way, other))
+    first_xy, second_xy = (
+        Path(nodes[list(node_list)]).resample(SPACING).xy for node_list in (way, other)
+    )
     distances = np.hypot(*(first_xy[:, None] - second_xy[None]).transpose(2, 0, 1))
     return bool(max(distances.min(axis=0).max(), distances.min(axis=1).max()) > MERGED)
 
@@ -157,7 +168,9 @@ def _add_path(
 
     old = len(nodes)
     all_nodes = np.concatenate([nodes, xy])
-    position_nodes = old + _find_first_equal(xy)  # the number of each position, an old one where it is there
+    position_nodes = old + _find_first_equal(
+        xy
+    )  # the number of each position, an old one where it is there
     links = np.empty((0, 2), int)
     if old:
         distances = np.hypot(*(nodes[:, None] - xy[None]).transpose(2, 0, 1))
@@ -173,10 +186,17 @@ def _add_path(
     cost[len(chain) + len(links) :] /= 2  # lanes are cheaper for further ways, which then take them
     usable = np.isfinite(cost) & (pairs[:, 0] != pairs[:, 1])
     pairs, order = np.unique(np.sort(pairs[usable], axis=1)[::-1], axis=0, return_index=True)
-    graph = coo_array((cost[usable][::-1][order], pairs.T), shape=(len(all_nodes), len(all_nodes))).tocsr()
-    way = _find_cheapest_route(graph, int(position_nodes[0]), int(position_nodes[-1]), directed=False)
+    graph = coo_array(
+        (cost[usable][::-1][order], pairs.T), shape=(len(all_nodes), len(all_nodes))
+    ).tocsr()
+    way = _find_cheapest_route(
+        graph, int(position_nodes[0]), int(position_nodes[-1]), directed=False
+    )
     direct_way = _remove_loops(position_nodes.tolist())
-    if lines.compute_chain_costs(all_nodes[way]).sum() > COSTLIER * lines.compute_chain_costs(all_nodes[direct_way]).sum():
+    if (
+        lines.compute_chain_costs(all_nodes[way]).sum()
+        > COSTLIER * lines.compute_chain_costs(all_nodes[direct_way]).sum()
+    ):
         way = direct_way
     added = sorted(node for node in way if node >= old)
     number = {node: old + n for n, node in enumerate(added)}
@@ -211,7 +231,10 @@ def straighten_ways(lines: LineCosts, nodes: Positions, ways: Ways) -> tuple[Pos
         first, second = sorted(neighbours[node])
         replaced_nodes = [node, *replaced.get(frozenset((first, node)), [])]
         replaced_nodes += replaced.get(frozenset((node, second)), [])
-        if second in neighbours[first] or _measure_offset(nodes[[first, second]], nodes[replaced_nodes]) > SPACING:
+        if (
+            second in neighbours[first]
+            or _measure_offset(nodes[[first, second]], nodes[replaced_nodes]) > SPACING
+        ):
             continue
         pairs = np.array([(first, node), (node, second), (first, second)])
         before, after, straight = lines.costs(nodes, pairs)
@@ -235,7 +258,12 @@ def _measure_offset(ends: Positions, xy: Positions) -> Any:
 
 
 def adjust_costs(
-    nodes: Floats, edges: Pairs, price: Floats, min_costs: Floats, ways: list[list[int]], worth: Floats
+    nodes: Floats,
+    edges: Pairs,
+    price: Floats,
+    min_costs: Floats,
+    ways: list[list[int]],
+    worth: Floats,
 ) -> tuple[Floats, list[bool]]:
     """Costs of edges by which the cheapest routes are given ways, and for which of them they are.
 
@@ -266,7 +294,10 @@ def adjust_costs(
         return used
 
     cost, used = price, mark_edges(ways)
-    excess, way_numbers = np.empty((0, len(edges))), np.empty(0, int)  # a way's edges less a route's
+    excess, way_numbers = (
+        np.empty((0, len(edges))),
+        np.empty(0, int),
+    )  # a way's edges less a route's
     for _ in range(50):
         routes = {
             n: route
@@ -278,7 +309,10 @@ def adjust_costs(
         new = zip(numbers, extra_edges, strict=True)
         if all((excess[way_numbers == n] == row).all(axis=1).any() for n, row in new):
             break
-        way_numbers, excess = np.concatenate([way_numbers, numbers]), np.vstack([excess, extra_edges])
+        way_numbers, excess = (
+            np.concatenate([way_numbers, numbers]),
+            np.vstack([excess, extra_edges]),
+        )
         cost = _solve_costs(price, min_costs, excess, way_numbers, worth)
     return cost, [n not in routes for n in range(len(ways))]
 
@@ -291,7 +325,9 @@ def _find_cheapest_routes(
 
     count = int(edges.max()) + 1
     for way, way_edges in zip(ways, used, strict=True):
-        costlier = cost + way_edges * MARGIN / 2 / way_edges.sum()  # a tie would be followed by chance only
+        costlier = (
+            cost + way_edges * MARGIN / 2 / way_edges.sum()
+        )  # a tie would be followed by chance only
         graph = csr_array((costlier, edges.T), shape=(count, count))
         yield _find_cheapest_route(graph, way[0], way[-1])
 

@@ -317,7 +317,10 @@ class Conversion:
             ("cells that would cost more", f"{self.saturated_share:.1%}"),
             ("rounding of this cost", f"{self.mean_quantisation:.4f} a metre on average,"),
             ("", f"{self.quantisation:.4f} at most"),
-            *((f"{nav2_path.planner} for {nav2_path.name}", nav2_path.text) for nav2_path in self.paths),
+            *(
+                (f"{nav2_path.planner} for {nav2_path.name}", nav2_path.text)
+                for nav2_path in self.paths
+            ),
             *(
                 ("closed gap", "{:.2f}, {:.2f}: {:.2f} m from walls".format(*gap))
                 for gap in self.closed
@@ -347,7 +350,7 @@ def compute_mask_values(
     """The values of a mask by which a planner has `density` as costs.
 
     Where the density is infinite the values are -1. By default the planner's parameter is such
-    that the excess `max_excess` over 1 just fits. The last array is True in the cells that saturate,
+    that the excess `max_excess` over 1 just fits. The last array is True in saturated cells,
     of the `counted` ones, by default of all.
     """
     is_finite = np.isfinite(density)
@@ -358,7 +361,9 @@ def compute_mask_values(
     if planner.parameter is None:
         param = math.nan
     elif param is None:  # the least of three decimals
-        min_parameter = planner.parameter_for(float(costs[-1]), max_excess) if max_excess > 0 else 1.0
+        min_parameter = (
+            planner.parameter_for(float(costs[-1]), max_excess) if max_excess > 0 else 1.0
+        )
         param = math.ceil(min_parameter * 1000 - 1e-9) / 1000
     charged = planner.excess(costs, param)
     nearest = np.searchsorted((charged[1:] + charged[:-1]) / 2, excess)
@@ -443,7 +448,9 @@ def keepout_mask(
         greatest += AT_WALLS
         density = mask_density(costs, inflation)
         counted = costs.grid.clearance >= follower_room(costs.robot_radius)
-    values, conversion, saturated = compute_mask_values(density, runs, greatest, planner_param, counted)
+    values, conversion, saturated = compute_mask_values(
+        density, runs, greatest, planner_param, counted
+    )
     if saturated.any():
         middle = costs.grid.position(*_find_middle(saturated))
         conversion = dataclasses.replace(conversion, most_saturated=middle)

@@ -26,18 +26,18 @@ from locplan.export.masks import (
     keepout_mask,
 )
 from locplan.export.parameters import (
-    Params,
     Nav2Robot,
-    describe_differences,
-    make_parameter_files,
+    Params,
     add_filter,
     add_planner,
+    describe_differences,
     dump_parameters,
+    make_parameter_files,
 )
 from locplan.export.planned_paths import (
     check_paths,
-    compare_nav2_paths,
     close_gaps,
+    compare_nav2_paths,
     note_narrow_places,
     suggest_inflation,
 )
@@ -126,7 +126,11 @@ def nav2_keepout(
     robot, paths, choice = Nav2Robot.from_files(params, distro, tree), paths or {}, None
     if not isinstance(costs, Costmap):
         choice, costs = costs, costs.costmap()
-        paths = {candidate.name: candidate.path for candidate in [choice.recommended_candidate] if candidate} | {**paths}
+        paths = {
+            candidate.name: candidate.path
+            for candidate in [choice.recommended_candidate]
+            if candidate
+        } | {**paths}
     planner = planner or robot.planner(costs.grid.free.size)
     caveat = find_planner(planner, None).caveat
     layer = CostmapInflation.from_parameters(robot.parameters)
@@ -157,7 +161,9 @@ def nav2_keepout(
         metadata["choice"] = {"taken": choice.taken, "answer": choice.answer}
     planning = _MaskPlanning(conversion, planner_name, edited, bool(inflation), choice)
     if layer and planning.untaken_paths:
-        option = suggest_inflation(costs, values, robot, planning.untaken_paths, conversion, paths, layer)
+        option = suggest_inflation(
+            costs, values, robot, planning.untaken_paths, conversion, paths, layer
+        )
         planning = dataclasses.replace(planning, option=option)
     robot.warn(note_narrow_places(planning.mask_paths, costs.robot_radius))
     _write_mask(folder, title, costs, masks, robot, merged, metadata, planning, force=force)
@@ -241,7 +247,8 @@ def _write_untaken_paths(
     except LocplanError as error:  # the mask is there, and of use for other paths
         route_text = f"it has no route graph: {error}"
     robot.warn(
-        f"{nav2_path.planner} would not take {nav2_path.name} ({nav2_path.text}); {route_text}" for nav2_path in planning.untaken_paths
+        f"{nav2_path.planner} would not take {nav2_path.name} ({nav2_path.text}); {route_text}"
+        for nav2_path in planning.untaken_paths
     )
     if planning.option:
         robot.warn(iter([planning.option]))
@@ -263,7 +270,9 @@ class _MaskPlanning:
     def mask_paths(self) -> list[PlannedPath]:
         """The paths that the mask's planner takes."""
         planner_name = self.conversion.planner.name
-        return [nav2_path for nav2_path in self.conversion.paths if nav2_path.planner == planner_name]
+        return [
+            nav2_path for nav2_path in self.conversion.paths if nav2_path.planner == planner_name
+        ]
 
     @property
     def untaken_paths(self) -> list[PlannedPath]:
@@ -310,7 +319,11 @@ def _write_mask(
     }
     template_values |= {"changed": changed, "added": added, "others": robot.other_files}
     template_values |= {"distro": robot.distribution.name, "before": next(iter(robot.planners), "")}
-    template_values |= {"namespace": robot.parameters.namespace, "lead": metadata.get("lead"), "base": base}
+    template_values |= {
+        "namespace": robot.parameters.namespace,
+        "lead": metadata.get("lead"),
+        "base": base,
+    }
     template_values |= {"room": follower_room(costs.robot_radius), "masks": list(masks)}
     has_objects = robot.distribution.vector_objects and kind == "keepout"
     shapes = _no_go_shapes(unturned.zones) if has_objects else {}

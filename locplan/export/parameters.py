@@ -42,7 +42,9 @@ def dump_parameters(content: Mapping[str, Any]) -> str:
     return text
 
 
-def make_parameter_files(before: Nav2Parameters, after: Nav2Parameters) -> tuple[dict[str, bytes], bool]:
+def make_parameter_files(
+    before: Nav2Parameters, after: Nav2Parameters
+) -> tuple[dict[str, bytes], bool]:
     """Return the files of a robot's parameters with ours, and whether nav2.yaml has its comments.
 
     nav2.yaml is a copy of the robot's file that has what is changed; a merger if several files
@@ -98,7 +100,9 @@ def describe_differences(before: Any, merged: Any) -> tuple[list[str], list[str]
     for name, old_value, value in _iterate_values(before, merged):
         if isinstance(value, list):  # of names, to which ours are added
             new = [str(list_name) for list_name in value if list_name not in (old_value or [])]
-            if removed_names := [str(list_name) for list_name in old_value or [] if list_name not in value]:
+            if removed_names := [
+                str(list_name) for list_name in old_value or [] if list_name not in value
+            ]:
                 changed.append(f"{name}: without {', '.join(removed_names)}")
             if new:
                 added.append(f"{name}: {', '.join(new)}")
@@ -248,9 +252,20 @@ class Nav2Robot:
 
         Nav2 plans once a second, which Smac 2D does on small maps only.
         """
-        supported_planners = {nav_planner.plugin: name for name, nav_planner in PLANNERS.items() if not nav_planner.caveat}
+        supported_planners = {
+            nav_planner.plugin: name
+            for name, nav_planner in PLANNERS.items()
+            if not nav_planner.caveat
+        }
         added = "smac2d" if cells <= 1_000_000 else "thetastar"
-        return next((supported_planners[nav_planner] for nav_planner in self.planners.values() if nav_planner in supported_planners), added)
+        return next(
+            (
+                supported_planners[nav_planner]
+                for nav_planner in self.planners.values()
+                if nav_planner in supported_planners
+            ),
+            added,
+        )
 
     def warn(self, notes: Iterator[str]) -> None:
         """Warn of what does not go together."""
@@ -268,11 +283,14 @@ class Nav2Robot:
     def note_other_planners(self, planner_name: str) -> Iterator[str]:
         """That ours stands beside its own planners, and why."""
         caveats = {nav_planner.plugin: nav_planner.caveat for nav_planner in PLANNERS.values()}
-        other_planners = [f"{name} ({plugin})" for name, plugin in self.planners.items() if name != planner_name]
+        other_planners = [
+            f"{name} ({plugin})" for name, plugin in self.planners.items() if name != planner_name
+        ]
         if other_planners and planner_name not in self.planners:
             reason = next((f": {caveats[p]}" for p in self.planners.values() if caveats.get(p)), "")
             yield (
-                f"its planners are {', '.join(other_planners)}{reason}; {planner_name} is added for the mask, and"
+                f"its planners are {', '.join(other_planners)}{reason}; {planner_name} is added"
+                " for the mask, and"
                 " plans only where it is selected, as the folder's README.md says"
             )
 
@@ -289,7 +307,11 @@ class Nav2Robot:
     def note_larger_radius(self, radius: float) -> Iterator[str]:
         """That it is larger than the robot that lanes were made for."""
         robot_radius = self.parameters.node_parameters(GLOBAL_COSTMAP).get("robot_radius")
-        if isinstance(robot_radius, (int, float)) and robot_radius > radius + 1e-9 and math.isfinite(robot_radius):
+        if (
+            isinstance(robot_radius, (int, float))
+            and robot_radius > radius + 1e-9
+            and math.isfinite(robot_radius)
+        ):
             yield (
                 f"its robot_radius is {robot_radius:g} m, but the ways are for {radius:g} m; give"
                 f" --set footprint={robot_radius:g}"

@@ -123,8 +123,13 @@ def suggest_inflation(
     if steeper is None:
         return ""
     cost = compute_costmap_costs(costs.grid, values, steeper)
-    steep_paths = (compare_nav2_path(costs, cost, planner, conversion.param, p.name, paths[p.name]) for p in untaken_paths)
-    path_texts = [f"{nav2_path.name} ({nav2_path.text})" for nav2_path in steep_paths if nav2_path.follows]
+    steep_paths = (
+        compare_nav2_path(costs, cost, planner, conversion.param, p.name, paths[p.name])
+        for p in untaken_paths
+    )
+    path_texts = [
+        f"{nav2_path.name} ({nav2_path.text})" for nav2_path in steep_paths if nav2_path.follows
+    ]
     if not path_texts:
         return ""
     server = robot.parameters.node_parameters(PLANNER_SERVER)
@@ -133,7 +138,9 @@ def suggest_inflation(
     today = planner.default if not isinstance(today, (int, float)) else float(today)
 
     def price(inflation: CostmapInflation, parameter: float) -> float:
-        return float(planner.excess(np.array(252 * inflation.share_beyond(PRICE_DISTANCE)), parameter))
+        return float(
+            planner.excess(np.array(252 * inflation.share_beyond(PRICE_DISTANCE)), parameter)
+        )
 
     yours, factor = layer.inflation.cost_scaling_factor, steeper.inflation.cost_scaling_factor
     return (
@@ -269,7 +276,11 @@ def close_gaps(
             trial_values[disc] = CLOSED
             after = _Trial(costs, trial_values, conversion, path, layer)
             wider = after.path is not None and after.shortfall < 0.8 * before.shortfall
-            if not wider or after.cost > MAX_DETOUR * before.cost or _cuts_off_region(costs, values, disc):
+            if (
+                not wider
+                or after.cost > MAX_DETOUR * before.cost
+                or _cuts_off_region(costs, values, disc)
+            ):
                 break
             values, before = trial_values, after
             gaps.append((x, y, clearance))
@@ -291,7 +302,8 @@ def note_narrow_places(paths: Sequence[PlannedPath], radius: float) -> Iterator[
         if nav2_path.room < room and not math.isnan(nav2_path.ratio):
             x, y = nav2_path.narrowest
             yield (
-                f"{nav2_path.planner}'s path for {nav2_path.name} passes {nav2_path.room:.2f} m from walls at"
+                f"{nav2_path.planner}'s path for {nav2_path.name} passes {nav2_path.room:.2f} m"
+                " from walls at"
                 f" ({x:.2f}, {y:.2f}); path followers may stop below {room:.2f} m, so try this"
                 " place first"
             )
@@ -366,7 +378,9 @@ def _cuts_off_region(costs: Costmap, values: NDArray[np.int8], disc: Bools) -> b
     min_cells = LARGE / costs.grid.resolution**2
 
     def count_regions(cells: Bools) -> int:
-        _, _, statistics, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=8)
+        _, _, statistics, _ = cv2.connectedComponentsWithStats(
+            cells.astype(np.uint8), connectivity=8
+        )
         return int((statistics[1:, cv2.CC_STAT_AREA] >= min_cells).sum())
 
     return count_regions(wide & ~disc) > count_regions(wide)

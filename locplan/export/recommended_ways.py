@@ -12,8 +12,15 @@ import numpy as np
 
 from locplan._support.records import Column, Table
 from locplan.errors import ConfigError
-from locplan.export.joined_ways import SAME, LineCosts, divide_path, adjust_costs, join_paths, straighten_ways
-from locplan.export.parameters import Params, Nav2Robot
+from locplan.export.joined_ways import (
+    SAME,
+    LineCosts,
+    adjust_costs,
+    divide_path,
+    join_paths,
+    straighten_ways,
+)
+from locplan.export.parameters import Nav2Robot, Params
 from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import (
     FINENESS,
@@ -106,7 +113,9 @@ def make_recommended_ways(costs: Costmap, paths: Mapping[str, Path]) -> Recommen
     check_ways(costs, paths)
     lines = LineCosts(costs)
     # A path along the edge of a blocked cell can come to lie beyond it in single precision.
-    if not all(np.isfinite(lines.compute_chain_costs(divide_path(path))).all() for path in paths.values()):
+    if not all(
+        np.isfinite(lines.compute_chain_costs(divide_path(path))).all() for path in paths.values()
+    ):
         lines = LineCosts(costs, side_tolerance=FINENESS)
     nodes, ways = straighten_ways(lines, *join_paths(lines, paths))
     forward_ways = [*ways.values()]
@@ -191,7 +200,9 @@ def nav2_routes(
     ways = make_recommended_ways(unturned, paths)
     name = grid.name or "a map"
     metadata = {"kind": "nav2-routes", "distro": distro, "changed_edges": ways.changed}
-    metadata |= {"queries": list(ways.ways), "followed": list(ways.followed)} | summarize_costs(costs)
+    metadata |= {"queries": list(ways.ways), "followed": list(ways.followed)} | summarize_costs(
+        costs
+    )
     template_values: dict[str, Any] = {"map": name, "ways": ways, "robot": robot, "costs": costs}
     template_values |= {"nodes": ways.graph.nodes, "ends": (1, 2)}
     with export_folder(folder, "nav2-routes.md", metadata, force, **template_values) as temporary:

@@ -79,7 +79,11 @@ class ExportJob:
             The field of its map, by the choice's `config`.
         """
         choice = choice.with_field(field)
-        paths = {candidate.name: candidate.path for candidate in [choice.recommended_candidate] if candidate}
+        paths = {
+            candidate.name: candidate.path
+            for candidate in [choice.recommended_candidate]
+            if candidate
+        }
         return cls(choice.costmap(), field, paths, robot=choice.robot, choice=choice)
 
     @classmethod
@@ -114,7 +118,9 @@ class ExportJob:
                 )
             if other in paths:
                 raise ConfigError(f"a path and a choice are both named {other}; rename one")
-        choice_paths = {other: choice.path for other, choice in choices.items() if choice.path is not None}
+        choice_paths = {
+            other: choice.path for other, choice in choices.items() if choice.path is not None
+        }
         if not choice_paths and not paths:
             raise ConfigError(f"the choice {name} has no path: {first.sentence}")
         costs = first.with_field(field).costs
@@ -251,7 +257,7 @@ def export_folder(
 ) -> Iterator[Path]:
     """Yield a new folder whose files move to `target` when the block succeeds.
 
-    It gets a README.md, which is the template `readme` with what is `template_values`, and export.json.
+    It gets export.json and a README.md, the template `readme` filled with `template_values`.
     `purposes` are those of its files by name, the most useful first.
     """
     with Output(Path(target), metadata["kind"], force, purposes=purposes).writing() as folder:

@@ -143,16 +143,26 @@ def to_geojson(graph: RouteGraph, frame: str = FRAME) -> dict[str, Any]:
     values = np.column_stack([getattr(graph, name) for name in names]).tolist()
     for edge, (start, end) in enumerate(graph.edges.tolist()):
         edge_values = zip(names, values[edge], strict=True)
-        properties: dict[str, Any] = {"id": len(features) + 1, "startid": start + 1, "endid": end + 1}
+        properties: dict[str, Any] = {
+            "id": len(features) + 1,
+            "startid": start + 1,
+            "endid": end + 1,
+        }
         properties |= {"cost": float(graph.cost[edge]), "overridable": True}
-        properties |= {"metadata": {name: value for name, value in edge_values if math.isfinite(value)}}
+        properties |= {
+            "metadata": {name: value for name, value in edge_values if math.isfinite(value)}
+        }
         features.append(make_feature("LineString", [xy[start], xy[end]], properties))
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::3857"}}
     return make_collection("graph", features, crs=crs)
 
 
 def write_graph(
-    folder: Path, graph: Mapping[str, Any], scorers: Mapping[str, Any], robot: Nav2Robot, target: Path
+    folder: Path,
+    graph: Mapping[str, Any],
+    scorers: Mapping[str, Any],
+    robot: Nav2Robot,
+    target: Path,
 ) -> None:
     """Write a graph's GeoJSON with the server whose scorers make the costs of its edges J.
 
@@ -169,7 +179,11 @@ def write_graph(
     }
     robot_settings, file = robot.parameters.node_parameters(node := "route_server"), "graph.geojson"
     robot_settings.pop("graph_filepath", None)
-    merged_settings = Nav2Parameters().with_values(node, robot_settings | server_settings).content[node]["ros__parameters"]
+    merged_settings = (
+        Nav2Parameters()
+        .with_values(node, robot_settings | server_settings)
+        .content[node]["ros__parameters"]
+    )
     server = LifecycleNode("nav2_route", node, node, merged_settings, {"graph_filepath": file})
     write_servers(folder, [server], "lifecycle_manager_localizability_routes")
     if robot.file:

@@ -10,12 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import FARTHEST, check_file_path, parse_finite_numbers, is_integer, short_repr
+from locplan._support.checks import (
+    FARTHEST,
+    check_file_path,
+    is_integer,
+    parse_finite_numbers,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.export.joined_ways import LineCosts
-from locplan.export.parameters import Params, Nav2Robot
+from locplan.export.parameters import Nav2Robot, Params
 from locplan.export.registry import DISTRO, FRAME, ExportSummary, export_folder
 from locplan.export.route_graph import MAX_ID, RouteGraph, save_graph_preview, write_graph
 from locplan.export.values import unturn
@@ -177,14 +183,16 @@ def measure_graph(
     through = np.flatnonzero(~np.isfinite(walls.costs(graph.nodes, graph.pairs)))
     if len(through):
         raise ConfigError(
-            f"walls or unknown space lie on {_format_ids('edge', [ids[n] for n in through])}; move the"
+            f"walls or unknown space lie on {_format_ids('edge', [ids[n] for n in through])};"
+            " move the"
             " nodes, or remove the edges"
         )
     length = np.hypot(*(graph.nodes[graph.pairs[:, 0]] - graph.nodes[graph.pairs[:, 1]]).T)
     if set_cost and not length.all():
         raise ConfigError(
             "Nav2 takes no cost of 0, which is that of"
-            f" {_format_ids('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a length;"
+            f" {_format_ids('edge', [ids[n] for n in np.flatnonzero(length == 0)])} without a"
+            " length;"
             " remove them, or leave --set-cost out"
         )
     near = ~np.isfinite(lines.costs(graph.nodes, graph.pairs))
@@ -237,10 +245,21 @@ def nav2_graph(
         if not set_cost and features[place]["properties"].get("overridable") is False
     ]
     values = {"nodes": len(user_graph.nodes), "edges": len(user_graph.edges)}
-    metadata = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | summarize_costs(costs)
+    metadata = {"kind": "nav2-routes", "distro": distro, "set_cost": set_cost} | summarize_costs(
+        costs
+    )
     name = costs.grid.name or "a map"
-    template_values: dict[str, Any] = {"map": name, "graph": Path(graph).name, "robot": robot, "costs": costs}
-    template_values |= {"nodes": user_graph.nodes, "ends": user_graph.node_ids[:2], "set_cost": set_cost}
+    template_values: dict[str, Any] = {
+        "map": name,
+        "graph": Path(graph).name,
+        "robot": robot,
+        "costs": costs,
+    }
+    template_values |= {
+        "nodes": user_graph.nodes,
+        "ends": user_graph.node_ids[:2],
+        "set_cost": set_cost,
+    }
     template_values |= {"edges": len(user_graph.edges), "fixed": fixed}
     with export_folder(folder, "nav2-graph.md", metadata, force, **template_values) as temporary:
         document = user_graph.with_costs(measured.cost, set_cost=set_cost)

@@ -74,7 +74,9 @@ def cache_limit() -> int:
     text = os.environ.get("LOCPLAN_CACHE_SIZE") or "5 GB"
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d*)?)\s*([KMGT]?|[KMGT]I)B?\s*", text.upper())
     if not match:
-        raise ConfigError(f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {short_repr(text)}")
+        raise ConfigError(
+            f"LOCPLAN_CACHE_SIZE must be a size such as 500 MB, not {short_repr(text)}"
+        )
     return int(float(match[1]) * _UNITS[match[2]])
 
 
@@ -261,7 +263,9 @@ def cache_entries(folder: Path) -> list[CacheEntry]:
     paths: list[Path] = []
     with suppress(OSError):  # the folder does not exist
         paths = [folder / name for name in os.listdir(folder) if _ENTRY.fullmatch(name)]
-    return sorted(map(CacheEntry.from_path, paths), key=lambda cached_result: cached_result.used, reverse=True)
+    return sorted(
+        map(CacheEntry.from_path, paths), key=lambda cached_result: cached_result.used, reverse=True
+    )
 
 
 def cache_table(cached_results: Sequence[CacheEntry], folder: Path) -> str:
@@ -277,9 +281,13 @@ def cache_table(cached_results: Sequence[CacheEntry], folder: Path) -> str:
     rows = []
     for cached_result in cached_results:
         description = cached_result.to_json()
-        share = "–" if description["finished_share"] is None else f"{description['finished_share']:.0%}"
+        share = (
+            "–" if description["finished_share"] is None else f"{description['finished_share']:.0%}"
+        )
         names = [description[name] for name in ("kind", "map", "details")]
-        rows.append([*names, format_bytes(cached_result.size), share, format_age(cached_result.used)])
+        rows.append(
+            [*names, format_bytes(cached_result.size), share, format_age(cached_result.used)]
+        )
     total = format_bytes(sum(cached_result.size for cached_result in cached_results))
     count = f"{len(rows)} {'result' if len(rows) == 1 else 'results'}"
     last = f"{count}, {total} of at most {format_bytes(cache_limit())}, in {folder}"

@@ -18,7 +18,7 @@ from locplan.field import tiles
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import check_halo, check_values, read_halo, rotate_covariance
 from locplan.field.estimator import Estimator, MapPart, Values, is_from_locplan
-from locplan.field.tiles import Chunk, chunk_edge, iterate_chunks, find_computed_points
+from locplan.field.tiles import Chunk, chunk_edge, find_computed_points, iterate_chunks
 from locplan.maps.grid import OccupancyGrid
 
 _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -141,7 +141,9 @@ def compute(engine: int, estimator: Estimator, part: MapPart) -> Values:
     return estimator.covariances(part)
 
 
-def make_map_part(grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object) -> MapPart:
+def make_map_part(
+    grid: OccupancyGrid, config: FieldConfig, points: _Points, prepared: object
+) -> MapPart:
     """Cells of some lattice points, with all that is prepared or the piece of the map they need."""
     stride = config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in points)

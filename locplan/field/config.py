@@ -18,11 +18,11 @@ from locplan._support.checks import (
     Settings,
     check_file_path,
     check_instance,
-    set_frozen_fields,
-    parse_poses,
-    check_positive,
-    short_repr,
     check_integer,
+    check_positive,
+    parse_poses,
+    set_frozen_fields,
+    short_repr,
 )
 from locplan._support.files import check_target
 from locplan._support.kernels.arrays import Bools, Floats
@@ -135,7 +135,9 @@ class FieldConfig(Settings):
         if poses is None:
             return points
         xy = parse_poses(poses)[0][:, :2]
-        corners = LatticeCorners.from_positions(grid, stride, points, np.zeros_like(points), xy).points
+        corners = LatticeCorners.from_positions(
+            grid, stride, points, np.zeros_like(points), xy
+        ).points
         near = np.zeros_like(points)
         near[tuple(corners.T)] = True
         return near
@@ -161,7 +163,9 @@ class FieldConfig(Settings):
         """
         described = settings.get("estimator", {"name": Sad.name})
         if not isinstance(described, Mapping):
-            raise ConfigError(f"estimator must be an object with a name, not {short_repr(described)}")
+            raise ConfigError(
+                f"estimator must be an object with a name, not {short_repr(described)}"
+            )
         estimator = build_settings(estimator_class(str(described.get("name"))), described)
         field_settings = {name: value for name, value in settings.items() if name != "estimator"}
         return build_settings(cls, {**field_settings, "estimator": estimator})

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import short_repr, check_integer
+from locplan._support.checks import check_integer, short_repr
 from locplan._support.kernels.arrays import Bools, Floats, Octets
 from locplan.errors import ConfigError, FieldError
 from locplan.field.estimator import Estimator, MapPart, Values
@@ -203,7 +203,9 @@ def check_values(values: object, estimator: Estimator, part: MapPart) -> None:
     rounding = MIN_ROUNDING + TOLERANCE * np.abs(covariance).max(axis=(-2, -1))
     _raise_if_any(skew > rounding, "a covariance that is not symmetric", estimator, part)
     smallest_eigenvalue = np.linalg.eigvalsh(covariance)[..., 0]
-    _raise_if_any(smallest_eigenvalue < -rounding, "a covariance with a negative eigenvalue", estimator, part)
+    _raise_if_any(
+        smallest_eigenvalue < -rounding, "a covariance with a negative eigenvalue", estimator, part
+    )
 
 
 def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octets) -> None:
@@ -228,7 +230,8 @@ def check_halo(estimator: Estimator, part: MapPart, values: Values, levels: Octe
         if not all(_are_close(recomputed[name][0], array[at]) for name, array in values.items()):
             raise _make_estimator_error(
                 estimator,
-                f"the values at {_format_cell(part, at)} change with the map beyond the halo of {halo}"
+                f"the values at {_format_cell(part, at)} change with the map beyond the halo of"
+                f" {halo}"
                 " cells; let halo() reach as far as it looks, and draw no random numbers",
             )
 
@@ -259,7 +262,9 @@ def _raise_if_any(bad: Bools, defect: str, estimator: Estimator, part: MapPart) 
     """Raise a FieldError that names the first of the bad places, if there are some."""
     if bad.any():
         cell_text = _format_cell(part, np.argwhere(bad)[0][0])
-        raise _make_estimator_error(estimator, f"{cell_text} has {defect}; correct covariances() there")
+        raise _make_estimator_error(
+            estimator, f"{cell_text} has {defect}; correct covariances() there"
+        )
 
 
 def _format_cell(part: MapPart, at: int) -> str:
@@ -274,7 +279,9 @@ def _quote_names(names: Iterable[str]) -> str:
     return ", ".join(map(short_repr, names))
 
 
-def _isolate_cell(estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets) -> MapPart:
+def _isolate_cell(
+    estimator: Estimator, part: MapPart, at: int, halo: int, levels: Octets
+) -> MapPart:
     """One cell of a part, with the map up to the halo and a ring of another map around that."""
     row, col = int(part.rows[at]), int(part.cols[at])
 
@@ -298,7 +305,9 @@ def _isolate_cell(estimator: Estimator, part: MapPart, at: int, halo: int, level
 
 def _are_close(first: Floats, second: Floats) -> bool:
     greatest = np.abs(second).max(initial=MIN_ROUNDING)
-    return first.shape == second.shape and bool((np.abs(first - second) <= TOLERANCE * greatest).all())
+    return first.shape == second.shape and bool(
+        (np.abs(first - second) <= TOLERANCE * greatest).all()
+    )
 
 
 DEGENERATE = 0.5

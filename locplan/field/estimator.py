@@ -294,7 +294,9 @@ def dict_from_settings(owner: Any) -> dict[str, object]:
 def list_settings_classes(owner: Any) -> list[type]:
     """The class of settings, and those of the settings in them."""
     values = [getattr(owner, attribute.name) for attribute in fields(owner)]
-    inner = [kind for value in values if is_dataclass(value) for kind in list_settings_classes(value)]
+    inner = [
+        kind for value in values if is_dataclass(value) for kind in list_settings_classes(value)
+    ]
     return [type(owner), *inner]
 
 
@@ -305,7 +307,9 @@ def is_from_locplan(owner: Any) -> bool:
 
 def declared_versions(owner: Any) -> list[str]:
     """Return the versions of the user's own classes in settings; a FieldError if one has none."""
-    user_kinds = [kind for kind in list_settings_classes(owner) if not kind.__module__.startswith("locplan.")]
+    user_kinds = [
+        kind for kind in list_settings_classes(owner) if not kind.__module__.startswith("locplan.")
+    ]
     versions = [getattr(kind, "version", None) for kind in user_kinds]
     for kind, version in zip(user_kinds, versions, strict=True):
         if version is None:
@@ -333,7 +337,9 @@ def build_settings(kind: type[T], settings: Mapping[str, object]) -> T:
 def _build_nested(name: str, hint: Any, value: object) -> object:
     if not isinstance(value, Mapping):
         return value
-    kinds: list[Any] = [candidate for candidate in get_args(hint) or (hint,) if is_dataclass(candidate)]
+    kinds: list[Any] = [
+        candidate for candidate in get_args(hint) or (hint,) if is_dataclass(candidate)
+    ]
     matches = [kind for kind in kinds if getattr(kind, "name", None) == value.get("name")]
     if len(matches) != 1:
         raise ConfigError(f"{name} cannot be made of {short_repr(dict(value))}")

@@ -59,7 +59,9 @@ class CovarianceField(Pictured, EqualByValue):
     layers: Mapping[str, Floats] = field(default_factory=dict)
 
     @classmethod
-    def from_values(cls, values: Values, grid: OccupancyGrid, config: FieldConfig) -> CovarianceField:
+    def from_values(
+        cls, values: Values, grid: OccupancyGrid, config: FieldConfig
+    ) -> CovarianceField:
         """Make a field from its arrays by name.
 
         Parameters
@@ -139,7 +141,9 @@ class CovarianceField(Pictured, EqualByValue):
             if headings == "mean":
                 is_stored = covariance is self.covariance
                 covariance = (
-                    self.mean_covariance if is_stored else lattice.merge_headings(covariance, self.is_evaluated)
+                    self.mean_covariance
+                    if is_stored
+                    else lattice.merge_headings(covariance, self.is_evaluated)
                 )
             has_cached_e = name == "e" and covariance is self.covariance
             values = self.e if has_cached_e else scalar(covariance, name)
@@ -304,7 +308,9 @@ class CovarianceField(Pictured, EqualByValue):
         for name, array in self.values.items():
             values[name][same] = array[same]
         arguments = grid, self.config, threads, executor, progress
-        for _ in fill_chunks(values, *arguments, tiles.find_required_points(*arguments[:2], points)):
+        for _ in fill_chunks(
+            values, *arguments, tiles.find_required_points(*arguments[:2], points)
+        ):
             pass
         return CovarianceField.from_values(values, grid, self.config)
 

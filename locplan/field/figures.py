@@ -21,12 +21,12 @@ from locplan.field.covariance import DEGENERATE
 from locplan.field.field import CovarianceField
 from locplan.maps.figures import (
     block_size,
+    compute_axes_limits,
+    downsample,
     draw_cells,
     draw_map,
-    compute_axes_limits,
     map_axes,
     map_size,
-    downsample,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE

@@ -87,13 +87,22 @@ def write_field(
 
     `metadata` is the field's description. `extra_arrays` are further arrays that are written along.
     """
-    arrays = {TREE_NAME: np.array(json.dumps(metadata)), CELLS: grid.cells, **values, **(extra_arrays or {})}
+    arrays = {
+        TREE_NAME: np.array(json.dumps(metadata)),
+        CELLS: grid.cells,
+        **values,
+        **(extra_arrays or {}),
+    }
     with replacing(file) as temporary:
         write_arrays(temporary, arrays)
 
 
 def write_points(
-    file: Path, values: Values, points: Bools, metadata: Mapping[str, Any], cells: Array | None = None
+    file: Path,
+    values: Values,
+    points: Bools,
+    metadata: Mapping[str, Any],
+    cells: Array | None = None,
 ) -> None:
     """Write the values at some points for the cache, which reads them fast.
 
@@ -120,7 +129,11 @@ def read_metadata(file: Path) -> dict[str, Any]:
 
 
 def fill_values(
-    values: Values, file: Path, grid: OccupancyGrid, config: FieldConfig, selection: Bools | None = None
+    values: Values,
+    file: Path,
+    grid: OccupancyGrid,
+    config: FieldConfig,
+    selection: Bools | None = None,
 ) -> None:
     """Fill the arrays of a field, where they are NaN, with the values in a file.
 
@@ -161,7 +174,9 @@ def read_grid(file: Path, metadata: Mapping[str, Any]) -> OccupancyGrid:
     """Read the map that a field belongs to; `metadata` is the field's description."""
     cells = _read(file, MAX_CELLS, CELLS)[CELLS]
     try:
-        return OccupancyGrid(cells, metadata["resolution"], tuple(metadata["origin"]), metadata["map"])
+        return OccupancyGrid(
+            cells, metadata["resolution"], tuple(metadata["origin"]), metadata["map"]
+        )
     except (LookupError, TypeError, LocplanError) as error:
         raise FieldError(f"{file}: its map is damaged ({_format_error(error)})") from None
 
@@ -171,7 +186,8 @@ def read_field(file: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     metadata = read_metadata(file)
     if metadata.get("engine") != tiles.ENGINE:
         raise FieldError(
-            f"{file}: its values are those of another locplan (engine {metadata.get('engine')!s:.9},"
+            f"{file}: its values are those of another locplan (engine"
+            f" {metadata.get('engine')!s:.9},"
             f" not {tiles.ENGINE}); compute it again"
         )
     grid = read_grid(file, metadata)
@@ -180,7 +196,9 @@ def read_field(file: Path) -> tuple[Values, OccupancyGrid, FieldConfig]:
     except (AttributeError, LookupError, TypeError, LocplanError) as error:
         raise FieldError(f"{file}: its config cannot be used ({_format_error(error)})") from None
     values = read_values(file, grid, config)
-    lacking = int((tiles.find_required_points(grid, config) & ~tiles.find_computed_points(values)).sum())
+    lacking = int(
+        (tiles.find_required_points(grid, config) & ~tiles.find_computed_points(values)).sum()
+    )
     if lacking:
         raise FieldError(f"{file}: {lacking} points were never computed; compute it again")
     return values, grid, config
@@ -197,7 +215,8 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
         readable = False
     if not readable:
         raise FieldError(
-            f"a field of estimator {short_repr(estimator.name)} could not be read again; give the class"
+            f"a field of estimator {short_repr(estimator.name)} could not be read again; give the"
+            " class"
             " a name of its own and settings fit for JSON, and register it:"
             f" locplan.field.ESTIMATORS[{estimator.name!r}] = {kind.__qualname__}"
         )

@@ -14,7 +14,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from locplan._support.checks import derived_setting, check_instance, set_frozen_fields, check_choice
+from locplan._support.checks import check_choice, check_instance, derived_setting, set_frozen_fields
 from locplan._support.kernels.arrays import Floats, Octets, Singles
 from locplan.errors import ConfigError
 from locplan.field.beams import NORMAL_REACH, LidarEstimator, reach_of_beams, surface_normals
@@ -97,7 +97,9 @@ class Fisher(LidarEstimator):
             part.control,
         )[:, :, : window.dimension, : window.dimension]
         prior = np.linalg.inv(window.uniform_covariance)
-        scaled_information = beam_information * (self.temperature / self.sigma(part.resolution) ** 2)
+        scaled_information = beam_information * (
+            self.temperature / self.sigma(part.resolution) ** 2
+        )
         covariance = self.noise_level * _inverse(scaled_information + prior)
         return {"covariance": covariance[:, part.heading_axis]}
 
@@ -179,7 +181,9 @@ class Fused(Estimator):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_instance("lidar", self.lidar, Lidar, 'such as locplan.Lidar.preset("rplidar-a1")')
-        set_frozen_fields(self, fisher=self.fisher or Fisher(self.lidar), scan=self.scan or Scan(self.lidar))
+        set_frozen_fields(
+            self, fisher=self.fisher or Fisher(self.lidar), scan=self.scan or Scan(self.lidar)
+        )
         check_instance("fisher", self.fisher, Fisher)
         check_instance("scan", self.scan, Scan)
         if {self.fisher.lidar, self.scan.lidar} != {self.lidar}:
@@ -231,9 +235,14 @@ class Fused(Estimator):
         """
         of_fisher, of_scan = part.prepared or self.prepare(part.levels, part.resolution)
         uncounted = part.control[:1]  # the scan alone counts the cells that are done
-        fisher_values = self.fisher.covariances(replace(part, prepared=of_fisher, control=uncounted))
+        fisher_values = self.fisher.covariances(
+            replace(part, prepared=of_fisher, control=uncounted)
+        )
         scan_values = self.scan.covariances(replace(part, prepared=of_scan))
-        return {**scan_values, "covariance": self._mean(fisher_values["covariance"], scan_values["covariance"])}
+        return {
+            **scan_values,
+            "covariance": self._mean(fisher_values["covariance"], scan_values["covariance"]),
+        }
 
     def _mean(self, of_fisher: Floats, of_scan: Floats) -> Floats:
         major, minor, _ = position_axes(of_scan)
@@ -257,4 +266,6 @@ class Fused(Estimator):
         return self.fisher.seconds(resolution) + self.scan.seconds(resolution)
 
     def memory(self, resolution: float, map_shape: tuple[int, int]) -> float:
-        return sum(estimator.memory(resolution, map_shape) for estimator in (self.fisher, self.scan))
+        return sum(
+            estimator.memory(resolution, map_shape) for estimator in (self.fisher, self.scan)
+        )

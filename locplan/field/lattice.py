@@ -66,7 +66,9 @@ def select_second_points(points: Bools) -> Bools:
 
 def thin_evenly(is_computed: Bools, lacking: Bools) -> Bools:
     """The known points of a lattice, thinned out where they are finer than elsewhere, (h, w)."""
-    return is_computed & select_second_points(is_computed | lacking) if lacking.any() else is_computed
+    return (
+        is_computed & select_second_points(is_computed | lacking) if lacking.any() else is_computed
+    )
 
 
 def find_near_points(points: Bools, stride: int, cells: Floats, distance: float) -> Bools:

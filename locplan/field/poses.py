@@ -70,10 +70,14 @@ class LatticeCorners:
         near *= (weight[is_lacking] / np.maximum(near.sum(axis=1), 1e-9))[:, None]
         number = np.concatenate([number[is_known], np.repeat(number[is_lacking], len(OFFSETS))])
         points = np.concatenate([points[is_known], around])
-        return cls._from_weights(number, points, np.concatenate([weight[is_known], near.ravel()]), len(xy))
+        return cls._from_weights(
+            number, points, np.concatenate([weight[is_known], near.ravel()]), len(xy)
+        )
 
     @classmethod
-    def _from_weights(cls, number: Ints, points: Ints, weight: Floats, count: int) -> LatticeCorners:
+    def _from_weights(
+        cls, number: Ints, points: Ints, weight: Floats, count: int
+    ) -> LatticeCorners:
         """Corners of entries: the number of the position, the point, and its weight."""
         is_used = weight > 0
         number, points, weight = number[is_used], points[is_used], weight[is_used]
@@ -112,7 +116,9 @@ class LatticeCorners:
         logs = weights @ map_eigenvalues(heading_covariances, True).reshape(-1, d * d)
         return self._blank_unread(map_eigenvalues(logs.reshape(-1, d, d), False))
 
-    def _select_headings(self, values: Floats, plain: int, headings: Floats | None) -> tuple[Floats, Any]:
+    def _select_headings(
+        self, values: Floats, plain: int, headings: Floats | None
+    ) -> tuple[Floats, Any]:
         """The values that are read, of one heading each, and their weights at each position.
 
         `plain` is the number of dimensions of values without headings.
@@ -165,7 +171,9 @@ def read_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
     if name is not None:
         check_choice("name", name, names)
     headings = array[:, 2] if array.shape[1] == 3 else None
-    corners = LatticeCorners.from_positions(field.grid, field.stride, field.evaluated, field.lacking, array[:, :2])
+    corners = LatticeCorners.from_positions(
+        field.grid, field.stride, field.evaluated, field.lacking, array[:, :2]
+    )
     at = tuple(corners.points.T)
     values: dict[str, Floats] = {}
     if name not in field.layers:

@@ -12,7 +12,15 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from locplan._support.checks import Settings, check_instance, set_frozen_fields, check_positive, check_range, setting, short_repr
+from locplan._support.checks import (
+    Settings,
+    check_instance,
+    check_positive,
+    check_range,
+    set_frozen_fields,
+    setting,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Array, Floats
 from locplan.errors import ConfigError
 from locplan.field.estimator import TILE_CELLS, Estimator, MapPart, Values, dict_from_settings
@@ -126,7 +134,9 @@ class Sad(Estimator):
         super().__post_init__()
         check_instance("window", self.window, SearchWindow)
         if not isinstance(self.quantisation, bool):
-            raise ConfigError(f"quantisation must be true or false, not {short_repr(self.quantisation)}")
+            raise ConfigError(
+                f"quantisation must be true or false, not {short_repr(self.quantisation)}"
+            )
         if self.lidar is not None:
             check_instance("lidar", self.lidar, Lidar)
         if not isinstance(self.weights, WeightLaw):
@@ -216,7 +226,9 @@ class Sad(Estimator):
         weights = self.offset_weights(np.arange(0, greatest + 1, LEVEL_STEP), part.resolution)
         layout = MapLayout.from_part(part, radius, window.cell_lattice)
         negligible, visible = self.negligible(part.resolution), self.template == "visible"
-        covariance_in_steps = compute_step_covariances(layout, weights, window.places, negligible, visible)
+        covariance_in_steps = compute_step_covariances(
+            layout, weights, window.places, negligible, visible
+        )
         covariance = self.noise_level * covariance_in_steps * np.outer(window.steps, window.steps)
         covariance = covariance[:, : window.dimension, : window.dimension]
         return {"covariance": covariance + self.q(window) if self.adds_q else covariance}
@@ -290,7 +302,9 @@ class Sad(Estimator):
         if self.negligible(resolution) is not None:  # sums of one heading, and of the blocks
             strips, words = strips + 4, words + 12
         sight = 20 if self.template == "visible" else 4
-        return strips * rotated_edge**2 + words * still**2 + (sight * turns + 16 * math.pi) * radius**2
+        return (
+            strips * rotated_edge**2 + words * still**2 + (sight * turns + 16 * math.pi) * radius**2
+        )
 
     def seconds(self, resolution: float) -> float:
         """Time in proportion to the offsets and, but for rejected ones, to the disc's cells [s].

@@ -92,7 +92,9 @@ class MapLayout:
         still = np.empty((1, PLANES, *spans), np.uint8)
         no_turn = np.ones(1), np.zeros(1), np.array(first[:1]), np.array(first[1:])
         bitplanes.cut_strips(levels, *part.corner, 0.0, 0.0, *no_turn, still)
-        return cls(part, levels, window, radius, squares, first, still[0], rotated_strips, tops, lefts)
+        return cls(
+            part, levels, window, radius, squares, first, still[0], rotated_strips, tops, lefts
+        )
 
     @property
     def offsets(self) -> int:
@@ -259,7 +261,9 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
     return line_masks
 
 
-def _lay_out(layout: MapLayout, group: CellGroup, still: Shorts, table_rows: int) -> bitplanes.Blocks:
+def _lay_out(
+    layout: MapLayout, group: CellGroup, still: Shorts, table_rows: int
+) -> bitplanes.Blocks:
     """The blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
     places = [disc_blocks(layout.radius, edge) for edge in edges]
@@ -315,6 +319,8 @@ def compute_step_covariances(
     for group, lines in zip(groups, line_masks, strict=True):
         covariances = np.full((group.cells.size, 3, 3), np.nan)
         tile, sight = layout.tile(group), layout.sight(group) if visible else None
-        sad.tile_covariances(tile, sight, lines, weights, places, scratch, part.control, covariances)
+        sad.tile_covariances(
+            tile, sight, lines, weights, places, scratch, part.control, covariances
+        )
         result[group.cells] = covariances
     return result

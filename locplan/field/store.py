@@ -229,7 +229,10 @@ class _CachedField:
         if self.required is None and metadata.get("finished_share") != 1.0:
             return None  # some points only
         values = files.read_values(path, self.grid, self.config)
-        if self.required is not None and (self.required & ~tiles.find_computed_points(values)).any():
+        if (
+            self.required is not None
+            and (self.required & ~tiles.find_computed_points(values)).any()
+        ):
             return None
         if versions := self.metadata["identity"]["versions"]:
             LOG.warning("field of %s: cached, version %s", self.grid.name, ", ".join(versions))
@@ -238,7 +241,9 @@ class _CachedField:
     def save(self, path: Path, values: Values) -> None:
         """Write all known values to the field's file."""
         is_computed = tiles.find_computed_points(values)
-        files.write_points(path, values, is_computed, self._with_share(is_computed), self.grid.cells)
+        files.write_points(
+            path, values, is_computed, self._with_share(is_computed), self.grid.cells
+        )
 
     def load_cached_values(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
         """Values of the field that the cache has, NaN elsewhere, and the points due for computing.
@@ -258,7 +263,8 @@ class _CachedField:
             if same == 3 or not lacking.any():
                 break
             if cached_result.path == path or not all(
-                cached_result.about.get(name) == self.metadata[name] for name in ("kind", *files.MATCHING_KEYS)
+                cached_result.about.get(name) == self.metadata[name]
+                for name in ("kind", *files.MATCHING_KEYS)
             ):
                 continue
             with suppress(LocplanError):  # damaged ones are skipped: this is only a shortcut
@@ -279,7 +285,9 @@ class _CachedField:
                 with suppress(LocplanError):
                     make_folder(parts)
                     file = parts / f"{is_computed.sum():012}{RESULT}"
-                    files.write_points(file, values, is_computed & ~written, self._with_share(is_computed))
+                    files.write_points(
+                        file, values, is_computed & ~written, self._with_share(is_computed)
+                    )
                     written = is_computed
                 last = time.monotonic()
 
@@ -300,4 +308,6 @@ class _CachedField:
 
     def _with_share(self, is_computed: Bools) -> dict[str, Any]:
         total = int(self.all_points.sum())
-        return self.metadata | {"finished_share": float(is_computed.sum() / total) if total else 1.0}
+        return self.metadata | {
+            "finished_share": float(is_computed.sum() / total) if total else 1.0
+        }

@@ -57,7 +57,8 @@ def check_tiles(grid: OccupancyGrid, config: FieldConfig) -> None:
         raise ConfigError(
             f"cells of {grid.resolution:g} m are too fine for a range of"
             f" {config.estimator.reach:g} m and a search window of"
-            f" +-{lattice.reach * lattice.resolution:g} m ({tile_memory / 1e9:.3g} GB of memory); set"
+            f" +-{lattice.reach * lattice.resolution:g} m ({tile_memory / 1e9:.3g} GB of memory);"
+            " set"
             " smaller ones, or scale the map down"
         )
 
@@ -68,7 +69,9 @@ def find_computed_points(values: Values) -> Bools:
     return ~np.isnan(covariance.reshape(*covariance.shape[:2], -1)[:, :, 0])
 
 
-def find_required_points(grid: OccupancyGrid, config: FieldConfig, points: Bools | None = None) -> Bools:
+def find_required_points(
+    grid: OccupancyGrid, config: FieldConfig, points: Bools | None = None
+) -> Bools:
     """Mask of the lattice points that a field needs, of `points` where only these are asked for.
 
     Raises

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from locplan._support.checks import check_number, check_choice, check_integer
+from locplan._support.checks import check_choice, check_integer, check_number
 from locplan._support.kernels.arrays import Bools
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN

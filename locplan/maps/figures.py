@@ -68,7 +68,9 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     return image
 
 
-def downsample(values: NDArray[Any], *, maximum: bool = False, max_blocks: int | None = None) -> NDArray[Any]:
+def downsample(
+    values: NDArray[Any], *, maximum: bool = False, max_blocks: int | None = None
+) -> NDArray[Any]:
     """The minimum or the maximum of each block of cells; small maps stay as they are.
 
     The lowest level is the darkest one, so that walls stay. NaN counts only where a block has
@@ -101,7 +103,10 @@ def downsample_map(grid: OccupancyGrid, max_blocks: int) -> OccupancyGrid:
     max_blocks : int
         Maximum number of blocks along a side; a map with fewer cells stays as it is.
     """
-    cells, resolution = downsample(grid.cells, max_blocks=max_blocks), grid.resolution * block_size(grid.shape, max_blocks)
+    cells, resolution = (
+        downsample(grid.cells, max_blocks=max_blocks),
+        grid.resolution * block_size(grid.shape, max_blocks),
+    )
     return dataclasses.replace(grid, cells=cells, resolution=resolution)
 
 
@@ -124,7 +129,10 @@ def compute_axes_limits(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str
     low, high, left, right = known_cells(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
     margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
-    ends = [(float(coordinates.min() - margin), float(coordinates.max() + margin)) for coordinates in (x, y)]
+    ends = [
+        (float(coordinates.min() - margin), float(coordinates.max() + margin))
+        for coordinates in (x, y)
+    ]
     return dict(zip(("xlim", "ylim"), ends, strict=True))
 
 

@@ -14,22 +14,29 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from locplan._support.checks import FARTHEST, RESOLUTIONS, check_file_path, is_file_name, make_printable, short_repr
+from locplan._support.checks import (
+    FARTHEST,
+    RESOLUTIONS,
+    check_file_path,
+    is_file_name,
+    make_printable,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Array, Bools, Ints, Octets, Singles
-from locplan._support.output import NEW, write_move_journal, compute_file_digest, temporary_folder
+from locplan._support.output import NEW, compute_file_digest, temporary_folder, write_move_journal
 from locplan._support.reading import (
     SCALAR_TAGS,
     compose_yaml,
     dump_yaml,
+    extract_reason,
     make_map_error,
     open_file,
     read_content,
-    extract_reason,
 )
 from locplan._support.runs import note_map
 from locplan.errors import MapError
 from locplan.maps import environments
-from locplan.maps.environments import is_built_in, remedy_for
+from locplan.maps.environments import is_built_in, suggest_built_in_map
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 
@@ -78,13 +85,17 @@ def missing_image(file: Path, image: str) -> MapError:
     line_text = "" if line is None else f"line {line}, "
     name = re.split(r"[/\\]", image)[-1]
     names = [name, *(file.stem + suffix for suffix in SUFFIXES)]
-    near = [candidate for candidate in names if candidate and os.path.isfile(file.parent / candidate)]
+    near = [
+        candidate for candidate in names if candidate and os.path.isfile(file.parent / candidate)
+    ]
     near = near or _find_similar_images(file.parent, name)
     if near:
         remedy = f"{short_repr(near[0])} lies next to the YAML: write image: {_yaml_text(near[0])}"
     else:
         remedy = "put the image next to the YAML, and write its name there"
-    return make_map_error(file, f"{line_text}image: there is no such file as {short_repr(image)}", remedy)
+    return make_map_error(
+        file, f"{line_text}image: there is no such file as {short_repr(image)}", remedy
+    )
 
 
 def _find_similar_images(folder: Path, name: str) -> list[str]:
@@ -140,7 +151,8 @@ def read_header(file: Path) -> Header:
         str(yaml_values["negate"]).lower()
     )
     resolution, occupied, free = (
-        _parse_number(yaml_values.get(key)) for key in ("resolution", "occupied_thresh", "free_thresh")
+        _parse_number(yaml_values.get(key))
+        for key in ("resolution", "occupied_thresh", "free_thresh")
     )
     finite = len(place) == 3 and all(abs(value) <= FARTHEST for value in place)
     has_file_name = isinstance(image, str) and is_file_name(image)
@@ -174,7 +186,9 @@ def _read_yaml_values(file: Path) -> dict[str, YamlValue]:
     for key, value in root.value:
         name = "".join(_node_text(key) or "")
         if name in yaml_values:
-            raise make_map_error(file, f"{_format_yaml_value(name)} occurs twice", "keep one of the two")
+            raise make_map_error(
+                file, f"{_format_yaml_value(name)} occurs twice", "keep one of the two"
+            )
         yaml_values[name] = _node_text(value)
     return yaml_values
 
@@ -305,9 +319,13 @@ class MapSource:
             saver_grey_free=int(counts[grey]) if levels[grey] == FREE and not raw else 0,
             light_free=int(of_light.sum()),
             light_value=int(of_light.argmax()) if of_light.any() else 0,
-            dark_unknown=0 if raw else _count_wall_pixels(dark, counts, pixels, opaque, header.resolution),
+            dark_unknown=0
+            if raw
+            else _count_wall_pixels(dark, counts, pixels, opaque, header.resolution),
             over_100=int(counts[101:].sum()) if raw else 0,
-            of_costs=_count_costmap_pixels(counts, levels) if counts.size == 256 and not raw else 0,
+            costmap_pixels=_count_costmap_pixels(counts, levels)
+            if counts.size == 256 and not raw
+            else 0,
         )
 
 
@@ -491,11 +509,15 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource | N
         if os.path.isdir(file):
             raise make_map_error(file, "is a folder without any map", "give a map's YAML")
         if further_files:
-            raise make_map_error(folder, f"holds {1 + len(further_files)} maps", f"name one, such as {file}")
+            raise make_map_error(
+                folder, f"holds {1 + len(further_files)} maps", f"name one, such as {file}"
+            )
     elif is_built_in(file):
         return environments.make(str(file)), None
     elif not os.path.lexists(file) and file.name == str(file) and not file.suffix:
-        raise make_map_error(file, "is no file and no built-in map", remedy_for(str(file)))
+        raise make_map_error(
+            file, "is no file and no built-in map", suggest_built_in_map(str(file))
+        )
     return _read_with_header(file, read_header(file))
 
 
@@ -567,7 +589,9 @@ def _read_with_header(file: Path, header: Header) -> tuple[OccupancyGrid, MapSou
     pixels, opaque, rescaled = read_pixels(image)
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
-        raise make_map_error(image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey")
+        raise make_map_error(
+            image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey"
+        )
     occupancy, levels = _meaning_of_values(header, int(np.iinfo(pixels.dtype).max))
     cells = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(cells), ROWS):  # an index takes 8 bytes for each pixel
@@ -576,7 +600,9 @@ def _read_with_header(file: Path, header: Header) -> tuple[OccupancyGrid, MapSou
     if opaque is not None:
         cells[~opaque] = UNKNOWN
     source = MapSource.from_pixels(str(file), header, pixels, opaque, occupancy, levels)
-    return OccupancyGrid(cells[::-1], header.resolution, header.origin, map_name_from_file(file)), source
+    return OccupancyGrid(
+        cells[::-1], header.resolution, header.origin, map_name_from_file(file)
+    ), source
 
 
 def map_name_from_file(map_file: Path) -> str:
@@ -587,7 +613,9 @@ def map_name_from_file(map_file: Path) -> str:
     map_file : Path
         The YAML file, which need not be there; what cannot be printed in its name becomes U+FFFD.
     """
-    return make_printable(map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem)
+    return make_printable(
+        map_file.resolve().parent.name if map_file.stem == "map" else map_file.stem
+    )
 
 
 def source_files(path: Path) -> list[Path]:
@@ -685,7 +713,9 @@ def save_map(
         _replace_map_files(file, _format_header(header, {}), image, _render_image(grid, header))
     except (OSError, ValueError) as error:
         remedy = "choose a name in an existing, writable folder"
-        raise make_map_error(file, f"cannot be written ({extract_reason(error)})", remedy) from error
+        raise make_map_error(
+            file, f"cannot be written ({extract_reason(error)})", remedy
+        ) from error
 
 
 def _meaning_of_values(header: Header, top: int) -> tuple[Singles, Octets]:
@@ -721,7 +751,9 @@ def _replace_map_files(file: Path, text: str, image: Path, picture: Image.Image)
         new.mkdir()
         picture.save(new / image.name, "PNG" if image.suffix == ".png" else "PPM")
         (new / file.name).write_text(text, encoding="utf-8")
-        write_move_journal(staging, {target.name: compute_file_digest(target) for target in (image, file)})
+        write_move_journal(
+            staging, {target.name: compute_file_digest(target) for target in (image, file)}
+        )
 
 
 def _find_image(file: Path) -> Path | None:

@@ -16,7 +16,13 @@ from locplan._support import checks
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.public import Pictured
 from locplan.errors import MapError
-from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN, levels_from_occupancy, parse_grid_message
+from locplan.maps.occupancy import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    levels_from_occupancy,
+    parse_grid_message,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,9 +96,13 @@ class OccupancyGrid(Pictured):
         finest, coarsest = checks.RESOLUTIONS
         if len(resolution) != 1 or not finest <= resolution[0] <= coarsest:
             resolution_text = (
-                f"{resolution[0]:g}; is it metres?" if resolution else checks.short_repr(self.resolution)
+                f"{resolution[0]:g}; is it metres?"
+                if resolution
+                else checks.short_repr(self.resolution)
             )
-            raise MapError(f"resolution must be {finest:g} to {coarsest:g} m per cell, not {resolution_text}")
+            raise MapError(
+                f"resolution must be {finest:g} to {coarsest:g} m per cell, not {resolution_text}"
+            )
         origin = checks.parse_finite_numbers(self.origin)
         if len(origin) != 3 or max(map(abs, origin)) > checks.FARTHEST:
             raise MapError(
@@ -103,7 +113,9 @@ class OccupancyGrid(Pictured):
         name = checks.make_printable(self.name)
         cells = np.array(cells, dtype=np.uint8, order="C")
         cells.setflags(write=False)
-        checks.set_frozen_fields(self, cells=cells, resolution=resolution[0], origin=origin, name=name)
+        checks.set_frozen_fields(
+            self, cells=cells, resolution=resolution[0], origin=origin, name=name
+        )
 
     @classmethod
     def from_occupancy(
@@ -134,7 +146,9 @@ class OccupancyGrid(Pictured):
             If a value is out of its range, or 0 and 1 or numbers with a decimal point are given
             that could mean one thing or the other.
         """
-        return cls(levels_from_occupancy(occupancy, probabilities=probabilities), resolution, origin, name)
+        return cls(
+            levels_from_occupancy(occupancy, probabilities=probabilities), resolution, origin, name
+        )
 
     @classmethod
     def from_message(cls, message: Any, name: str = "") -> OccupancyGrid:

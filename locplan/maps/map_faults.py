@@ -125,8 +125,12 @@ def _compute_solidity(grid: OccupancyGrid) -> Solidity:
         if around != before:
             occupied = grid.cells[around] == OCCUPIED
             rims, before = occupied & ~inside[around], around
-            window_scores = [_score_cells(layer.view(np.uint8), grid.resolution) for layer in (occupied, rims)]
-        if window_scores[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score_distance(np.float64(CLEARANCE)):
+            window_scores = [
+                _score_cells(layer.view(np.uint8), grid.resolution) for layer in (occupied, rims)
+            ]
+        if window_scores[0][int(pose[0]) + 1, int(pose[1]) + 1] > _score_distance(
+            np.float64(CLEARANCE)
+        ):
             continue
         wins += [_wrong_pose_wins(layer, ends, pose, moves) for layer in window_scores]
         count += 1
@@ -189,7 +193,9 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
         yield around, pose, ends
 
 
-def _draw_positions(grid: OccupancyGrid, random: np.random.Generator) -> Iterator[tuple[float, float]]:
+def _draw_positions(
+    grid: OccupancyGrid, random: np.random.Generator
+) -> Iterator[tuple[float, float]]:
     """Positions in free cells, drawn at random [cells]; fewer than TRIES where few are free."""
     positions = random.random((100 * TRIES, 2)) * grid.shape
     rows, cols = positions.astype(np.int64).T
@@ -202,7 +208,9 @@ def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[
 
     The whole of a map costs less than the windows of all scans, unless it is large.
     """
-    far = int(reach / grid.resolution) + 1 if grid.cells.size > MAX_SCORED_CELLS else max(grid.shape)
+    far = (
+        int(reach / grid.resolution) + 1 if grid.cells.size > MAX_SCORED_CELLS else max(grid.shape)
+    )
     rows, cols = (
         slice(max(0, int(at) - far), min(size, int(at) + far + 1))
         for at, size in zip((row, col), grid.shape, strict=True)
@@ -297,7 +305,8 @@ def find_threshold_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[Ma
         yield _make_fault(
             "costmap",
             f"this is a costmap, not a map: {source.costmap_pixels:,} pixels"
-            f" ({source.costmap_pixels / source.pixels:.0%}) are 253 or 254, the costs of obstacles, and"
+            f" ({source.costmap_pixels / source.pixels:.0%}) are 253 or 254, the costs of"
+            " obstacles, and"
             " are read as free; take the map that it was made of",
             is_certain=True,
         )
@@ -412,7 +421,9 @@ def find_origin_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
     """What is unusual about the origin's yaw."""
     yaw = grid.origin[2]
     if abs(yaw) > 2 * math.pi:
-        yield _make_fault("origin", f"the origin's yaw of {yaw:g} is in radians, and looks like degrees")
+        yield _make_fault(
+            "origin", f"the origin's yaw of {yaw:g} is in radians, and looks like degrees"
+        )
     elif yaw:
         yield _make_fault(
             "origin",
@@ -469,7 +480,9 @@ def find_bounding_boxes(
     rows, cols = np.nonzero(cells)
     cell_labels = labels[rows, cols]
     places = []
-    for n in np.argsort(-np.bincount(cell_labels, minlength=count), kind="stable")[: len(np.unique(cell_labels))]:
+    for n in np.argsort(-np.bincount(cell_labels, minlength=count), kind="stable")[
+        : len(np.unique(cell_labels))
+    ]:
         row, col = rows[cell_labels == n], cols[cell_labels == n]
         corners = np.ix_((row.min(), row.max() + 1.0), (col.min(), col.max() + 1.0))
         x, y = grid.grid_to_world(*map(np.ravel, np.broadcast_arrays(*corners)))
@@ -495,13 +508,16 @@ def find_wall_faults(grid: OccupancyGrid, wall_solidity: Solidity) -> Iterator[M
     if wall_solidity.misleads:
         yield MapFault(
             "solid walls" if wall_solidity.is_solid else "thick walls",
-            f"walls are black inside: a wrong pose explains {wall_solidity.wins:.0%} of noisy scans better"
+            f"walls are black inside: a wrong pose explains {wall_solidity.wins:.0%} of noisy"
+            " scans better"
             f" than the true one, and {wall_solidity.wins_hollowed:.0%} with hollow walls",
             "give AMCL, of ROS 1 or 2, the map that locplan repair writes, and plan on this one"
             if wall_solidity.is_solid
             else f"hardly any is over {DEPTH:g} m deep, so that they may be smeared or inflated,"
             " and hollowing may harm; draw the walls from a recorded drive",
-            "on such maps Nav2's default filter loses most drives" if wall_solidity.is_solid else "",
+            "on such maps Nav2's default filter loses most drives"
+            if wall_solidity.is_solid
+            else "",
             wall_solidity.is_solid,
         )
     area = np.count_nonzero(grid.free) * grid.resolution**2
@@ -558,7 +574,10 @@ class MapFaults(Result):
     @cached_property
     def cells(self) -> Bools:
         """The cells that walls black inside, painted unknown space and specks concern, (H, W)."""
-        is_faulty, kinds = np.zeros(self.corrected_map.shape, np.bool_), {fault.kind for fault in self}
+        is_faulty, kinds = (
+            np.zeros(self.corrected_map.shape, np.bool_),
+            {fault.kind for fault in self},
+        )
         if kinds & {"solid walls", "thick walls", "painted unknown"}:
             is_faulty |= inside_of_walls(self.corrected_map)
         if "specks" in kinds:
@@ -658,9 +677,22 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
     0
     """
     check_grid(grid)
-    file_faults = (*find_mask_faults(grid, source), *find_threshold_faults(grid, source)) if source else ()
+    file_faults = (
+        (*find_mask_faults(grid, source), *find_threshold_faults(grid, source)) if source else ()
+    )
     # No filter has a mask for its map, whose areas are no walls.
     is_mask = any(fault.kind == "mask" for fault in file_faults)
     corrected_map = grid if is_mask else as_meant(grid, source)
-    walls = () if is_mask else (*find_wall_faults(corrected_map, solidity(corrected_map)), *find_painted_unknown(corrected_map))
-    return MapFaults(grid, (*file_faults, *walls, *find_cell_faults(corrected_map), *find_origin_faults(grid)), corrected_map)
+    walls = (
+        ()
+        if is_mask
+        else (
+            *find_wall_faults(corrected_map, solidity(corrected_map)),
+            *find_painted_unknown(corrected_map),
+        )
+    )
+    return MapFaults(
+        grid,
+        (*file_faults, *walls, *find_cell_faults(corrected_map), *find_origin_faults(grid)),
+        corrected_map,
+    )

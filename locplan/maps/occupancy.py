@@ -68,7 +68,9 @@ def parse_grid_message(message: Any) -> tuple[NDArray[Any], float, tuple[float, 
     """Values (H, W), resolution [m] and origin (x, y, yaw) of a nav_msgs/OccupancyGrid."""
     try:
         metadata, pose = message.info, message.info.origin
-        values = np.asarray(message.data, np.int64).reshape(int(metadata.height), int(metadata.width))
+        values = np.asarray(message.data, np.int64).reshape(
+            int(metadata.height), int(metadata.width)
+        )
         turn = pose.orientation
         sine = 2 * (turn.w * turn.z + turn.x * turn.y)
         yaw = math.atan2(sine, 1 - 2 * (turn.y**2 + turn.z**2))

@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 
 from locplan._support.checks import (
     FARTHEST,
+    check_choice,
     check_file_path,
     check_instance,
+    check_number,
     is_number,
     set_frozen_fields,
-    check_number,
-    check_choice,
     short_repr,
 )
 from locplan._support.files import check_target
@@ -282,9 +282,9 @@ class Zones:
         if len(features) > MAX_ZONES:
             raise ConfigError(f"has {len(features):,} features; draw at most {MAX_ZONES:,} zones")
         zones = []
-        for place, entry in enumerate(features, 1):
+        for place, zone_feature in enumerate(features, 1):
             try:
-                zones.append(Zone.from_json(entry))
+                zones.append(Zone.from_json(zone_feature))
             except ConfigError as error:
                 raise ConfigError(f"feature {place}: {error}") from None
         return cls(zones)
@@ -509,7 +509,9 @@ def _parse_corners(polygon: Any) -> Floats:
             f" {polygon.shape} of {polygon.dtype}"
         )
     if not isinstance(polygon, (list, tuple)):
-        raise ConfigError(f"its corners must be positions x, y in metres, not {short_repr(polygon)}")
+        raise ConfigError(
+            f"its corners must be positions x, y in metres, not {short_repr(polygon)}"
+        )
     for corner in polygon:
         ok = isinstance(corner, (list, tuple, np.ndarray)) and len(corner) in (2, 3)
         if not ok or not all(is_number(value) and abs(value) <= FARTHEST for value in corner):

@@ -248,7 +248,10 @@ def share_smaller_with_range(
     is_sampled[step // 2 :: step, step // 2 :: step] = True
     rows, cols = np.nonzero(is_sampled & grid.free)
     estimators = estimator, replace(estimator, range=longer)
-    shorter, further = (scalar(_covariances(grid, rows, cols, ranged_estimator), "e") for ranged_estimator in estimators)
+    shorter, further = (
+        scalar(_covariances(grid, rows, cols, ranged_estimator), "e")
+        for ranged_estimator in estimators
+    )
     return float(np.mean(further <= shorter * (1 + 1e-9)))
 
 

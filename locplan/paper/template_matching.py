@@ -223,7 +223,10 @@ def along_axis(
     cells = np.arange(-reach, reach + 1, dtype=np.float64)
     direction = (0, 1) if axis == "x" else (1, 0)
     return cells * grid.resolution, _curves(
-        (unmoved, local_map(grid.cells, row + k * direction[0], col + k * direction[1], radius)[mask])
+        (
+            unmoved,
+            local_map(grid.cells, row + k * direction[0], col + k * direction[1], radius)[mask],
+        )
         for k in range(-reach, reach + 1)
     )
 

@@ -15,13 +15,13 @@ from locplan._support.checks import check_choice
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import (
-    PaddedCostmap,
     GridPlanner,
+    PaddedCostmap,
     blank_costs,
     bordered_ends,
     cells_from_flat,
-    find_cheapest_cells,
     drop_repeated_positions,
+    find_cheapest_cells,
     straight_line,
     turning_centres,
 )
@@ -225,7 +225,9 @@ def _moves(columns: int, allow_corner_cutting: bool) -> Any:
     moves = [move for move in itertools.product(steps, steps) if math.gcd(*move) == 1]
     crossed, lengths, touched = [], [], []
     for move in moves:
-        rows, cols, inside = find_crossed_cells(np.array([(0.5, 0.5), (move[0] + 0.5, move[1] + 0.5)]))
+        rows, cols, inside = find_crossed_cells(
+            np.array([(0.5, 0.5), (move[0] + 0.5, move[1] + 0.5)])
+        )
         crossed.append(rows * columns + cols)
         lengths.append(2 * inside)
         corners = (np.diff(rows) != 0) & (np.diff(cols) != 0)

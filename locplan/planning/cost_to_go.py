@@ -13,7 +13,13 @@ from locplan._support.kernels.arrays import Array, Bools, Floats, Ints
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, UNKNOWN
 from locplan.planning.costmap import Costmap, check_costs
-from locplan.planning.grid import GridPlanner, iterate_bands, bordered_index, cells_from_flat, grid_path
+from locplan.planning.grid import (
+    GridPlanner,
+    bordered_index,
+    cells_from_flat,
+    grid_path,
+    iterate_bands,
+)
 from locplan.planning.path import Path
 from locplan.planning.protocol import Found, Position
 from locplan.planning.results import Plan, make_plan
@@ -106,7 +112,9 @@ class CostToGo:
         if cells is not None:
             note = unfit_note("grid", self.costs.robot)
             planner_result = Found(self._path_over(cells, start), note=note)
-        return make_plan("grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began)
+        return make_plan(
+            "grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began
+        )
 
     def _path_over(self, cells: Ints, start: Position) -> Path:
         """The path over cells (n, 2) from a start."""
@@ -271,13 +279,17 @@ class _Room:
         coarse = -(-rows // factor), -(-cols // factor)
         deepest, self._place = np.empty(coarse, np.float32), np.empty(coarse, np.int64)
         inside = inside[top : bottom + 1, left : right + 1]
-        for band, around, inner in iterate_bands(coarse[0], coarse[1] * factor**2, -(-DEEP // factor)):
+        for band, around, inner in iterate_bands(
+            coarse[0], coarse[1] * factor**2, -(-DEEP // factor)
+        ):
             inside_band = inside[around.start * factor : around.stop * factor]
             # With a border, which is outside; in large rooms it ends depths beyond `DEEP`.
             height, width = factor * (around.stop - around.start), factor * coarse[1]
             bordered = np.zeros((height + 2, width + 2), np.uint8)
             bordered[1 : len(inside_band) + 1, 1 : cols + 1] = inside_band
-            depth = np.asarray(cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_5))[1:-1, 1:-1]
+            depth = np.asarray(cv2.distanceTransform(bordered, cv2.DIST_L2, cv2.DIST_MASK_5))[
+                1:-1, 1:-1
+            ]
             blocks = depth.reshape(-1, factor, coarse[1], factor)[inner].swapaxes(1, 2)
             blocks = blocks.reshape(-1, coarse[1], factor**2)
             deepest[band], self._place[band] = blocks.max(axis=2), blocks.argmax(axis=2)

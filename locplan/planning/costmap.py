@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from locplan import __version__
-from locplan._support.checks import check_instance, check_choice
+from locplan._support.checks import check_choice, check_instance
 from locplan._support.kernels.arrays import Bools
 from locplan._support.saved import Persistent
 from locplan._support.tables import nan_to_none
@@ -28,11 +28,11 @@ from locplan.planning.layers import (
     HeadingLayers,
     block_near_walls,
     check_weight,
-    copy_checked_layer,
-    degeneracy,
     compute_density,
-    make_readonly,
+    copy_checked_layer,
     copy_layer,
+    degeneracy,
+    make_readonly,
     whole_robot,
     with_zones,
 )
@@ -92,7 +92,8 @@ def join_windows(first: CellWindow | None, second: CellWindow | None) -> CellWin
     if first is None or second is None:
         return first or second
     rows, cols = (
-        slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(first, second, strict=True)
+        slice(min(a.start, b.start), max(a.stop, b.stop))
+        for a, b in zip(first, second, strict=True)
     )
     return rows, cols
 
@@ -270,9 +271,13 @@ class Costmap(CostLayers, Persistent):
         check_grid(grid)
         check_weight(weight)
         of_u = copy_checked_layer("u", u, grid, 1.0)
-        of_e = np.full(grid.shape, np.nan) if e is None else copy_checked_layer("e", e, grid, math.inf)
+        of_e = (
+            np.full(grid.shape, np.nan) if e is None else copy_checked_layer("e", e, grid, math.inf)
+        )
         zones, radius, robot_model = check_zones(zones), planning_radius(robot), whole_robot(robot)
-        density = block_near_walls(with_zones(compute_density(of_u, weight), grid, zones), grid, radius)
+        density = block_near_walls(
+            with_zones(compute_density(of_u, weight), grid, zones), grid, radius
+        )
         return cls(grid, density, float(weight), radius, of_u, of_e, robot=robot_model, zones=zones)
 
     @classmethod
@@ -320,7 +325,9 @@ class Costmap(CostLayers, Persistent):
         values = block_near_walls(with_zones(values, grid, zones), grid, planning_radius(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
         radius, robot_model = planning_radius(robot), whole_robot(robot)
-        return cls(grid, values, math.nan, radius, u=nothing, e=nothing, robot=robot_model, zones=zones)
+        return cls(
+            grid, values, math.nan, radius, u=nothing, e=nothing, robot=robot_model, zones=zones
+        )
 
     @classmethod
     def blank(
@@ -428,7 +435,9 @@ class Costmap(CostLayers, Persistent):
         blocked : (H, W) array of bool
             True where the robot may not be, row 0 at the lowest y.
         """
-        return dataclasses.replace(self, density=make_readonly(np.where(blocked, np.inf, self.density)))
+        return dataclasses.replace(
+            self, density=make_readonly(np.where(blocked, np.inf, self.density))
+        )
 
     def with_robot(self, robot: Robot | float) -> Costmap:
         """Copy of the costmap for another robot.

@@ -40,20 +40,20 @@ from locplan.field.figures import (
 )
 from locplan.maps.figures import (
     block_size,
+    compute_axes_limits,
+    downsample,
     downsample_map,
     draw_cells,
     draw_map,
     draw_zones,
     is_small,
-    compute_axes_limits,
     map_axes,
     map_size,
-    downsample,
     zoom_map,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
-from locplan.planning.metrics import costs_caption, compute_profile
+from locplan.planning.metrics import compute_profile, costs_caption
 from locplan.planning.path import Path
 from locplan.planning.results import Plan
 from locplan.robots.parts import Footprint
@@ -133,7 +133,9 @@ def _add_legend(figure: Figure, description: MapInfo, colours: Sequence[str]) ->
     count = len(colours) - 1
     labels = [f"room {room.number}, {format_area(room.area)}" for room in description.rooms[:count]]
     if further_rooms := description.rooms[count:]:
-        labels.append(f"{len(further_rooms)} more, {format_area(sum(room.area for room in further_rooms))}")
+        labels.append(
+            f"{len(further_rooms)} more, {format_area(sum(room.area for room in further_rooms))}"
+        )
     handles: list[Patch | Line2D] = [
         Patch(facecolor=colour, alpha=0.45, label=label)
         for label, colour in zip(labels, colours, strict=False)
@@ -324,7 +326,9 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
         At most four plans, by the name to show; plans without a path are only named.
     """
     solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
-    styled_paths = [(*solved_plan, style) for solved_plan, style in zip(solved, PATH_STYLES, strict=False)]
+    styled_paths = [
+        (*solved_plan, style) for solved_plan, style in zip(solved, PATH_STYLES, strict=False)
+    ]
     paths = [path for plan in plans.values() for path in _collect_shown_paths(plan)]
     figure, upper, lower, part = _map_and_plot(costs.grid, paths, 2.2)
     config = field.config
@@ -377,7 +381,9 @@ def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
             axes.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
 
 
-def draw_degeneracy_profiles(axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[str, Any]]]) -> None:
+def draw_degeneracy_profiles(
+    axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[str, Any]]]
+) -> None:
     """Draw the degeneracy u along some paths.
 
     Parameters
@@ -410,7 +416,9 @@ def _draw_profiles(axes: Axes, costs: Costmap, styled_paths: Sequence[StyledPath
         axes.set_xticks([])
 
 
-def _handles(plans: Mapping[str, Plan], styled_paths: Sequence[StyledPath], e_unit: str) -> list[Artist]:
+def _handles(
+    plans: Mapping[str, Plan], styled_paths: Sequence[StyledPath], e_unit: str
+) -> list[Artist]:
     """Entries of the legend: each plan with its metrics, or why it has no path, and its stops."""
     handles: list[Artist] = []
     for label, plan, _, style in styled_paths:
@@ -491,7 +499,9 @@ def path_check_figure(check: PathCheck) -> Figure:
         pose = np.array([fault.x, fault.y, fault.heading])
         _draw_outline(axes, check.outline, pose, color="tab:red", linewidth=1.4)
     name, count = check.grid.name or "map", len(check.faults)
-    drivability = f"cannot be driven at {count} place{'s' if count > 1 else ''}" if count else "drivable"
+    drivability = (
+        f"cannot be driven at {count} place{'s' if count > 1 else ''}" if count else "drivable"
+    )
     clear = f"clearance {check.clearance:.2f} m, least radius {check.least_radius:.2f} m"
     axes.set_title(f"{name}: {drivability}\n{clear}", fontsize="medium")
     return figure

@@ -72,7 +72,9 @@ def turning_centres(costs: Costmap, cells: Ints) -> Floats:
     direction = np.diff(cells, axis=0)
     turns = np.any(direction[1:] != direction[:-1], axis=1)
     turning_cells = cells[np.concatenate([[True], turns, [True]])] if len(cells) > 1 else cells
-    return np.column_stack(costs.grid.grid_to_world(turning_cells[:, 0] + 0.5, turning_cells[:, 1] + 0.5))
+    return np.column_stack(
+        costs.grid.grid_to_world(turning_cells[:, 0] + 0.5, turning_cells[:, 1] + 0.5)
+    )
 
 
 def drop_repeated_positions(costs: Costmap, xy: Floats) -> Path:

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from locplan._support.checks import check_number, check_positive, short_repr, check_integer
+from locplan._support.checks import check_integer, check_number, check_positive, short_repr
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import blank_costs
@@ -88,14 +88,20 @@ class Lattice:
         wider = dataclasses.replace(costs, robot=_with_margin(robot, robot.outline))
         planner_result = self._search(wider, start, goal, until)
         if planner_result.status != "infeasible":
-            margin_text = f" if it keeps the robot's margin of {robot.margin:g} m" if planner_result.note else ""
+            margin_text = (
+                f" if it keeps the robot's margin of {robot.margin:g} m"
+                if planner_result.note
+                else ""
+            )
             return dataclasses.replace(planner_result, note=planner_result.note + margin_text)
         planner_result = self._search(costs, start, goal, until)
         if planner_result.path is None:
             return planner_result
         near = f"comes nearer to walls than the robot's margin of {robot.margin:g} m"
         note = f"{near}: no path of the lattice keeps it"
-        return dataclasses.replace(planner_result, note="; ".join(filter(None, [planner_result.note, note])))
+        return dataclasses.replace(
+            planner_result, note="; ".join(filter(None, [planner_result.note, note]))
+        )
 
     def _search(self, costs: Costmap, start: Position, goal: Position, until: float) -> Found:
         """Plan for the costmap's robot as it is, until a time of `time.perf_counter`."""

@@ -163,10 +163,16 @@ def _turn_poses(
     return (*poses, (*end, heading + turn))
 
 
-def compute_reach(motion_primitives: tuple[Primitive, ...], outline: Footprint | None, resolution: float) -> int:
+def compute_reach(
+    motion_primitives: tuple[Primitive, ...], outline: Footprint | None, resolution: float
+) -> int:
     """Number of cells, rounded up, that the robot reaches from where a primitive begins."""
     body = 0.0 if outline is None else outline.circumscribed_radius / resolution
-    far = max(max(abs(col), abs(row)) for primitive in motion_primitives for col, row, _ in primitive.poses)
+    far = max(
+        max(abs(col), abs(row))
+        for primitive in motion_primitives
+        for col, row, _ in primitive.poses
+    )
     return math.ceil(far + body) + 2
 
 
@@ -180,7 +186,9 @@ def centre_cells(primitive: Primitive) -> Ints:
     return np.unique(np.concatenate(cells), axis=0)
 
 
-def _find_crossed_cells(primitive: Primitive, layers: int, yaw: float) -> tuple[Array, Array, Array, Array]:
+def _find_crossed_cells(
+    primitive: Primitive, layers: int, yaw: float
+) -> tuple[Array, Array, Array, Array]:
     """Rows, columns, layers and lengths of the cells that the centre crosses [cells]."""
     poses = np.array(primitive.poses)
     unit = OccupancyGrid(np.full((1, 1), FREE), 1.0)
@@ -213,7 +221,10 @@ def make_moves(
     its end.
     """
     yaw, turn = costs.grid.origin[2], prices.turn / costs.grid.resolution
-    slots, motions = compute_slots(motion_primitives), _list_motions(motion_primitives, kinematics.reverse)
+    slots, motions = (
+        compute_slots(motion_primitives),
+        _list_motions(motion_primitives, kinematics.reverse),
+    )
     crossed, lengths, rest = [], [], []
     for number, back in motions:
         primitive = motion_primitives[number]
@@ -222,12 +233,16 @@ def make_moves(
         crossed.append(cells)
         lengths.append(2 * factor * shares)
         gear = EITHER if primitive.neutral else BACKWARD if back else FORWARD
-        ends = (primitive.target, primitive.source) if back else (primitive.source, primitive.target)
+        ends = (
+            (primitive.target, primitive.source) if back else (primitive.source, primitive.target)
+        )
         leads = (-primitive.end[0], -primitive.end[1]) if back else primitive.end
         rest.append((*ends, *leads, gear, int(back), primitive.source, slots[number]))
     begin = np.searchsorted([row[0] for row in rest], np.arange(motion_primitives[-1].source + 2))
     table = np.array(rest, np.int64).T
-    count = np.array([len(cell_lengths) if cell_lengths.sum() > 0 else 0 for cell_lengths in lengths])
+    count = np.array(
+        [len(cell_lengths) if cell_lengths.sum() > 0 else 0 for cell_lengths in lengths]
+    )
     extra = np.array([turn * motion_primitives[number].turn for number, _ in motions])
     base_costs = np.array([cell_lengths.sum() / 2 for cell_lengths in lengths])
     arrays = _pad_rows(crossed, np.int64), _pad_rows(lengths, np.float64), count, extra, base_costs
@@ -235,11 +250,19 @@ def make_moves(
     return moves, motions
 
 
-def _list_motions(motion_primitives: tuple[Primitive, ...], reverse: bool) -> list[tuple[int, bool]]:
+def _list_motions(
+    motion_primitives: tuple[Primitive, ...], reverse: bool
+) -> list[tuple[int, bool]]:
     """The number of each primitive, and whether it is driven from its end, by the first heading."""
-    ahead = [(primitive.source, number, False) for number, primitive in enumerate(motion_primitives)]
+    ahead = [
+        (primitive.source, number, False) for number, primitive in enumerate(motion_primitives)
+    ]
     reversible = enumerate(motion_primitives) if reverse else ()
-    back = [(primitive.target, number, True) for number, primitive in reversible if not primitive.neutral]
+    back = [
+        (primitive.target, number, True)
+        for number, primitive in reversible
+        if not primitive.neutral
+    ]
     return [(number, backward) for _, number, backward in sorted(ahead + back)]
 
 
@@ -259,7 +282,9 @@ def compute_slots(motion_primitives: tuple[Primitive, ...]) -> list[int]:
     """The number of each primitive among those of its heading."""
     slots: list[int] = []
     for primitive in motion_primitives:
-        slots.append(sum(other.source == primitive.source for other in motion_primitives[: len(slots)]))
+        slots.append(
+            sum(other.source == primitive.source for other in motion_primitives[: len(slots)])
+        )
     return slots
 
 
@@ -290,7 +315,12 @@ def masked_ground(
     free = half[np.isfinite(half)]
     cheapest = 2 * float(free.min()) if free.size else 1.0
     return LatticeGround(
-        half, masks, rows, columns, cheapest, _nearby(density, compute_reach(motion_primitives, None, 1.0))
+        half,
+        masks,
+        rows,
+        columns,
+        cheapest,
+        _nearby(density, compute_reach(motion_primitives, None, 1.0)),
     )
 
 
@@ -313,11 +343,19 @@ def outline_masks(
     """Bits (headings, rows, words, slots) where a primitive's outline meets an occupied cell."""
     rows, columns = grid.shape
     slots = max(compute_slots(motion_primitives)) + 1
-    masks: Words = np.zeros((motion_primitives[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64)
+    masks: Words = np.zeros(
+        (motion_primitives[-1].source + 1, rows, -(-columns // WORD), slots), np.uint64
+    )
     if outline is not None:
-        reach, half = compute_reach(motion_primitives, outline, grid.resolution), np.array([0.5, 0.5, 0.0])
+        reach, half = (
+            compute_reach(motion_primitives, outline, grid.resolution),
+            np.array([0.5, 0.5, 0.0]),
+        )
         corners = outline.vertices / grid.resolution
-        cells = [find_swept_cells(corners, np.array(swept_cells.poses) + half, reach) for swept_cells in motion_primitives]
+        cells = [
+            find_swept_cells(corners, np.array(swept_cells.poses) + half, reach)
+            for swept_cells in motion_primitives
+        ]
         runs = [_runs(swept_cells, reach) for swept_cells in cells]
         _add_masks(masks, grid.cells == OCCUPIED, runs, motion_primitives, outside=False)
     masks.setflags(write=False)
@@ -325,13 +363,20 @@ def outline_masks(
 
 
 def _add_masks(
-    masks: Words, plane: Array, runs: list[Ints], motion_primitives: tuple[Primitive, ...], *, outside: bool
+    masks: Words,
+    plane: Array,
+    runs: list[Ints],
+    motion_primitives: tuple[Primitive, ...],
+    *,
+    outside: bool,
 ) -> None:
     """Set the bits where runs of cells, those of each primitive, meet a plane."""
     farthest = max(int(np.abs(primitive).max()) + int(primitive[:, 2].max()) for primitive in runs)
     margin = WORD * math.ceil(farthest / WORD)
     wide = widen_bits(_pack_bits(plane, margin, masks.shape[2], outside))
-    for primitive, slot, primitive_runs in zip(motion_primitives, compute_slots(motion_primitives), runs, strict=True):
+    for primitive, slot, primitive_runs in zip(
+        motion_primitives, compute_slots(motion_primitives), runs, strict=True
+    ):
         add_runs(masks, wide, primitive_runs, np.array([primitive.source, slot]), margin)
 
 
@@ -363,14 +408,23 @@ class LatticeSearch:
     """A search of one path on a costmap, for its robot."""
 
     def __init__(
-        self, costs: Costmap, headings: int, span: int, prices: MotionPrices, until: float = math.inf
+        self,
+        costs: Costmap,
+        headings: int,
+        span: int,
+        prices: MotionPrices,
+        until: float = math.inf,
     ) -> None:
         grid, robot = costs.grid, costs.robot
         self._costs, self._angles, self._until = costs, compute_heading_angles(headings), until
         kinematics = robot.kinematics if robot else Kinematics()
         radius = kinematics.turning_radius / grid.resolution
-        all_primitives = make_primitives(headings, radius, kinematics.drive == "omnidirectional", span)
-        self._primitives = tuple(primitive for primitive in all_primitives if not _leaves_grid(primitive, grid.shape))
+        all_primitives = make_primitives(
+            headings, radius, kinematics.drive == "omnidirectional", span
+        )
+        self._primitives = tuple(
+            primitive for primitive in all_primitives if not _leaves_grid(primitive, grid.shape)
+        )
         ground = masked_ground(self._primitives, robot.outline if robot else None, costs)
         moves, self._motions = make_moves(self._primitives, kinematics, prices, costs)
         change = prices.gear_change / grid.resolution if kinematics.reverse else 0.0
@@ -384,7 +438,9 @@ class LatticeSearch:
         """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
         robot, near = self._costs.robot, self._find_tolerated_cells(goal)
         try:
-            planner_result, may_come_near = self._search_targets([self._cell(goal)], start, goal, near)
+            planner_result, may_come_near = self._search_targets(
+                [self._cell(goal)], start, goal, near
+            )
             if planner_result.status != "infeasible" or robot is None or len(near) < 2:
                 return planner_result
             nearly = self._search_targets(near, start, goal)[0] if may_come_near else planner_result
@@ -393,7 +449,9 @@ class LatticeSearch:
             return Found(status="timeout", note=note)
         tolerance = f"the robot's goal tolerance, {robot.goal_tolerance:g} m"
         if nearly.path is None:
-            return dataclasses.replace(planner_result, note=f"{planner_result.note}, nor into {tolerance}")
+            return dataclasses.replace(
+                planner_result, note=f"{planner_result.note}, nor into {tolerance}"
+            )
         distance = math.dist(nearly.path.xy[-1], goal[:2])
         note = f"ends {distance:.2f} m from the goal, within {tolerance}: none leads into its cell"
         return dataclasses.replace(nearly, note=note)
@@ -439,7 +497,12 @@ class LatticeSearch:
         for target in targets:
             bound[target] = 0.0
             kernels.put_state(queue, target, 0)
-        self._run(lambda queue, max_expansions: kernels.project_cells(queue, graph, bound, source, max_expansions), queue)
+        self._run(
+            lambda queue, max_expansions: kernels.project_cells(
+                queue, graph, bound, source, max_expansions
+            ),
+            queue,
+        )
         return bound
 
     def explore_costs(
@@ -459,7 +522,10 @@ class LatticeSearch:
                 if bound[source] == 0 and (terms.goal_headings >> heading) & 1:
                     queue.state[kernels.BEST] = state  # the start is the goal
         queue = self._run(
-            lambda queue, max_expansions: kernels.explore_states(queue, graph, bound, cost, max_expansions), queue
+            lambda queue, max_expansions: kernels.explore_states(
+                queue, graph, bound, cost, max_expansions
+            ),
+            queue,
         )
         numbers = queue.state
         return cost, int(numbers[kernels.BEST]), int(numbers[kernels.EXPANDED])

@@ -12,7 +12,13 @@ from typing import Any, Literal, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import check_number, check_choice, parse_poses, check_position, short_repr
+from locplan._support.checks import (
+    check_choice,
+    check_number,
+    check_position,
+    parse_poses,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Array, Floats, Singles
 from locplan._support.public import Pictured
 from locplan.errors import ConfigError, PoseError
@@ -51,7 +57,9 @@ def degeneracy(
     """u and e of a field, (H, W), or without `headings` of each one, (n, H, W)."""
     check_criterion(criterion, field.config)
     if not np.less(*field.anchors(criterion)):
-        raise ConfigError(f"criterion {short_repr(criterion)} says nothing in a field without rotation")
+        raise ConfigError(
+            f"criterion {short_repr(criterion)} says nothing in a field without rotation"
+        )
     values, of_e = field.scalar(criterion, with_q=True), field.scalar("e")
     if values.ndim == 2:
         return _degeneracy(field, criterion, law, values, of_e)
@@ -65,7 +73,9 @@ def degeneracy(
     combined = np.zeros((2, *field.grid.shape))
     join = np.add if headings == "mean" else np.maximum
     for k in range(count):
-        join(combined, _degeneracy(field, criterion, law, values[..., k], of_e[..., k]), out=combined)
+        join(
+            combined, _degeneracy(field, criterion, law, values[..., k], of_e[..., k]), out=combined
+        )
     u, e = combined / count if headings == "mean" else combined
     return u, e
 
@@ -266,7 +276,9 @@ class CostLayers(Pictured):
         rows, cols = np.nonzero(np.isfinite(self.density))
         if rows.size:
             grid_position = self.grid.world_to_grid(x, y)
-            at = np.argmin((rows + 0.5 - grid_position[0]) ** 2 + (cols + 0.5 - grid_position[1]) ** 2)
+            at = np.argmin(
+                (rows + 0.5 - grid_position[0]) ** 2 + (cols + 0.5 - grid_position[1]) ** 2
+            )
             nearest = self.grid.position(int(rows[at]), int(cols[at]))
             decimals = max(2, math.ceil(1 - math.log10(self.grid.resolution)))
             remedy = "the nearest free position is "

@@ -16,7 +16,7 @@ from locplan.planning.cost_to_go import plan_field
 from locplan.planning.costmap import Costmap
 from locplan.planning.lattice import Lattice
 from locplan.planning.path import Path
-from locplan.planning.protocol import CURVED, LATTICE, Found, Planner, Position, PlannerWrapper
+from locplan.planning.protocol import CURVED, LATTICE, Found, Planner, PlannerWrapper, Position
 from locplan.robots.parts import Footprint
 from locplan.robots.robot import Robot
 
@@ -41,7 +41,11 @@ class LimitedPlanner(PlannerWrapper):
     def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
         """Plan within all limits."""
         stops = start, *self.via, goal
-        return self._plan_clear(costs, stops) if self.max_e is None else self._plan_below_max_e(costs, stops)
+        return (
+            self._plan_clear(costs, stops)
+            if self.max_e is None
+            else self._plan_below_max_e(costs, stops)
+        )
 
     def _plan_below_max_e(self, costs: Costmap, stops: Sequence[Position]) -> Found:
         """Plan where e allows it; if nothing joins the stops there, find the least e that does."""
@@ -82,7 +86,9 @@ class LimitedPlanner(PlannerWrapper):
             if planner_result.path is not None:
                 note = "planned by the lattice for the footprint itself: no path of its inner or"
                 note += " outer circle is clear of walls"
-                return dataclasses.replace(planner_result, note="; ".join(filter(None, [note, planner_result.note])))
+                return dataclasses.replace(
+                    planner_result, note="; ".join(filter(None, [note, planner_result.note]))
+                )
             if planner_result.status == "timeout":
                 return planner_result
         return gave_up or self._describe_search(costs, meets)
@@ -108,7 +114,11 @@ class LimitedPlanner(PlannerWrapper):
                 continue
             collision = self.outline.first_collision(costs.grid, planner_result.path)
             if collision is None:
-                clear = dataclasses.replace(planner_result, note=wider) if radius > inner else planner_result
+                clear = (
+                    dataclasses.replace(planner_result, note=wider)
+                    if radius > inner
+                    else planner_result
+                )
                 return clear, None, None
             meets = meets or collision
         return None, gave_up, meets
@@ -146,10 +156,14 @@ class LimitedPlanner(PlannerWrapper):
             if not self.via:
                 return planner_result
             if expanded is not None:
-                expanded = None if planner_result.expanded is None else expanded + planner_result.expanded
+                expanded = (
+                    None if planner_result.expanded is None else expanded + planner_result.expanded
+                )
             if planner_result.path is None:
                 if number > 1 and planner_result.status == "infeasible":
-                    planner_result = dataclasses.replace(planner_result, status="not found")  # in another heading?
+                    planner_result = dataclasses.replace(
+                        planner_result, status="not found"
+                    )  # in another heading?
                 if number == len(stops) - 1:
                     return planner_result
                 because = f": {planner_result.note}" if planner_result.note else ""

@@ -22,7 +22,7 @@ from locplan.maps.map_faults import faults
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.planning.cost_to_go import NamedPlace, PlacePair, farthest_pairs
 from locplan.planning.costmap import ROBOT_RADIUS
-from locplan.planning.grid import iterate_bands, find_map_parts
+from locplan.planning.grid import find_map_parts, iterate_bands
 from locplan.robots.robot import Robot, format_radius, planning_radius
 
 if TYPE_CHECKING:
@@ -386,7 +386,9 @@ def _list_robot_warnings(grid: OccupancyGrid, radius: float, fits: bool) -> list
     """What misleads about the robot on this map."""
     if not fits and grid.free.any():
         widest, near = 0.0, math.ceil(radius / grid.resolution) + 1
-        for band, around, inner in iterate_bands(*grid.shape, near):  # nowhere is it farther to a wall
+        for band, around, inner in iterate_bands(
+            *grid.shape, near
+        ):  # nowhere is it farther to a wall
             clearance = OccupancyGrid(grid.cells[around], grid.resolution).clearance[inner]
             widest = max(widest, float(clearance[grid.cells[band] == FREE].max(initial=0.0)))
         return [

@@ -284,7 +284,9 @@ def _integrals(density: Floats, lengths: Floats, number: Ints) -> Floats:
     return np.where(np.bincount(number, is_blocked) > 0, np.inf, sums)
 
 
-def compute_profile(costs: Costmap, path: AnyPath, layer: NDArray[np.floating]) -> tuple[Floats, Floats]:
+def compute_profile(
+    costs: Costmap, path: AnyPath, layer: NDArray[np.floating]
+) -> tuple[Floats, Floats]:
     """Steps of a layer along a path.
 
     Parameters

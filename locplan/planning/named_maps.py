@@ -42,7 +42,9 @@ def name_maps(
         maps = [maps]
     maps_by_name: dict[str, OccupancyGrid | Costmap] = {}
     for n, argument in enumerate(maps, 1):
-        for map_source in find_maps(argument) if isinstance(argument, (str, os.PathLike)) else [argument]:
+        for map_source in (
+            find_maps(argument) if isinstance(argument, (str, os.PathLike)) else [argument]
+        ):
             loaded = _load_map(map_source, read)
             grid = loaded.grid if isinstance(loaded, Costmap) else loaded
             name = grid.name or f"map {n}"
@@ -63,4 +65,6 @@ def _load_map(map_source: Any, read: Callable[[File], OccupancyGrid]) -> Occupan
         return map_source
     if isinstance(map_source, (str, os.PathLike)):
         return read(File(map_source))
-    raise ConfigError(f"a map must be a file, an OccupancyGrid or a Costmap, not {short_repr(map_source)}")
+    raise ConfigError(
+        f"a map must be a file, an OccupancyGrid or a Costmap, not {short_repr(map_source)}"
+    )

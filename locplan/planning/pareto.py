@@ -13,7 +13,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_number, check_choice, check_positive
+from locplan._support.checks import check_choice, check_number, check_positive
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.tables import format_rounded_up
 from locplan.errors import ConfigError
@@ -22,8 +22,8 @@ from locplan.planning.grid import (
     blank_costs,
     bordered_ends,
     cells_from_flat,
-    straight_line,
     path_through_centres,
+    straight_line,
 )
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
@@ -411,10 +411,14 @@ class BudgetPlanner:
             )
             solution_labels, to_come = search.run(1, until)
             if solution_labels.size:
-                path = path_through_centres(costs, search.trace_cells(int(solution_labels[0])), start, goal)
+                path = path_through_centres(
+                    costs, search.trace_cells(int(solution_labels[0])), start, goal
+                )
                 return Found(path, bound=path.length)
             lower = min(max(to_come, bounds.lower), bounds.upper)
-        best = path_through_centres(costs, cells_from_flat(bounds.best, problem.columns), start, goal)
+        best = path_through_centres(
+            costs, cells_from_flat(bounds.best, problem.columns), start, goal
+        )
         return Found(best, bound=min(problem.length(lower), best.length))
 
 
@@ -546,7 +550,9 @@ def pareto_front(
         completing = min(completing, time_limit / 4)
         solution_labels, to_come = search.run(100_000, until - completing)
         labels = search.labels
-        for label, first, second in zip(solution_labels, *search.read_costs(solution_labels), strict=True):
+        for label, first, second in zip(
+            solution_labels, *search.read_costs(solution_labels), strict=True
+        ):
             points.append((float(first), float(second), search.trace_cells(int(label))))
         if problem.line is not None:
             points.append((*problem.line.units, np.empty((0, 2), np.int64)))

@@ -153,7 +153,9 @@ class Path(EqualByValue):
         used = COLUMNS if "heading" in columns else COLUMNS[:2]
         try:
             at = [number for number, row_text in enumerate(lines, 2) if row_text.strip()]
-            rows = [[float(v) for v in row_text.split(",")] for row_text in lines if row_text.strip()]
+            rows = [
+                [float(v) for v in row_text.split(",")] for row_text in lines if row_text.strip()
+            ]
             poses = np.array(rows)[:, [columns.index(name) for name in used]]
         except (ValueError, IndexError):
             raise LocplanError(

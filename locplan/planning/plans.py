@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from locplan._support.kernels.arrays import Bools
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
-from locplan.field.lattice import select_second_points, find_near_points
+from locplan.field.lattice import find_near_points, select_second_points
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, check_costs
 from locplan.planning.path import Path
 from locplan.planning.protocol import LATTICE, Planner, Position, check_pose
-from locplan.planning.requests import AnyPlanner, parse_footprint, make_planner, has_option
+from locplan.planning.requests import AnyPlanner, has_option, make_planner, parse_footprint
 from locplan.planning.results import Plan, make_plan
 from locplan.planning.robot_fit import robot_note
 from locplan.robots.parts import Footprint
@@ -171,9 +171,17 @@ def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Positio
     """
     began = time.perf_counter()
     planner_result = planner.solve(costs, start, goal)
-    elapsed = time.perf_counter() - began if planner_result.solve_time is None else planner_result.solve_time
-    if planner_result.path is not None and (note := robot_note(planner, costs, planner_result.path)):
-        planner_result = dataclasses.replace(planner_result, note="; ".join(filter(None, [planner_result.note, note])))
+    elapsed = (
+        time.perf_counter() - began
+        if planner_result.solve_time is None
+        else planner_result.solve_time
+    )
+    if planner_result.path is not None and (
+        note := robot_note(planner, costs, planner_result.path)
+    ):
+        planner_result = dataclasses.replace(
+            planner_result, note="; ".join(filter(None, [planner_result.note, note]))
+        )
     timed_plan = make_plan(planner.name, costs, start, goal, planner_result, elapsed)
     return dataclasses.replace(timed_plan, minimises=planner.minimises is not None)
 

@@ -14,7 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import check_file_path, is_integer, check_number, check_position, short_repr, check_integer
+from locplan._support.checks import (
+    check_file_path,
+    check_integer,
+    check_number,
+    check_position,
+    is_integer,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.reading import read_text
 from locplan._support.tables import from_csv_cell
@@ -223,7 +230,9 @@ def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dic
         if not name:
             raise LocplanError(f"{place}: name is empty; give each row one")
         if name in rows:
-            raise LocplanError(f"{place}: another row is named {short_repr(name)}; name each otherwise")
+            raise LocplanError(
+                f"{place}: another row is named {short_repr(name)}; name each otherwise"
+            )
         rows[name] = place, values
     if not rows:
         raise LocplanError(f"{path}: has no {kind}; add a row for each below the header")

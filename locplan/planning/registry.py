@@ -89,7 +89,11 @@ def planner_from_name(
     list_settings = getattr(kind, "setting_names", None)
     other = {option: options[option] for option in options if option not in planner_entry.options()}
     if other and list_settings:
-        check_names(f"planner {short_repr(name)}", other, [*planner_entry.typed_options(), *list_settings(name)])
+        check_names(
+            f"planner {short_repr(name)}",
+            other,
+            [*planner_entry.typed_options(), *list_settings(name)],
+        )
         plain_options = {option: value for option, value in options.items() if option not in other}
         options = {**plain_options, "settings": {**plain_options.get("settings", {}), **other}}
     check_names(f"planner {short_repr(name)}", options, planner_entry.options())
@@ -131,7 +135,9 @@ def read_option_defaults(kind: type) -> dict[str, Any]:
     if not dataclasses.is_dataclass(kind):
         return {}
     return {
-        option.name: option.default_factory() if callable(option.default_factory) else option.default
+        option.name: option.default_factory()
+        if callable(option.default_factory)
+        else option.default
         for option in dataclasses.fields(kind)
         if option.name not in ("name", "planner")  # its own name, and the planner that it wraps
     }
@@ -143,4 +149,6 @@ def check_names(whose: str, options: Iterable[str], valid_names: Iterable[str]) 
         if name not in valid_names:
             names_known = ", ".join(valid_names) or "none"
             guess = suggestion(name, valid_names)
-            raise ConfigError(f"{whose} has no option {short_repr(name)}; it has: {names_known}{guess}")
+            raise ConfigError(
+                f"{whose} has no option {short_repr(name)}; it has: {names_known}{guess}"
+            )

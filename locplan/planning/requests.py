@@ -22,8 +22,8 @@ from locplan.planning.limits import LimitedPlanner
 from locplan.planning.metrics import path_metrics
 from locplan.planning.pareto import BudgetPlanner
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Planner, Position, Status, PlannerWrapper
-from locplan.planning.registry import check_names, read_option_defaults, planner_from_name
+from locplan.planning.protocol import Found, Planner, PlannerWrapper, Position, Status
+from locplan.planning.registry import check_names, planner_from_name, read_option_defaults
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import default_planner
 from locplan.robots.parts import Footprint
@@ -65,7 +65,9 @@ class FunctionPlanner:
     def parameters(self) -> list[str]:
         """The names of the function's options."""
         arguments = list(inspect.signature(self.function).parameters.values())[3:]
-        return [parameter.name for parameter in arguments if parameter.kind is not parameter.VAR_KEYWORD]
+        return [
+            parameter.name for parameter in arguments if parameter.kind is not parameter.VAR_KEYWORD
+        ]
 
     def check(self) -> None:
         """Raise a ConfigError unless the function takes the options."""
@@ -118,7 +120,9 @@ class CheckedPlanner(PlannerWrapper):
         planner_result = dataclasses.replace(planner_result, note=str(planner_result.note or ""))
         reported = planner_result.solve_time
         plausible = reported is not None and 0 <= reported <= elapsed
-        return planner_result if plausible else dataclasses.replace(planner_result, solve_time=elapsed)
+        return (
+            planner_result if plausible else dataclasses.replace(planner_result, solve_time=elapsed)
+        )
 
 
 def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: Position) -> None:
@@ -127,11 +131,13 @@ def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: 
     if not isinstance(planner_result, Found) or planner_result.status not in statuses:
         raise LocplanError(
             "the planner must return a locplan.Path, an array of positions, a Plan or a"
-            f" planners.Found with a status of {', '.join(statuses)}, not {type(planner_result).__name__}"
+            f" planners.Found with a status of {', '.join(statuses)}, not"
+            f" {type(planner_result).__name__}"
         )
     if planner_result.expanded is not None and not is_integer(planner_result.expanded):
         raise LocplanError(
-            f"the planner's number of expanded cells must be whole, not {short_repr(planner_result.expanded)}"
+            "the planner's number of expanded cells must be whole, not"
+            f" {short_repr(planner_result.expanded)}"
         )
     if planner_result.path is None:
         if planner_result.status == "solved":
@@ -185,7 +191,9 @@ def make_planner(
     """
     options, stops, outline = options or {}, tuple(via), parse_footprint(footprint)
     if budget is None:
-        new_planner = _resolve_planner(default_planner(robot) if planner is None else planner, options)
+        new_planner = _resolve_planner(
+            default_planner(robot) if planner is None else planner, options
+        )
     else:
         if planner not in (None, "grid") or stops or outline is not None or max_e is not None:
             raise ConfigError("a budget is for planner 'grid', without via, footprint and max_e")
@@ -216,7 +224,11 @@ def has_option(planner: Planner, option: str) -> bool:
         Name of an option, such as "seed".
     """
     inner = unwrap_planner(planner)
-    option_names = inner.parameters if isinstance(inner, FunctionPlanner) else read_option_defaults(type(inner))
+    option_names = (
+        inner.parameters
+        if isinstance(inner, FunctionPlanner)
+        else read_option_defaults(type(inner))
+    )
     return option in option_names
 
 
@@ -263,7 +275,11 @@ def find_changed_options(planner: Planner) -> dict[str, Any]:
         return dict(planner.options)
     inner = find_changed_options(planner.planner) if isinstance(planner, PlannerWrapper) else {}
     defaults = read_option_defaults(type(planner))
-    differences = {name: getattr(planner, name) for name in defaults if getattr(planner, name) != defaults[name]}
+    differences = {
+        name: getattr(planner, name)
+        for name in defaults
+        if getattr(planner, name) != defaults[name]
+    }
     return inner | differences
 
 
@@ -303,5 +319,7 @@ def _resolve_planner(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner
             "planner must be a name, a function f(costs, start, goal), or an object with name,"
             f" minimises, space, check, prepare and solve, not {short_repr(planner)}"
         )
-    is_shipped = type(new_planner).__module__.startswith("locplan.") and not isinstance(new_planner, FunctionPlanner)
+    is_shipped = type(new_planner).__module__.startswith("locplan.") and not isinstance(
+        new_planner, FunctionPlanner
+    )
     return new_planner if is_shipped else CheckedPlanner(new_planner)

@@ -14,7 +14,7 @@ from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.output import Results
 from locplan._support.records import Column, Result, Table
 from locplan._support.saved import Stored
-from locplan._support.tables import nan_to_none, format_rounded_up, format_table, write_csv
+from locplan._support.tables import format_rounded_up, format_table, nan_to_none, write_csv
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.grid import path_through_centres
@@ -133,19 +133,29 @@ class Plan(Result, Stored):
 
 
 def make_plan(
-    planner: str, costs: Costmap, start: Position, goal: Position, planner_result: Found, elapsed: float
+    planner: str,
+    costs: Costmap,
+    start: Position,
+    goal: Position,
+    planner_result: Found,
+    elapsed: float,
 ) -> Plan:
     """Make a plan of what a planner found, with the metrics of its path on a costmap."""
     note = planner_result.note
     if planner_result.status == "unreachable" and not note:
         radius = format_radius(costs.robot, costs.robot_radius)
         note = f"no path joins start and goal for a robot of radius {radius}"
-    attributes = {attribute.name: getattr(planner_result, attribute.name) for attribute in dataclasses.fields(planner_result)}
+    attributes = {
+        attribute.name: getattr(planner_result, attribute.name)
+        for attribute in dataclasses.fields(planner_result)
+    }
     if planner_result.path is not None:
         note = "; ".join(filter(None, [note, costs.note]))
     attributes |= {"note": note, "solve_time": elapsed, "costs": costs}
     metrics = None if planner_result.path is None else path_metrics(costs, planner_result.path)
-    return Plan(planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **attributes)
+    return Plan(
+        planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **attributes
+    )
 
 
 POINT = Column("length", "m", "length"), Column("integral", title="integral")
@@ -239,7 +249,9 @@ class ParetoFront(Result, Stored):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = path_through_centres(self.costs, self.cells[index], self.start, self.goal)
         planner_result = Found(path, note=unfit_note("pareto", self.costs.robot))
-        return make_plan("pareto", self.costs, self.start, self.goal, planner_result, self.solve_time)
+        return make_plan(
+            "pareto", self.costs, self.start, self.goal, planner_result, self.solve_time
+        )
 
     def summary(self) -> dict[str, object]:
         """The front without its cells, fit for JSON."""
@@ -253,7 +265,9 @@ class ParetoFront(Result, Stored):
 
     def table(self) -> Table:
         """Length and integral of each path."""
-        return Table(POINT, tuple(zip(*(getattr(self, column.name) for column in POINT), strict=True)))
+        return Table(
+            POINT, tuple(zip(*(getattr(self, column.name) for column in POINT), strict=True))
+        )
 
     def report(self) -> str:
         """Up to twelve paths with what each metre more saves, the knee marked."""

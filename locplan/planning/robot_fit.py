@@ -111,7 +111,8 @@ def unfit_note(
     if not ignored:
         return ""
     ignored_text = " and ".join(ignored)
-    return f"{name} ignores the robot's {ignored_text}: check the path with check_path, or plan by lattice"
+    remedy = "check the path with check_path, or plan by lattice"
+    return f"{name} ignores the robot's {ignored_text}: {remedy}"
 
 
 def _is_function(planner: object) -> bool:

@@ -113,7 +113,10 @@ class Smoother:
         if improved_poses is None:
             return path
         world_path = self._in_world(improved_poses)
-        if self._outline and self._outline.first_collision(self._costs.grid, world_path) is not None:
+        if (
+            self._outline
+            and self._outline.first_collision(self._costs.grid, world_path) is not None
+        ):
             return path
         return world_path
 
@@ -147,7 +150,9 @@ class Smoother:
             return poses
         at = self._knots(poses, max(2.0, 0.25 * self._drive.radius))
         step_costs = np.add.reduceat(self._compute_step_costs(poses), at[:-1])
-        chain = find_cheapest_chain(self._ground, self._drive, self._body, poses[at], step_costs, LOOKAHEAD)
+        chain = find_cheapest_chain(
+            self._ground, self._drive, self._body, poses[at], step_costs, LOOKAHEAD
+        )
         pieces, last = [], len(at) - 1
         while last > 0:
             before = int(chain[last])

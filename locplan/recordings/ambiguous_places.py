@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from locplan._support.checks import check_threads, check_positive
+from locplan._support.checks import check_positive, check_threads
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.poses import wrap_angles
 from locplan._support.progress import ProgressCallback
@@ -15,10 +15,10 @@ from locplan.errors import ConfigError
 from locplan.field.config import equip_robot
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.recordings.matching import (
-    MODE_DISTANCE,
-    WRONG_DISTANCE,
     MIN_RETURNS,
+    MODE_DISTANCE,
     MODE_TURN,
+    WRONG_DISTANCE,
     RangeDatabase,
     ScanOnMap,
     checked_database,
@@ -176,7 +176,9 @@ def find_ambiguous_places(
     )
 
 
-def _compare_elsewhere(database: RangeDatabase, ranges: Floats, home: Floats) -> tuple[float, float]:
+def _compare_elsewhere(
+    database: RangeDatabase, ranges: Floats, home: Floats
+) -> tuple[float, float]:
     """Return the minimum excess of poses more than 2 m away, and their share of the posterior.
 
     The scan of a pose, x, y [cells] and heading on the map, is matched with the whole map.

@@ -32,10 +32,10 @@ from locplan._support.poses import (
     Track,
     Transform,
     apply_motions,
+    compute_motions,
+    compute_uprightness,
     frame_name,
     project_to_plane,
-    compute_uprightness,
-    compute_motions,
     wrap_angles,
 )
 from locplan._support.progress import ProgressCallback
@@ -55,7 +55,9 @@ BASES = ("base_footprint", "base_link", "base")
 """Usual names of a robot's frame, after a prefix; that of odometry is odom."""
 
 
-def read_bag(path: Path, options: ReadOptions, progress: ProgressCallback | None = None) -> Recording:
+def read_bag(
+    path: Path, options: ReadOptions, progress: ProgressCallback | None = None
+) -> Recording:
     """Read a drive from a bag; only the topics that are needed are decoded.
 
     Raises
@@ -71,7 +73,9 @@ def read_bag(path: Path, options: ReadOptions, progress: ProgressCallback | None
     scan_poses, notes = bag_poses.find_scan_poses(), bag_poses.notes
     usable_scans: list[int] = np.flatnonzero(scan_poses.has_pose).tolist()
     if len(usable_scans) < len(scans.times):
-        notes.append(f"{len(scans.times) - len(usable_scans)} of {len(scans.times)} scans have no pose")
+        notes.append(
+            f"{len(scans.times) - len(usable_scans)} of {len(scans.times)} scans have no pose"
+        )
     rows = scans.rows
     if rows.resampled:
         of = f"{rows.resampled} of {len(rows)}"
@@ -104,7 +108,8 @@ def _scan_topic(bag: Bag, requested_topic: str | None) -> str:
         raise RecordingError(f"has no scans on {requested_topic}; scan_topic= can be: {have}")
     if not topics:
         raise RecordingError(
-            f"has no scans (sensor_msgs/LaserScan); its topics are {bag.describe_topics()}; record one"
+            f"has no scans (sensor_msgs/LaserScan); its topics are {bag.describe_topics()};"
+            " record one"
         )
     if len(topics) > 1:
         topics = [topic for topic in topics if bag.count_messages([topic])] or topics
@@ -172,7 +177,9 @@ def _collect_poses(
     window = _window(bag, options, 5.0)
     topics = _pose_topics(bag, options)
     topic_list = bag.describe_topics()
-    poses = {topic_name: kind for topic_name, kind in topics.items() if kind != MessageType.ODOMETRY}
+    poses = {
+        topic_name: kind for topic_name, kind in topics.items() if kind != MessageType.ODOMETRY
+    }
     bag_poses = BagPoses(FrameTree([]), scans.times, scans.frame, options, topic_list)
     for message in bag.messages(poses, *window, progress=progress):
         _take(message, poses, bag_poses, scans.times)
@@ -190,9 +197,15 @@ def _collect_poses(
     static = [topic_name for topic_name in of_tf if topic_name.endswith("tf_static")]
     for message in bag.messages(static):
         for topic_name in message.content.transforms:
-            tree.add_static(topic_name.header.frame_id, topic_name.child_frame_id, _transform(topic_name.transform))
+            tree.add_static(
+                topic_name.header.frame_id,
+                topic_name.child_frame_id,
+                _transform(topic_name.transform),
+            )
     odometry_topics = topics.keys() - poses.keys()
-    topics = {topic_name: kind for topic_name, kind in topics.items() if topic_name in odometry_topics}
+    topics = {
+        topic_name: kind for topic_name, kind in topics.items() if topic_name in odometry_topics
+    }
     topics |= {topic_name: MessageType.TF for topic_name in of_tf if topic_name not in static}
     count = 0
     for message in bag.messages(topics, *window, progress=progress):
@@ -200,7 +213,10 @@ def _collect_poses(
             _take(message, topics, bag_poses, times)
             continue
         for topic_name in message.content.transforms:
-            time, pose = _seconds(topic_name.header.stamp, message.logged), _transform(topic_name.transform)
+            time, pose = (
+                _seconds(topic_name.header.stamp, message.logged),
+                _transform(topic_name.transform),
+            )
             tree.add(time, topic_name.header.frame_id, topic_name.child_frame_id, pose)
         count += 1
         if count % 500 == 0:
@@ -208,7 +224,9 @@ def _collect_poses(
     return bag_poses
 
 
-def _take(message: Message, topics: dict[str, str], bag_poses: BagPoses, times: Sequence[float]) -> None:
+def _take(
+    message: Message, topics: dict[str, str], bag_poses: BagPoses, times: Sequence[float]
+) -> None:
     """Take a pose of a topic, of the type that is named for it."""
     content, kind = message.content, topics[message.topic]
     if message.topic not in bag_poses.topics:
@@ -226,10 +244,16 @@ def _pose_topics(bag: Bag, options: ReadOptions) -> dict[str, str]:
     """Topics of poses and odometry that may be needed, and their types."""
     topics: dict[str, str] = {}
     for kind in (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE, MessageType.ODOMETRY):
-        topics |= {topic: kind for topic in bag.find_topics(kind) if _is_wanted_topic(topic, kind, options)}
+        topics |= {
+            topic: kind for topic in bag.find_topics(kind) if _is_wanted_topic(topic, kind, options)
+        }
     for name, option in ((options.pose_topic, "pose_topic"), (options.odom_topic, "odom_topic")):
         if name is not None and name not in topics:
-            pose_types = (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE) if option == "pose_topic" else ()
+            pose_types = (
+                (MessageType.POSE_WITH_COVARIANCE, MessageType.POSE)
+                if option == "pose_topic"
+                else ()
+            )
             have = ", ".join(bag.find_topics(*pose_types, MessageType.ODOMETRY)) or "none"
             raise RecordingError(f"has no poses on {name}; topics for {option}= are: {have}")
     return topics
@@ -338,7 +362,11 @@ class BagPoses:
 
     def find_odometry_topics(self) -> dict[str, PoseTopic]:
         """The topics of odometry."""
-        return {name: pose_topic for name, pose_topic in self.topics.items() if pose_topic.kind == MessageType.ODOMETRY}
+        return {
+            name: pose_topic
+            for name, pose_topic in self.topics.items()
+            if pose_topic.kind == MessageType.ODOMETRY
+        }
 
     def find_scan_poses(self) -> ScanPoses:
         """Find poses, odometry and the lidar's mount in what the bag says.
@@ -360,7 +388,9 @@ class BagPoses:
             reported, odometry_from = None, ""
         elif not is_located.any():
             pose_topic = self.topics.get(poses_from)
-            begin, end = (pose_topic.track.begin, pose_topic.track.end) if pose_topic else self.tree.clock
+            begin, end = (
+                (pose_topic.track.begin, pose_topic.track.end) if pose_topic else self.tree.clock
+            )
             raise RecordingError(
                 f"no scan has a pose: {poses_from} is known from {begin:.3f} to {end:.3f} s, and"
                 f" the scans are from {self.times[0]:.3f} to {self.times[-1]:.3f} s; do both have"
@@ -397,7 +427,9 @@ class BagPoses:
         """Leave out the transforms that no pose needs, once TF leads from the map to the lidar."""
         tree = self.tree
         if tree.has_chain(self.map_frame, self.lidar_frame):
-            robot_frames = {frame for frame in tree.frames if frame.rpartition("/")[2] in (*BASES, "odom")}
+            robot_frames = {
+                frame for frame in tree.frames if frame.rpartition("/")[2] in (*BASES, "odom")
+            }
             base = (self.options.base_frame or "").lstrip("/")
             tree.drop_unrelated_tracks(self.map_frame, {self.lidar_frame, base, *robot_frames})
 
@@ -411,9 +443,17 @@ class BagPoses:
                     f"has no frame {base!r}; base_frame= can be: {', '.join(frames)}"
                 )
             return base
-        reported = [pose_topic.child for pose_topic in self.find_odometry_topics().values() if pose_topic.child]
-        standard_frames = [frame for base in BASES for frame in frames if frame.rpartition("/")[2] == base]
-        candidates = [frame for frame in dict.fromkeys(reported + standard_frames) if frame in frames]
+        reported = [
+            pose_topic.child
+            for pose_topic in self.find_odometry_topics().values()
+            if pose_topic.child
+        ]
+        standard_frames = [
+            frame for base in BASES for frame in frames if frame.rpartition("/")[2] == base
+        ]
+        candidates = [
+            frame for frame in dict.fromkeys(reported + standard_frames) if frame in frames
+        ]
         for frame in candidates:
             if self.tree.has_chain(frame, self.lidar_frame):
                 return frame
@@ -509,7 +549,8 @@ class BagPoses:
             topics = [
                 name
                 for name, pose_topic in self.topics.items()
-                if pose_topic.kind == kind and (kind != MessageType.ODOMETRY or pose_topic.frame == self.map_frame)
+                if pose_topic.kind == kind
+                and (kind != MessageType.ODOMETRY or pose_topic.frame == self.map_frame)
             ]
             if len(topics) == 1:
                 return topics[0]
@@ -543,7 +584,11 @@ class BagPoses:
         ]
         if requested_topic is None:
             frames = [self.topics[name].frame for name in topics]
-            frames += [pose_topic for pose_topic in self.tree.frames if pose_topic.rpartition("/")[2] == "odom"]
+            frames += [
+                pose_topic
+                for pose_topic in self.tree.frames
+                if pose_topic.rpartition("/")[2] == "odom"
+            ]
             for frame in frames:
                 pose = self.tree.pose(frame, base) if frame != base else None
                 if pose is not None:
@@ -593,7 +638,10 @@ def _carry_poses(
         # The nearer sample in time counts for more; one that is too far for nothing.
         weights.append(np.where(near, 1.0 / np.maximum(np.abs(at - then), 1e-9), 0.0))
     (earlier, later), (first, second) = guesses, weights
-    earlier, later = np.where(first[:, None] > 0, earlier, later), np.where(second[:, None] > 0, later, earlier)
+    earlier, later = (
+        np.where(first[:, None] > 0, earlier, later),
+        np.where(second[:, None] > 0, later, earlier),
+    )
     total = first + second
     share = np.divide(second, total, out=np.full(len(at), np.nan), where=total > 0)
     step = later - earlier
@@ -633,12 +681,18 @@ class Bag:
 
     def find_topics(self, *types: str) -> list[str]:
         """Names of the topics of these types that have messages."""
-        connections = (connection for connection in self._reader.connections if _type(connection) in types)
+        connections = (
+            connection for connection in self._reader.connections if _type(connection) in types
+        )
         return list(dict.fromkeys(connection.topic for connection in connections))
 
     def count_messages(self, topics: Collection[str]) -> int:
         """Number of the messages of some topics."""
-        return sum(connection.msgcount for connection in self._reader.connections if connection.topic in topics)
+        return sum(
+            connection.msgcount
+            for connection in self._reader.connections
+            if connection.topic in topics
+        )
 
     def messages(
         self,
@@ -652,7 +706,11 @@ class Bag:
 
         Only these are decoded, one at a time.
         """
-        connections = [topic_connection for topic_connection in self._reader.connections if topic_connection.topic in topics]
+        connections = [
+            topic_connection
+            for topic_connection in self._reader.connections
+            if topic_connection.topic in topics
+        ]
         if not connections:
             return
         total = self.count_messages(topics)
@@ -674,7 +732,10 @@ class Bag:
     def describe_topics(self) -> str:
         """The topics and their types, for an error message."""
         connections = self._reader.connections
-        names = {f"{connection.topic} ({_type(connection).replace('/msg/', '/')})" for connection in connections}
+        names = {
+            f"{connection.topic} ({_type(connection).replace('/msg/', '/')})"
+            for connection in connections
+        }
         return ", ".join(sorted(names)) or "none"
 
 
@@ -734,7 +795,9 @@ def _find_storage(path: Path) -> Path:
     """The file or folder that is read: a folder without metadata.yaml stands for its only file."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path
-    files = sorted(storage_file for storage_file in path.iterdir() if storage_file.suffix in SUFFIXES)
+    files = sorted(
+        storage_file for storage_file in path.iterdir() if storage_file.suffix in SUFFIXES
+    )
     if len(files) != 1:
         contents = ", ".join(storage_file.name for storage_file in files) or "no bag"
         raise RecordingError(f"is a folder without metadata.yaml, with {contents}; name one file")

@@ -9,10 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_threads, check_instance
+from locplan._support.checks import check_instance, check_threads
 from locplan._support.intervals import Interval, assign_blocks, bootstrap_statistics
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import find_update_poses, compute_travel_distances, compute_motions, wrap_angles
+from locplan._support.poses import (
+    compute_motions,
+    compute_travel_distances,
+    find_update_poses,
+    wrap_angles,
+)
 from locplan._support.progress import ProgressCallback
 from locplan._support.tables import format_table
 from locplan.maps.grid import OccupancyGrid, check_grid
@@ -129,12 +134,21 @@ def fit_odometry_noise(
     increments = _Increments.from_drive(poses[updates], odometry[updates])
     drifts = bootstrap_statistics(stretches.fit_drifts, blocks[stretches.begin], RESAMPLES)
     # The noise that the poses surely have: a small one is hardly apart from odometry's.
-    position, heading = np.nan_to_num([noise_estimate.low for noise_estimate in drifts[-2:]]).tolist()
+    position, heading = np.nan_to_num(
+        [noise_estimate.low for noise_estimate in drifts[-2:]]
+    ).tolist()
     pose_noise = position, math.radians(heading)
-    alphas = bootstrap_statistics(lambda w: increments.fit_alphas(w, *pose_noise), blocks[updates[:-1]], RESAMPLES)
+    alphas = bootstrap_statistics(
+        lambda w: increments.fit_alphas(w, *pose_noise), blocks[updates[:-1]], RESAMPLES
+    )
     turns = np.diff(poses[find_update_poses(poses, math.inf, TURN), 2])
     total_turn = float(np.abs(wrap_angles(turns)).sum())
-    notes = _notes(increments, np.array([noise_estimate.value for noise_estimate in alphas]), pose_noise, total_turn)
+    notes = _notes(
+        increments,
+        np.array([noise_estimate.value for noise_estimate in alphas]),
+        pose_noise,
+        total_turn,
+    )
     if jumps:
         notes.append(f"jumps of odometry against the recorded poses, which are left out: {jumps}")
     if smoothed:
@@ -201,7 +215,10 @@ class _Stretches:
     def from_drive(cls, poses: Floats, odometry: Floats, spans: tuple[float, ...]) -> _Stretches:
         """Stretches of each length [m], one after the other."""
         turns = np.abs(wrap_angles(np.diff(odometry[:, 2])))
-        way, turn_sums = compute_travel_distances(odometry), np.concatenate([[0.0], np.cumsum(turns)])
+        way, turn_sums = (
+            compute_travel_distances(odometry),
+            np.concatenate([[0.0], np.cumsum(turns)]),
+        )
         progress = way + 0.3 * turn_sums  # a turn of 1 rad counts as 0.3 m of way
         begins, ends = [], []
         for span in spans:
@@ -212,7 +229,9 @@ class _Stretches:
         begin, end = begin[end > begin], end[end > begin]
         true, reported = _ways(poses, begin, end), _ways(odometry, begin, end)
         chord = np.hypot(true[:, 0], true[:, 1])
-        reported_chord = np.hypot(reported[:, 0], reported[:, 1])  # noise of the poses chooses no stretches
+        reported_chord = np.hypot(
+            reported[:, 0], reported[:, 1]
+        )  # noise of the poses chooses no stretches
         along = (reported[:, :2] * true[:, :2]).sum(axis=1) / np.maximum(chord, TINY)
         long = way[end] - way[begin]
         straight = (reported_chord > 0.9 * long) & (reported_chord > spans[0] / 2)
@@ -284,7 +303,8 @@ class _Increments:
         ahead = np.cos(first) * true[:, 0] + np.sin(first) * true[:, 1]
         second, turn = reported[:, 2] - first, wrap_angles(true[:, 2] - reported[:, 2])
         turn_squares = sum(
-            np.minimum(abs(wrap_angles(t)), abs(wrap_angles(t - np.pi))) ** 2 for t in (first, second)
+            np.minimum(abs(wrap_angles(t)), abs(wrap_angles(t - np.pi))) ** 2
+            for t in (first, second)
         )
         zeros, twos, square = np.zeros(len(way)), np.full(len(way), 2.0), way**2
         return cls(
@@ -406,7 +426,9 @@ def fit_scan_noise(
     def compare_scans(batch_numbers: NDArray[np.int64]) -> list[tuple[float, Floats]]:
         return [walls.compare_scan(scan) for scan in scan_numbers[batch_numbers].tolist()]
 
-    results = run_in_batches(compare_scans, len(scan_numbers), check_threads(threads), progress, batch=1)
+    results = run_in_batches(
+        compare_scans, len(scan_numbers), check_threads(threads), progress, batch=1
+    )
     moves, expected = (np.array(column) for column in zip(*results, strict=True))
     measured = recording.ranges[scan_numbers].astype(np.float64)
     reach = recording.lidar.range
@@ -419,7 +441,9 @@ def fit_scan_noise(
     check_enough(int(fits.sum()), len(scan_numbers))
     of_scans = residual, walls_at, near, np.isfinite(measured)
     residual, walls_at, near, returned = (column[fits] for column in of_scans)
-    scans = _ScanSums.from_residuals(residual, walls_at, near, returned, recording.lidar, grid.resolution)
+    scans = _ScanSums.from_residuals(
+        residual, walls_at, near, returned, recording.lidar, grid.resolution
+    )
     blocks = assign_blocks(recording.poses)[scan_numbers][fits]
     estimates = bootstrap_statistics(scans.compute_statistics, blocks, 200)
     n_unmatched = len(scan_numbers) - int(fits.sum())
@@ -477,7 +501,8 @@ class _ScanSums:
             (np.maximum(walls - bound, 0) / reach).sum(axis=1),
             residual.shape[1],
             np.clip((walls - bound - nearest) / (farthest - nearest), 0, 1).mean(axis=1),
-            spacing * np.array([_in_runs(is_short) for is_short in short & (measured < farthest)], float),
+            spacing
+            * np.array([_in_runs(is_short) for is_short in short & (measured < farthest)], float),
         )
 
     def compute_statistics(self, weights: Floats) -> Floats:
@@ -489,7 +514,11 @@ class _ScanSums:
         blocked = max(0.0, float(weights @ self.short - outliers * (weights @ self.before)) / beams)
         object_weights = weights * (self.angle > 0)
         occlusion = min(1.0, float(object_weights.sum() / max(float(weights @ self.open), 1e-9)))
-        angle = float(object_weights @ self.angle / object_weights.sum()) if object_weights.any() else 0.0
+        angle = (
+            float(object_weights @ self.angle / object_weights.sum())
+            if object_weights.any()
+            else 0.0
+        )
         return np.array([MAD * middle, outliers, blocked, occlusion, angle])
 
 
@@ -672,7 +701,9 @@ def calibrate_drive(
     >>> 0.02 < found.robot.disturbances.outliers < 0.06
     True
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_grid(grid)
     robot = recording.robot(robot)
     scans = fit_scan_noise(recording, grid, threads=threads, progress=progress)

@@ -159,7 +159,9 @@ def _poses(
 def _parse_log(path: Path, options: ReadOptions) -> _CarmenLog:
     log, bad, requested_kind = _CarmenLog(), 0, options.scan_topic
     if requested_kind not in (None, *KINDS):
-        raise RecordingError(f"has no scans on {requested_kind}; scan_topic= can be {' or '.join(KINDS)}")
+        raise RecordingError(
+            f"has no scans on {requested_kind}; scan_topic= can be {' or '.join(KINDS)}"
+        )
     for number, line in numbered_lines(path, "replace"):
         if bad:
             raise RecordingError(f"line {bad} is cut off or damaged; take it out")
@@ -249,7 +251,9 @@ def compute_scan_odometry(
         odometry[0] = lines[at[0], :3]
         for n in range(1, len(at)):
             begin = min(begins[n - 1], at[n])
-            odometry[n] = apply_motions(odometry[n - 1], compute_motions(lines[begin, :3], lines[at[n], :3]))
+            odometry[n] = apply_motions(
+                odometry[n - 1], compute_motions(lines[begin, :3], lines[at[n], :3])
+            )
         return odometry
     # Between the lines around each scan if their stamps tell where, else at the former.
     gap = lines[after, 3] - lines[at, 3]

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_threads, check_instance
+from locplan._support.checks import check_instance, check_threads
 from locplan._support.intervals import (
     Interval,
     Rank,
     Resamples,
     assign_blocks,
     draw_blocks,
-    mean_interval,
     format_decimal,
-    rank,
     format_ratio,
+    mean_interval,
+    rank,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import ends_in_map
@@ -128,7 +128,9 @@ class Matches:
                 math.inf,
             )
             is_stray = at > min_distance + np.hypot(*ends.T).T / 50  # False without a return
-            share[block] = is_stray.sum(axis=1) / np.maximum(np.isfinite(ends[..., 0]).sum(axis=1), 1)
+            share[block] = is_stray.sum(axis=1) / np.maximum(
+                np.isfinite(ends[..., 0]).sum(axis=1), 1
+            )
         return share
 
     @property
@@ -176,7 +178,9 @@ def match_scans(
     RecordingError
         If no scan with enough returns was taken on the map.
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_grid(grid)
     workers = check_threads(threads)
     matcher = Matcher(grid, settings) if settings else Matcher.for_lidar(grid, recording.lidar)
@@ -198,8 +202,12 @@ def match_scans(
 
     def match(numbers: NDArray[np.int64]) -> list[int]:
         scan_numbers = usable_scans[numbers]
-        posteriors = matcher.posteriors(recording[scan_numbers].ends_on_robot(), recording.poses[scan_numbers])
-        mean[scan_numbers], covariance[scan_numbers], best[scan_numbers], summary[scan_numbers] = posteriors
+        posteriors = matcher.posteriors(
+            recording[scan_numbers].ends_on_robot(), recording.poses[scan_numbers]
+        )
+        mean[scan_numbers], covariance[scan_numbers], best[scan_numbers], summary[scan_numbers] = (
+            posteriors
+        )
         return list(scan_numbers)
 
     run_in_batches(match, usable_scans.size, workers, progress, batch=64)
@@ -222,7 +230,9 @@ def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
     return distance, grid.closer_than(distance)
 
 
-def look_up_cells(grid: OccupancyGrid, values: NDArray[Any], xy: Floats, outside_value: float) -> Floats:
+def look_up_cells(
+    grid: OccupancyGrid, values: NDArray[Any], xy: Floats, outside_value: float
+) -> Floats:
     """Values of the cells at points (..., 2), and off the map, or where a point is NaN, another."""
     row, col = (np.floor(coordinate) for coordinate in grid.world_to_grid(xy[..., 0], xy[..., 1]))
     inside = (row >= 0) & (row < grid.shape[0]) & (col >= 0) & (col < grid.shape[1])
@@ -249,7 +259,12 @@ class Agreement:
     def texts(self) -> list[str]:
         """The columns of a table: rank correlation, AUC, direction, and factor."""
         aligned = "-" if math.isnan(self.aligned.value) else f"{self.aligned.value:.0%}"
-        return [format_ratio(self.rank.spearman), format_ratio(self.rank.auc), aligned, format_ratio(self.factor)]
+        return [
+            format_ratio(self.rank.spearman),
+            format_ratio(self.rank.auc),
+            aligned,
+            format_ratio(self.factor),
+        ]
 
 
 def compute_agreement(
@@ -349,12 +364,16 @@ class DriveEvaluation(Pictured):
         n_outdated = int(self.is_outdated.sum())
         if n_outdated > MAX_OUTDATED * len(self.is_outdated):
             return [
-                f"{n_outdated} of {len(self.is_outdated)} scans do not fit the map at their poses: check"
+                f"{n_outdated} of {len(self.is_outdated)} scans do not fit the map at their"
+                " poses: check"
                 " how the lidar is mounted (mount), the poses, and that the map is of this place"
                 " and time.",
                 "Until then the comparison with the fields says little.",
             ]
-        return [_describe_fields(self.agreements), f"{self._describe_worst_place()}{self._describe_map_changes()}."]
+        return [
+            _describe_fields(self.agreements),
+            f"{self._describe_worst_place()}{self._describe_map_changes()}.",
+        ]
 
     def _describe_worst_place(self) -> str:
         """Where the scans fix the position worst."""
@@ -365,16 +384,21 @@ class DriveEvaluation(Pictured):
                 f"Nine of ten scans fix the position within {100 * nine_of_ten:.0f} cm: there is"
                 " little to gain by other ways"
             )
-        block_numbers, number, counts = np.unique(blocks[compared], return_inverse=True, return_counts=True)
+        block_numbers, number, counts = np.unique(
+            blocks[compared], return_inverse=True, return_counts=True
+        )
         worst = block_numbers[np.argmax(np.bincount(number, np.log(std[compared])) / counts)]
         is_worst = compared & (blocks == worst)
         count, median = int(is_worst.sum()), float(np.median(std[is_worst]))
         scans = "the only scan compared fixes" if count == 1 else f"{count} scans fix"
         n_blocks = len(np.unique(blocks))
         left = n_blocks - len(block_numbers)
-        without = f"; {left} of {n_blocks} stretches of 10 m have no scan to compare" if left else ""
+        without = (
+            f"; {left} of {n_blocks} stretches of 10 m have no scan to compare" if left else ""
+        )
         return (
-            f"The worst 10 m lie around {self._format_middle(is_worst)}, where {scans} the position to"
+            f"The worst 10 m lie around {self._format_middle(is_worst)}, where {scans} the"
+            " position to"
             f" {100 * median:.0f} cm along {_axis(self.matches.direction[is_worst])}°{without}"
         )
 
@@ -387,7 +411,8 @@ class DriveEvaluation(Pictured):
         is_worst = outdated & (blocks == block_numbers[np.argmax(counts)])
         return (
             f"; {outdated.sum()} of {len(outdated)} scans saw what is not on the map, most around"
-            f" {self._format_middle(is_worst)}: people, changes, or what a map leaves out, such as plants"
+            f" {self._format_middle(is_worst)}: people, changes, or what a map leaves out, such"
+            " as plants"
         )
 
     def _format_middle(self, is_chosen: NDArray[np.bool_]) -> str:
@@ -414,7 +439,9 @@ class DriveEvaluation(Pictured):
         columns = ["", "rank correlation", "AUC", "direction", "factor"]
         estimators = [[name, *agreement.texts] for name, agreement in self.agreements.items()]
         verdict = textwrap.fill(" ".join(self.verdict), REPORT_WIDTH, break_on_hyphens=False)
-        return "\n".join([format_table([], rows), format_table(columns, estimators), LEGEND, verdict])
+        return "\n".join(
+            [format_table([], rows), format_table(columns, estimators), LEGEND, verdict]
+        )
 
     def table(self) -> Table:
         """A row per scan: its pose, its measured deviations, and those of each estimator."""
@@ -496,7 +523,9 @@ def evaluate_drive(
     RecordingError
         If too few scans were taken where the map is known and fits.
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_enough(len(recording), len(recording))
     if estimators is None:
         estimators = make_estimators(recording.lidar)
@@ -531,13 +560,18 @@ def _describe_fields(agreements: Mapping[str, Agreement]) -> str:
     names = [name for name in PREFERRED if name in agreements]
     names += [name for name in agreements if name not in names]
     ranks = {name: agreements[name].rank for name in names}
-    significant = [name for name, field_rank in ranks.items() if field_rank.spearman.low > 0 and field_rank.auc.value > 0.5]
+    significant = [
+        name
+        for name, field_rank in ranks.items()
+        if field_rank.spearman.low > 0 and field_rank.auc.value > 0.5
+    ]
     for name in significant:
         rank, factor = ranks[name], agreements[name].factor
         if rank.spearman.value >= 0.5:  # good enough to plan by
             return (
                 f"On this drive `{name}` says where the scans fix the pose badly: rank correlation"
-                f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)} for the worst fifth, and its"
+                f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)} for the worst"
+                " fifth, and its"
                 f" deviations are {format_decimal(factor.value)} times the measured ones."
             )
     best = max(names, key=lambda name: ranks[name].spearman.value)
@@ -545,12 +579,14 @@ def _describe_fields(agreements: Mapping[str, Agreement]) -> str:
     if math.isnan(rank.spearman.low):
         return (
             f"The drive is too short to tell whether a field is right: `{best}` has a rank"
-            f" correlation of {format_decimal(rank.spearman.value)}, but less than 50 m were compared."
+            f" correlation of {format_decimal(rank.spearman.value)}, but less than 50 m were"
+            " compared."
         )
     if best in significant:
         return (
             f"The fields rank the scans of this drive only a little better than chance (`{best}`"
-            f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)}): look at the picture before you plan"
+            f" {format_ratio(rank.spearman)}, AUC {format_ratio(rank.auc)}): look at the picture"
+            " before you plan"
             " by one."
         )
     return (

@@ -10,7 +10,12 @@ import numpy as np
 
 from locplan._support.checks import check_instance
 from locplan._support.kernels.arrays import Array, Bools, Floats, Ints, Octets
-from locplan._support.poses import ends_in_map, compute_travel_distances, compute_motions, wrap_angles
+from locplan._support.poses import (
+    compute_motions,
+    compute_travel_distances,
+    ends_in_map,
+    wrap_angles,
+)
 from locplan.errors import RecordingError
 from locplan.field.scan import Scan, likelihood_field
 from locplan.field.search_window import SearchWindow
@@ -117,7 +122,9 @@ def measure_steps(recording: Recording) -> ScanSteps:
         # Odometry may err by a cell, and in its turn.
         gains[n] = scores[n] - any_turn[_distances(HALF_STEPS, HALF_STEPS) < 1.2 * CELL].max()
         distances = _distances(left, ahead)
-        hidden[n] = scores[n] - any_turn[(distances > 4.5 * CELL) & (distances < 6.5 * CELL)].max() < GAIN
+        hidden[n] = (
+            scores[n] - any_turn[(distances > 4.5 * CELL) & (distances < 6.5 * CELL)].max() < GAIN
+        )
     return ScanSteps(scans, reported, measured, scores, gains, hidden)
 
 
@@ -168,7 +175,9 @@ def _score_motions(
     from locplan._support.kernels.posterior import score_scan
 
     low = outline.min(axis=0) - CELL
-    field = likelihood_field(_draw_scan_map(outline, is_joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE)
+    field = likelihood_field(
+        _draw_scan_map(outline, is_joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE
+    )
     position = (motion[:2] - low) / CELL
     cell = np.floor(position).astype(np.int64)
     cos, sin = math.cos(motion[2]), math.sin(motion[2])
@@ -230,7 +239,9 @@ def find_longest_misfit(recording: Recording, grid: OccupancyGrid) -> MisfitStre
     scans = np.unique(np.searchsorted(way, [*np.arange(0.0, way[-1], SPACING), way[-1]]))
     scan_subset, way = recording[scans], way[scans]
     distances = _mean_distances(scan_subset, scan_subset.poses, grid)
-    for n in np.array_split(far := np.flatnonzero(distances > MISFIT_DISTANCE), len(far) // 500 + 1):
+    for n in np.array_split(
+        far := np.flatnonzero(distances > MISFIT_DISTANCE), len(far) // 500 + 1
+    ):
         if len(n):
             poses = scan_subset.poses[n] + _best_offsets(scan_subset[n], grid)
             distances[n] = np.minimum(distances[n], _mean_distances(scan_subset[n], poses, grid))
@@ -359,7 +370,10 @@ class RecordingFaults:
     @property
     def drops_sign(self) -> bool:
         """True if odometry moves forward at most steps at which the scans move back."""
-        return self.reversed_steps >= MIN_REVERSED_STEPS and 2 * self.reversed_steps > self.backward_steps
+        return (
+            self.reversed_steps >= MIN_REVERSED_STEPS
+            and 2 * self.reversed_steps > self.backward_steps
+        )
 
     @property
     def has_sign_fault(self) -> bool:
@@ -387,7 +401,8 @@ class RecordingFaults:
         texts = [signs.sentence for signs in self.wrong_signs]
         if self.drops_sign:
             texts.append(
-                f"Odometry moves forward at {self.reversed_steps:,} of {self.backward_steps:,} places"
+                f"Odometry moves forward at {self.reversed_steps:,} of {self.backward_steps:,}"
+                " places"
                 f" where the scans move back ({self.reversed_way:.2g} m). Probably the driver drops"
                 " the sign of the velocity."
             )
@@ -460,9 +475,13 @@ def find_recording_faults(
     >>> find_recording_faults(drive, grid).is_sound
     True
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     # Poses count for the map alone: odometry and scans are compared with each other.
-    stretch = find_longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
+    stretch = (
+        find_longest_misfit(recording, grid) if grid is not None and recording.has_poses else None
+    )
     odometry, count = recording.odometry, len(recording)
     if odometry is None:
         no_faults = np.zeros(count - 1, np.bool_)

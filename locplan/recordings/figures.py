@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 from locplan._support import drawing as style
 from locplan._support.drawing import FIELD_COLOURS, Picture, draw_number, label_plainly
 from locplan._support.kernels.arrays import Bools, Floats
-from locplan._support.poses import ends_in_map, compute_travel_distances
+from locplan._support.poses import compute_travel_distances, ends_in_map
 from locplan.field.covariance import position_axes
-from locplan.maps.figures import draw_map, crop_map, map_size, zoom_map
+from locplan.maps.figures import crop_map, draw_map, map_size, zoom_map
 from locplan.maps.grid import OccupancyGrid
-from locplan.planning.figures import along_norm, draw_coloured_line, draw_along_bar, draw_inset
+from locplan.planning.figures import along_norm, draw_along_bar, draw_coloured_line, draw_inset
 from locplan.planning.path import Path
 from locplan.recordings.evaluation import PREFERRED, DriveEvaluation
 from locplan.recordings.location import LocatedDrive, Location
@@ -51,8 +51,14 @@ def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
     drive_evaluation : DriveEvaluation
         What `evaluate_drive` returned.
     """
-    figure, upper, lower = _make_recording_axes(drive_evaluation.matches.grid, drive_evaluation.matches.recording)
-    name = next(estimator_name for estimator_name in (*PREFERRED, *drive_evaluation.predicted) if estimator_name in drive_evaluation.predicted)
+    figure, upper, lower = _make_recording_axes(
+        drive_evaluation.matches.grid, drive_evaluation.matches.recording
+    )
+    name = next(
+        estimator_name
+        for estimator_name in (*PREFERRED, *drive_evaluation.predicted)
+        if estimator_name in drive_evaluation.predicted
+    )
     predicted = position_axes(drive_evaluation.predicted[name])[0]
     measured = np.where(drive_evaluation.is_compared, drive_evaluation.matches.position_std, np.nan)
     norm = along_norm(100 * np.concatenate([measured, predicted]))
@@ -74,7 +80,9 @@ def drive_figure(drive_evaluation: DriveEvaluation) -> Figure:
         label = f"{count} scan{'s' * (count > 1)} unlike the map"
         handles.append(Line2D([], [], color=OUTDATED, marker="x", linestyle="", label=label))
     figure.key(handles, ncols=2, at="upper center")
-    _draw_profile(lower, drive_evaluation, {"measured": measured, f"predicted by {name}": predicted})
+    _draw_profile(
+        lower, drive_evaluation, {"measured": measured, f"predicted by {name}": predicted}
+    )
     return _add_sentences(figure, *drive_evaluation.verdict)
 
 
@@ -109,7 +117,11 @@ def _add_sentences(figure: Figure, *sentences: str) -> Figure:
 
 
 def _draw_line(
-    axes: Axes, drive_evaluation: DriveEvaluation, values: Floats, width: float, norm: LogNorm | None
+    axes: Axes,
+    drive_evaluation: DriveEvaluation,
+    values: Floats,
+    width: float,
+    norm: LogNorm | None,
 ) -> LineCollection:
     """Draw the drive from scan to scan, coloured by the mean of both ends' values, or white.
 
@@ -140,7 +152,9 @@ def _draw_line(
 def _draw_ellipses(axes: Axes, drive_evaluation: DriveEvaluation, name: str) -> str:
     """Draw both ellipses at poses along the drive; return how much they are magnified."""
     compared_scans = np.flatnonzero(drive_evaluation.is_compared)
-    ellipse_scans = compared_scans[np.unique(np.linspace(0, len(compared_scans) - 1, 14).round().astype(int))]
+    ellipse_scans = compared_scans[
+        np.unique(np.linspace(0, len(compared_scans) - 1, 14).round().astype(int))
+    ]
     xy = drive_evaluation.matches.recording.poses[ellipse_scans, :2]
     ellipse_axes = [
         position_axes(covariance[ellipse_scans])
@@ -232,15 +246,23 @@ def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
         What `smooth` returned, with its map.
     """
     assert drive_trajectory.grid is not None  # else it is not drawable
-    xy, deviation, doubtful = drive_trajectory.poses[:, :2], 100 * drive_trajectory.deviation, ~drive_trajectory.is_trusted
+    xy, deviation, doubtful = (
+        drive_trajectory.poses[:, :2],
+        100 * drive_trajectory.deviation,
+        ~drive_trajectory.is_trusted,
+    )
     scan_count = f"{len(drive_trajectory):,} scans"
-    figure, upper, lower = _make_drive_axes(drive_trajectory.grid, drive_trajectory.poses, drive_trajectory.drive, scan_count)
+    figure, upper, lower = _make_drive_axes(
+        drive_trajectory.grid, drive_trajectory.poses, drive_trajectory.drive, scan_count
+    )
     look: dict[str, Any] = {"cmap": FIELD_COLOURS, "capstyle": "round"}
     means = (deviation[:-1] + deviation[1:]) / 2
     drive_line = draw_coloured_line(upper, xy, means, norm=along_norm(deviation), **look)
     draw_along_bar(figure, drive_line, upper, "std. dev. of the position [cm]", 0.8)
     limits = upper.get_xlim(), upper.get_ylim()
-    upper.plot(*drive_trajectory.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4)
+    upper.plot(
+        *drive_trajectory.recorded[:, :2].T, color=RECORDED, linewidth=0.8, alpha=0.7, zorder=4
+    )
     upper.plot(*xy[doubtful].T, "x", color=FILTER, markersize=5, mew=1.6, zorder=6)
     jumps = np.array([(jump.x, jump.y) for jump in drive_trajectory.jumps]).reshape(-1, 2)
     upper.plot(*jumps.T, "o", mfc="none", color=FILTER, markersize=11, mew=1.8, zorder=6)
@@ -316,7 +338,9 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
     larger = "" if magnify == 1 else f", {magnify:g} times as large"
     for map_axes in axes:
         for mode in location.modes:
-            major, minor, direction = (float(axis_value) for axis_value in position_axes(mode.covariance))
+            major, minor, direction = (
+                float(axis_value) for axis_value in position_axes(mode.covariance)
+            )
             map_axes.add_patch(
                 Ellipse(
                     mode.pose[:2],
@@ -384,12 +408,23 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
     if located_drive.single_location:
         recorded = located_drive.recording.poses[0] if located_drive.recording.has_poses else None
         return locate_figure(located_drive.single_location, recorded=recorded)
-    grid, poses, right, certain = located_drive.grid, located_drive.poses[:, :2], located_drive.right, located_drive.certain
+    grid, poses, right, certain = (
+        located_drive.grid,
+        located_drive.poses[:, :2],
+        located_drive.right,
+        located_drive.certain,
+    )
     is_located = np.isfinite(poses[:, 0])
     drive = located_drive.recording.poses[:, :2]
     if not located_drive.recording.has_poses:  # then the best places are drawn by themselves
         drive, right = np.where(is_located[:, None], poses, 0.0), is_located
-    drive_paths = [Path(np.concatenate([drive[is_located | located_drive.recording.has_poses], poses[is_located]]))]
+    drive_paths = [
+        Path(
+            np.concatenate(
+                [drive[is_located | located_drive.recording.has_poses], poses[is_located]]
+            )
+        )
+    ]
     part = zoom_map(grid, drive_paths)
     figure, axes = _make_map_axes(part, 1.4)
     draw_inset(axes, grid, part, drive_paths)
@@ -410,11 +445,15 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
             face = "white" if "alike" in label else colour
             text = label if located_drive.recording.has_poses else label.removeprefix("right, ")
             marker_style: dict[str, Any] = {"label": f"{text}: {int(is_kind.sum())}", "zorder": 5}
-            axes.plot(*drive[is_kind].T, marker, color=colour, mfc=face, markersize=5, **marker_style)
+            axes.plot(
+                *drive[is_kind].T, marker, color=colour, mfc=face, markersize=5, **marker_style
+            )
     if wrong.any():
         axes.plot([], [], "+", color=style.VERMILION, label="where they were found")
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
-    figure.title(f"{grid.name or 'map'}; {located_drive.recording.lidar.title}", located_drive.sentence)
+    figure.title(
+        f"{grid.name or 'map'}; {located_drive.recording.lidar.title}", located_drive.sentence
+    )
     return figure
 
 

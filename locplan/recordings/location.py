@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import check_threads, check_instance, check_number, short_repr, check_integer
+from locplan._support.checks import (
+    check_instance,
+    check_integer,
+    check_number,
+    check_threads,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Singles
 from locplan._support.output import Results
 from locplan._support.poses import wrap_angles
@@ -26,10 +32,10 @@ from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.planning.path import Path
 from locplan.recordings.matching import (
-    MODE_DISTANCE,
     CLEARANCE,
     MAX_MODE_EXCESS,
     MIN_RETURNS,
+    MODE_DISTANCE,
     MODE_TURN,
     RangeDatabase,
     ScanDatabase,
@@ -64,7 +70,8 @@ def drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
     if right is not None:
         text = (
             f"{int(right.sum())} of {count} scans are located within {limits} of the recorded pose."
-            f" {int(certain.sum())} {certainty_text}, and {int((right & certain).sum())} of these are right."
+            f" {int(certain.sum())} {certainty_text}, and {int((right & certain).sum())} of these"
+            " are right."
         )
         if certain.any() and right[certain].mean() < AGREE:
             return text + (
@@ -72,7 +79,8 @@ def drive_sentence(certain: Bools, fits: Bools, right: Bools | None) -> str:
                 " and how the lidar is mounted."
             )
     else:
-        text = f"{int(certain.sum())} of {count} scans {certainty_text}. The drive has no poses on the map."
+        n_certain = int(certain.sum())
+        text = f"{n_certain} of {count} scans {certainty_text}. The drive has no poses on the map."
     if fits.mean() < AGREE:
         text += (
             f" Careful: only {int(fits.sum())} of {count} scans have most of their returns at"
@@ -183,19 +191,22 @@ class Location(Pictured):
         if self.certain:
             text = (
                 f"The robot is at {_place(self.best)} (± {100 * self.best.position_std:.0f} cm,"
-                f" {math.degrees(self.best.heading_std):.1f}°): no other place{region_text} explains the"
+                f" {math.degrees(self.best.heading_std):.1f}°): no other place{region_text}"
+                " explains the"
                 f" scan within {CERTAIN:g} nats."
             )
         elif len(similar_modes) <= 3:
             count = ("Two", "Three")[len(similar_modes) - 2]
             mode_texts = [f"{_place(mode)} ({mode.weight:.0%})" for mode in similar_modes]
-            text = f"{count} places{region_text} look alike: {', '.join(mode_texts[:-1])} and {mode_texts[-1]}."
+            place_list = f"{', '.join(mode_texts[:-1])} and {mode_texts[-1]}"
+            text = f"{count} places{region_text} look alike: {place_list}."
         else:
             # Sum of weights from which on none is left out.
             cut = sum(mode.weight for mode in self.modes) < 1 - 1e-9
             count_suffix = "or more " if cut and len(similar_modes) == len(self.modes) else ""
             text = (
-                f"{len(similar_modes)} {count_suffix}places{region_text} look alike; the best, {_place(self.best)}, has"
+                f"{len(similar_modes)} {count_suffix}places{region_text} look alike; the best,"
+                f" {_place(self.best)}, has"
                 f" {self.best.weight:.0%} of the posterior."
             )
         if self.fits:
@@ -286,7 +297,12 @@ class LocatedDrive(Result):
     def poses(self) -> Floats:
         """The best pose of each scan in the world, (n, 3) [m, m, rad]; NaN where there is none."""
         missing_pose = (np.nan,) * 3
-        return np.array([missing_pose if scan_location is None else scan_location.best.pose for scan_location in self.locations])
+        return np.array(
+            [
+                missing_pose if scan_location is None else scan_location.best.pose
+                for scan_location in self.locations
+            ]
+        )
 
     @property
     def distance(self) -> Floats:
@@ -306,12 +322,19 @@ class LocatedDrive(Result):
     @property
     def certain(self) -> Bools:
         """Mask of the scans that no second place explains within 3 nats, (n,)."""
-        return np.array([scan_location is not None and scan_location.certain for scan_location in self.locations])
+        return np.array(
+            [
+                scan_location is not None and scan_location.certain
+                for scan_location in self.locations
+            ]
+        )
 
     @property
     def fits(self) -> Bools:
         """Mask of the scans of which three of five returns end at walls of the map, (n,)."""
-        return np.array([scan_location is not None and scan_location.fits for scan_location in self.locations])
+        return np.array(
+            [scan_location is not None and scan_location.fits for scan_location in self.locations]
+        )
 
     @property
     def sentence(self) -> str:
@@ -328,8 +351,17 @@ class LocatedDrive(Result):
         for n, scan_location in enumerate(self.locations):
             location_columns = unknown
             if scan_location is not None:
-                best, certainty = scan_location.best, (scan_location.second, scan_location.explained)
-                location_columns = (*best.pose, best.weight, *certainty, best.position_std, best.heading_std)
+                best, certainty = (
+                    scan_location.best,
+                    (scan_location.second, scan_location.explained),
+                )
+                location_columns = (
+                    *best.pose,
+                    best.weight,
+                    *certainty,
+                    best.position_std,
+                    best.heading_std,
+                )
             rows.append((n, float(times[n]), *location_columns, *recorded_columns[n]))
         return Table(SCANS, tuple(rows))
 
@@ -357,7 +389,9 @@ class LocatedDrive(Result):
         if not self.right.any():
             return []
         distances, turn = 100 * self.distance[self.right], np.degrees(self.turn[self.right])
-        at = np.column_stack([np.quantile(error_values, (0.5, 0.9)) for error_values in (distances, turn)])
+        at = np.column_stack(
+            [np.quantile(error_values, (0.5, 0.9)) for error_values in (distances, turn)]
+        )
         median, below = (f"{distance:.1f} cm, {angle:.2f}°" for distance, angle in at)
         return [f"Errors of these: median {median}; nine of ten below {below}."]
 
@@ -506,7 +540,9 @@ def locate(
     return locate_scan(database, ranges, places, count, restricted=near is not None)
 
 
-def select_places(database: ScanDatabase, near: Path | ArrayLike | None, within: float) -> RangeDatabase:
+def select_places(
+    database: ScanDatabase, near: Path | ArrayLike | None, within: float
+) -> RangeDatabase:
     """The ranges of the places at which the robot may be.
 
     Raises
@@ -527,7 +563,12 @@ def locate_scan(
     database: ScanDatabase, ranges: Floats, places: RangeDatabase, count: int, *, restricted: bool
 ) -> Location:
     """Find the modes of a scan, inf without a return, among places of a database."""
-    from locplan.recordings.kernels.scan_losses import TOP, fits, refine_on_lattice, find_distinct_poses
+    from locplan.recordings.kernels.scan_losses import (
+        TOP,
+        find_distinct_poses,
+        fits,
+        refine_on_lattice,
+    )
 
     lidar, resolution = database.lidar, database.grid.resolution
     compared = places.matching.select_ranges(ranges[None])[0]
@@ -539,7 +580,8 @@ def locate_scan(
     if scan_modes.returns < MIN_RETURNS or ends.shape[1] < MIN_RETURNS:
         raise NotLocatedError(
             f"the scan has too few returns, {int(np.isfinite(ranges).sum())}, to know where it was"
-            f" taken; at least {MIN_RETURNS} of {int(places.matching.is_in_view.sum())} directions need"
+            f" taken; at least {MIN_RETURNS} of {int(places.matching.is_in_view.sum())}"
+            " directions need"
             " one"
         )
     # Where people stand around, a wide deviation leads away from the true pose.
@@ -547,14 +589,19 @@ def locate_scan(
     poses = np.concatenate([scan_modes.poses[:150], starts[:20]])
     tables, lever, step = places.tables, scan.lever, max(STEP / resolution, 1.0)
     losses = np.array(
-        [refine_on_lattice(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose) for pose in poses]
+        [
+            refine_on_lattice(tables, ends, lever, STEPS, step, TURNS_ASIDE, TURN, pose)
+            for pose in poses
+        ]
     )
     losses *= database.nats_a_loss / TOP
     stands = np.array([fits(places.tables, *pose[:2]) for pose in poses.tolist()], bool)
     if not stands.any():
         raise NotLocatedError("the robot fits at no place that explains the scan; lower clearance")
     poses, losses = poses[stands], losses[stands]
-    distinct = find_distinct_poses(poses, np.argsort(losses, kind="stable"), MODE_DISTANCE / resolution, MODE_TURN)
+    distinct = find_distinct_poses(
+        poses, np.argsort(losses, kind="stable"), MODE_DISTANCE / resolution, MODE_TURN
+    )
     excess = losses[distinct] - losses[distinct[0]]
     distinct = distinct[excess <= MAX_MODE_EXCESS]
     excess = excess[: len(distinct)]
@@ -608,7 +655,9 @@ def _check_scan(scan: ArrayLike | Recording, lidar: Lidar | None) -> tuple[Float
     try:
         ranges = np.array(scan, np.float64)
     except (TypeError, ValueError):
-        raise ConfigError(f"a scan must be an array of ranges [m], not {short_repr(scan)}") from None
+        raise ConfigError(
+            f"a scan must be an array of ranges [m], not {short_repr(scan)}"
+        ) from None
     if ranges.shape != (lidar.beams,):
         raise ConfigError(
             f"a scan must be the ranges of the lidar's {lidar.beams} beams, not an array of shape"
@@ -668,7 +717,9 @@ def locate_drive(
         If a value is out of its range, no scan has enough returns, or there is no place for the
         robot.
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_grid(grid)
     check_integer("count", count)
     workers = check_threads(threads)
@@ -681,7 +732,9 @@ def locate_drive(
         for n in scan_numbers:
             ranges = recording.ranges[n].astype(np.float64)
             try:
-                batch_locations.append(locate_scan(database, ranges, places, count, restricted=near is not None))
+                batch_locations.append(
+                    locate_scan(database, ranges, places, count, restricted=near is not None)
+                )
             except NotLocatedError:
                 batch_locations.append(None)
         return batch_locations

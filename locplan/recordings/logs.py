@@ -14,11 +14,11 @@ from locplan._support.checks import (
     FARTHEST,
     MAX_RANGE,
     Settings,
+    check_integer,
     parse_finite_numbers,
     set_frozen_fields,
     short_repr,
     suggestion,
-    check_integer,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.poses import wrap_angles
@@ -81,7 +81,9 @@ class ReadOptions(Topics):
         set_frozen_fields(self, every=check_integer("every", self.every))
         for name in ("window", "range_limits"):
             set_frozen_fields(self, **{name: _numbers(name, getattr(self, name), 2, "two numbers")})
-        set_frozen_fields(self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar"))
+        set_frozen_fields(
+            self, mount=_numbers("mount", self.mount, 3, "x, y [m] and yaw [rad] of the lidar")
+        )
         for name, upper_limit, requirement in (
             ("window", math.inf, "two times from the start on, the first one earlier [s]"),
             ("range_limits", MAX_RANGE, "a least and a greatest distance [m]"),
@@ -100,7 +102,9 @@ class ReadOptions(Topics):
             kinds = "logs of robots" if topic_field.name in of_robots else "bags"
             allowed = of_robot and topic_field.name in of_robots
             if getattr(self, topic_field.name) != topic_field.default and not allowed:
-                raise ConfigError(f"{topic_field.name} is for {kinds}, and {file_kind} has none; leave it out")
+                raise ConfigError(
+                    f"{topic_field.name} is for {kinds}, and {file_kind} has none; leave it out"
+                )
 
     def lidar(self, values: Mapping[str, Any]) -> Lidar:
         """The lidar that a file describes, with the mount and the limits that were named."""
@@ -163,7 +167,8 @@ def check_room(count: int, beams: int, room: int) -> None:
     # A scan counts as 256 bytes at least: its pose and times take memory, too.
     if count == (max_scans := room // max(256, 4 * beams)):
         raise RecordingError(
-            f"over {max_scans:,} scans of {beams} beams take too much memory; read every n-th (every=),"
+            f"over {max_scans:,} scans of {beams} beams take too much memory; read every n-th"
+            " (every=),"
             " or a part of the log"
         )
 
@@ -239,7 +244,9 @@ class ScanRows:
         x, y = round(mount[0], 6), round(mount[1], 6)
         return replace(self._lidar, mount_x=x, mount_y=y, mount_yaw_deg=round(turn, 4))
 
-    def _begin(self, first: float, step: float, count: int, min_range: float, max_range: float) -> None:
+    def _begin(
+        self, first: float, step: float, count: int, min_range: float, max_range: float
+    ) -> None:
         if not (math.isfinite(first) and math.isfinite(step) and step and 0 < count < MAX_BEAMS):
             raise RecordingError(
                 f"its first scan has {count} beams from {first:g} rad on, {step:g} rad apart, which"
@@ -258,7 +265,9 @@ class ScanRows:
             angle_min=first,
             angle_max=first + step * (count - 1),
             angle_increment=step,
-            range_min=min(max(_plain(min_range), 0.0), 0.999 * max_range) if math.isfinite(min_range) else 0.0,
+            range_min=min(max(_plain(min_range), 0.0), 0.999 * max_range)
+            if math.isfinite(min_range)
+            else 0.0,
             range_max=_plain(max_range),
         )
         # Angles were stored in single precision, which has no more than four decimals.
@@ -300,7 +309,9 @@ def check_poses(name: str, values: object) -> Floats:
             f" {x:g}, {y:g}, {heading:g}; leave such scans out"
         )
     inside = (np.abs(poses[:, 2]) <= np.pi).all()
-    return poses if inside else freeze_array(np.column_stack([poses[:, :2], wrap_angles(poses[:, 2])]))
+    return (
+        poses if inside else freeze_array(np.column_stack([poses[:, :2], wrap_angles(poses[:, 2])]))
+    )
 
 
 def check_array(name: str, values: object, kind: np.dtype[Any], dimensions: int) -> NDArray[Any]:
@@ -309,7 +320,9 @@ def check_array(name: str, values: object, kind: np.dtype[Any], dimensions: int)
         with np.errstate(over="ignore"):  # beyond single precision lies no lidar's range
             array = np.asarray(values, kind)
     except (TypeError, ValueError, OverflowError):
-        raise RecordingError(f"{name} must be an array of numbers, not {short_repr(values)}") from None
+        raise RecordingError(
+            f"{name} must be an array of numbers, not {short_repr(values)}"
+        ) from None
     if array.ndim != dimensions:
         raise RecordingError(f"{name} must have {dimensions} dimensions, not {array.ndim}")
     return freeze_array(array.copy() if array.flags.writeable else array)

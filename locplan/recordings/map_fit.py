@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from locplan._support.checks import check_instance, make_printable
 from locplan._support.intervals import Interval, assign_blocks, bootstrap_statistics
 from locplan._support.kernels.arrays import Bools, Floats, Ints
-from locplan._support.poses import apply_motions, ends_in_map, move_poses, compute_motions, wrap_angles
+from locplan._support.poses import (
+    apply_motions,
+    compute_motions,
+    ends_in_map,
+    move_poses,
+    wrap_angles,
+)
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan.errors import RecordingError
 from locplan.field.covariance import position_axes
@@ -107,7 +113,9 @@ def fit_ranges(grid: OccupancyGrid, recordings: Sequence[Recording]) -> RangeFit
     # What a pose took for its own error, it no longer does where the ranges are nearly right.
     first = 1 + float(_solve_least_squares(once, np.ones(len(once)))[0])
     scan_equations, blocks = _collect_equations(grid, recordings, first)
-    factor, depth = bootstrap_statistics(lambda weights: _solve_least_squares(scan_equations, weights), blocks, 200)
+    factor, depth = bootstrap_statistics(
+        lambda weights: _solve_least_squares(scan_equations, weights), blocks, 200
+    )
     return RangeFit(Interval(*(first * (1 + value) for value in factor)), depth)
 
 
@@ -125,9 +133,13 @@ def _collect_equations(
     for _ in range(2 * bool(parts)):
         # What is off by three deviations is no wall of the map, or a beam that something blocks.
         at = _solve_least_squares(reduced, np.ones(len(reduced)))
-        off = [np.abs(scan_equations[:, 2] - scan_equations[:, :2] @ at) for scan_equations in reduced]
+        off = [
+            np.abs(scan_equations[:, 2] - scan_equations[:, :2] @ at) for scan_equations in reduced
+        ]
         bound = max(3 * MAD * float(np.median(np.concatenate(off))), 0.5 * grid.resolution)
-        parts = [scan_equations[far < bound] for scan_equations, far in zip(parts, off, strict=True)]
+        parts = [
+            scan_equations[far < bound] for scan_equations, far in zip(parts, off, strict=True)
+        ]
         reduced = _eliminate_poses(parts)
     return reduced, np.array(blocks, np.int64)
 
@@ -177,7 +189,9 @@ def _eliminate_poses(parts: list[Floats]) -> list[Floats]:
 
 def _solve_least_squares(parts: list[Floats], weights: Floats) -> Floats:
     """Factor minus 1, and depth [m], by least squares of scans with weights, (2,)."""
-    sums = np.tensordot(weights, np.array([scan_equations.T @ scan_equations for scan_equations in parts]), 1)
+    sums = np.tensordot(
+        weights, np.array([scan_equations.T @ scan_equations for scan_equations in parts]), 1
+    )
     return np.asarray(np.linalg.lstsq(sums[:2, :2], sums[:2, 2], rcond=None)[0])
 
 
@@ -447,7 +461,9 @@ def _compare_ranges(
         return pose, math.nan
     best, best_share = pose, -1.0
     for turn in TURNS:  # if odometry misjudged a turn, a scan settles from another heading alone
-        settled_pose = walls.settle_pose(pose + np.array([0.0, 0.0, turn]), ranges[:: walls.beam_step])
+        settled_pose = walls.settle_pose(
+            pose + np.array([0.0, 0.0, turn]), ranges[:: walls.beam_step]
+        )
         off = np.abs(ranges[returned] - walls.ranges(settled_pose, walls.beams)[returned])
         share = float((off < AGREES).mean())
         if share > best_share:
@@ -714,7 +730,9 @@ def find_misfits(grid: OccupancyGrid, recordings: Sequence[Recording]) -> Misfit
         If the poses are off by so much that walls would seem to be wrong.
     """
     for recording in recordings:
-        check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+        check_instance(
+            "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+        )
     deviation = max(_pose_deviation(grid, recording) for recording in recordings)
     name = grid.name or "the map"
     if math.isinf(deviation):
@@ -744,7 +762,10 @@ def _beams(grid: OccupancyGrid, recording: Recording) -> _Beams:
     lidars = np.repeat(lidar, len(scans), axis=0)
     ends = ends_in_map(recording.ends_on_robot()[:, beams], recording.poses)
     origins = ends_in_map(lidars, recording.poses)[:, 0]
-    cell_positions = [np.stack(grid.world_to_grid(positions[..., 0], positions[..., 1]), -1) for positions in (origins, ends)]
+    cell_positions = [
+        np.stack(grid.world_to_grid(positions[..., 0], positions[..., 1]), -1)
+        for positions in (origins, ends)
+    ]
     return _Beams(cell_positions[0], cell_positions[1])
 
 

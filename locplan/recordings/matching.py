@@ -13,7 +13,14 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import Settings, check_instance, set_frozen_fields, check_number, check_positive, setting
+from locplan._support.checks import (
+    Settings,
+    check_instance,
+    check_number,
+    check_positive,
+    set_frozen_fields,
+    setting,
+)
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan._support.poses import ends_in_map, make_rotation_matrix, wrap_angles
 from locplan._support.progress import ProgressCallback
@@ -266,7 +273,9 @@ class Matcher:
         best, summary = np.zeros((count, 3), np.int64), np.empty((count, 3))
         posterior_arrays = mean, covariance, best, summary
         field, lattice = self.kernel_arguments
-        recorded_posteriors(field, lattice, cells, from_cell, self.settings.temperature, *posterior_arrays)
+        recorded_posteriors(
+            field, lattice, cells, from_cell, self.settings.temperature, *posterior_arrays
+        )
         turn, steps = make_rotation_matrix(self.grid.origin[2]), self.window.steps
         return Posteriors(
             mean * steps @ turn.T,
@@ -378,7 +387,9 @@ def make_range_database(grid: OccupancyGrid, matching: Matching) -> RangeDatabas
     tables = loss_tables(grid, matching, fits)
     positions = select_spaced_places(0.4, _of_lidar(grid, matching, fits), grid.resolution)
     squares = empty_squares(occupied)
-    range_database = RangeDatabase(grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares)
+    range_database = RangeDatabase(
+        grid, matching, fits, positions, np.empty(0, np.uint8), tables, squares
+    )
     return dataclasses.replace(range_database, codes=_all_codes(range_database))
 
 
@@ -522,7 +533,9 @@ class ScanDatabase:
         ConfigError
             If the map has no wall, or no place with this clearance.
         """
-        return make_range_database(self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance))
+        return make_range_database(
+            self.grid, Matching(lidar=self.lidar, robot_radius=self.clearance)
+        )
 
     @cached_property
     def matcher(self) -> Matcher:
@@ -738,7 +751,9 @@ class ScanOnMap:
         levers = np.column_stack([cos * forward - sin * left, sin * forward + cos * left])
         starts = np.column_stack([database.positions[place] - levers, heading])
         # A pair within 0.6 m and 0.25 rad of a better one is not refined.
-        return np.asarray(starts[find_distinct_poses(starts, np.arange(len(starts)), 0.6 / resolution, 0.25)])
+        return np.asarray(
+            starts[find_distinct_poses(starts, np.arange(len(starts)), 0.6 / resolution, 0.25)]
+        )
 
     def refine_starts(self, starts: Floats, home: Floats | None = None) -> Modes:
         """Modes to which some poses lead.

@@ -9,12 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from locplan._support.checks import check_instance, set_frozen_fields, check_number, make_printable, short_repr, check_integer
+from locplan._support.checks import (
+    check_instance,
+    check_integer,
+    check_number,
+    make_printable,
+    set_frozen_fields,
+    short_repr,
+)
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import ends_in_map, move_poses, compute_motions, compute_path_length, wrap_angles
-from locplan._support.tables import nan_to_none, format_table
+from locplan._support.poses import (
+    compute_motions,
+    compute_path_length,
+    ends_in_map,
+    move_poses,
+    wrap_angles,
+)
+from locplan._support.tables import format_table, nan_to_none
 from locplan.errors import RecordingError
-from locplan.recordings.logs import Source, check_array, freeze_array, check_poses
+from locplan.recordings.logs import Source, check_array, check_poses, freeze_array
 from locplan.robots.lidar import Lidar
 from locplan.robots.parts import Kinematics
 from locplan.robots.robot import Robot
@@ -146,7 +159,8 @@ class Recording:
             index = np.asarray(selection)
             if index.ndim != 1 or index.dtype.kind not in "biu":
                 raise RecordingError(
-                    f"scans are chosen by a slice, indices or a mask, not {short_repr(selection)}; take"
+                    "scans are chosen by a slice, indices or a mask, not"
+                    f" {short_repr(selection)}; take"
                     " drive[n : n + 1] for one"
                 )
         try:
@@ -300,11 +314,19 @@ class Recording:
     def rows(self) -> list[tuple[str, str]]:
         """Return the summary as labels and texts for people."""
         drive_summary = self.summary()
-        took = "no times" if drive_summary["seconds"] is None else f"{drive_summary['seconds']:.4g} s"
-        returns = f"{drive_summary['returns']:.0%} of the beams, median {drive_summary['median_range']:.2g} m"
-        scans = f"{drive_summary['scans']:,} of {drive_summary['beams']} beams, {drive_summary['spacing']:.2g} m apart"
+        took = (
+            "no times" if drive_summary["seconds"] is None else f"{drive_summary['seconds']:.4g} s"
+        )
+        median_range = drive_summary["median_range"]
+        returns = f"{drive_summary['returns']:.0%} of the beams, median {median_range:.2g} m"
+        beams, spacing = drive_summary["beams"], drive_summary["spacing"]
+        scans = f"{drive_summary['scans']:,} of {beams} beams, {spacing:.2g} m apart"
         return [
-            ("drive", f"{drive_summary['file'] or 'a recording'}: {drive_summary['length']:.4g} m, {took}"),
+            (
+                "drive",
+                f"{drive_summary['file'] or 'a recording'}: {drive_summary['length']:.4g} m,"
+                f" {took}",
+            ),
             ("scans", scans),
             ("lidar", drive_summary["lidar"]),
             ("returns", returns),

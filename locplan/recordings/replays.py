@@ -11,21 +11,27 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_memory, check_threads, check_instance, check_integer
+from locplan._support.checks import check_instance, check_integer, check_memory, check_threads
 from locplan._support.intervals import (
     Interval,
     assign_blocks,
     format_metres,
     format_percent,
-    mean_interval,
     make_generator,
+    mean_interval,
 )
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
-from locplan._support.poses import make_rotation_matrix, find_update_poses, compute_motions, compute_path_length, wrap_angles
+from locplan._support.poses import (
+    compute_motions,
+    compute_path_length,
+    find_update_poses,
+    make_rotation_matrix,
+    wrap_angles,
+)
 from locplan._support.progress import ProgressCallback
 from locplan._support.records import Column, Result, Table, extract_values
-from locplan._support.tables import REPORT_WIDTH, nan_to_none, format_table
+from locplan._support.tables import REPORT_WIDTH, format_table, nan_to_none
 from locplan.errors import RecordingError
 from locplan.field.covariance import scalar
 from locplan.maps.grid import OccupancyGrid, check_grid, extent_text, world_to_map_frame
@@ -44,7 +50,7 @@ from locplan.simulation.drives import (
     Drives,
     make_drive_arguments,
 )
-from locplan.simulation.worlds import summarize_filter_map, check_filter_map
+from locplan.simulation.worlds import check_filter_map, summarize_filter_map
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +104,8 @@ class ReplayInputs:
         recorded_length, reported_length = recording.length, compute_path_length(recording.odometry)
         if reported_length < 0.1 * recorded_length:
             raise RecordingError(
-                f"the odometry moves by {reported_length:.1f} m, but the poses by {recorded_length:.1f} m; is it the"
+                f"the odometry moves by {reported_length:.1f} m, but the poses by"
+                f" {recorded_length:.1f} m; is it the"
                 " right topic, and was it recorded?"
             )
         x, y, _ = recording.poses[0].tolist()
@@ -165,14 +172,19 @@ def without_jumps(
     """
     true, reported = (compute_motions(motions[:-1], motions[1:]) for motions in (poses, odometry))
     off = reported - true
-    step_error, true_way, way = (np.hypot(motions[:, 0], motions[:, 1]) for motions in (off, true, reported))
+    step_error, true_way, way = (
+        np.hypot(motions[:, 0], motions[:, 1]) for motions in (off, true, reported)
+    )
     # Half a metre or half a radian, and three tenths of the step, are no jump yet.
     far = step_error > 0.5 + 0.3 * np.minimum(true_way, way)
     far |= np.abs(wrap_angles(off[:, 2])) > 0.5 + 0.3 * np.abs(wrap_angles(true[:, 2]))
     left_out = far if faulty is None else far | faulty
     if not left_out.any():
         return poses, odometry, 0
-    tracks = _chain_motions(poses[0], true, left_out), _chain_motions(odometry[0], reported, left_out)
+    tracks = (
+        _chain_motions(poses[0], true, left_out),
+        _chain_motions(odometry[0], reported, left_out),
+    )
     return *tracks, int(far.sum())
 
 
@@ -452,7 +464,9 @@ def replay(
     >>> replay(drive, grid, runs=2).errors.shape
     (2, 9, 3)
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_grid(grid)
     robot = recording.robot(robot)
     check_integer("runs", runs, 1, 10_000)
@@ -468,7 +482,9 @@ def replay(
     def run(run_numbers: NDArray[np.int64]) -> list[int]:
         numbers: list[int] = run_numbers.tolist()
         for n in numbers:
-            errors[n], covariances[n] = tracks.track(make_generator(seed, REPLAY, n), ends, arguments)
+            errors[n], covariances[n] = tracks.track(
+                make_generator(seed, REPLAY, n), ends, arguments
+            )
         return numbers
 
     run_in_batches(run, runs, workers, progress, batch=1)
@@ -497,7 +513,11 @@ def replay_report(replay: Replay) -> str:
         f" stretches of\n10 m]; with {replay.robot.title}"
     )
     verdict_text = textwrap.fill(replay.verdict, REPORT_WIDTH, break_on_hyphens=False)
-    lines = [verdict_text, format_table([], rows), caption] if replay.is_sparse else [format_table([], rows), caption, verdict_text]
+    lines = (
+        [verdict_text, format_table([], rows), caption]
+        if replay.is_sparse
+        else [format_table([], rows), caption, verdict_text]
+    )
     return "\n".join(lines)
 
 

@@ -81,7 +81,9 @@ def record_drive(
         raise ConfigError(f"the path {error}") from None
     random = np.random.default_rng(seed)
     arguments = simulator.arguments
-    reported = simulate_odometry(random, world_to_map_frame(grid, line), arguments.odometry)[::pose_step]
+    reported = simulate_odometry(random, world_to_map_frame(grid, line), arguments.odometry)[
+        ::pose_step
+    ]
     poses = line[::pose_step]
     sensor = arguments.lidar._replace(angles=lidar.angles)
     rows, cols = grid.world_to_grid(*poses[:, :2].T)
@@ -93,7 +95,9 @@ def record_drive(
         beam_vectors = ends * grid.resolution - (lidar.mount_x, lidar.mount_y)
         ranges[n] = np.hypot(*beam_vectors.T)
     # A hundredth of a second a scan beside the way's time, so that turns on the spot take some.
-    times = compute_travel_distances(line)[::pose_step] / speed + 0.01 * np.arange(len(poses), dtype=float)
+    times = compute_travel_distances(line)[::pose_step] / speed + 0.01 * np.arange(
+        len(poses), dtype=float
+    )
     return Recording(
         (np.rint(ranges * 1000) / 1000).astype(np.float32),
         lidar,

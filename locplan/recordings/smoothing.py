@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import check_instance, check_choice, short_repr, check_integer
+from locplan._support.checks import check_choice, check_instance, check_integer, short_repr
 from locplan._support.kernels.arrays import Bools, Floats, Ints
-from locplan._support.poses import apply_motions, make_rotation_matrix, compute_motions, wrap_angles
-from locplan._support.progress import ProgressCallback, split_progress, scale_progress
+from locplan._support.poses import apply_motions, compute_motions, make_rotation_matrix, wrap_angles
+from locplan._support.progress import ProgressCallback, scale_progress, split_progress
 from locplan.errors import ConfigError, RecordingError
 from locplan.field.cache import load_or_compute_result
 from locplan.field.covariance import position_axes
@@ -34,11 +34,11 @@ from locplan.recordings.trajectory import (
     MAP_MOVED,
     SMOOTHED,
     UNCERTAIN,
-    OdometryMoves,
     OdometryModel,
+    OdometryMoves,
     Trajectory,
-    make_jump,
     compute_ways,
+    make_jump,
 )
 from locplan.robots.robot import Robot
 
@@ -148,7 +148,9 @@ def smooth(
 
 def _check_drive(grid: OccupancyGrid, recording: Recording, seed: int) -> None:
     """Raise an error if a drive cannot be smoothed."""
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_grid(grid)
     check_integer("seed", seed, 0)
     if len(recording) < 10:
@@ -169,7 +171,9 @@ def _first_pose(
     except (TypeError, ValueError):
         pose = np.empty(0)
     if pose.shape != (3,) or not np.isfinite(pose).all():
-        raise ConfigError(f'start must be x, y, heading [m, m, rad], or "log", not {short_repr(start)}')
+        raise ConfigError(
+            f'start must be x, y, heading [m, m, rad], or "log", not {short_repr(start)}'
+        )
     on_map = np.asarray(world_to_map_frame(grid, pose[None])[0])
     if not grid.contains(*(int(on_map[axis] // grid.resolution) for axis in (1, 0))):
         raise ConfigError(
@@ -211,14 +215,22 @@ class _Drive:
         moves = OdometryMoves.from_odometry(self.odometry, np.arange(len(self.odometry)))
         way, turn_sums, keys = np.cumsum(moves.lengths), np.cumsum(moves.turn_sums), [0]
         for n in range(1, len(way)):
-            is_far = way[n] - way[keys[-1]] >= KEY_WAY or turn_sums[n] - turn_sums[keys[-1]] >= KEY_TURN
+            is_far = (
+                way[n] - way[keys[-1]] >= KEY_WAY or turn_sums[n] - turn_sums[keys[-1]] >= KEY_TURN
+            )
             if is_far or n == len(way) - 1:
                 keys.append(n)
         return np.array(keys)
 
     def make_chain(self, scans: Ints, model: OdometryModel) -> Chain:
         """Return the chain of some scans."""
-        return Chain(self.walls, scans, self.ends[scans], OdometryMoves.from_odometry(self.odometry, scans), model)
+        return Chain(
+            self.walls,
+            scans,
+            self.ends[scans],
+            OdometryMoves.from_odometry(self.odometry, scans),
+            model,
+        )
 
     def run_filter(
         self,
@@ -257,7 +269,9 @@ def _propose_trajectories(
 
     Returns the key scans with what they tell of odometry, and the trajectories (32, k, 3).
     """
-    report_forth, report_back = (scale_progress(part, 500) for part in split_progress(progress, [500, 500]))
+    report_forth, report_back = (
+        scale_progress(part, 500) for part in split_progress(progress, [500, 500])
+    )
     samples = drive.run_filter(keys, first_pose, seed, folder, report_forth, number=0)
     forth = keys.refine_samples(samples)
     learned = keys.learn_odometry(keys.find_likeliest(forth))
@@ -294,7 +308,9 @@ def _follow_odometry(drive: _Drive, keys: Chain, key_poses: Floats) -> tuple[Cha
     before = np.searchsorted(keys.scans, scans, side="right") - 1
     after = np.searchsorted(keys.scans, scans)
     forth, back = (
-        apply_motions(key_poses[key], compute_motions(drive.odometry[keys.scans[key]], drive.odometry))
+        apply_motions(
+            key_poses[key], compute_motions(drive.odometry[keys.scans[key]], drive.odometry)
+        )
         for key in (before, after)
     )
     gains, jumps = np.nan_to_num(chain.compute_fits(np.array([forth, back]))), []
@@ -473,7 +489,9 @@ class Chain:
     def compute_errors(self, poses: Floats) -> Floats:
         """Compute the error of odometry from each pose to the next, (n, 3) [m, m, rad]."""
         errors = np.zeros((len(poses), 3))
-        errors[1:] = compute_motions(poses[:-1], poses[1:]) - self.model.correct_ways(self.moves)[1:]
+        errors[1:] = (
+            compute_motions(poses[:-1], poses[1:]) - self.model.correct_ways(self.moves)[1:]
+        )
         errors[:, 2] = wrap_angles(errors[:, 2])
         return errors
 
@@ -599,7 +617,9 @@ def load_or_smooth(
     LocplanError
         As for `smooth`.
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_grid(grid)
 
     def compute(parts: Path | None) -> Trajectory:
@@ -649,7 +669,9 @@ def with_ground_truth(
     of_bag = bool(recording.source.lidar_frame)  # other files name none
     if recording.source.poses == SMOOTHED or (reference or ("log", SMOOTHED)[of_bag]) == "log":
         return recording
-    drive_trajectory = load_or_smooth(recording, grid, robot, cache_dir=cache_dir, progress=progress)
+    drive_trajectory = load_or_smooth(
+        recording, grid, robot, cache_dir=cache_dir, progress=progress
+    )
     return drive_trajectory.replace_poses(recording)
 
 

@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
 
-from locplan._support.checks import check_threads, check_file_path, check_instance, check_integer
+from locplan._support.checks import check_file_path, check_instance, check_integer, check_threads
 from locplan._support.output import Output, Results
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Result, Table
 from locplan._support.saved import to_plain_data
-from locplan._support.tables import nan_to_none, format_table, wrap_lines
+from locplan._support.tables import format_table, nan_to_none, wrap_lines
 from locplan.errors import LocplanError
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.map_faults import MapFault
@@ -110,7 +110,8 @@ class RecordingReport(Result):
                 "noise": self.calibration
                 and {
                     "scans": to_plain_data(self.calibration.scans),
-                    "odometry": self.calibration.odometry and to_plain_data(self.calibration.odometry),
+                    "odometry": self.calibration.odometry
+                    and to_plain_data(self.calibration.odometry),
                     "notes": self.calibration.notes,
                 },
                 "replay": self.replay and self.replay.summary(),
@@ -237,7 +238,9 @@ def study_recording(
     >>> study_recording(drive).faults.is_sound
     True
     """
-    check_instance("recording", recording, Recording, "read one with locplan.recordings.read_recording")
+    check_instance(
+        "recording", recording, Recording, "read one with locplan.recordings.read_recording"
+    )
     check_integer("seed", seed, 0)
     check_threads(threads)
     if grid is None:
@@ -286,7 +289,9 @@ def recording_report(report: RecordingReport) -> str:
         lost = f"lost in {drives.lost.sum()}, off at the end in {drives.off_at_end.sum()}"
         rows.append(("filter, replayed", f"{runs}, {lost}"))
     notes = [SCAN_NUMBERS] if report.trajectory and report.recording.times is None else []
-    return "\n".join([*wrap_lines([answer, *report.faults.sentences, *notes]), "", format_table([], rows)])
+    return "\n".join(
+        [*wrap_lines([answer, *report.faults.sentences, *notes]), "", format_table([], rows)]
+    )
 
 
 def _answer(faults: RecordingFaults) -> str:

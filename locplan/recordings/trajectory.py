@@ -15,8 +15,8 @@ from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
 from locplan._support.poses import apply_motions, compute_motions, wrap_angles
 from locplan._support.records import POSE, Column, Result, Table
-from locplan._support.saved import Stored, EqualByValue
-from locplan._support.tables import nan_to_none, format_table
+from locplan._support.saved import EqualByValue, Stored
+from locplan._support.tables import format_table, nan_to_none
 from locplan.errors import RecordingError
 from locplan.field.covariance import position_axes
 from locplan.maps.grid import OccupancyGrid
@@ -124,7 +124,9 @@ class OdometryModel(EqualByValue):
         """
         return np.asarray(np.sqrt(moves.features @ self.variances.T))
 
-    def refit(self, moves: OdometryMoves, true: Floats, way_variances: Floats, used: Floats) -> OdometryModel:
+    def refit(
+        self, moves: OdometryMoves, true: Floats, way_variances: Floats, used: Floats
+    ) -> OdometryModel:
         """The model that explains the true ways best: a step of expectation and maximisation.
 
         Parameters
@@ -147,7 +149,10 @@ class OdometryModel(EqualByValue):
             for axis in range(3):
                 square, scale = errors[:, axis] ** 2, model.deviations(moves)[:, axis] ** 2
                 robust_weights = (FREEDOM + 1) / (FREEDOM + square / scale)
-                squares, zeros = robust_weights * square + way_variances[:, axis], np.zeros(len(square))
+                squares, zeros = (
+                    robust_weights * square + way_variances[:, axis],
+                    np.zeros(len(square)),
+                )
                 variances[axis] = fit_variances(squares, moves.features, zeros, used)
             # So that a drive that hardly errs does not become one without error.
             min_variances = np.array([0.005, 0.005, math.radians(0.1)]) ** 2
@@ -167,16 +172,22 @@ class OdometryModel(EqualByValue):
             np.column_stack([ahead, left, cos, -sin]),
             np.column_stack([left, -ahead, sin, cos]),
         ]
-        scaled_features = np.concatenate([axis_features / deviations[:, [n]] for n, axis_features in enumerate(features)])
+        scaled_features = np.concatenate(
+            [axis_features / deviations[:, [n]] for n, axis_features in enumerate(features)]
+        )
         places = np.concatenate([off[:, AHEAD] / deviations[:, 0], off[:, LEFT] / deviations[:, 1]])
-        scale, yaw, x, y = _fit_robust(scaled_features, places, np.tile(used, 2), (0.1, 0.1, 0.2, 0.2))
+        scale, yaw, x, y = _fit_robust(
+            scaled_features, places, np.tile(used, 2), (0.1, 0.1, 0.2, 0.2)
+        )
         turns = np.column_stack([turn, moves.lengths]) / deviations[:, [TURN]]
         scaled_turns = off[:, TURN] / deviations[:, TURN]
         turn_scale, bend = _fit_robust(turns, scaled_turns, used, (0.2, 0.1))
         return OdometryModel(scale, bend, turn_scale, (x, y, yaw), self.variances)
 
 
-def _fit_robust(features: Floats, values: Floats, used: Floats, near: tuple[float, ...]) -> list[float]:
+def _fit_robust(
+    features: Floats, values: Floats, used: Floats, near: tuple[float, ...]
+) -> list[float]:
     """Coefficients by least squares with Student's weights, and a prior about zero."""
     prior = np.diag(1 / np.square(near))
     coefficients: Floats = np.zeros(len(near))
@@ -207,7 +218,9 @@ def compute_ways(poses: Floats, covariances: Floats, across: Floats) -> tuple[Fl
     before = -after
     before[:, 0, 2], before[:, 1, 2] = ways[1:, LEFT], -ways[1:, AHEAD]
     jacobian = np.concatenate([before, after], axis=2)
-    joint = np.block([[covariances[:-1], across[1:].transpose(0, 2, 1)], [across[1:], covariances[1:]]])
+    joint = np.block(
+        [[covariances[:-1], across[1:].transpose(0, 2, 1)], [across[1:], covariances[1:]]]
+    )
     variances[1:] = np.einsum("nij,njk,nik->ni", jacobian, joint, jacobian)
     return ways, variances
 
@@ -231,7 +244,12 @@ def fit_variances(
     for _ in range(12):
         variance = np.maximum(features @ coefficients + fixed, min_variance)
         weighted_features = (weights / variance**2)[:, None] * features
-        coefficients = (coefficients + _solve_nonnegative(weighted_features.T @ features, weighted_features.T @ (squares - fixed))) / 2
+        coefficients = (
+            coefficients
+            + _solve_nonnegative(
+                weighted_features.T @ features, weighted_features.T @ (squares - fixed)
+            )
+        ) / 2
     return np.asarray(coefficients)
 
 
@@ -242,7 +260,9 @@ def _solve_nonnegative(matrix: Floats, vector: Floats) -> Floats:
     while is_active.any():
         part = matrix[np.ix_(is_active, is_active)]
         size = np.sqrt(np.diag(part))
-        solved = np.linalg.lstsq(part / np.outer(size, size), vector[is_active] / size, rcond=1e-9)[0]
+        solved = np.linalg.lstsq(part / np.outer(size, size), vector[is_active] / size, rcond=1e-9)[
+            0
+        ]
         if (solved >= 0).all():
             coefficients[is_active] = solved / size
             break
@@ -405,7 +425,8 @@ class Trajectory(Result, Stored):
         count = len(self.stretches)
         n_doubtful = int((~self.is_trusted).sum())
         doubtful = (
-            f"{count} stretch{'es' * (count > 1)} with {n_doubtful} scans ({n_doubtful / len(self):.0%}) not to"
+            f"{count} stretch{'es' * (count > 1)} with {n_doubtful} scans"
+            f" ({n_doubtful / len(self):.0%}) not to"
             " be trusted"
             if count
             else "all are to be trusted"
@@ -487,7 +508,15 @@ class Trajectory(Result, Stored):
         trusted_scans = np.flatnonzero(self.is_trusted)
         times = np.arange(len(self), dtype=float) if self.times is None else self.times
         half, zeros = self.poses[trusted_scans, 2] / 2, np.zeros(len(trusted_scans))
-        rows = (times[trusted_scans], *self.poses[trusted_scans, :2].T, zeros, zeros, zeros, np.sin(half), np.cos(half))
+        rows = (
+            times[trusted_scans],
+            *self.poses[trusted_scans, :2].T,
+            zeros,
+            zeros,
+            zeros,
+            np.sin(half),
+            np.cos(half),
+        )
         np.savetxt(file, np.column_stack(rows), "%.9f" + 7 * " %.6f")
 
     def figure(self) -> Figure:
@@ -508,7 +537,10 @@ def trajectory_report(drive_trajectory: Trajectory) -> str:
     """What was found and how odometry errs."""
     rows = [("map", drive_trajectory.map), ("drive", drive_trajectory.drive or "a recording")]
     for n, stretch in enumerate(drive_trajectory.stretches[:MAX_STRETCHES]):
-        at, doubt = drive_trajectory.poses[stretch.start], np.bincount(drive_trajectory.doubts[stretch]).argmax()
+        at, doubt = (
+            drive_trajectory.poses[stretch.start],
+            np.bincount(drive_trajectory.doubts[stretch]).argmax(),
+        )
         first, last = stretch.start, stretch.stop - 1
         scan_text = f"scan {first}" if first == last else f"scans {first} to {last}"
         place = f"{scan_text} at {at[0]:.1f},{at[1]:.1f}"

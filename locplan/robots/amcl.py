@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
-from locplan._support.checks import Settings, describe_changed_settings, check_positive, setting
+from locplan._support.checks import Settings, check_positive, describe_changed_settings, setting
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:

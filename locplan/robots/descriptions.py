@@ -14,7 +14,13 @@ import numpy as np
 
 from locplan._support.checks import FARTHEST, parse_finite_numbers, short_repr
 from locplan._support.kernels.arrays import Floats
-from locplan._support.poses import compose_transforms, project_to_plane, invert_transforms, is_transform, compute_uprightness
+from locplan._support.poses import (
+    compose_transforms,
+    compute_uprightness,
+    invert_transforms,
+    is_transform,
+    project_to_plane,
+)
 from locplan._support.reading import MAX_BYTES, read_bytes
 from locplan.errors import ConfigError
 from locplan.robots.lidar import Lidar
@@ -65,7 +71,9 @@ class Links:
             if carrier.tag == "link":
                 frame, model = _find_reference_frame(sensor), self._parents.get(carrier)
                 if frame and model is not None:
-                    return compose_transforms(self._on_base(model, _frame_in_model(model, frame)), pose)
+                    return compose_transforms(
+                        self._on_base(model, _frame_in_model(model, frame)), pose
+                    )
                 return compose_transforms(self._on_robot(carrier), pose)
             if carrier.tag == "gazebo" and (name := carrier.get("reference")):
                 return compose_transforms(self._pose_from_joints(name), pose)
@@ -109,7 +117,9 @@ class Links:
             links = {_last_part(link.get("name")): link for link in model.findall("link")}
             for base in BASES:
                 if base in links:
-                    return compose_transforms(invert_transforms(_pose_in_model(model, links[base])), pose)
+                    return compose_transforms(
+                        invert_transforms(_pose_in_model(model, links[base])), pose
+                    )
             outer = self._parents.get(model)
             if outer is None or outer.tag != "model":
                 return pose
@@ -129,8 +139,13 @@ class Links:
             if joint is None:
                 bases = [link_name for link_name in poses if _last_part(link_name) in BASES]
                 return poses[bases[-1] if bases else name]
-            pose, name = compose_transforms(_read_joint_origin(joint), pose), _find_joint_link(joint, "parent")
-        raise ConfigError(f"its joints form a circle at {short_repr(name)}; give each link one parent")
+            pose, name = (
+                compose_transforms(_read_joint_origin(joint), pose),
+                _find_joint_link(joint, "parent"),
+            )
+        raise ConfigError(
+            f"its joints form a circle at {short_repr(name)}; give each link one parent"
+        )
 
 
 def _pose_in_model(model: Element, part: Element, depth: int = 0) -> Floats:
@@ -157,7 +172,11 @@ def _frame_in_model(model: Element, name: str, depth: int = 0) -> Floats:
         for part in model.findall(tag):
             if part.get("name") == first:
                 pose = _pose_in_model(model, part, depth)
-                return compose_transforms(pose, _frame_in_model(part, inner, depth + 1)) if inner else pose
+                return (
+                    compose_transforms(pose, _frame_in_model(part, inner, depth + 1))
+                    if inner
+                    else pose
+                )
     raise _UnknownFrame(name)
 
 

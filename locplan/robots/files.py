@@ -16,7 +16,12 @@ from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, NamedFilter
 from locplan.robots.descriptions import SUFFIXES as DESCRIPTIONS, lidar_in
 from locplan.robots.lidar import Lidar
-from locplan.robots.nav2 import ParameterWarning, name_file_in_errors, parameter_notes, read_settings
+from locplan.robots.nav2 import (
+    ParameterWarning,
+    name_file_in_errors,
+    parameter_notes,
+    read_settings,
+)
 from locplan.robots.parameters import (
     MAX_BYTES,
     PARAMETERS,
@@ -98,7 +103,9 @@ def _read_robot_file(
             check_stamp(path, content, "robot", VERSION)
         with name_file_in_errors(path):
             settings = _check_settings(content["robot"])
-        return {name: setting for name, setting in settings.items() if not (lidar and name == "lidar")}
+        return {
+            name: setting for name, setting in settings.items() if not (lidar and name == "lidar")
+        }
     if suffix == ".json":  # a calibration that is older, or one of a field alone
         raise ConfigError(f'{path}: has no entry "robot"; {REMEDY}, or write it anew')
     return ParameterFile(file, content), robot
@@ -148,7 +155,9 @@ def _with_settings(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dic
 def build_parts(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Parts of a robot that plain data describe."""
     _check_settings(settings)
-    parts = {name: _part(name, value) if name in PARTS else value for name, value in settings.items()}
+    parts = {
+        name: _part(name, value) if name in PARTS else value for name, value in settings.items()
+    }
     if "footprint" in parts:
         parts["footprint"] = footprint_from_corners(parts["footprint"])
     return parts

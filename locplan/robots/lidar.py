@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from locplan._support.checks import (
     Settings,
+    check_choice,
     check_file_path,
     check_number,
-    check_choice,
     check_positive,
     check_range,
     setting,
@@ -147,7 +147,8 @@ class Lidar(Settings):
             )
         if self.field_of_view_deg > 360:
             raise ConfigError(
-                f"field_of_view_deg must be at most 360 deg, not {short_repr(self.field_of_view_deg)}"
+                "field_of_view_deg must be at most 360 deg, not"
+                f" {short_repr(self.field_of_view_deg)}"
             )
 
     @classmethod

@@ -75,12 +75,18 @@ def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[CostmapLaye
     is_named = any(not section.is_shared for _, section in parameters.entries(costmap))
     if "plugins" not in costmap_parameters and not is_named:
         return []
-    names = parameters.names(costmap, "plugins", () if "plugins" in costmap_parameters else (*DEFAULT_TYPES,))
+    names = parameters.names(
+        costmap, "plugins", () if "plugins" in costmap_parameters else (*DEFAULT_TYPES,)
+    )
     types = DEFAULT_TYPES if names == [*DEFAULT_TYPES] else {}
 
     def layer(name: str, container: str = "") -> CostmapLayer:
-        plugin = str(costmap_parameters.get(f"{name}.plugin", types.get(name, ""))).replace("/", "::")
-        return CostmapLayer(name, plugin, costmap_parameters.get(f"{name}.enabled", True), container)
+        plugin = str(costmap_parameters.get(f"{name}.plugin", types.get(name, ""))).replace(
+            "/", "::"
+        )
+        return CostmapLayer(
+            name, plugin, costmap_parameters.get(f"{name}.enabled", True), container
+        )
 
     layers = []
     for outer in map(layer, names):
@@ -132,9 +138,12 @@ def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """
     layers = costmap_layers(parameters, GLOBAL_COSTMAP)
     if missing := [costmap_layer.name for costmap_layer in layers if not costmap_layer.plugin]:
-        plugin_names = ", ".join(costmap_layer.name for costmap_layer in layers if not costmap_layer.container)
+        plugin_names = ", ".join(
+            costmap_layer.name for costmap_layer in layers if not costmap_layer.container
+        )
         yield (
-            f"Nav2 refuses the plugins of global_costmap ({plugin_names}), since {', '.join(missing)}"
+            f"Nav2 refuses the plugins of global_costmap ({plugin_names}), since"
+            f" {', '.join(missing)}"
             f" {'has' if len(missing) == 1 else 'have'} no plugin type; add it, or list just Nav2's"
             " default layers"
         )
@@ -171,11 +180,22 @@ def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
     reported = set()
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
         costmap_parameters = parameters.node_parameters(costmap)
-        for name in (name for key in ("filters", "plugins") for name in _list_strings(costmap_parameters.get(key))):
-            kind = str(costmap_parameters.get(f"{name}.plugin")).replace("/", "::").rpartition("::")[2]
+        for name in (
+            name
+            for key in ("filters", "plugins")
+            for name in _list_strings(costmap_parameters.get(key))
+        ):
+            kind = (
+                str(costmap_parameters.get(f"{name}.plugin")).replace("/", "::").rpartition("::")[2]
+            )
             enabled = costmap_parameters.get(f"{name}.enabled", True)
             is_locplan_filter = name.startswith("localizability_")
-            if kind in kinds and kind not in reported and enabled is not False and not is_locplan_filter:
+            if (
+                kind in kinds
+                and kind not in reported
+                and enabled is not False
+                and not is_locplan_filter
+            ):
                 reported.add(kind)
                 sentence = f"{name} {kinds[kind]} that `plan` and `check` do not know"
                 if kind == "KeepoutFilter":
@@ -252,7 +272,9 @@ def planner_in_use(parameters: Nav2Parameters, requested_name: str | None = None
     names = [*planner_types(parameters)]
     if requested_name is not None and requested_name not in names:
         planner_list = f"its planners are {', '.join(names)}" if names else "they list no planner"
-        raise ConfigError(f"Nav2's parameters have no planner {short_repr(requested_name)}; {planner_list}")
+        raise ConfigError(
+            f"Nav2's parameters have no planner {short_repr(requested_name)}; {planner_list}"
+        )
     default_name = DEFAULT_PLANNER if DEFAULT_PLANNER in names else next(iter(names), None)
     return default_name if requested_name is None else requested_name
 
@@ -291,7 +313,9 @@ def unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
 
 def _kind(server_parameters: dict[str, Any], planner: str) -> str:
     """Type of a planner, of both spellings, without its package."""
-    return str(server_parameters.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
+    return (
+        str(server_parameters.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
+    )
 
 
 def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
@@ -313,7 +337,11 @@ def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
 
 
 def _lattice_path(parameters: Nav2Parameters, planner: str) -> str:
-    return str(parameters.node_parameters(PLANNER_SERVER).get(f"{planner}.lattice_filepath", DEFAULT_LATTICE))
+    return str(
+        parameters.node_parameters(PLANNER_SERVER).get(
+            f"{planner}.lattice_filepath", DEFAULT_LATTICE
+        )
+    )
 
 
 def _lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
@@ -457,7 +485,10 @@ def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
 
 def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """A note on AMCL's parameters that are not simulated."""
-    amcl_parameters, unshared_parameters = parameters.node_parameters(AMCL), parameters.node_parameters(AMCL, shared=False)
+    amcl_parameters, unshared_parameters = (
+        parameters.node_parameters(AMCL),
+        parameters.node_parameters(AMCL, shared=False),
+    )
     laser = amcl_parameters.get("laser_model_type")
     if isinstance(laser, str) and laser not in MODELS:
         file = parameters.files[parameters.values(AMCL)["laser_model_type"].file].path
@@ -468,10 +499,16 @@ def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
         )
     model = _motion_model(str(amcl_parameters.get("robot_model_type", DIFFERENTIAL)))
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
-    unknown = sorted({name.partition(".")[0] for name in unshared_parameters} - SIMULATED - NOT_SIMULATED.keys())
+    unknown = sorted(
+        {name.partition(".")[0] for name in unshared_parameters} - SIMULATED - NOT_SIMULATED.keys()
+    )
     if left_out := (*_not_simulated(amcl_parameters), *["robot_model_type"] * foreign, *unknown):
         values = parameters.values(AMCL)
-        files = {parameter.file for name, parameter in values.items() if name.partition(".")[0] in left_out}
+        files = {
+            parameter.file
+            for name, parameter in values.items()
+            if name.partition(".")[0] in left_out
+        }
         file_names = ", ".join(str(parameters.files[at].path) for at in sorted(files))
         yield one_line(f"{file_names}: not simulated: {', '.join(left_out)}")
 
@@ -491,7 +528,10 @@ def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
     """
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
         costmap_parameters = parameters.node_parameters(costmap)
-        footprint, radius = str(costmap_parameters.get("footprint") or "[]"), costmap_parameters.get("robot_radius")
+        footprint, radius = (
+            str(costmap_parameters.get("footprint") or "[]"),
+            costmap_parameters.get("robot_radius"),
+        )
         if footprint == "[]" and radius is None:
             continue
         with name_parameter_in_errors(parameters, costmap):
@@ -512,7 +552,11 @@ def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
         return None
     costmap_parameters = parameters.node_parameters(GLOBAL_COSTMAP)
     names = [setting.name for setting in dataclasses.fields(Inflation)]
-    settings = {name: costmap_parameters[f"{layer}.{name}"] for name in names if f"{layer}.{name}" in costmap_parameters}
+    settings = {
+        name: costmap_parameters[f"{layer}.{name}"]
+        for name in names
+        if f"{layer}.{name}" in costmap_parameters
+    }
     with name_parameter_in_errors(parameters, GLOBAL_COSTMAP, layer):
         Inflation(**settings)
     return layer, settings
@@ -542,10 +586,13 @@ def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[st
     if used is None:
         return
     drives = planner_drives(parameters)
-    texts = {name: describe_drive(drive or _amcl_drive(parameters)) for name, drive in drives.items()}
+    texts = {
+        name: describe_drive(drive or _amcl_drive(parameters)) for name, drive in drives.items()
+    }
     if file := unread_lattice(parameters, used):
         yield (
-            f"the motion model of {used} is in {short_repr(file)}, which cannot be read; locplan takes"
+            f"the motion model of {used} is in {short_repr(file)}, which cannot be read; locplan"
+            " takes"
             f" {texts[used]} from AMCL; otherwise set drive and turning_radius by --set"
         )
     alternatives = [f"{name} is {text}" for name, text in texts.items() if text != texts[used]]
@@ -572,7 +619,9 @@ def name_file_in_errors(path: str | os.PathLike[str], place: str = "") -> Iterat
 
 
 @contextmanager
-def name_parameter_in_errors(parameters: Nav2Parameters, node: str, plugin: str = "") -> Iterator[None]:
+def name_parameter_in_errors(
+    parameters: Nav2Parameters, node: str, plugin: str = ""
+) -> Iterator[None]:
     """Name the file of a parameter, the node and the plugin in an error of the block.
 
     It is the file that has the parameter with which the error begins.
@@ -590,5 +639,8 @@ def name_parameter_in_errors(parameters: Nav2Parameters, node: str, plugin: str 
 
 def _not_simulated(amcl_parameters: Mapping[str, object]) -> Iterator[str]:
     """Names of parameters in `NOT_SIMULATED` that matter with the values given."""
-    if amcl_parameters.get("do_beamskip") and amcl_parameters.get("laser_model_type") == "likelihood_field_prob":
+    if (
+        amcl_parameters.get("do_beamskip")
+        and amcl_parameters.get("laser_model_type") == "likelihood_field_prob"
+    ):
         yield "do_beamskip"

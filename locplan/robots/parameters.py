@@ -16,8 +16,8 @@ from locplan._support.reading import (
     ROS_NUMBER,
     compose_yaml,
     make_map_error,
-    read_content,
     parse_scalar,
+    read_content,
 )
 from locplan.errors import LocplanError
 
@@ -110,7 +110,9 @@ class ParameterValue(NamedTuple):
 def iterate_sections(content: Parameters, keys: tuple[str, ...]) -> Iterator[NodeSection]:
     for key, value in content.items():
         if key == PARAMETERS and keys:
-            yield NodeSection(keys, "/".join(key_part.removesuffix("/") for key_part in keys), value)
+            yield NodeSection(
+                keys, "/".join(key_part.removesuffix("/") for key_part in keys), value
+            )
         elif isinstance(value, dict):
             yield from iterate_sections(value, (*keys, key))
 
@@ -145,7 +147,10 @@ def component_values(at: int, file: ParameterFile, node: str) -> dict[str, Param
 
     Those of its name replace whole parts of those of "/**", such as all settings of a plugin.
     """
-    sections = {"/".join(key.lstrip("/") for key in parameter.keys): parameter for parameter in file.sections}
+    sections = {
+        "/".join(key.lstrip("/") for key in parameter.keys): parameter
+        for parameter in file.sections
+    }
     parts: dict[str, list[ParameterValue]] = {}
     for name in ("**", f"{file.namespace}/{node}".strip("/")):
         if name in sections:
@@ -153,7 +158,9 @@ def component_values(at: int, file: ParameterFile, node: str) -> dict[str, Param
             for parameter in values_in_section(at, sections[name]):
                 section_values.setdefault(parameter.path[0], []).append(parameter)
             parts |= section_values
-    return {".".join(parameter.path): parameter for values in parts.values() for parameter in values}
+    return {
+        ".".join(parameter.path): parameter for values in parts.values() for parameter in values
+    }
 
 
 def leaves(
@@ -168,7 +175,9 @@ def leaves(
 
 
 AMCL, PLANNER_SERVER = "amcl", "planner_server"
-GLOBAL_COSTMAP, LOCAL_COSTMAP = (f"{costmap_name}_costmap/{costmap_name}_costmap" for costmap_name in ("global", "local"))
+GLOBAL_COSTMAP, LOCAL_COSTMAP = (
+    f"{costmap_name}_costmap/{costmap_name}_costmap" for costmap_name in ("global", "local")
+)
 NODES = (AMCL, PLANNER_SERVER, "controller_server", GLOBAL_COSTMAP, LOCAL_COSTMAP)
 """Nodes of Nav2; the parameter files have parameters of at least one of them."""
 
@@ -213,7 +222,11 @@ class Nav2Parameters:
             Name of the node, such as amcl or global_costmap/global_costmap.
         """
         fits = [
-            [(at, section) for at, section in sections if section.matches_node(f"{self._space(at)}/{node}")]
+            [
+                (at, section)
+                for at, section in sections
+                if section.matches_node(f"{self._space(at)}/{node}")
+            ]
             for sections in self._group_sections()
         ]
         return [section for sections in fits for section in sections]
@@ -244,7 +257,9 @@ class Nav2Parameters:
                 values |= component_values(at, file, node)
         return values
 
-    def node_parameters(self, node: str, *, shared: bool = True, component: bool = False) -> Parameters:
+    def node_parameters(
+        self, node: str, *, shared: bool = True, component: bool = False
+    ) -> Parameters:
         """Parameters of a node by their names in ROS, such as GridBased.plugin.
 
         Parameters
@@ -269,11 +284,17 @@ class Nav2Parameters:
         standalone, loaded = self.values(node), self.values(node, component=True)
         conflicts = []
         for name, winner in standalone.items():
-            rivals = [rival for rival in self._find_values(node, name) if rival.value != winner.value]
+            rivals = [
+                rival for rival in self._find_values(node, name) if rival.value != winner.value
+            ]
             specific_rivals = [rival for rival in rivals if not rival.section.is_shared]
-            hidden = winner.section.is_shared and any(rival.file < winner.file for rival in specific_rivals)
+            hidden = winner.section.is_shared and any(
+                rival.file < winner.file for rival in specific_rivals
+            )
             if loaded[name].value != winner.value or hidden:
-                conflicts.append(ParameterConflict(name, self._conflict_text(node, name, loaded[name])))
+                conflicts.append(
+                    ParameterConflict(name, self._conflict_text(node, name, loaded[name]))
+                )
         return conflicts
 
     def place(self, node: str, name: str) -> tuple[int, tuple[str, ...]]:
@@ -360,7 +381,9 @@ class Nav2Parameters:
         content: Parameters = {}
         for sections in self._group_sections():
             keys = sections[0][1].keys
-            for parameter in {".".join(value.path): value for value in merged_values(sections)}.values():
+            for parameter in {
+                ".".join(value.path): value for value in merged_values(sections)
+            }.values():
                 path: tuple[str, ...] = (*keys, PARAMETERS, *parameter.path)
                 inner = content
                 for key in path[:-1]:
@@ -393,8 +416,11 @@ class Nav2Parameters:
 
     def _conflict_text(self, node: str, name: str, loaded: ParameterValue) -> str:
         stands = [
-            f"{short_repr(parameter.value)} for {parameter.section.name} ({self.files[parameter.file].title})"
-            for parameter in sorted(self._find_values(node, name), key=lambda parameter: parameter.file)
+            f"{short_repr(parameter.value)} for {parameter.section.name}"
+            f" ({self.files[parameter.file].title})"
+            for parameter in sorted(
+                self._find_values(node, name), key=lambda parameter: parameter.file
+            )
         ]
         winner = self.values(node)[name]
         choice_text = f"ROS takes {short_repr(winner.value)}"
@@ -482,13 +508,20 @@ def resolve_parameters(
                     f"{file.path}: {short_repr(section.name)} holds no {PARAMETERS}; {REMEDY}"
                 )
     spaces = _namespaces(files, robots)
-    robot_files = (replace(file, namespace=space) for file, space in zip(files, spaces, strict=True))
+    robot_files = (
+        replace(file, namespace=space) for file, space in zip(files, spaces, strict=True)
+    )
     parameters = Nav2Parameters(tuple(robot_files))
-    first = files[0].path if len(files) == 1 else ", ".join(str(parameter_file.path) for parameter_file in files)
+    first = (
+        files[0].path
+        if len(files) == 1
+        else ", ".join(str(parameter_file.path) for parameter_file in files)
+    )
     if not any(parameters.entries(node) for node in NODES):
         namespace_text = f" in {parameters.namespace}" if parameters.namespace else ""
         raise LocplanError(
-            f"{first}: has no parameters of Nav2's nodes{namespace_text}; {REMEDY} (as FILE:NAMESPACE where"
+            f"{first}: has no parameters of Nav2's nodes{namespace_text}; {REMEDY} (as"
+            " FILE:NAMESPACE where"
             " the robot has one), or a robot's file, which has an entry 'robot'"
         )
     for node in (GLOBAL_COSTMAP, PLANNER_SERVER):
@@ -548,7 +581,9 @@ def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) ->
             )
         if robot is not None and names and robot not in names:
             robot_list = ", ".join(short_repr(namespace or "/") for namespace in names[:5])
-            raise LocplanError(f"{file.path}: has no robot {short_repr(robot or '/')}; it has {robot_list}")
+            raise LocplanError(
+                f"{file.path}: has no robot {short_repr(robot or '/')}; it has {robot_list}"
+            )
         detected_space = fits[0] if len(names) > 1 else names[0] if names else None
         spaces.append(detected_space if robot is None else robot)
     different = {namespace for namespace in spaces if namespace is not None}

@@ -128,7 +128,9 @@ def compared_ends(amcl: Amcl, lidar: Lidar, ranges: NDArray[Any]) -> Floats:
     beams = slice(None, None, amcl.beam_step(lidar.beams))
     min_range, max_range = max(lidar.min_range, amcl.laser_min_range), amcl.laser_max_range
     compared_ranges = ranges[:, beams]
-    used = (compared_ranges >= min_range) & (compared_ranges < (max_range if max_range > 0 else math.inf))
+    used = (compared_ranges >= min_range) & (
+        compared_ranges < (max_range if max_range > 0 else math.inf)
+    )
     return lidar.ends_on_robot(np.where(used, compared_ranges, np.nan), beams)
 
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from locplan._support.checks import (
     Settings,
-    describe_changed_settings,
     check_file_path,
     check_instance,
-    set_frozen_fields,
     check_number,
+    describe_changed_settings,
+    set_frozen_fields,
     setting,
     short_repr,
     suggestion,
@@ -28,7 +28,15 @@ from locplan._support.reading import dump_yaml, stamp
 from locplan._support.records import Column, Table
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, Filter
-from locplan.robots.files import ROBOT_SETTINGS, PARTS, VERSION, build_parts, list_setting_names, footprint_from_corners, read_parts
+from locplan.robots.files import (
+    PARTS,
+    ROBOT_SETTINGS,
+    VERSION,
+    build_parts,
+    footprint_from_corners,
+    list_setting_names,
+    read_parts,
+)
 from locplan.robots.lidar import Lidar
 from locplan.robots.nav2 import name_file_in_errors
 from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
@@ -192,7 +200,9 @@ class Robot(Settings):
 
     def summary(self) -> dict[str, Any]:
         """All settings by the names of the fields, fit for JSON and YAML."""
-        is_custom_filter = not isinstance(self.filter, Amcl)  # a filter of one's own, which may hold anything
+        is_custom_filter = not isinstance(
+            self.filter, Amcl
+        )  # a filter of one's own, which may hold anything
         settings = asdict(replace(self, filter=Amcl()) if is_custom_filter else self)
         if is_custom_filter:
             settings["filter"] = {"title": self.filter.title, "settings": repr(self.filter)}
@@ -229,7 +239,10 @@ class Robot(Settings):
         lidar = self.lidar.title if self.lidar else "no lidar named"
         outline = self.outline
         size = f"{len(outline.vertices)} corners" if outline else f"radius {self.footprint:g} m"
-        differences = [*describe_changed_settings(self.odometry), *describe_changed_settings(self.disturbances)]
+        differences = [
+            *describe_changed_settings(self.odometry),
+            *describe_changed_settings(self.disturbances),
+        ]
         changed = f", {', '.join(differences)}" if differences else ""
         margin = f", margin {self.margin:g} m" if self.margin else ""
         return f"{lidar}; {size}{margin}; {self.filter.title}{changed}"
@@ -281,7 +294,9 @@ class Robot(Settings):
             if name in of_part:
                 parts.setdefault(of_part[name], {})[name] = value
             elif name in ROBOT_SETTINGS:
-                robot_settings[name] = footprint_from_corners(value) if name == "footprint" else value
+                robot_settings[name] = (
+                    footprint_from_corners(value) if name == "footprint" else value
+                )
             else:
                 setting_names = (*ROBOT_SETTINGS, *of_part)
                 names = f"{', '.join(setting_names)}{suggestion(name, setting_names)}"

@@ -114,9 +114,8 @@ def find_filter_warnings(
         ),
         f"laser_max_range ({max_range:g} m) is beyond the lidar's range of {lidar.range:g} m,"
         " which counts instead": lidar.range < max_range < 100,  # Nav2's default, for no limit
-        f"laser_min_range ({min_range:g} m) is not below the range of {reach:g} m: no beam counts": (
-            min_range >= reach
-        ),
+        f"laser_min_range ({min_range:g} m) is not below the range of {reach:g} m:"
+        " no beam counts": (min_range >= reach),
         f"sigma_hit ({sigma:g} m) is wide: walls {2 * sigma:g} m apart look as one": sigma > 0.5,
         f"sigma_hit ({sigma:g} m) is below the lidar's own noise of {lidar.range_sigma:g} m:"
         " it rejects beams that are right": sigma < lidar.range_sigma,
@@ -146,7 +145,11 @@ def list_setting_warnings(
         Further parameters in the robot's file, such as `do_beamskip`.
     """
     user_amcl, warnings = robot.amcl, []
-    if settings.multiplies and not user_amcl.multiplies and (further_parameters or {}).get("do_beamskip"):
+    if (
+        settings.multiplies
+        and not user_amcl.multiplies
+        and (further_parameters or {}).get("do_beamskip")
+    ):
         skips = "do_beamskip becomes false with the laser model, since only this one reads it"
         warnings.append(f"{skips}, and it was not simulated")
     warnings += find_filter_warnings(user_amcl, robot.known_lidar, further_parameters)
@@ -167,7 +170,9 @@ def check_tunable(params: Path | None) -> None:
         If they cannot.
     """
     if params is not None:
-        _edit_parameters(params, {**dict.fromkeys(PRESET_PARAMETERS, 0.123), "laser_model_type": MODELS[1]})
+        _edit_parameters(
+            params, {**dict.fromkeys(PRESET_PARAMETERS, 0.123), "laser_model_type": MODELS[1]}
+        )
 
 
 def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
@@ -202,7 +207,11 @@ def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
 
 def find_differing_names(first: Amcl, second: Amcl) -> list[str]:
     """The parameters in Nav2's files of which two settings have different values."""
-    names = [setting_field.name for setting_field in dataclasses.fields(Amcl) if setting_field.name in SIMULATED]
+    names = [
+        setting_field.name
+        for setting_field in dataclasses.fields(Amcl)
+        if setting_field.name in SIMULATED
+    ]
     return [name for name in names if getattr(first, name) != getattr(second, name)]
 
 

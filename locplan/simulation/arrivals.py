@@ -196,9 +196,16 @@ class Arrivals(EqualByValue):
 
     def places(self) -> Table:
         """Where robots stop, end without having arrived, and leave the path."""
-        drive_places = [(n, *place) for n, drive in enumerate(self.drives) for place in drive.places]
+        drive_places = [
+            (n, *place) for n, drive in enumerate(self.drives) for place in drive.places
+        ]
         columns = Column("drive"), Column("what"), *POSE
-        return Table(columns, tuple((n, place_kind, *pose) for n, place_kind, poses in drive_places for pose in poses))
+        return Table(
+            columns,
+            tuple(
+                (n, place_kind, *pose) for n, place_kind, poses in drive_places for pose in poses
+            ),
+        )
 
 
 ENDINGS = {
@@ -258,7 +265,9 @@ def describe_faults(*arrivals: Arrivals) -> str:
     """
     faults = [drive.fault for path_arrivals in arrivals for drive in path_arrivals.drives]
     words = {FOLLOWER: "fail with perfect localization, too", WORLD: "have no way"}
-    fault_texts = [f"{faults.count(fault)} {text}" for fault, text in words.items() if fault in faults]
+    fault_texts = [
+        f"{faults.count(fault)} {text}" for fault, text in words.items() if fault in faults
+    ]
     return f" ({', '.join(fault_texts)})" if fault_texts else ""
 
 

@@ -95,9 +95,13 @@ def config_from_costs(cost_summary: Mapping[str, Any], lidar: Lidar | None) -> F
 def rebuild_costmap(cost_summary: Mapping[str, Any], field: CovarianceField) -> Costmap:
     """The costmap of a field by what `about_costs` says of it; a ConfigError on another map."""
     if field.grid.digest != cost_summary["map"]["digest"]:
-        raise ConfigError(f"the choice is of another map, {cost_summary['map']['name'] or 'unnamed'}")
+        raise ConfigError(
+            f"the choice is of another map, {cost_summary['map']['name'] or 'unnamed'}"
+        )
     names = "weight", "law", "criterion", "headings"
-    cost_options = {name: cost_summary[name] for name in names if cost_summary.get(name) is not None}
+    cost_options = {
+        name: cost_summary[name] for name in names if cost_summary.get(name) is not None
+    }
     if "zones" in cost_summary:
         cost_options["zones"] = Zones.from_json(cost_summary["zones"])
     return Costmap.from_field(field.grid, field, robot=cost_summary["robot_radius"], **cost_options)
@@ -110,7 +114,10 @@ def make_candidate_costmap(
 
     Its u is the excess over 1, to scale, and its weight the greatest one.
     """
-    density, blocked = compute_candidate_density(costs, candidates, name, robot), find_blocked_cells(costs, max_e)
+    density, blocked = (
+        compute_candidate_density(costs, candidates, name, robot),
+        find_blocked_cells(costs, max_e),
+    )
     max_excess = float(density[~blocked].max(initial=1.0)) - 1
     u = np.where(costs.grid.free, np.clip((density - 1) / (max_excess or 1.0), 0.0, 1.0), np.nan)
     values = np.where(blocked, np.inf, 1 + max_excess * u + costs.zones.charge(costs.grid))
@@ -274,7 +281,9 @@ class SearchRegion(PlanningArea):
         return [self.accepted[SHORTEST], *(path for path in paths if isinstance(path, Path))]
 
 
-def generate_candidates(part: SearchRegion, user_candidates: UserCandidates) -> tuple[dict[str, Path], dict[str, str]]:
+def generate_candidates(
+    part: SearchRegion, user_candidates: UserCandidates
+) -> tuple[dict[str, Path], dict[str, str]]:
     """All candidates by name, the shortest first, and why others are none."""
     accepted, left_out = part.accepted, dict[str, str]()
     user_paths = {
@@ -303,7 +312,9 @@ def generate_candidates(part: SearchRegion, user_candidates: UserCandidates) -> 
         else:
             accepted[name] = path
     reserved = {*INFLATED, *DENSITIES, *AWARE, *densities}
-    add_user_candidates(user_candidates, accepted, left_out, part.costs, part.problem, reserved=reserved)
+    add_user_candidates(
+        user_candidates, accepted, left_out, part.costs, part.problem, reserved=reserved
+    )
     return accepted, left_out
 
 
@@ -341,7 +352,9 @@ def parse_user_candidates(candidates: Candidates) -> UserCandidates:
     if isinstance(candidates, Mapping):
         candidates_by_name = candidates.items()
     elif isinstance(candidates, Iterable):
-        candidates_by_name = [(_choose_name(candidate, n), candidate) for n, candidate in enumerate(candidates, 1)]
+        candidates_by_name = [
+            (_choose_name(candidate, n), candidate) for n, candidate in enumerate(candidates, 1)
+        ]
     else:
         raise ConfigError(
             "candidates must be a sequence or a mapping of paths, plans, fronts or planners,"
@@ -366,14 +379,21 @@ def _choose_name(candidate: AnyCandidate, number: int) -> str:
     return candidate.name if isinstance(candidate, Planner) else f"path {number}"
 
 
-def _iterate_paths(name: str, candidate_like: AnyCandidate) -> Iterator[tuple[str, Path | Planner | str]]:
+def _iterate_paths(
+    name: str, candidate_like: AnyCandidate
+) -> Iterator[tuple[str, Path | Planner | str]]:
     """The paths of what is given, its planner, or why it has no path."""
     if isinstance(candidate_like, (str, Planner)):
         yield name, make_planner(candidate_like)
     elif isinstance(candidate_like, Plan):
         yield name, candidate_like.path or candidate_like.note or candidate_like.status
     elif not isinstance(candidate_like, ParetoFront):
-        yield name, candidate_like if isinstance(candidate_like, Path) else Path(np.asarray(candidate_like))
+        yield (
+            name,
+            candidate_like
+            if isinstance(candidate_like, Path)
+            else Path(np.asarray(candidate_like)),
+        )
     elif len(candidate_like):  # five, from its shortest to its longest
         indices = np.unique(np.linspace(0, len(candidate_like) - 1, 5).round()).astype(int).tolist()
         for n, index in enumerate(indices, 1):
@@ -393,7 +413,10 @@ def check_user_candidates(user_candidates: UserCandidates, problem: PlanningProb
     """
     paths = {name: path for name, path in user_candidates.items() if isinstance(path, Path)}
     for name, path in paths.items():
-        for end, at, (x, y) in (("start", problem.start, path.xy[0]), ("goal", problem.goal, path.xy[-1])):
+        for end, at, (x, y) in (
+            ("start", problem.start, path.xy[0]),
+            ("goal", problem.goal, path.xy[-1]),
+        ):
             if math.hypot(x - at[0], y - at[1]) > NEAR:
                 raise ConfigError(
                     f"candidate {short_repr(name)} has its {end} at {x:.2f},{y:.2f}, more than"
@@ -419,7 +442,9 @@ def add_user_candidates(
     """
     settings, new_candidates = problem.settings, dict(user_candidates)
     if settings.front:
-        new_candidates.update(_iterate_paths("front", pareto_front(costs, problem.start[:2], problem.goal[:2])))
+        new_candidates.update(
+            _iterate_paths("front", pareto_front(costs, problem.start[:2], problem.goal[:2]))
+        )
     for name, path in new_candidates.items():
         if path is skip:
             continue

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets
-from locplan._support.poses import Poses, apply_motions, compute_travel_distances, compute_motions
+from locplan._support.poses import Poses, apply_motions, compute_motions, compute_travel_distances
 from locplan.maps.grid import OccupancyGrid, world_to_map_frame
 from locplan.maps.occupancy import FREE, OCCUPIED
 from locplan.planning.path import Path
@@ -76,8 +76,13 @@ class Replanner:
         low, density, walls, window = scene
         cells = self.grid.cells[window].copy()
         cells[tuple(walls.T)] = OCCUPIED
-        local_map, shift = OccupancyGrid(cells, self.grid.resolution), low[::-1] * self.grid.resolution
-        within = _are_inside(np.floor((way[:, 1::-1] - shift[::-1]) / local_map.resolution), cells.shape)
+        local_map, shift = (
+            OccupancyGrid(cells, self.grid.resolution),
+            low[::-1] * self.grid.resolution,
+        )
+        within = _are_inside(
+            np.floor((way[:, 1::-1] - shift[::-1]) / local_map.resolution), cells.shape
+        )
         near = way[: len(way) if within.all() else int(np.argmin(within))]
         if len(near) < 2:
             return way
@@ -139,7 +144,9 @@ class Replanner:
         # The goal stays where it is, and not at the centre of its cell.
         return np.concatenate([centres, way[min(best + 1, len(way) - 1) :]])
 
-    def _crop_scene(self, truth: Any, believed: Any, world: Any) -> tuple[Any, Floats, Ints, Any] | None:
+    def _crop_scene(
+        self, truth: Any, believed: Any, world: Any
+    ) -> tuple[Any, Floats, Ints, Any] | None:
         """The first cell of the part around the believed pose, its density, the cells of walls that
         are seen in it, and its slices of the map; None off the map."""
         resolution = self.grid.resolution
@@ -152,13 +159,18 @@ class Replanner:
         if not _are_inside((robot_cell - low)[None], density.shape).all():
             return None
         # Walls are seen from the true pose, and put where the believed one has them.
-        wall_poses = apply_motions(believed, compute_motions(truth, self._find_seen_walls(truth, world)))
+        wall_poses = apply_motions(
+            believed, compute_motions(truth, self._find_seen_walls(truth, world))
+        )
         walls = np.floor(wall_poses[:, 1::-1] / resolution).astype(int) - low
         walls = walls[_are_inside(walls, density.shape)]
         self._raise_density(walls, density)
         # A robot that stands too near to a wall may leave, at a price.
         leave = int(LEAVE / resolution)
-        leave_window = tuple(slice(max(0, coordinate - leave), coordinate + leave + 1) for coordinate in robot_cell - low)
+        leave_window = tuple(
+            slice(max(0, coordinate - leave), coordinate + leave + 1)
+            for coordinate in robot_cell - low
+        )
         density[leave_window] = np.minimum(density[leave_window], LEAVING)
         if not self.closed[tuple(robot_cell)]:  # a robot that is lost may have to leave a zone
             density[self.closed[window]] = np.inf
@@ -251,7 +263,9 @@ class ClosedLoop:
     @cached_property
     def frame(self) -> Floats:
         """Pose of the filter map's own axes [m, m, rad]."""
-        return np.asarray(world_to_map_frame(self.grid, np.array([self.simulator.filter_map.origin]))[0])
+        return np.asarray(
+            world_to_map_frame(self.grid, np.array([self.simulator.filter_map.origin]))[0]
+        )
 
     @cached_property
     def body(self) -> Any:
@@ -339,7 +353,9 @@ class ClosedLoop:
         poses = world_to_map_frame(self.grid, np.column_stack([path.xy, path.facing]))
         return all(measure_margin(world, self.body, *pose, 2 * MARGIN) >= MARGIN for pose in poses)
 
-    def _drive_once(self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool) -> Arrival:
+    def _drive_once(
+        self, name: str, world: Any, drive: tuple[int, int], *, perfect: bool
+    ) -> Arrival:
         from locplan.simulation.kernels import follower, pursuit
 
         random = make_generator(self.simulator.seed, CLOSED, *drive)
@@ -364,7 +380,9 @@ class ClosedLoop:
         if outcome == ARRIVED and math.dist(trace.truth[n - 1, :2], way[-1, :2]) > near:
             outcome = ELSEWHERE
         origin = np.array(self.grid.origin)
-        truth, believed = (apply_motions(origin, track[:n]) for track in (trace.truth, trace.believed))
+        truth, believed = (
+            apply_motions(origin, track[:n]) for track in (trace.truth, trace.believed)
+        )
         standstills = int(trace.counts[pursuit.STANDSTILLS])
         return Arrival.from_drive(outcome, truth, believed, self.paths[name], standstills)
 
@@ -405,7 +423,12 @@ class ClosedLoop:
             custom_loop = CustomFilterLoop(arguments, self.frame, (random, sensing), first, trace)
             return lambda way: custom_loop.follow(way, *drive_inputs, perfect)
         tracker = start_filter(sensing, first, arguments.start, arguments.filter)
-        sensor_arguments = (arguments.scores, arguments.lidar, arguments.disturbances, arguments.odometry)
+        sensor_arguments = (
+            arguments.scores,
+            arguments.lidar,
+            arguments.disturbances,
+            arguments.odometry,
+        )
         return lambda way: follow(
             random,
             sensing,

@@ -11,7 +11,7 @@ from locplan._support.poses import Poses
 from locplan.errors import LocplanError
 from locplan.maps.grid import world_to_map_frame
 from locplan.robots.amcl import Tracker
-from locplan.simulation.drives import DriveArguments, CustomFilter
+from locplan.simulation.drives import CustomFilter, DriveArguments
 
 
 def track(
@@ -38,15 +38,21 @@ def track(
     errors[:, 2] = np.remainder(errors[:, 2] + np.pi, 2 * np.pi) - np.pi
 
 
-def start_tracker(random: np.random.Generator, custom_filter: CustomFilter, first: Any, start: Any) -> Tracker:
+def start_tracker(
+    random: np.random.Generator, custom_filter: CustomFilter, first: Any, start: Any
+) -> Tracker:
     """A filter started about a pose (3,) in its map's own axes, with random numbers of its own."""
     filter_random = random.spawn(1)[0]
     deviation = np.array([start.position, start.position, start.heading])
     x, y, heading = first + deviation * random.standard_normal(3)
-    at = custom_filter.grid.grid_to_world(y / custom_filter.grid.resolution, x / custom_filter.grid.resolution)
+    at = custom_filter.grid.grid_to_world(
+        y / custom_filter.grid.resolution, x / custom_filter.grid.resolution
+    )
     pose = np.array([*at, heading + custom_filter.grid.origin[2]])
     deviations = start.position, start.heading
-    return custom_filter.settings.start(custom_filter.grid, custom_filter.lidar, pose, deviations, filter_random)
+    return custom_filter.settings.start(
+        custom_filter.grid, custom_filter.lidar, pose, deviations, filter_random
+    )
 
 
 def measure_ranges(
@@ -67,7 +73,9 @@ def measure_ranges(
     return np.asarray(ranges, np.float32)
 
 
-def update_tracker(tracker: Tracker, custom_filter: CustomFilter, odometry: Floats, scan: Singles) -> Floats:
+def update_tracker(
+    tracker: Tracker, custom_filter: CustomFilter, odometry: Floats, scan: Singles
+) -> Floats:
     """The filter's pose (3,) in its map's own axes, after a motion and a scan."""
     tracker.motion(odometry)
     tracker.scan(scan)
@@ -88,7 +96,9 @@ class CustomFilterLoop:
     ) -> None:
         self.arguments, self.frame, self.trace = arguments, frame, trace
         self.random, self.sensing = random
-        self.tracker = start_tracker(self.sensing, self.arguments.filter, first, self.arguments.start)
+        self.tracker = start_tracker(
+            self.sensing, self.arguments.filter, first, self.arguments.start
+        )
         self.sensed = -1
 
     def follow(self, way: Any, surroundings: Any, body: Any, period: int, perfect: bool) -> int:

@@ -105,7 +105,9 @@ def drive_open(
     poses = {name: add_way_back(poses[name]) if level.leads_back else poses[name] for name in paths}
     size = len(numbers) * sum(path_poses.size for path_poses in poses.values()) * ARRAYS * 8
     check_memory(f"{len(numbers)} drives of {len(paths)} paths", size, "drive fewer")
-    errors = {name: np.empty((len(numbers), *path_poses.shape)) for name, path_poses in poses.items()}
+    errors = {
+        name: np.empty((len(numbers), *path_poses.shape)) for name, path_poses in poses.items()
+    }
     setups = {name: simulator.line_setups(path, poses[name], level) for name, path in paths.items()}
     routes = _group_by_route(paths, route)
     stages = {

@@ -12,11 +12,11 @@ import numpy as np
 from locplan._support.checks import check_integer
 from locplan._support.intervals import (
     Interval,
+    compute_wilson_interval,
     estimate_geometric_mean,
     estimate_mean,
     estimate_median,
     estimate_rms,
-    compute_wilson_interval,
 )
 from locplan._support.kernels.arrays import Bools, Floats, Singles
 from locplan._support.poses import Poses, compute_travel_distances
@@ -229,7 +229,11 @@ def tabulate_profiles(drives: Mapping[str, Drives]) -> Table:
     drives : mapping of str to Drives
         Drives by the names of the paths.
     """
-    rows = ((name, *row) for name, path_drives in drives.items() for row in path_drives.profile().tolist())
+    rows = (
+        (name, *row)
+        for name, path_drives in drives.items()
+        for row in path_drives.profile().tolist()
+    )
     return Table((Column("path"), *PROFILE), tuple(rows))
 
 

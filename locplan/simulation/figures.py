@@ -18,22 +18,22 @@ from locplan._support.drawing import (
     PATH_STYLES,
     RECOMMENDED,
     Picture,
-    label_plainly,
     break_title,
+    label_plainly,
     make_logarithmic,
 )
 from locplan._support.intervals import Interval, format_metres
 from locplan._support.kernels.arrays import Floats
-from locplan.maps.figures import draw_map, draw_zones, crop_map, map_size, zoom_map
+from locplan.maps.figures import crop_map, draw_map, draw_zones, map_size, zoom_map
 from locplan.planning.figures import (
     along_norm,
-    draw_coloured_line,
     draw_along_bar,
+    draw_coloured_line,
     draw_degeneracy,
+    draw_degeneracy_profiles,
     draw_ends,
     draw_inset,
     draw_path,
-    draw_degeneracy_profiles,
     end_handles,
 )
 from locplan.planning.path import Path
@@ -80,7 +80,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
         lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
         lower.plot(distance, mean, linewidth=1.8, **style)
         text = (
-            f"{name}: {distance[-1]:.1f} m, median error {format_metres(drives.median_error.value)},"
+            f"{name}: {distance[-1]:.1f} m, median error"
+            f" {format_metres(drives.median_error.value)},"
             f" {format_rates(drives)}, RMSE {format_metres(drives.rmse.value)}"
         )
         if 0 < drives.lost_rate.value < 1:
@@ -91,7 +92,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
         if simulation.arrivals:
             path_arrivals = simulation.arrivals[name]
             draw_places(upper, path_arrivals, colour)
-            text += f"; steered by the filter, {path_arrivals.arrivals_text} arrive{describe_faults(path_arrivals)}"
+            faults_text = describe_faults(path_arrivals)
+            text += f"; steered by the filter, {path_arrivals.arrivals_text} arrive{faults_text}"
         label = "\n".join(break_title(text, width - 1))
         handles.append(Line2D([], [], linewidth=2, label=label, **style))
         draw_ends(upper, xy[0], xy[-1])
@@ -147,10 +149,17 @@ def place_handles(arrivals: Iterable[Arrivals | None]) -> list[Line2D]:
     arrivals : iterable of Arrivals, or of None
         Closed-loop drives along some paths.
     """
-    present_kinds = {row[1] for path_arrivals in arrivals if path_arrivals for row in path_arrivals.places().rows}
+    present_kinds = {
+        row[1] for path_arrivals in arrivals if path_arrivals for row in path_arrivals.places().rows
+    }
     style: dict[str, Any] = {"linestyle": "", "color": "0.3", "mfc": "none"}
-    kinds = [(place_kind, mark) for place_kind, mark in MARKS.items() if place_kind in present_kinds]
-    return [Line2D([], [], marker=mark, label=f"a robot {place_kind}", **style) for place_kind, mark in kinds]
+    kinds = [
+        (place_kind, mark) for place_kind, mark in MARKS.items() if place_kind in present_kinds
+    ]
+    return [
+        Line2D([], [], marker=mark, label=f"a robot {place_kind}", **style)
+        for place_kind, mark in kinds
+    ]
 
 
 def queries_figure(routes: Routes) -> Figure:
@@ -277,7 +286,9 @@ def recommendation_figure(choice: Choice) -> Figure:
 
 def _collect_marked_places(choice: Choice) -> list[Path]:
     """The places that are marked, as one path, if there are any."""
-    place_rows = [candidate.arrivals.places().rows for candidate in choice.candidates if candidate.arrivals]
+    place_rows = [
+        candidate.arrivals.places().rows for candidate in choice.candidates if candidate.arrivals
+    ]
     places = [row[2:4] for rows in place_rows for row in rows]
     return [Path(np.array(places))] if places else []
 
@@ -288,7 +299,11 @@ def _rank(choice: Choice, candidate: Candidate) -> int:
 
 
 def _make_handles(choice: Choice) -> list[Line2D]:
-    highlighted = dict.fromkeys(candidate for candidate in (choice.recommended_candidate, choice.shortest) if candidate is not None)
+    highlighted = dict.fromkeys(
+        candidate
+        for candidate in (choice.recommended_candidate, choice.shortest)
+        if candidate is not None
+    )
     handles = []
     for candidate in highlighted:
         rank = _rank(choice, candidate)

@@ -97,7 +97,10 @@ class Kink:
         behind = self.is_behind(xy)
         rotated_cells = grid.world_to_grid(*self.turn(xy[behind], angle).T)
         still_cells = (mapped_cells[~behind].T + 0.5).reshape(2, -1)
-        ends = [np.concatenate(axis_cells) for axis_cells in zip(rotated_cells, still_cells, strict=True)]
+        ends = [
+            np.concatenate(axis_cells)
+            for axis_cells in zip(rotated_cells, still_cells, strict=True)
+        ]
         # One more cell on all sides, for cells that the turn cuts.
         first = [math.floor(at.min()) - 1 for at in ends]
         shape = [math.floor(at.max()) + 2 - low for at, low in zip(ends, first, strict=True)]

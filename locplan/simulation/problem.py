@@ -13,14 +13,14 @@ import numpy as np
 
 from locplan._support.checks import (
     Settings,
-    check_instance,
-    set_frozen_fields,
-    check_number,
     check_choice,
+    check_instance,
+    check_integer,
+    check_number,
     check_positive,
+    set_frozen_fields,
     short_repr,
     suggestion,
-    check_integer,
 )
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan.errors import ConfigError
@@ -37,8 +37,8 @@ from locplan.planning.plans import (
     SHORTEST,
     check_ends,
     plan,
-    plan_with_shortest,
     plan_with_adaptive_field,
+    plan_with_shortest,
 )
 from locplan.planning.protocol import Planner, Position
 from locplan.planning.requests import make_planner
@@ -125,7 +125,9 @@ class ChoiceSettings(Settings):
         return self.price * (np.log(ratios) - log_excess) + max(self.price, 1.0) * log_excess
 
     def __post_init__(self) -> None:
-        set_frozen_fields(self, via=tuple(self.via), longest=check_number("longest", self.longest, 1.0))
+        set_frozen_fields(
+            self, via=tuple(self.via), longest=check_number("longest", self.longest, 1.0)
+        )
         set_frozen_fields(self, price=check_number("price", self.price, 0.0))
         check_choice("minimise", self.minimise, MINIMISED)
         for name in ("front", "bold", "thorough"):
@@ -263,7 +265,11 @@ class PlanningProblem:
         places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
         problem = self._with_places(places)
         make_planner(None, **problem._make_limits(limited=True))
-        if self.user_costmap is not None and self.settings.is_limited and math.isnan(self.user_costmap.weight):
+        if (
+            self.user_costmap is not None
+            and self.settings.is_limited
+            and math.isnan(self.user_costmap.weight)
+        ):
             raise ConfigError(
                 "a costmap without a field has no e or u to limit; give one of a field, or leave"
                 " out max_e and budget"
@@ -295,7 +301,9 @@ class PlanningProblem:
         def compute_field(points: Bools) -> CovarianceField:
             return self.compute(self.grid, points)
 
-        field, costs = plan_with_adaptive_field(self.grid, self.config, compute_field, make_costmap, paths_on)
+        field, costs = plan_with_adaptive_field(
+            self.grid, self.config, compute_field, make_costmap, paths_on
+        )
         return costs, field
 
     def plan_least_cost(
@@ -304,7 +312,9 @@ class PlanningProblem:
         """The plan of least cost over the waypoints, for the outline; without limits of e or u
         unless it is to be limited."""
         problem, costs, planner = self._adapt_planner(costs, planner)
-        return plan(costs, problem.start, problem.goal, planner=planner, **problem._make_limits(limited))
+        return plan(
+            costs, problem.start, problem.goal, planner=planner, **problem._make_limits(limited)
+        )
 
     def shortest(self, costs: Costmap) -> Path | None:
         """The shortest path without limits, as others that are shown beside an aware one."""

@@ -10,13 +10,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from locplan._support.intervals import Interval, choose_digits, estimate_geometric_mean, estimate_mean, format_decimal, format_ratio
+from locplan._support.intervals import (
+    Interval,
+    choose_digits,
+    estimate_geometric_mean,
+    estimate_mean,
+    format_decimal,
+    format_ratio,
+)
 from locplan._support.kernels.arrays import Floats
 from locplan._support.output import Results
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.public import Pictured
 from locplan._support.records import Column, Result, Table, extract_values
-from locplan._support.tables import make_file_name, nan_to_none, format_table
+from locplan._support.tables import format_table, make_file_name, nan_to_none
 from locplan.errors import ConfigError
 from locplan.field.config import equip_robot
 from locplan.maps.grid import OccupancyGrid
@@ -206,7 +213,11 @@ class RoutesOnMaps(Result):
 
     def table(self) -> Table:
         """A row per query of each map."""
-        rows = ((map_routes.grid.name, *row) for map_routes in self.maps for row in map_routes.table().rows)
+        rows = (
+            (map_routes.grid.name, *row)
+            for map_routes in self.maps
+            for row in map_routes.table().rows
+        )
         return Table((Column("map"), *COLUMNS), tuple(rows))
 
     @staticmethod
@@ -219,7 +230,8 @@ class RoutesOnMaps(Result):
             Names of the maps.
         """
         return [
-            f"{number:02}-{make_file_name(name or 'map')}.png" for number, name in enumerate(maps, 1)
+            f"{number:02}-{make_file_name(name or 'map')}.png"
+            for number, name in enumerate(maps, 1)
         ]
 
     def summary(self) -> dict[str, object]:
@@ -289,7 +301,8 @@ def routes_report(routes_on_maps: RoutesOnMaps) -> str:
     counts = sorted({len(routes.routes) for routes in routes_on_maps})
     queries = " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
     return (
-        f"{format_table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric means;"
+        f"{format_table(columns, rows)}\nshortest -> aware paths of {queries} queries, geometric"
+        " means;"
         f" errors of the\nposition [m]; lost: {OFF_SHORT} at some time; off at the end: still so;"
         " kept: those\nnever lost; RMSE: of all drives along the shortest; ratio: of the RMSE,"
         " aware over\nshortest [95 %]"
@@ -371,5 +384,18 @@ def _make_route(query: Query, drives: Mapping[str, Drives]) -> Route:
         (getattr(shortest, name).value, getattr(aware, name).value) for name in names
     )
     lengths = shortest.length, aware.length
-    path_summaries = {"paths": {name: extract_values(DRIVE_COLUMNS, path_drives) for name, path_drives in drives.items()}}
-    return Route(query, lengths, median, lost, off, tracked_errors, rmse, {**path_summaries, "rmse_ratio": [*ratio]})
+    path_summaries = {
+        "paths": {
+            name: extract_values(DRIVE_COLUMNS, path_drives) for name, path_drives in drives.items()
+        }
+    }
+    return Route(
+        query,
+        lengths,
+        median,
+        lost,
+        off,
+        tracked_errors,
+        rmse,
+        {**path_summaries, "rmse_ratio": [*ratio]},
+    )

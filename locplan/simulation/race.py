@@ -11,7 +11,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from locplan._support.checks import set_frozen_fields
-from locplan._support.intervals import Interval, estimate_geometric_mean, estimate_mean, compute_wilson_interval
+from locplan._support.intervals import (
+    Interval,
+    compute_wilson_interval,
+    estimate_geometric_mean,
+    estimate_mean,
+)
 from locplan._support.kernels.arrays import Bools, Floats, Ints
 from locplan._support.poses import Poses
 from locplan._support.progress import ProgressCallback
@@ -171,7 +176,9 @@ def race_paths(drive: Drive, handicaps: Floats, price_of_loss: float) -> tuple[l
     lost = np.zeros(len(all_paths), np.int64)
     lost[remaining] = raced_scores.lost.sum(axis=1)
     scores = dict(zip(remaining, score(remaining, raced_scores).mean(axis=1), strict=True))
-    leading = [path for path in find_remaining(remaining, raced_scores) if scores[path] <= scores[0] + LEAD]
+    leading = [
+        path for path in find_remaining(remaining, raced_scores) if scores[path] <= scores[0] + LEAD
+    ]
     return leading[:FINALISTS], lost
 
 
@@ -202,7 +209,7 @@ def confirm_finalists(
     while True:
         before, count = count, looks.pop(0)
         new = drive(paths, range(before, count))
-        drive_scores = new if drive_scores is None else drive_scores.joined(new)
+        drive_scores = new if drive_scores is None else drive_scores.join(new)
         log_ratios = drive_scores.log_error[1:] - drive_scores.log_error[0]
         # Choosing the best of several promises too much, not too little: they share the level.
         interim = look(
@@ -235,7 +242,9 @@ def confirm_finalists(
         paths, drive_scores = [paths[row] for row in rows], drive_scores.select(rows)
 
 
-def compute_log_errors(distance: Floats, errors: Floats, minimise: Minimise, worst: float) -> Floats:
+def compute_log_errors(
+    distance: Floats, errors: Floats, minimise: Minimise, worst: float
+) -> Floats:
     """Logarithm of the root mean square error of each drive, (drives,).
 
     Parameters
@@ -286,7 +295,9 @@ class DriveStatistics(EqualByValue):
     """True for each drive that was off at the end, (drives,)."""
 
     @classmethod
-    def from_drives(cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval) -> DriveStatistics:
+    def from_drives(
+        cls, drives: Drives, numbers: range, log_error: Floats, ratio: Interval
+    ) -> DriveStatistics:
         """What is kept of some drives.
 
         Parameters
@@ -356,10 +367,14 @@ NOTHING = Interval(math.nan, math.nan, math.nan)
 
 def _make_metric_column(name: str, title: str | None = None, digits: int = 2) -> Column:
     unit = next(column.unit for column in METRICS if column.name == name)
-    return Column(name, unit, title, digits, value=lambda candidate: getattr(candidate.metrics, name))
+    return Column(
+        name, unit, title, digits, value=lambda candidate: getattr(candidate.metrics, name)
+    )
 
 
-def _make_drive_column(name: str, unit: str, title: str, digits: int = 2, people: str = "") -> Column:
+def _make_drive_column(
+    name: str, unit: str, title: str, digits: int = 2, people: str = ""
+) -> Column:
     def value(candidate: Candidate) -> Any:
         return getattr(candidate.driven, name)
 
@@ -367,7 +382,9 @@ def _make_drive_column(name: str, unit: str, title: str, digits: int = 2, people
 
 
 def _make_rate_column(column: Column) -> Column:
-    return dataclasses.replace(column, value=lambda candidate: getattr(candidate.driven, column.name))
+    return dataclasses.replace(
+        column, value=lambda candidate: getattr(candidate.driven, column.name)
+    )
 
 
 def _make_arrival_column(column: Column) -> Column:
@@ -390,8 +407,12 @@ PLAN_COLUMNS: tuple[Column, ...] = (
     _make_metric_column("integrated_u", "degenerate", 1),
     _make_metric_column("integrated_e", "∫e ds", 3),
     *_OTHER_METRICS,
-    Column("position_std", "m", "mean std", 1, "cm", value=lambda candidate: candidate.deviation[0]),
-    Column("max_position_std", "m", "max std", 1, "cm", value=lambda candidate: candidate.deviation[1]),
+    Column(
+        "position_std", "m", "mean std", 1, "cm", value=lambda candidate: candidate.deviation[0]
+    ),
+    Column(
+        "max_position_std", "m", "max std", 1, "cm", value=lambda candidate: candidate.deviation[1]
+    ),
 )
 """Columns of candidates that were not driven."""
 CANDIDATE_COLUMNS: tuple[Column, ...] = (
@@ -504,7 +525,9 @@ class CandidateRunner:
 
     def _drive(self, simulator: Simulator, paths: Sequence[int], numbers: range) -> list[Drives]:
         paths_by_name = dict(self._paths[path] for path in paths)
-        drives_by_name = drive_open(simulator, paths_by_name, numbers, route=self._route, progress=self._step)
+        drives_by_name = drive_open(
+            simulator, paths_by_name, numbers, route=self._route, progress=self._step
+        )
         self._n_done += len(paths) * len(numbers)
         return [*drives_by_name.values()]
 
@@ -520,4 +543,6 @@ class CandidateRunner:
         return self._score_drives(self._drives(path, numbers))
 
     def _score_drives(self, drives: Drives) -> Floats:
-        return compute_log_errors(drives.distance, drives.errors, self._settings.minimise, self._worst)
+        return compute_log_errors(
+            drives.distance, drives.errors, self._settings.minimise, self._worst
+        )

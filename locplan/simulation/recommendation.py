@@ -165,7 +165,9 @@ class Decision:
     @property
     def leader(self) -> Candidate | None:
         """The path that the verdict is on, or the recommended one if nothing was driven."""
-        return self.candidates[self.judgement.leader] if self.judgement else self.recommended_candidate
+        return (
+            self.candidates[self.judgement.leader] if self.judgement else self.recommended_candidate
+        )
 
 
 def format_answer(decision: Decision) -> str:
@@ -264,8 +266,14 @@ def format_share(share: Interval) -> str:
 
 def format_reached(decision: Decision) -> str:
     """Return how many robots reach the goal in closed-loop drives; empty if none was driven."""
-    arrivals = {candidate.name: candidate.arrivals for candidate in decision.candidates if candidate.arrivals}
-    reached = arrivals.pop(decision.recommended_candidate.name if decision.recommended_candidate else "", None)
+    arrivals = {
+        candidate.name: candidate.arrivals
+        for candidate in decision.candidates
+        if candidate.arrivals
+    }
+    reached = arrivals.pop(
+        decision.recommended_candidate.name if decision.recommended_candidate else "", None
+    )
     if reached is None:
         return ""
     values = {"count": reached.count, "n": len(reached.drives)}
@@ -293,7 +301,10 @@ def _iterate_advice(decision: Decision) -> Iterator[str]:
     if decision.best and decision.settings.minimise == "rmse" and gain < SLIGHT:
         yield "" if shortest.driven.lost.any() else LITTLE
     faults = [
-        drive.fault for candidate in decision.candidates if candidate.arrivals for drive in candidate.arrivals.drives
+        drive.fault
+        for candidate in decision.candidates
+        if candidate.arrivals
+        for drive in candidate.arrivals.drives
     ]
     for fault, template in FAULTS.items():
         yield template.format(count=faults.count(fault)) if fault in faults else ""
@@ -304,7 +315,9 @@ def format_tune_first(decision: Decision) -> str:
     verdict, shortest = compare_tuning(decision), decision.shortest
     if verdict is None or shortest is None:
         return ""
-    template = TUNE_BEFORE_DETOUR if decision.best and decision.recommended_candidate else TUNE_FIRST
+    template = (
+        TUNE_BEFORE_DETOUR if decision.best and decision.recommended_candidate else TUNE_FIRST
+    )
     return template.format(
         kind=_describe_kind(decision.recommended_candidate or shortest, shortest),
         settings=name_tuned_settings(decision),
@@ -344,7 +357,9 @@ def compare_tuning(decision: Decision) -> Verdict | None:
             return None
         count = len(rival.lost)
         verdicts.append(
-            compare_drives(DriveSet(statistics.log_error[:count], statistics.lost[:count]), alternative)
+            compare_drives(
+                DriveSet(statistics.log_error[:count], statistics.lost[:count]), alternative
+            )
         )
     is_worthwhile = all(verdict.ratio.value <= math.exp(WORTHWHILE) for verdict in verdicts)
     is_better = all(verdict.word == BETTER for verdict in verdicts)
@@ -385,12 +400,17 @@ def evidence_table(decision: Decision) -> str:
     shortest, recommended = decision.shortest, decision.recommended_candidate
     if shortest is None or recommended is None or shortest.driven is None:
         return ""
-    ordered = [recommended, *(candidate for candidate in decision.candidates if candidate is not recommended)]
+    ordered = [
+        recommended,
+        *(candidate for candidate in decision.candidates if candidate is not recommended),
+    ]
     rows = [(candidate.name, candidate, candidate.driven) for candidate in ordered]
     if decision.rival is not None:
         at = 1 + ordered.index(shortest)
         rows.insert(at, (f"{shortest.name}, tuned", shortest, decision.rival))
-    has_off = any(statistics is not None and statistics.off_at_end.any() for _, _, statistics in rows)
+    has_off = any(
+        statistics is not None and statistics.off_at_end.any() for _, _, statistics in rows
+    )
     is_angle = decision.settings.minimise == "heading"
     error_titles = {"heading": "heading error [deg]", "goal-error": "error at the goal [m]"}
     heads = ["  path", "length", error_titles.get(decision.settings.minimise, "error [m]"), "lost"]
@@ -406,13 +426,17 @@ def evidence_table(decision: Decision) -> str:
         mark = ">" if candidate is recommended and statistics is not decision.rival else " "
         off = [f"{statistics.off_at_end_rate.value:.0%}".replace("%", " %")] * has_off
         cells = [f"{mark} {name}", format_length(candidate), error]
-        texts.append((*cells, format_share(statistics.lost_rate), *off, str(len(statistics.numbers))))
+        texts.append(
+            (*cells, format_share(statistics.lost_rate), *off, str(len(statistics.numbers)))
+        )
     return format_aligned(heads, texts)
 
 
 def list_notes(decision: Decision) -> list[str]:
     """Return what the table's marks mean."""
-    starts = {candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven}
+    starts = {
+        candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven
+    }
     notes = [RACE_NOTE] if len(starts) > 1 else []
     if decision.rival is not None:
         notes.append(f"tuned: {name_tuned_settings(decision)}")
@@ -512,7 +536,9 @@ class Choice(Result, Stored):
     @property
     def _arrivals(self) -> list[Arrivals]:
         """Closed-loop drives of the shortest path, and of another one that drives speak for."""
-        return [candidate.arrivals for candidate in self.candidates if candidate.arrivals is not None]
+        return [
+            candidate.arrivals for candidate in self.candidates if candidate.arrivals is not None
+        ]
 
     @property
     def _fails_more(self) -> bool:
@@ -636,7 +662,9 @@ class Choice(Result, Stored):
         if recommended.planner and recommended is not self.shortest:
             return costs
         paths = {candidate.name: candidate.path for candidate in self.candidates}
-        return make_candidate_costmap(costs, paths, recommended.name, self.robot, self.settings.max_e)
+        return make_candidate_costmap(
+            costs, paths, recommended.name, self.robot, self.settings.max_e
+        )
 
     def table(self) -> Table:
         """The candidates, a row each; of driven ones, the first column marks the one to take."""
@@ -648,7 +676,9 @@ class Choice(Result, Stored):
                 else column
                 for column in columns
             )
-        marks = Column("chosen", title="", value=lambda each: ">" if each is self.recommended_candidate else "")
+        marks = Column(
+            "chosen", title="", value=lambda each: ">" if each is self.recommended_candidate else ""
+        )
         return Table.from_records((marks, *columns) if self.judgement else columns, self.candidates)
 
     def report(self, *related: Any, **details: Any) -> str:
@@ -664,7 +694,9 @@ class Choice(Result, Stored):
         evidence = [*wrap_lines([f"{self.drives_text}:"])] if self.judgement else []
         evidence.append(evidence_table(self._decision) or str(self.table()))
         notes = list_notes(self._decision)
-        notes += [f"{candidate.name}: {candidate.note}" for candidate in self.candidates if candidate.note]
+        notes += [
+            f"{candidate.name}: {candidate.note}" for candidate in self.candidates if candidate.note
+        ]
         names: dict[str, list[str]] = {}
         for name, reason in self.left_out.items():
             names.setdefault(reason, []).append(name)
@@ -690,19 +722,31 @@ class Choice(Result, Stored):
             for at in candidate.driven.profile.tolist()
         )
         write_rows(folder / "errors.csv", columns, rows)
-        sampled_candidates = [candidate for candidate in self.candidates if len(candidate.history) > 1]
+        sampled_candidates = [
+            candidate for candidate in self.candidates if len(candidate.history) > 1
+        ]
         if sampled_candidates:
             from locplan._support.drawing import save_figure
             from locplan.planning.figures import history_figure
 
-            plans = {candidate.name: self._plan_from_candidate(candidate) for candidate in sampled_candidates}
+            plans = {
+                candidate.name: self._plan_from_candidate(candidate)
+                for candidate in sampled_candidates
+            }
             save_figure(history_figure(plans), folder / "history.png")
 
     def _plan_from_candidate(self, candidate: Candidate) -> Plan:
         """A candidate as a plan, for the figure of its search."""
         costs, history = self.costs, candidate.history
         return Plan(
-            *("solved", candidate.planner, self.start, self.goal, candidate.path, candidate.metrics),
+            *(
+                "solved",
+                candidate.planner,
+                self.start,
+                self.goal,
+                candidate.path,
+                candidate.metrics,
+            ),
             solve_time=history[-1][0],
             history=history,
             costs=costs,

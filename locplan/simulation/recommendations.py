@@ -15,7 +15,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from locplan import __version__
-from locplan._support.checks import check_threads, check_file_path, is_integer, short_repr, check_integer
+from locplan._support.checks import (
+    check_file_path,
+    check_integer,
+    check_threads,
+    is_integer,
+    short_repr,
+)
 from locplan._support.intervals import Interval, estimate_geometric_mean
 from locplan._support.output import Results
 from locplan._support.progress import ProgressCallback
@@ -57,30 +63,42 @@ class MapChoice:
     @property
     def errors(self) -> tuple[float, float]:
         """Typical error of both: geometric mean over the drives [m], or [rad] of headings."""
-        return self._evaluate_both(lambda candidate: candidate.driven.error.value if candidate.driven else math.nan)
+        return self._evaluate_both(
+            lambda candidate: candidate.driven.error.value if candidate.driven else math.nan
+        )
 
     @property
     def lost(self) -> tuple[float, float]:
         """Share of lost drives of both, 0..1; NaN without a path."""
-        return self._evaluate_both(lambda candidate: candidate.driven.lost_rate.value if candidate.driven else math.nan)
+        return self._evaluate_both(
+            lambda candidate: candidate.driven.lost_rate.value if candidate.driven else math.nan
+        )
 
     @property
     def off_at_end(self) -> tuple[float, float]:
         """Share of drives of both off at the end, 0..1; NaN without a path."""
         return self._evaluate_both(
-            lambda candidate: candidate.driven.off_at_end_rate.value if candidate.driven else math.nan
+            lambda candidate: (
+                candidate.driven.off_at_end_rate.value if candidate.driven else math.nan
+            )
         )
 
     def _evaluate_both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
         candidates = self.choice.shortest, self.choice.recommended_candidate
-        first, second = (math.nan if candidate is None else value(candidate) for candidate in candidates)
+        first, second = (
+            math.nan if candidate is None else value(candidate) for candidate in candidates
+        )
         return first, second
 
 
 def _make_column_pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
     """Columns of a pair of values, of the shortest and of the chosen path."""
-    shortest = Column(f"{name}_shortest", unit, value=lambda map_choice: getattr(map_choice, values)[0])
-    return shortest, Column(f"{name}_chosen", unit, value=lambda map_choice: getattr(map_choice, values)[1])
+    shortest = Column(
+        f"{name}_shortest", unit, value=lambda map_choice: getattr(map_choice, values)[0]
+    )
+    return shortest, Column(
+        f"{name}_chosen", unit, value=lambda map_choice: getattr(map_choice, values)[1]
+    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -129,12 +147,16 @@ class Choices:
     @property
     def error_ratio(self) -> Interval:
         """Ratio of the chosen paths' error to the shortest's: geometric mean over the queries."""
-        return estimate_geometric_mean(np.array([e.errors[1] / e.errors[0] for e in self.solved_choices]))
+        return estimate_geometric_mean(
+            np.array([e.errors[1] / e.errors[0] for e in self.solved_choices])
+        )
 
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the chosen paths' length to the shortest's: geometric mean."""
-        return estimate_geometric_mean(np.array([e.lengths[1] / e.lengths[0] for e in self.solved_choices]))
+        return estimate_geometric_mean(
+            np.array([e.lengths[1] / e.lengths[0] for e in self.solved_choices])
+        )
 
     @property
     def lost(self) -> tuple[float, float]:
@@ -147,7 +169,10 @@ class Choices:
         return self._means("off_at_end")
 
     def _means(self, name: str) -> tuple[float, float]:
-        value_pairs = np.array([getattr(map_choice, name) for map_choice in self.solved_choices] or [(math.nan, math.nan)])
+        value_pairs = np.array(
+            [getattr(map_choice, name) for map_choice in self.solved_choices]
+            or [(math.nan, math.nan)]
+        )
         shortest, recommended = value_pairs.mean(axis=0).tolist()
         return shortest, recommended
 
@@ -163,7 +188,11 @@ class Choices:
             Column("chosen", value=lambda each: each.choice.taken),
             *_make_column_pair("length", "lengths", "m"),
             *_make_column_pair("error", "errors"),
-            *(map_choice for name in ("lost", "off_at_end") for map_choice in _make_column_pair(name, name)),
+            *(
+                map_choice
+                for name in ("lost", "off_at_end")
+                for map_choice in _make_column_pair(name, name)
+            ),
         )
         return Table.from_records(columns, self.choices)
 
@@ -183,7 +212,10 @@ class Choices:
         rows = []
         for name, group in groups.items():
             rate_pairs = group.lost, group.off_at_end
-            rates = ("{:.0%} -> {:.0%}".format(*map_choice) if group.solved_choices else "-" for map_choice in rate_pairs)
+            rates = (
+                "{:.0%} -> {:.0%}".format(*map_choice) if group.solved_choices else "-"
+                for map_choice in rate_pairs
+            )
             solved, shares = f"{len(group.solved_choices)} of {len(group)}", "\n".join(rates)
             ratios = group.length_ratio.value, group.error_ratio
             rows.append((name, solved, group.n_detours, *ratios, shares))
@@ -213,7 +245,9 @@ class Choices:
         several = len({map_choice.map for map_choice in self}) > 1
         homes: dict[str, MapChoice] = {}
         for map_choice in self:
-            name = make_file_name(f"{map_choice.map} {map_choice.query.name}" if several else map_choice.query.name)
+            name = make_file_name(
+                f"{map_choice.map} {map_choice.query.name}" if several else map_choice.query.name
+            )
             if name in homes:
                 raise ConfigError(f"two choices would be saved as {name}; rename one")
             homes[name] = map_choice
@@ -350,7 +384,9 @@ def choose_many(
         if isinstance(map_or_costmap, Costmap):
             costs = map_or_costmap
         else:
-            field = load_or_compute(map_or_costmap, Fused(equip_robot(robot).known_lidar), threads=threads)
+            field = load_or_compute(
+                map_or_costmap, Fused(equip_robot(robot).known_lidar), threads=threads
+            )
             costs = Costmap.from_field(map_or_costmap, field, robot=(robot or Robot()).radius)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {short_repr(name)}")
@@ -364,8 +400,12 @@ def choose_many(
     if not cases:
         raise ConfigError("there is no query; give at least one")
     choices = []
-    local_choices = (choose_for_case(__version__, case, {**task_settings, "threads": threads}) for case in cases)
-    choice_iterator = local_choices if executor is None else _choose_with_executor(executor, cases, task_settings)
+    local_choices = (
+        choose_for_case(__version__, case, {**task_settings, "threads": threads}) for case in cases
+    )
+    choice_iterator = (
+        local_choices if executor is None else _choose_with_executor(executor, cases, task_settings)
+    )
     for case in cases:
         with _name_query_in_errors(case.map, case.query):
             choice = dataclasses.replace(next(choice_iterator), costs=case.costs)
@@ -375,7 +415,9 @@ def choose_many(
     return Choices(tuple(choices))
 
 
-def _choose_with_executor(executor: Executor, cases: list[_QueryCase], task_settings: dict[str, Any]) -> Iterator[Choice]:
+def _choose_with_executor(
+    executor: Executor, cases: list[_QueryCase], task_settings: dict[str, Any]
+) -> Iterator[Choice]:
     """The choices of an executor in the order of the cases."""
     running: deque[Future[Choice]] = deque()
     waiting = iter(cases)

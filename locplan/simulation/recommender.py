@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from locplan._support.checks import check_threads, check_instance, check_integer
+from locplan._support.checks import check_instance, check_integer, check_threads
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
 from locplan.field.config import FieldConfig, equip_robot
@@ -21,7 +21,7 @@ from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE
 from locplan.maps.zones import Zones, check_zones
 from locplan.planning.any_angle import AnyAngle
-from locplan.planning.costmap import Costmap, summarize_costs, check_costs
+from locplan.planning.costmap import Costmap, check_costs, summarize_costs
 from locplan.planning.layers import check_criterion
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
@@ -32,21 +32,21 @@ from locplan.robots.robot import Robot
 from locplan.simulation.candidates import (
     WEIGHTS,
     Candidates,
-    UserCandidates,
     SearchRegion,
+    UserCandidates,
     add_user_candidates,
-    generate_candidates,
     check_user_candidates,
-    config_from_costs,
     compute_path_deviation,
-    parse_user_candidates,
+    config_from_costs,
     format_failure,
+    generate_candidates,
+    parse_user_candidates,
 )
-from locplan.simulation.problem import PlanningProblem, ChoiceSettings, Compute, Minimise
+from locplan.simulation.problem import ChoiceSettings, Compute, Minimise, PlanningProblem
 from locplan.simulation.race import Candidate, CandidateRunner, run_race
 from locplan.simulation.recommendation import Choice
 from locplan.simulation.simulator import Simulator
-from locplan.simulation.worlds import summarize_filter_map, check_filter_map
+from locplan.simulation.worlds import check_filter_map, summarize_filter_map
 
 
 def choose(
@@ -153,7 +153,17 @@ def choose(
 
     user_candidates = parse_user_candidates(candidates)
     planners = [planner for planner in user_candidates.values() if isinstance(planner, Planner)]
-    problem = PlanningProblem(grid, start, goal, choice_settings, robot, user_costmap, config, compute or compute_field, zones)
+    problem = PlanningProblem(
+        grid,
+        start,
+        goal,
+        choice_settings,
+        robot,
+        user_costmap,
+        config,
+        compute or compute_field,
+        zones,
+    )
     default_space = LATTICE if problem.by_lattice else "R2"
     space = next((planner.space for planner in planners if planner.space != "R2"), default_space)
     problem = problem.validate(space)
@@ -175,11 +185,17 @@ def choose(
 
 
 def _recommend_by_drives(
-    problem: PlanningProblem, user_candidates: UserCandidates, first: Path, simulator: Simulator, progress: ProgressCallback | None
+    problem: PlanningProblem,
+    user_candidates: UserCandidates,
+    first: Path,
+    simulator: Simulator,
+    progress: ProgressCallback | None,
 ) -> Choice:
     """The choice among candidates that are driven."""
     settings = problem.settings
-    costs, _ = problem.costs(lambda costs: SearchRegion.around_path(costs, first, problem).aware_paths(WEIGHTS))
+    costs, _ = problem.costs(
+        lambda costs: SearchRegion.around_path(costs, first, problem).aware_paths(WEIGHTS)
+    )
     shortest = problem.shortest(costs) or first
     if settings.is_limited:
         within = problem.plan_least_cost(costs.for_shortest)
@@ -198,7 +214,9 @@ def _recommend_by_drives(
     until = math.inf if settings.time_limit is None else time.monotonic() + settings.time_limit
     race_result = run_race(
         runner,
-        settings.length_handicaps([path.length / paths[SHORTEST].length for path in paths.values()]),
+        settings.length_handicaps(
+            [path.length / paths[SHORTEST].length for path in paths.values()]
+        ),
         100.0 if settings.minimise == "lost" else 1.0,
         settings.drives,
         lambda: time.monotonic() > until,
@@ -212,7 +230,9 @@ def _recommend_by_drives(
         for n, (name, path) in enumerate(paths.items())
     )
     parts = {"candidates": candidates, "left_out": left_out, "judgement": race_result}
-    return _make_recommendation(problem, simulator.seed, None, costs, rival=runner.drive_rival(race_result), **parts)
+    return _make_recommendation(
+        problem, simulator.seed, None, costs, rival=runner.drive_rival(race_result), **parts
+    )
 
 
 def _resolve_robot_and_field(
@@ -238,7 +258,9 @@ def _find_reason_not_driven(problem: PlanningProblem, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
     radius = problem.robot.kinematics.turning_radius
     if not problem.by_lattice and (radius or space not in ("R2", LATTICE)):
-        paths_text = "Paths of a turning radius within a budget" if radius else "Paths with headings"
+        paths_text = (
+            "Paths of a turning radius within a budget" if radius else "Paths with headings"
+        )
         return f"{paths_text} are not simulated yet."
     if problem.robot.lidar is None:
         return "Name the robot's lidar to simulate the paths: --lidar NAME, in Python Robot(NAME)."
@@ -247,12 +269,21 @@ def _find_reason_not_driven(problem: PlanningProblem, space: str) -> str:
     return ""
 
 
-def _make_recommendation(problem: PlanningProblem, seed: int, failed_plan: Plan | None, costs: Costmap | None, **parts: Any) -> Choice:
+def _make_recommendation(
+    problem: PlanningProblem,
+    seed: int,
+    failed_plan: Plan | None,
+    costs: Costmap | None,
+    **parts: Any,
+) -> Choice:
     """A choice of some parts; without a path it has the status of a plan that has none."""
     if failed_plan is not None:
         parts |= {"status": failed_plan.status, "note": failed_plan.note}
     return Choice(
-        about={**summarize_costs(costs or problem.blank), **summarize_filter_map(problem.settings.filter_map)},
+        about={
+            **summarize_costs(costs or problem.blank),
+            **summarize_filter_map(problem.settings.filter_map),
+        },
         start=problem.start,
         goal=problem.goal,
         settings=problem.settings,
@@ -263,7 +294,13 @@ def _make_recommendation(problem: PlanningProblem, seed: int, failed_plan: Plan 
     )
 
 
-def _recommend_untested(problem: PlanningProblem, user_candidates: UserCandidates, shortest: Plan, seed: int, reason: str) -> Choice:
+def _recommend_untested(
+    problem: PlanningProblem,
+    user_candidates: UserCandidates,
+    shortest: Plan,
+    seed: int,
+    reason: str,
+) -> Choice:
     """The aware path of the field beside the shortest one, of which none is driven."""
 
     def plan_paths(costs: Costmap) -> list[Path]:
@@ -271,13 +308,18 @@ def _recommend_untested(problem: PlanningProblem, user_candidates: UserCandidate
         return [plan.path for plan in plans.values() if plan.path is not None]
 
     costs, field = problem.costs(plan_paths)
-    planner = next((candidate for candidate in user_candidates.values() if isinstance(candidate, Planner)), None)
+    planner = next(
+        (candidate for candidate in user_candidates.values() if isinstance(candidate, Planner)),
+        None,
+    )
     plans = {SHORTEST: shortest.with_costs(costs)}
     if not math.isnan(costs.weight):
         plans = problem.plan_aware_and_shortest(costs, planner)
     paths = {name: plan.path for name, plan in plans.items() if plan.path is not None}
     left_out = {name: format_failure(plan) for name, plan in plans.items() if plan.path is None}
-    add_user_candidates(user_candidates, paths, left_out, costs, problem, skip=planner if len(plans) > 1 else None)
+    add_user_candidates(
+        user_candidates, paths, left_out, costs, problem, skip=planner if len(plans) > 1 else None
+    )
     last = plans[next(reversed(plans))]
     if last.path is None:
         return _make_recommendation(problem, seed, last, costs, left_out=left_out)
@@ -290,12 +332,18 @@ def _recommend_untested(problem: PlanningProblem, user_candidates: UserCandidate
             details |= {"planner": candidate_plan.planner, "history": candidate_plan.history}
             details["note"] = _format_plan_note(candidate_plan)
         candidates.append(Candidate(name, path, path_metrics(costs, path), **details))
-    return _make_recommendation(problem, seed, None, costs, note=reason, candidates=tuple(candidates), left_out=left_out)
+    return _make_recommendation(
+        problem, seed, None, costs, note=reason, candidates=tuple(candidates), left_out=left_out
+    )
 
 
 def _format_plan_note(candidate_plan: Plan) -> str:
     """What a plan says of its path beside its metrics, and beside the note of its costmap."""
-    note = candidate_plan.note.removesuffix(candidate_plan.costs.note).rstrip("; ") if candidate_plan.costs else candidate_plan.note
+    note = (
+        candidate_plan.note.removesuffix(candidate_plan.costs.note).rstrip("; ")
+        if candidate_plan.costs
+        else candidate_plan.note
+    )
     sentences = [note] if note else []
     if not candidate_plan.minimises:
         sentences.append("any path, since its planner minimises nothing")

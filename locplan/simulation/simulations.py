@@ -15,7 +15,7 @@ from locplan._support.intervals import Interval
 from locplan._support.output import Results
 from locplan._support.progress import ProgressCallback, split_progress
 from locplan._support.records import Column, Result, Table, extract_values
-from locplan._support.tables import nan_to_none, format_table
+from locplan._support.tables import format_table, nan_to_none
 from locplan.errors import ConfigError
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, summarize_costs
@@ -78,8 +78,13 @@ class Simulation(Result):
         map_of = {"name": self.grid.name, "digest": self.grid.digest}
         record: dict[str, object] = {
             **(summarize_costs(self.costs) if self.costs else {"map": map_of}),
-            "paths": {name: extract_values(DRIVE_COLUMNS, path_drives) for name, path_drives in self.drives.items()},
-            "rmse_ratio": {name: list(ratio) for name, ratio in compute_rmse_ratios(self.drives).items()},
+            "paths": {
+                name: extract_values(DRIVE_COLUMNS, path_drives)
+                for name, path_drives in self.drives.items()
+            },
+            "rmse_ratio": {
+                name: list(ratio) for name, ratio in compute_rmse_ratios(self.drives).items()
+            },
             "seed": self.seed,
             "robot": self.robot.summary(),
             **summarize_filter_map(self.filter_map),
@@ -100,12 +105,21 @@ class Simulation(Result):
         ratios, unit_ratio = compute_rmse_ratios(self.drives), Interval(1.0, math.nan, math.nan)
         ratio = Column("rmse_ratio", "", f"error over {next(iter(self.drives))}'s", interval=True)
         rows = {
-            name: [name, *(column.extract_value(path_drives) for column in DRIVE_COLUMNS), ratios.get(name, unit_ratio)]
+            name: [
+                name,
+                *(column.extract_value(path_drives) for column in DRIVE_COLUMNS),
+                ratios.get(name, unit_ratio),
+            ]
             for name, path_drives in self.drives.items()
         }
         for name, path_drives in (self.arrivals or {}).items():
             rows[name] += [column.extract_value(path_drives) for column in ARRIVING]
-        columns = (Column("path", title=""), *DRIVE_COLUMNS, ratio, *(ARRIVING if self.arrivals else ()))
+        columns = (
+            Column("path", title=""),
+            *DRIVE_COLUMNS,
+            ratio,
+            *(ARRIVING if self.arrivals else ()),
+        )
         return Table(columns, tuple(map(tuple, rows.values())))
 
     def _write(self, folder: FilePath, *related: Any) -> None:
@@ -139,7 +153,9 @@ def simulation_report(simulation: Simulation) -> str:
         empty_rows = [
             share.heading
             for share in SHARES[1:]
-            if not any(share.extract_value(path_arrivals).value for path_arrivals in arrivals.values())
+            if not any(
+                share.extract_value(path_arrivals).value for path_arrivals in arrivals.values()
+            )
         ]
         rows = [row for row in rows if row[0] not in empty_rows]
     return f"{format_table(head, rows)}\n{caption} [95 % intervals]\nwith {simulation.robot.title}"
@@ -223,7 +239,9 @@ def simulate(
         for name, path in paths.items()
     }
     steered = closed.drives if closed else 0
-    open_progress, closed_progress = split_progress(progress, [drives * len(routes), steered * len(routes)])
+    open_progress, closed_progress = split_progress(
+        progress, [drives * len(routes), steered * len(routes)]
+    )
     open_drives = drive_open(simulator, routes, range(drives), progress=open_progress)
     arrivals = None
     if closed:

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from locplan._support.checks import check_memory, check_threads, check_positive, check_integer
+from locplan._support.checks import check_integer, check_memory, check_positive, check_threads
 from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Bools, Octets
 from locplan._support.poses import Poses

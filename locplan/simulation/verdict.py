@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from locplan._support.intervals import Interval, estimate_geometric_mean, compute_wilson_interval
+from locplan._support.intervals import Interval, compute_wilson_interval, estimate_geometric_mean
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.drives import FLOOR, Drives
@@ -208,7 +208,9 @@ class Look(NamedTuple):
     @property
     def words(self) -> list[str]:
         """The verdict on each alternative."""
-        is_equal = (self.low >= -EQUAL) & (self.high <= EQUAL) & ~self.has_fewer_lost & ~self.has_more_lost
+        is_equal = (
+            (self.low >= -EQUAL) & (self.high <= EQUAL) & ~self.has_fewer_lost & ~self.has_more_lost
+        )
         tests = [self.is_better, self.is_worse, is_equal]
         words = np.select(tests, [BETTER, WORSE, NO_DIFFERENCE], UNDECIDED)
         return [str(word) for word in words]
@@ -391,5 +393,8 @@ def _is_off_more_often(baseline: Bools | None, alternative: Bools | None, level:
 def _pair_rates(baseline: Bools | None, alternative: Bools | None) -> RatePair | None:
     if baseline is None or alternative is None:
         return None
-    shares = (compute_wilson_interval(float(flags.mean()), flags.size) for flags in (baseline, alternative))
+    shares = (
+        compute_wilson_interval(float(flags.mean()), flags.size)
+        for flags in (baseline, alternative)
+    )
     return RatePair(*shares)

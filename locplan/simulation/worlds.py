@@ -289,7 +289,10 @@ def check_filter_map(filter_map: OccupancyGrid | None, grid: OccupancyGrid) -> O
     check_grid(filter_map)
     rows, cols = np.nonzero(grid.free)
     at = filter_map.world_to_grid(*grid.grid_to_world(rows + 0.5, cols + 0.5))
-    on_both = [(coordinates >= 0) & (coordinates < size) for coordinates, size in zip(at, filter_map.shape, strict=True)]
+    on_both = [
+        (coordinates >= 0) & (coordinates < size)
+        for coordinates, size in zip(at, filter_map.shape, strict=True)
+    ]
     if not np.logical_and(*on_both).any():
         raise ConfigError(
             f"the filter's map ({filter_map.name or 'filter_map'}) and {grid.name or 'the map'} do"

@@ -73,7 +73,9 @@ def test_robots_come_back_as_they_were(tmp_path, seed):
     outline = locplan.Footprint(rng.uniform(0.01, 1, (4, 2)) * [(1, 1), (-1, 1), (-1, -1), (1, -1)])
     lidar = [None, Lidar(range=4.0), Lidar.preset("turtlebot4")][seed % 3]
     robot = Robot(lidar, footprint=outline if seed % 2 else rng.uniform(0, 3))
-    robot = robot.with_settings({"alpha1": rng.uniform(0, 1), "boundary_noise": rng.uniform(0, 0.5)})
+    robot = robot.with_settings(
+        {"alpha1": rng.uniform(0, 1), "boundary_noise": rng.uniform(0, 0.5)}
+    )
     assert again(robot, tmp_path) == robot
 
 

@@ -62,7 +62,10 @@ def test_paths_of_kept_searches_are_those_of_a_search_from_their_start():
         if not np.isfinite(there[tip]):
             continue
         solved += 1
-        expected = trace_path(half, columns, there, tip, False), trace_path(half, columns, back, root, False)
+        expected = (
+            trace_path(half, columns, there, tip, False),
+            trace_path(half, columns, back, root, False),
+        )
         for from_root, path in zip((True, False), expected, strict=True):
             found = ways.trace_cheapest_path(half, columns, steps, root, tip, from_root)
             np.testing.assert_array_equal(found, path)

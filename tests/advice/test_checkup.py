@@ -240,7 +240,9 @@ def test_threshold_helps_if_walls_are_dark_grey(tmp_path):
 @pytest.mark.long
 def test_equal_seeds_give_equal_results_on_any_number_of_threads(fine, tmp_path, monkeypatch):
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path))  # where nothing was driven yet
-    again = check(furnished_room(), ROBOT.with_settings(UPDATES), CORNERS, effort="quick", threads=1)
+    again = check(
+        furnished_room(), ROBOT.with_settings(UPDATES), CORNERS, effort="quick", threads=1
+    )
     assert again.summary() == fine.summary()
 
 

@@ -23,7 +23,7 @@ from locplan.advice import Box, Pole, verify_landmarks
 from locplan.advice.figures import landmarks_figure
 from locplan.advice.kernels import landmarks as kernels, objectives as ways
 from locplan.advice.landmark_objects import find_covered_cells, parse_object, with_objects
-from locplan.advice.landmarks import VerificationDrives, Verification
+from locplan.advice.landmarks import Verification, VerificationDrives
 from locplan.errors import ConfigError
 from locplan.field.beams import surface_normals
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Zone, Zones
@@ -417,7 +417,9 @@ def test_the_objective_is_that_of_plain_matrices(outline):
 
 def test_a_ray_from_within_an_object_meets_nothing():
     for outline in OUTLINES:
-        assert kernels.find_entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+        assert (
+            kernels.find_entry(outline, np.cos(0.3), np.sin(0.3), 0.01, 0.02, 1.0, 0.0)[0] == np.inf
+        )
 
 
 def seen_by(robot):

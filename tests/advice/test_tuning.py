@@ -12,7 +12,13 @@ from locplan import plan
 from locplan.advice import Tuning
 from locplan.advice.figures import tuning_figure
 from locplan.advice.preset_choice import USER_SETTINGS, LevelCase, choose_preset
-from locplan.advice.tuning import cut_path, plan_random_paths, make_simulated_cases, tune, tune_on_drive
+from locplan.advice.tuning import (
+    cut_path,
+    make_simulated_cases,
+    plan_random_paths,
+    tune,
+    tune_on_drive,
+)
 from locplan.app.cli import main
 from locplan.errors import ConfigError, LocplanError, RecordingError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments, save_map
@@ -572,7 +578,12 @@ def test_poor_settings_are_bettered_on_recording(tuned):
     assert tuned.choice.name == PRECISE
     assert tuned.winner.alpha2 == 0.05
     cases = {(row.settings, row.case) for row in tuned.choice.results}
-    assert {(USER_SETTINGS, "usual"), (PRECISE, "usual"), (USER_SETTINGS, "the drive"), (PRECISE, "the drive")} <= cases
+    assert {
+        (USER_SETTINGS, "usual"),
+        (PRECISE, "usual"),
+        (USER_SETTINGS, "the drive"),
+        (PRECISE, "the drive"),
+    } <= cases
     assert {case for _, case in cases} == {"usual", "the drive"}
 
 
@@ -593,13 +604,19 @@ def test_report_shows_recording(tuned):
 def test_recording_has_the_replays_of_simulate(tuned, grid, drive):
     """The same numbers give the same replays in both commands."""
     expected = replay(drive, grid, Robot(filter=POOR), runs=2).drives
-    (row,) = (row for row in tuned.choice.results if (row.settings, row.case) == (USER_SETTINGS, "the drive"))
+    (row,) = (
+        row
+        for row in tuned.choice.results
+        if (row.settings, row.case) == (USER_SETTINGS, "the drive")
+    )
     assert row.error.value == pytest.approx(expected.rmse.value)
     assert row.lost.value == expected.lost.mean()
 
 
 def test_settings_that_fail_on_recording_are_kept(tuned, tmp_path):
-    kept = dataclasses.replace(tuned.choice, name=USER_SETTINGS, objections={PRECISE: "runs end lost"})
+    kept = dataclasses.replace(
+        tuned.choice, name=USER_SETTINGS, objections={PRECISE: "runs end lost"}
+    )
     refused = dataclasses.replace(tuned, choice=kept)
     assert refused.changes == {}
     assert refused.conclusion == "Keep your settings: runs end lost"

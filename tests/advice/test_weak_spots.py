@@ -246,7 +246,15 @@ def test_polygons_of_noise_are_valid_and_apart(seed):
 def test_lines_that_meet_are_found():
     bow = np.array([[0, 0], [8, 8], [8, 0], [0, 8]])
     apart = np.array([[20, 0], [30, 0], [30, 10]])
-    assert find_meeting_lines([bow, apart]).tolist() == [True, False, True, False, False, False, False]
+    assert find_meeting_lines([bow, apart]).tolist() == [
+        True,
+        False,
+        True,
+        False,
+        False,
+        False,
+        False,
+    ]
     touching = np.array([[25, 5], [21, 20], [11, 20]])  # its first corner lies on a line
     assert find_meeting_lines([apart, touching]).any()
     back = np.array([[0, 0], [8, 0], [4, 0], [4, 6]])

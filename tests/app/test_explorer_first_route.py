@@ -14,7 +14,7 @@ from locplan.app.explorer.plans import has_drafts, measure_path
 from locplan.app.explorer.repairs import compute_scene, make_blank_scene
 from locplan.app.explorer.scene import Opening
 from locplan.app.explorer.searches import Searches, Store
-from locplan.app.explorer.sites import Site
+from locplan.app.explorer.sites import ExploredSite
 from locplan.app.explorer.weak_spots import name_weak_spots
 from locplan.field import FieldConfig
 from locplan.planning import Costmap
@@ -34,7 +34,7 @@ def saved_share(grid) -> float | None:
     """Share of the degenerate metres that the first route avoids; None without a weak spot."""
     robot = locplan.Robot("turtlebot4")
     opening = Opening(FieldConfig(locplan.Fused(robot.lidar), stride=0.8), robot)
-    site = Site(grid, opening.config, robot)
+    site = ExploredSite(grid, opening.config, robot)
     scene = compute_scene(site, opening, lambda *_: None)
     if not name_weak_spots(scene):
         return None
@@ -64,7 +64,7 @@ def test_first_route_avoids_degenerate_metres_on_nine_of_ten_maps():
 def test_first_route_on_uniform_map_has_two_ends():
     grid = ascii_map(*["." * 30] * 6, resolution=0.5)
     robot = locplan.Robot(footprint=0.0, margin=0.0)
-    site = Site(grid, FieldConfig(locplan.Sad(range=1.0), stride=1.0), robot)
+    site = ExploredSite(grid, FieldConfig(locplan.Sad(range=1.0), stride=1.0), robot)
     scene = make_blank_scene(site)
     field = locplan.covariance_field(grid, site.config)
     costs = Costmap.from_field(grid, field, robot=robot)

@@ -36,7 +36,7 @@ def test_question_reads_default_for_null():
     question = Question("plan", 1, VALUES)
     assert question.number("n", 0, 5, None) == 3
     assert question.number("nothing", 0, 5, 2.5) == 2.5
-    assert question.one_of("nothing", ("a",), "a") == "a"
+    assert question.choice("nothing", ("a",), "a") == "a"
     assert question.text("nothing", "text") == "text"
     assert question.positions("nothing") == []
     assert not question.has("nothing")

@@ -27,7 +27,7 @@ import locplan
 from locplan._support.kernels import search
 from locplan.app.explorer.messages import Job, Question
 from locplan.app.explorer.plans import prepare_searches
-from locplan.app.explorer.scene import Limits, Opening
+from locplan.app.explorer.scene import Opening, SceneLimits
 from locplan.app.explorer.searches import Searches, SearchGrid, Store
 from locplan.app.explorer.session import Session
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
@@ -43,11 +43,11 @@ def session(tmp_path_factory) -> Session:
 
 def bare_session(grid: OccupancyGrid, **limits) -> Session:
     """Return a session without a field, of a robot that is a point."""
-    return Session(grid, Opening(SAD, POINT, limits=Limits(**limits)))
+    return Session(grid, Opening(SAD, POINT, limits=SceneLimits(**limits)))
 
 
 def set_limits(monkeypatch, session: Session, **limits) -> None:
-    opening = dataclasses.replace(session.opening, limits=Limits(**limits))
+    opening = dataclasses.replace(session.opening, limits=SceneLimits(**limits))
     monkeypatch.setattr(session, "opening", opening)
 
 
@@ -181,7 +181,7 @@ def test_preparation_ends_if_cancelled(session):
 
 def test_dropped_costmaps_leave_memory(session, monkeypatch):
     start, goal = free_places(session, 2, seed=9)
-    grids, halve = [], SearchGrid.halved
+    grids, halve = [], SearchGrid.from_half_costs
 
     def note(costs):
         halved = halve(costs)

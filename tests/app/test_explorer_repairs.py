@@ -9,12 +9,12 @@ import pytest
 from support.explorer_sessions import SAD, SMALL, ask, ask_plan, free_places, open_session, rooms
 
 import locplan
-from locplan.app.explorer.scene import Limits, Opening
+from locplan.app.explorer.scene import Opening, SceneLimits
 from locplan.app.explorer.session import Session
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OccupancyGrid
 
-SLOW = Limits(min_points=5, first_seconds=0.0)
+SLOW = SceneLimits(min_points=5, first_seconds=0.0)
 """Limits with which a repair takes many steps."""
 
 
@@ -60,7 +60,9 @@ def test_repaired_scene_equals_computed_one(kind):
 @pytest.mark.parametrize("kind", ["Fisher", "Scan", "Fused"])
 def test_repaired_field_of_rays_equals_computed_one(kind):
     config = FieldConfig(getattr(locplan, kind)(locplan.Lidar(range=2.0, beams=36)), stride=0.6)
-    session = open_session(rooms(5, yaw=0.4), config, limits=Limits(min_points=30, first_seconds=0))
+    session = open_session(
+        rooms(5, yaw=0.4), config, limits=SceneLimits(min_points=30, first_seconds=0)
+    )
     scenes = watch(session)
     ask(session, "change", changes=[draw("pole", free_places(session, 1), 0.5)])
     check_scene(session, config)
@@ -100,7 +102,7 @@ def test_undo_restores_basis_and_field():
 
 @pytest.mark.parametrize("limit", [200e6, 0])
 def test_undone_lidar_restores_basis(limit, tmp_path):
-    limits = Limits(scene_bytes=limit)
+    limits = SceneLimits(scene_bytes=limit)
     session = open_session(rooms(4), cache_dir=tmp_path, limits=limits)
     before = session.scene.basis
     answer = ask(session, "change", changes=[{"kind": "lidar", "lidar": "lds-01", "range": 2.0}])
@@ -127,7 +129,7 @@ def test_zones_keep_the_field():
 
 def test_points_nearest_to_change_come_first():
     grid = OccupancyGrid(np.pad(np.full((60, 90), FREE), 4), 0.1)
-    session = open_session(grid, limits=Limits(min_points=8, first_seconds=0.0))
+    session = open_session(grid, limits=SceneLimits(min_points=8, first_seconds=0.0))
     fields = [session.field]
     session.listeners.append(lambda event: fields.append(session.field))
     ask(session, "change", changes=[draw("pole", [[3.0, 3.0]], 0.3)])

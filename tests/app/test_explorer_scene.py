@@ -12,13 +12,13 @@ from support.maps import ascii_map
 import locplan
 from locplan.app.explorer.repairs import make_blank_scene
 from locplan.app.explorer.scene import coarse_costs, snap
-from locplan.app.explorer.sites import Site
+from locplan.app.explorer.sites import ExploredSite
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid, Zone, Zones
 
 
 def make_parts(grid: OccupancyGrid, robot=POINT):
-    return make_blank_scene(Site(grid, SAD, robot)).parts
+    return make_blank_scene(ExploredSite(grid, SAD, robot)).parts
 
 
 def test_stop_in_wall_moves_to_same_part():
@@ -75,9 +75,12 @@ def test_coarse_cells_have_mean_degeneracy_and_zones():
 
 
 def test_scene_basis_names_zones_and_map():
-    site = Site(rooms(), SAD, POINT)
+    site = ExploredSite(rooms(), SAD, POINT)
     zones = Zones([Zone("no-go", [[0, 0], [2, 0], [2, 2]])])
-    scene, other = make_blank_scene(site), make_blank_scene(Site(site.grid, SAD, POINT, zones))
+    scene, other = (
+        make_blank_scene(site),
+        make_blank_scene(ExploredSite(site.grid, SAD, POINT, zones)),
+    )
     assert scene.basis["map"] == other.basis["map"] == site.grid.digest
     assert scene.basis["field"] is None
     assert scene.basis["zones"] != other.basis["zones"]

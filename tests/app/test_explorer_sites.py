@@ -11,7 +11,7 @@ from support.explorer_sessions import POINT, SAD
 
 import locplan
 from locplan.app.explorer.messages import Question
-from locplan.app.explorer.sites import Site, read_changes
+from locplan.app.explorer.sites import ExploredSite, read_changes
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Zone, Zones
@@ -19,12 +19,14 @@ from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Zone, Zones
 SQUARE = [[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]
 
 
-def make_site(level: int = FREE, config: FieldConfig = SAD, robot=POINT, yaw: float = 0.0) -> Site:
+def make_site(
+    level: int = FREE, config: FieldConfig = SAD, robot=POINT, yaw: float = 0.0
+) -> ExploredSite:
     cells = np.full((30, 40), level, np.uint8)
-    return Site(OccupancyGrid(cells, 0.1, (0.5, 0.5, yaw)), config, robot)
+    return ExploredSite(OccupancyGrid(cells, 0.1, (0.5, 0.5, yaw)), config, robot)
 
 
-def change(site: Site, *changes: dict) -> Site:
+def change(site: ExploredSite, *changes: dict) -> ExploredSite:
     return site.with_changes(read_changes(Question("change", 1, {"changes": list(changes)})))
 
 

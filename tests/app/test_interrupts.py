@@ -156,7 +156,10 @@ def test_existing_folders_are_those_with_a_whole_name(tmp_path):
     names = [tmp_path / name for name in ("a\nb", "c", os.fsdecode(b"\xff"), "cut off")]
     for name in (names[0], *names[2:]):  # the process has removed the second one itself
         name.mkdir()
-    assert find_existing_folders(b"\0".join(map(os.fsencode, names))) == [str(names[0]), str(names[2])]
+    assert find_existing_folders(b"\0".join(map(os.fsencode, names))) == [
+        str(names[0]),
+        str(names[2]),
+    ]
 
 
 def test_the_next_run_removes_what_is_left_if_nobody_outlives_the_process(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from locplan.field import FieldConfig, Fused, covariance_field
 from locplan.maps import load_map
 from locplan.planning import Costmap, path_metrics
-from locplan.planning.plans import AWARE, plan_with_shortest, plan_with_adaptive_field
+from locplan.planning.plans import AWARE, plan_with_adaptive_field, plan_with_shortest
 from locplan.robots import Lidar
 
 QUERIES = {

@@ -14,7 +14,12 @@ from scipy.sparse.csgraph import dijkstra
 from skimage.graph import MCP_Geometric
 from support.movingai import find_map_file, find_scenario_files, read_all_scenarios, read_map
 
-from locplan._support.kernels.search import bordered_half, measure_costs, search_grid, shortest_costs
+from locplan._support.kernels.search import (
+    bordered_half,
+    measure_costs,
+    search_grid,
+    shortest_costs,
+)
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap, pareto_front, plan
 

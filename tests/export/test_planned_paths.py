@@ -95,7 +95,9 @@ def test_the_inscribed_radius_is_that_of_the_padded_corners(tmp_path, costmap, i
     assert (found.layer, found.inflation) == ("walls", Inflation())
     assert found.inscribed_radius == pytest.approx(inscribed, abs=1e-4)
     file.write_text(f"{start}{costmap}}}}}}}\n")
-    assert CostmapInflation.from_parameters(read_parameters(file)).layer == "inflation_layer"  # as Nav2 has it
+    assert (
+        CostmapInflation.from_parameters(read_parameters(file)).layer == "inflation_layer"
+    )  # as Nav2 has it
     file.write_text("amcl: {ros__parameters: {alpha1: 0.1}}\n")
     assert CostmapInflation.from_parameters(read_parameters(file)) is None
 

@@ -19,7 +19,7 @@ from locplan.errors import ConfigError
 from locplan.export.figures import routes_figure
 from locplan.export.joined_ways import LineCosts, adjust_costs, join_paths, straighten_ways
 from locplan.export.parameters import DistroWarning
-from locplan.export.recommended_ways import nav2_routes, make_recommended_ways
+from locplan.export.recommended_ways import make_recommended_ways, nav2_routes
 from locplan.export.route_graph import RouteGraph, to_geojson
 from locplan.export.values import YawWarning
 from locplan.field import FieldConfig
@@ -67,7 +67,10 @@ def test_ways_are_joined_and_free_and_cost_what_the_paths_cost(costs, paths):
         np.testing.assert_allclose(xy[[0, -1]], paths[name].xy[[0, -1]], atol=0.02)
         density = np.array([costs.density[costs.grid.cell(p)] for p in Path(xy).resample(0.01)])
         assert np.isinf(density).mean() < 0.002
-        assert path_metrics(costs, paths[name]).cost * 1.11 > LineCosts(costs).compute_chain_costs(xy).sum()
+        assert (
+            path_metrics(costs, paths[name]).cost * 1.11
+            > LineCosts(costs).compute_chain_costs(xy).sum()
+        )
     e, u = found.graph.integrated_e, found.graph.integrated_u
     assert np.isfinite(e).all()
     assert (u >= 0).all()

@@ -37,7 +37,10 @@ from locplan.simulation.problem import ChoiceSettings
         (lambda: FieldConfig("guess"), "estimator must be an Estimator, not 'guess'; such as"),
         (lambda: FieldConfig(stride=7.0), "must not exceed the range"),
         (lambda: estimator_class("guess"), "estimator must be one of sad, fisher, scan"),
-        (lambda: config_from_settings("sad"), "config must be a FieldConfig, not 'sad'; give an estimator"),
+        (
+            lambda: config_from_settings("sad"),
+            "config must be a FieldConfig, not 'sad'; give an estimator",
+        ),
     ],
 )
 def test_settings_out_of_range_are_named(make, message):

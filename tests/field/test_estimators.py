@@ -34,7 +34,7 @@ from locplan.field.estimator import MapPart
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
 from locplan.planning.layers import HeadingLayers
-from locplan.planning.metrics import crossed_cells, compute_profile
+from locplan.planning.metrics import compute_profile, crossed_cells
 from locplan.planning.ompl.motions import Motions
 from locplan.robots import LIDARS, Lidar
 

@@ -49,9 +49,9 @@ def field(rooms) -> CovarianceField:
 
 def covariance_at(grid: OccupancyGrid, row: int, col: int, config=QUICK):
     at = np.array([row]), np.array([col])
-    return config_from_settings(config).estimator.covariances(MapPart.from_map(grid.cells, *at, grid.resolution))[
-        "covariance"
-    ][0]
+    return config_from_settings(config).estimator.covariances(
+        MapPart.from_map(grid.cells, *at, grid.resolution)
+    )["covariance"][0]
 
 
 def test_a_quarter_turn_of_the_map_turns_the_covariance(rooms):

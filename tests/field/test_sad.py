@@ -22,7 +22,9 @@ from locplan.paper.template_matching import sad_distribution
 def compare(cells, rows, cols, radius, window, *, visible=False):
     rows, cols = np.array(rows), np.array(cols)
     part = MapPart.from_map(cells, rows, cols, window.resolution)
-    result = sad.LEVEL_STEP * count_mismatches(MapLayout.from_part(part, radius, window), visible=visible)
+    result = sad.LEVEL_STEP * count_mismatches(
+        MapLayout.from_part(part, radius, window), visible=visible
+    )
     for n in range(len(rows)):
         expected = sad_distribution(cells, rows[n], cols[n], radius, window, visible=visible)
         np.testing.assert_array_equal(result[n], expected)

@@ -98,7 +98,10 @@ REAL = [("nav2_depot", 10.0), ("willow_full_stage", 30.0), ("f1tenth_gym_stata_b
 def test_rejected_lines_are_beyond_the_limit_on_real_maps(real_maps, name, reach):
     grid = load_map(next((real_maps / name).glob("*.yaml")))
     estimator = Sad(range=reach)
-    window, negligible = estimator.window.to_lattice(grid.resolution), estimator.negligible(grid.resolution)
+    window, negligible = (
+        estimator.window.to_lattice(grid.resolution),
+        estimator.negligible(grid.resolution),
+    )
     free = np.argwhere(grid.free)
     rows, cols = free[np.random.default_rng(1).integers(len(free), size=6)].T
     radius = round(reach / grid.resolution - 0.5)
@@ -239,7 +242,9 @@ def test_cells_left_out_when_stopped_are_nan():
     part = MapPart.from_map(cells, np.array([50, 54]), np.array([30, 30]), 0.1)
     stopped = replace(part, control=np.array([1, 0]))
     assert np.isnan(Sad(range=10.0).covariances(stopped)["covariance"]).all()
-    assert kept(MapLayout.from_part(stopped, 100, Sad().window.to_lattice(0.1)), 0).all()  # not asked at all
+    assert kept(
+        MapLayout.from_part(stopped, 100, Sad().window.to_lattice(0.1)), 0
+    ).all()  # not asked at all
     control = np.zeros(2, np.int64)
     Sad(range=10.0).covariances(replace(part, control=control))
     assert control.tolist() == [0, 2]

@@ -18,11 +18,11 @@ from locplan.field import (
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper.claims import (
+    compute_claim_shares,
     maps_of_places,
     mismatch_at,
     one_dimensional,
     share_smaller_with_range,
-    compute_claim_shares,
 )
 from locplan.paper.template_matching import MODELS
 

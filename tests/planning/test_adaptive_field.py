@@ -11,7 +11,7 @@ from support.maps import random_rooms
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Fisher, covariance_field, load_or_compute
 from locplan.field.cache import cache_entries, cache_table
-from locplan.field.lattice import select_second_points, fill_lacking, find_near_points
+from locplan.field.lattice import fill_lacking, find_near_points, select_second_points
 from locplan.maps import OccupancyGrid, environments, save_map
 from locplan.planning import Costmap, path_metrics, plan
 from locplan.planning.plans import plan_with_adaptive_field
@@ -111,7 +111,9 @@ def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, wh
     def planned(field):
         return plan(Costmap.from_field(grid, field), *ENDS)
 
-    field, found = plan_with_adaptive_field(grid, CONFIG, field_of, planned, lambda each: [each.path])
+    field, found = plan_with_adaptive_field(
+        grid, CONFIG, field_of, planned, lambda each: [each.path]
+    )
     assert all((before <= after).all() for before, after in itertools.pairwise(asked))
     assert 2 <= len(asked) <= 4
     assert field.is_evaluated.sum() < 0.8 * whole.evaluated.sum()

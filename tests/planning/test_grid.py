@@ -42,7 +42,9 @@ def searched(costs: Costmap, cutting: bool, *, guided=False, goal=True) -> searc
     """A search from the first cell, to the last one if there shall be a goal."""
     half, columns = search.bordered_half(costs.density, 1), costs.grid.shape[1] + 2
     ends = columns + 1, half.size - columns - 2 if goal else -1
-    return search.search_grid(*(half, columns, *ends, cutting), search.measure_costs(half), guided=guided)
+    return search.search_grid(
+        *(half, columns, *ends, cutting), search.measure_costs(half), guided=guided
+    )
 
 
 def costs_from_corner(costs: Costmap, cutting: bool) -> np.ndarray:

@@ -15,7 +15,7 @@ from support.cases import sample_cases
 from support.maps import ascii_map
 
 from locplan import load_map
-from locplan._support.kernels.outlines import first_hit, sum_rows, find_swept_cells
+from locplan._support.kernels.outlines import find_swept_cells, first_hit, sum_rows
 from locplan._support.kernels.rays import segment_cost
 from locplan._support.kernels.search import bordered_half
 from locplan.errors import ConfigError
@@ -27,10 +27,10 @@ from locplan.planning.lattice import Lattice
 from locplan.planning.lattice_search import (
     LatticeSearch,
     MotionPrices,
-    compute_heading_angles,
     centre_cells,
-    outline_masks,
+    compute_heading_angles,
     make_primitives,
+    outline_masks,
 )
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.smoothing import smoothed
@@ -484,7 +484,9 @@ def test_the_bound_needs_motions_in_reverse_only_of_robots_that_differ_both_ways
     costs = dataclasses.replace(costs, robot=dataclasses.replace(costs.robot, footprint=outline))
     search = LatticeSearch(costs, 16, 1, PRICES)
     goal = tuple(np.argwhere(np.isfinite(costs.density))[20].tolist())
-    bound = search.compute_bounds([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
+    bound = search.compute_bounds([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(
+        costs.grid.shape
+    )
     expected = oracles.lattice.project(search.graph, goal)
     assert np.isfinite(bound).sum() == len(expected) > 30
     assert all(bound[cell] == pytest.approx(cost, rel=1e-5) for cell, cost in expected.items())
@@ -498,7 +500,9 @@ def test_both_searches_are_those_of_dijkstra_over_all_cells_and_states(kinematic
     graph = search.graph
     cells = np.random.default_rng(1).permutation(np.argwhere(np.isfinite(costs.density)))[:2]
     start, goal = map(tuple, cells.tolist())
-    bound = search.compute_bounds([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(costs.grid.shape)
+    bound = search.compute_bounds([goal[0] * costs.grid.shape[1] + goal[1]], -1).reshape(
+        costs.grid.shape
+    )
     projected = np.full(costs.grid.shape, np.inf)
     for cell, cost in oracles.lattice.project(graph, goal).items():
         projected[cell] = cost
@@ -610,7 +614,10 @@ def test_a_curve_is_clear_where_no_pose_along_it_meets_a_wall():
     for _ in range(30):
         walls = rng.random((24, 24)) < 0.004
         start, end = ((*rng.uniform(5, 20, 2), rng.uniform(-3, 3)) for _ in range(2))
-        drive, body = made_drive(DUBINS, 0.0), smoothing.CollisionMap(sum_rows(walls), LONG.vertices * 5)
+        drive, body = (
+            made_drive(DUBINS, 0.0),
+            smoothing.CollisionMap(sum_rows(walls), LONG.vertices * 5),
+        )
         clear = smoothing.is_curve_clear(drive, body, start, end)
         poses = motions.motion_poses(DUBINS, drive.radius, start, end) - np.array([1, 1, 0])
         assert clear == (oracles.outlines.first_hit(walls, LONG.vertices * 5, poses) < 0)

@@ -104,7 +104,9 @@ def test_the_integral_along_a_curve_is_that_of_tiny_steps(kind, blocked):
         turns, lengths = motions.find_shortest_word(kind, radius, start, end)
         expected = oracles.curves.motion_cost(density, turns, lengths, radius, start, step=2e-3)
         shifted = [(x + 1, y + 1, heading) for x, y, heading in (start, end)]
-        cost = motions.motion_cost(motions.MotionGround(half, columns, 0.0, True), kind, radius, *shifted)
+        cost = motions.motion_cost(
+            motions.MotionGround(half, columns, 0.0, True), kind, radius, *shifted
+        )
         outcomes.add(math.isinf(cost))
         assert cost == pytest.approx(expected, rel=2e-3)
     assert False in outcomes

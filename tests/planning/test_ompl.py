@@ -68,7 +68,14 @@ def in_a_process(code, *, seconds=600):
 
 
 def test_they_are_offered_by_their_names():
-    assert set(list_planner_names()) == {"grid", "astar", "dijkstra", "any-angle", "lattice", *KINDS}
+    assert set(list_planner_names()) == {
+        "grid",
+        "astar",
+        "dijkstra",
+        "any-angle",
+        "lattice",
+        *KINDS,
+    }
     assert all(hasattr(geometric, name) for name in KINDS)
 
 

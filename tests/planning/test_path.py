@@ -12,7 +12,7 @@ from locplan.errors import LocplanError
 from locplan.field import CovarianceField, load_config
 from locplan.maps import FREE, OccupancyGrid, load_map
 from locplan.planning import Costmap, Path, path_cost, path_metrics, plan, random_queries
-from locplan.planning.metrics import crossed_cells, compute_profile
+from locplan.planning.metrics import compute_profile, crossed_cells
 from locplan.planning.queries import read_queries
 
 ANGLED = Path([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0]])

@@ -11,7 +11,7 @@ from locplan._support.drawing import Picture, make_logarithmic
 from locplan.field import FieldConfig
 from locplan.field.figures import draw_field, field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.maps.figures import draw_map, crop_map, map_axes, map_figure, zoom_map
+from locplan.maps.figures import crop_map, draw_map, map_axes, map_figure, zoom_map
 from locplan.planning import Costmap, Path, Query, plan
 from locplan.planning.figures import costmap_figure, draw_inset, path_figure, plan_figure
 from locplan.robots import Lidar, Robot

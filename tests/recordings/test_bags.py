@@ -536,7 +536,9 @@ def test_a_quaternion_and_its_negative_are_the_same_turn():
     for time, yaw, sign in ((0.9, 0.4, 1.0), (1.1, 0.6, -1.0)):
         turn = (sign * math.sin(yaw / 2), sign * math.cos(yaw / 2))
         track.add(time, (yaw, 0.0, 0.0, 0.0, 0.0, *turn))
-    np.testing.assert_allclose(poses.project_to_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(
+        poses.project_to_plane(track.at_times()), [[0.5, 0.0, 0.5]], atol=1e-12
+    )
 
 
 def test_a_transform_and_its_inverse_cancel():
@@ -548,7 +550,9 @@ def test_a_transform_and_its_inverse_cancel():
     plane = np.array([[1.0, 2.0, 0.0, 0.0, 0.0, math.sin(0.35), math.cos(0.35)]])
     twice = poses.project_to_plane(poses.compose_transforms(plane, plane))[0]
     np.testing.assert_allclose(twice, compose((1, 2, 0.7), (1, 2, 0.7)))
-    np.testing.assert_allclose(poses.project_to_plane(poses.invert_transforms(plane))[0], invert((1, 2, 0.7)))
+    np.testing.assert_allclose(
+        poses.project_to_plane(poses.invert_transforms(plane))[0], invert((1, 2, 0.7))
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -232,7 +232,9 @@ def test_blocks_are_drawn_as_a_whole():
     value, low, high = of_intervals.mean_interval(blocks.astype(float), blocks)
     assert (value, low < value < high) == (3.5, True)
     assert math.isnan(of_intervals.mean_interval(np.ones(60), blocks[:60]).low)
-    (total,) = of_intervals.bootstrap_statistics(lambda weights: np.array([weights.sum()]), blocks, 50)
+    (total,) = of_intervals.bootstrap_statistics(
+        lambda weights: np.array([weights.sum()]), blocks, 50
+    )
     assert total == (160, 160, 160)
 
 

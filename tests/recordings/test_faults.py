@@ -82,7 +82,8 @@ def test_faults_name_dropped_sign_of_reversing(drive):
     assert not faults.faulty_steps[:65].any()
     assert not faults.faulty_steps[107:].any()
     assert faults.sentences[0] == (
-        f"Odometry moves forward at {faults.reversed_steps} of {faults.backward_steps} places where the"
+        f"Odometry moves forward at {faults.reversed_steps} of {faults.backward_steps} places"
+        " where the"
         f" scans move back ({faults.reversed_way:.2g} m). Probably the driver drops the sign of the"
         " velocity."
     )

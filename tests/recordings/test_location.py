@@ -22,7 +22,7 @@ from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.recordings import Recording
 from locplan.recordings.evaluation import match_scans
 from locplan.recordings.figures import locate_figure, located_drive_figure
-from locplan.recordings.kernels.scan_losses import fits, loss_at, refine_pose, refine_on_lattice
+from locplan.recordings.kernels.scan_losses import fits, loss_at, refine_on_lattice, refine_pose
 from locplan.recordings.location import locate_drive
 from locplan.recordings.matching import Matching, ScanDatabase, ScanOnMap, make_range_database
 

@@ -17,7 +17,13 @@ from locplan._support.kernels.lidar import LidarBeams as Beams
 from locplan._support.kernels.rays import empty_squares
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.recordings.kernels import matches as lists, scan_losses as losses
-from locplan.recordings.matching import TURNS, Matching, ScanOnMap, make_range_database, select_spaced_places
+from locplan.recordings.matching import (
+    TURNS,
+    Matching,
+    ScanOnMap,
+    make_range_database,
+    select_spaced_places,
+)
 from locplan.robots import Lidar
 
 

@@ -115,7 +115,9 @@ def naive_ends(here, line):
     from locplan._support.kernels.lidar import measure_ends
 
     found = np.empty((len(line), len(here.arguments.lidar.angles), 2))
-    for n, (x, y, heading) in enumerate(world_to_map_frame(here.grid, line) / (RESOLUTION, RESOLUTION, 1)):
+    for n, (x, y, heading) in enumerate(
+        world_to_map_frame(here.grid, line) / (RESOLUTION, RESOLUTION, 1)
+    ):
         measure_ends(
             np.random.default_rng(0),
             here.worlds[0],

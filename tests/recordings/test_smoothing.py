@@ -21,7 +21,7 @@ from locplan.recordings import Recording, read_recording, record_drive
 from locplan.recordings.calibration import fit_odometry_noise
 from locplan.recordings.figures import trajectory_figure
 from locplan.recordings.kernels import least_squares, trajectory as kernels
-from locplan.recordings.smoothing import with_ground_truth, smooth, load_or_smooth
+from locplan.recordings.smoothing import load_or_smooth, smooth, with_ground_truth
 from locplan.recordings.trajectory import Jump
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -66,7 +66,9 @@ def test_the_density_of_a_move_is_that_of_its_parts(scale):
         error = random.standard_normal(3) * scale * (0.2, 0.2, 0.1)
         deviation = random.uniform(0.02, 0.2, 3)
         expected = oracles.trajectories.density_of(error, deviation, 1e-15)
-        assert kernels.compute_motion_density(error, deviation, 1e-15) == pytest.approx(expected, rel=1e-3)
+        assert kernels.compute_motion_density(error, deviation, 1e-15) == pytest.approx(
+            expected, rel=1e-3
+        )
     assert kernels.compute_motion_density(np.array([20.0, 0, 0]), deviation, 1e-15) == 1e-15
 
 
@@ -192,7 +194,9 @@ def test_particles_spread_as_moves_err():
     cloud = np.zeros((3, 4), np.float32)
     cloud[2] = math.pi / 2  # ahead is up
     poses, deviation = np.empty((3, 80_000)), np.array([0.1, 0.05, 0.02])
-    kernels.spread_particles(np.random.default_rng(9), cloud, np.array([1.0, 0, 0.2]), deviation, poses)
+    kernels.spread_particles(
+        np.random.default_rng(9), cloud, np.array([1.0, 0, 0.2]), deviation, poses
+    )
     low, middle, high = np.quantile(poses, (0.159, 0.5, 0.841), axis=1)
     assert middle == pytest.approx([0.0, 1.0, math.pi / 2 + 0.2], abs=2e-3)
     assert (high - low) / 2 == pytest.approx([0.0585, 0.117, 0.0234], rel=0.05)
@@ -352,7 +356,9 @@ def test_a_map_that_lies_turned_gives_the_same_in_the_world(drive, found):
     poses = np.column_stack([x, y, drive.poses[:, 2] + 0.7 - GRID.origin[2]])
     there = smooth(turned, replace(drive, poses=poses))
     assert off(there, replace(drive, poses=poses)) == pytest.approx(off(found, drive), abs=1e-6)
-    assert of_poses.wrap_angles(there.poses[:, 2] - found.poses[:, 2]) == pytest.approx(0.7, abs=1e-6)
+    assert of_poses.wrap_angles(there.poses[:, 2] - found.poses[:, 2]) == pytest.approx(
+        0.7, abs=1e-6
+    )
     cos, sin = math.cos(0.7), math.sin(0.7)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     assert there.covariances == pytest.approx(turn @ found.covariances @ turn.T, abs=1e-9)

@@ -17,7 +17,10 @@ def edited(folder, text: str, values=VALUES, robot: str = "") -> str:
     assert file.read_bytes() == text.encode()
     before = read_parameters(f"{file}{robot}")
     file.write_bytes(made)
-    assert read_parameters(f"{file}{robot}").node_parameters("amcl") == before.node_parameters("amcl") | values
+    assert (
+        read_parameters(f"{file}{robot}").node_parameters("amcl")
+        == before.node_parameters("amcl") | values
+    )
     return made.decode()
 
 

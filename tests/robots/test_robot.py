@@ -167,8 +167,13 @@ def test_an_outline_may_be_given_by_its_corners():
 
 def test_settings_of_a_part_that_is_not_known_make_one():
     assert Robot().with_settings({"range": 8}).lidar == Lidar(range=8.0)
-    assert Robot().with_settings({"inflation_radius": 0.3}).inflation == Inflation(inflation_radius=0.3)
-    assert Robot("turtlebot4").with_settings({"range": 8}).lidar.beams == Lidar.preset("turtlebot4").beams
+    assert Robot().with_settings({"inflation_radius": 0.3}).inflation == Inflation(
+        inflation_radius=0.3
+    )
+    assert (
+        Robot("turtlebot4").with_settings({"range": 8}).lidar.beams
+        == Lidar.preset("turtlebot4").beams
+    )
 
 
 @pytest.mark.parametrize(

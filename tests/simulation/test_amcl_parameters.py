@@ -21,7 +21,8 @@ CLEAN = Disturbances(outliers=0.0, boundary_noise=0.0)
 def test_nav2s_defaults_have_no_warnings(lidar):
     assert find_filter_warnings(Amcl(), lidar) == []
     assert (
-        find_filter_warnings(Amcl(), lidar, {"z_short": 0.05, "z_max": 0.05, "use_sim_time": True}) == []
+        find_filter_warnings(Amcl(), lidar, {"z_short": 0.05, "z_max": 0.05, "use_sim_time": True})
+        == []
     )
 
 

@@ -67,7 +67,9 @@ def test_intervals_of_ranks_hold_the_truth():
     truth = 6 / math.pi * math.asin(0.6 / 2)  # Spearman's of a bivariate normal with r = 0.6
     for seed in range(60):
         a, b = random.multivariate_normal([0, 0], [[1, 0.6], [0.6, 1]], 80).T
-        low, high = intervals.rank([a], [b], intervals.Resamples.from_counts([80], seed)).spearman[1:]
+        low, high = intervals.rank([a], [b], intervals.Resamples.from_counts([80], seed)).spearman[
+            1:
+        ]
         inside += low <= truth <= high
     assert inside >= 51
 

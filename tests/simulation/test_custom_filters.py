@@ -85,7 +85,9 @@ def test_amcl_stepped_by_its_protocol_gives_what_a_replay_gives(interval):
     whole = replay(drive, grid, robot, runs=2, seed=5)
     noise = robot.disturbances
     deviation = noise.start_sigma, np.radians(noise.start_sigma_deg)
-    tracker = amcl.start(grid, drive.lidar, drive.poses[0], deviation, make_generator(5, REPLAYS, 1))
+    tracker = amcl.start(
+        grid, drive.lidar, drive.poses[0], deviation, make_generator(5, REPLAYS, 1)
+    )
     for n in range(len(drive)):
         tracker.motion(drive.odometry[n])
         tracker.scan(drive.ranges[n])

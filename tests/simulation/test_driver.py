@@ -264,4 +264,7 @@ def test_commands_report_the_same_rates_of_one_route():
             assert result.drives["a"].lost_rate == route.rates.lost
             assert 0 < route.rates.lost.value < 1
         assert result.arrivals["a"].arrival_rate == shown.arrivals.arrival_rate
-    assert (route.rates.n_closed, route.rates.reached.value) == (16, shown.arrivals.arrival_rate.value)
+    assert (route.rates.n_closed, route.rates.reached.value) == (
+        16,
+        shown.arrivals.arrival_rate.value,
+    )

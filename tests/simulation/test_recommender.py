@@ -618,7 +618,9 @@ def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, ch
 def test_what_is_minimised_is_what_is_confirmed_and_shown(corridors, minimise):
     found = two_ways(corridors, minimise=minimise, drives=32)
     if minimise != "heading":
-        assert found.recommended_candidate.driven.error.value < 0.9 * found.shortest.driven.error.value
+        assert (
+            found.recommended_candidate.driven.error.value < 0.9 * found.shortest.driven.error.value
+        )
     shown = found.report()
     assert ("error [deg]" in shown) == (minimise == "heading")
     assert ("error at the goal" in shown) == (minimise == "goal-error")

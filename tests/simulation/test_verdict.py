@@ -16,9 +16,9 @@ from support.maps import blocks
 
 from locplan import Lidar, OccupancyGrid, Robot, mend, place_landmarks
 from locplan.advice import Pole, verify_landmarks
-from locplan.advice.landmarks import VerificationDrives as LandmarkDrives, Verification
+from locplan.advice.landmarks import Verification, VerificationDrives as LandmarkDrives
 from locplan.advice.preset_choice import USER_SETTINGS, LevelCase, choose_preset
-from locplan.advice.trials import Outcome, confirm_fixes, compare_fix, select_fixes, try_fix
+from locplan.advice.trials import Outcome, compare_fix, confirm_fixes, select_fixes, try_fix
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
 from locplan.robots.presets import amcl_presets
@@ -127,7 +127,10 @@ def test_verdict_of_narrow_interval_is_no_difference():
     errors = np.linspace(-0.3, 0.3, 64)
     alike = drive_set(errors[::-1] * 0.1 + errors, errors > 9)
     assert compare_drives(drive_set(errors, errors > 9), alike).word == NO_DIFFERENCE
-    assert compare_drives(drive_set(errors, errors > 9), drive_set(errors, errors > 9)).ratio.value == 1
+    assert (
+        compare_drives(drive_set(errors, errors > 9), drive_set(errors, errors > 9)).ratio.value
+        == 1
+    )
     assert compare_drives(
         drive_set(errors[:4], [False] * 4), drive_set(errors[-4:], [False] * 4)
     ).word in (
@@ -139,7 +142,9 @@ def test_verdict_of_narrow_interval_is_no_difference():
 def test_verdict_intervals_cover_the_truth():
     shown = look_at(0.8, looks_left=0)
     assert np.mean((shown.low <= math.log(0.8)) & (math.log(0.8) <= shown.high)) >= 0.975
-    verdict = compare_drives(drive_set([0.0] * 8, [True] * 4 + [False] * 4), drive_set([1.0] * 8, [0] * 8))
+    verdict = compare_drives(
+        drive_set([0.0] * 8, [True] * 4 + [False] * 4), drive_set([1.0] * 8, [0] * 8)
+    )
     assert verdict.lost.baseline.value == 0.5
     assert verdict.lost.baseline.low < 0.5 < verdict.lost.baseline.high
     assert verdict.lost.alternative.value == 0.0

@@ -41,7 +41,9 @@ class FilterState(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def start_filter(random: Random, first: Floats, start: Start, settings: FilterSettings) -> FilterState:
+def start_filter(
+    random: Random, first: Floats, start: Start, settings: FilterSettings
+) -> FilterState:
     """Draw a filter's particles about a pose that is off from `first` (3,) by as much."""
     max_particles = settings.max_particles
     clouds, weights = np.empty((2, 3, max_particles)), np.full(max_particles, 1 / max_particles)
@@ -70,7 +72,9 @@ def is_due(tracker: FilterState, reported: Floats, n: int, settings: FilterSetti
 
 
 @njit(nogil=True, cache=True)
-def advance(random: Random, tracker: FilterState, reported: Floats, n: int, settings: FilterSettings) -> None:
+def advance(
+    random: Random, tracker: FilterState, reported: Floats, n: int, settings: FilterSettings
+) -> None:
     """Move the particles by the odometry (n, 3) from the last update to pose `n`."""
     state = tracker.state
     last = state[UPDATED]
@@ -95,7 +99,12 @@ def lost_share(averages: Floats, weight: float, settings: FilterSettings) -> flo
 
 @njit(nogil=True, cache=True)
 def correct(
-    random: Random, tracker: FilterState, scores: BeamScores, ends: Floats, n: int, settings: FilterSettings
+    random: Random,
+    tracker: FilterState,
+    scores: BeamScores,
+    ends: Floats,
+    n: int,
+    settings: FilterSettings,
 ) -> bool:
     """Weigh the particles by the scan (beam, 2) at pose `n`, and resample every few updates.
 

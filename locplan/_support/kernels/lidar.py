@@ -95,7 +95,9 @@ def scan_ends(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def move_ends(resolution: float, heading: float, lidar: LidarBeams, noise: Floats, ends: Floats) -> None:
+def move_ends(
+    resolution: float, heading: float, lidar: LidarBeams, noise: Floats, ends: Floats
+) -> None:
     """Move the ends of the beams outwards by ``noise[b, 0]`` [m] and ``noise[b, 1]`` of the range.
 
     The arguments are those of `scan_ends`, which filled `ends`; `noise` is (beam, 2).

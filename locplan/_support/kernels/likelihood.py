@@ -103,7 +103,10 @@ def lay_out(walls: Octets, costs: Shorts, reach: int, margin: int, planes: Short
             squared[j] = np.int32(along_columns[i, j]) ** 2
         nearest[:] = furthest
         for shift in range(-reach, reach + 1):
-            around, column_square = nearest[reach + shift : reach + shift + cols], np.int32(shift * shift)
+            around, column_square = (
+                nearest[reach + shift : reach + shift + cols],
+                np.int32(shift * shift),
+            )
             for j in range(cols):
                 around[j] = min(around[j], np.int32(squared[j] + column_square))
         for remainder in range(step):

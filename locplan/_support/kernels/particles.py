@@ -286,7 +286,9 @@ def add_scores(scores: BeamScores, ends: Floats, poses: Floats, count: int, sums
 
 
 @njit(nogil=True, cache=True)
-def weigh_particles(scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats) -> float:
+def weigh_particles(
+    scores: BeamScores, ends: Floats, poses: Floats, count: int, weights: Floats
+) -> float:
     """Multiply the weights (n,) of the first `count` particles (3, n) by how beams fit the map.
 
     The weights are scaled to add up to 1; if no particle fits, they become equal. Their mean before

@@ -22,8 +22,8 @@ from locplan._support.kernels.likelihood import (
     GROUP,
     NOWHERE,
     TOP,
-    ScanLattice,
     LikelihoodField,
+    ScanLattice,
     Weights,
     make_weights,
 )
@@ -117,7 +117,9 @@ def dilate(bits: Words, distance: int, guard: int, to: Words) -> None:
 
 
 @njit(nogil=True, cache=True)
-def central_mode(lattice: ScanLattice, costs: NDArray[np.uint32], excess: float, bits: Words) -> Array:
+def central_mode(
+    lattice: ScanLattice, costs: NDArray[np.uint32], excess: float, bits: Words
+) -> Array:
     """Offsets of the central mode, one bit for each of `costs` in words of 64.
 
     They are connected to the zero offset, each to any of 26 neighbours, and cost at most `excess`
@@ -215,7 +217,7 @@ def compute_posterior(
     mean: Floats,
     covariance: Floats,
 ) -> tuple[float, float]:
-    """`compute_moments` of the scan whose beams end at `ends` (beam, 2); its `costs` are as of `score_scan`."""
+    """Compute the moments of a scan with beam ends `ends` (beam, 2) and the costs of `score_scan`."""
     score_scan(field, lattice, row, col, ends, costs)
     words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
     excess = -np.log(CONNECTED) / weights.nats

@@ -178,7 +178,9 @@ def empty_squares(stops: Bools) -> Octets:
                         squares[quadrant, row, col + col_step],
                         squares[quadrant, row + row_step, col + col_step],
                     )
-                    squares[quadrant, row, col] = min(smallest_square + 1, 255)  # the longest leap, in a byte
+                    squares[quadrant, row, col] = min(
+                        smallest_square + 1, 255
+                    )  # the longest leap, in a byte
     return squares
 
 

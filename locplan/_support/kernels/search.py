@@ -68,7 +68,11 @@ class CostScale(NamedTuple):
 def measure_costs(half: Floats) -> CostScale:
     """The scale of the costs of a bordered grid."""
     cheapest, costliest, total, free = find_cost_range(half)
-    return CostScale(2 * cheapest, 2 * costliest, 2 * total / free) if free else CostScale(0.0, 0.0, 0.0)
+    return (
+        CostScale(2 * cheapest, 2 * costliest, 2 * total / free)
+        if free
+        else CostScale(0.0, 0.0, 0.0)
+    )
 
 
 @njit(nogil=True, cache=True)
@@ -208,7 +212,9 @@ class SearchTerms(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def expand_cells(queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, expansions: int) -> int:
+def expand_cells(
+    queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, expansions: int
+) -> int:
     """Continue a search until it has ended, is out of room, or has expanded so many cells.
 
     `cost` is that of `Searched`.
@@ -246,7 +252,9 @@ def expand_cells(queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTe
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def expand_batch(queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, cost_limit: float) -> float:
+def expand_batch(
+    queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTerms, cost_limit: float
+) -> float:
     """Expand the cells of the batch while there is room; return the cost at which to end.
 
     That was `cost_limit`, and falls where the goal is reached. The others are those of `expand`.
@@ -286,14 +294,26 @@ def expand_batch(queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTe
         cost[cell], cell_half = -cell_cost, half[cell]
         expanded += 1
         south, north, west, east = cell - width, cell + width, cell - unit, cell + unit
-        neighbours = south, north, west, east, south - unit, south + unit, north - unit, north + unit
+        neighbours = (
+            south,
+            north,
+            west,
+            east,
+            south - unit,
+            south + unit,
+            north - unit,
+            north + unit,
+        )
         # The two cells beside a diagonal step, whose corner it may cut.
         first_flanks = cell, cell, cell, cell, south, south, north, north
         second_flanks = cell, cell, cell, cell, west, east, west, east
         for n in range(8):
             neighbour = neighbours[n]
             reached = cell_cost + _LENGTHS[n] * (cell_half + half[neighbour])
-            if not reached < abs(cost[neighbour]) or half[first_flanks[n]] + half[second_flanks[n]] == corner:
+            if (
+                not reached < abs(cost[neighbour])
+                or half[first_flanks[n]] + half[second_flanks[n]] == corner
+            ):
                 continue
             total = reached
             if rate > 0:
@@ -304,7 +324,9 @@ def expand_batch(queue: BucketQueue, half: Floats, cost: Floats, terms: SearchTe
                 cost_limit = reached * (1 + TIE)
             cost[neighbour] = reached
             bucket = min(max(np.int64(total * per_cost), lowest), lowest + mask)
-            unused, used = put_into_bucket(neighbour, bucket & mask, heads, cells, following, unused, used)
+            unused, used = put_into_bucket(
+                neighbour, bucket & mask, heads, cells, following, unused, used
+            )
             waiting += 1
     state[_UNUSED], state[_USED], state[_WAITING] = unused, used, waiting
     state[_EXPANDED], state[_LEFT] = expanded, left

@@ -64,7 +64,10 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
                 built = body(builder, *values)
                 return context.get_dummy_value() if built is None else built
 
-            resolved_types = [kind or argument_type for kind, argument_type in zip(kinds, argument_types, strict=True)]
+            resolved_types = [
+                kind or argument_type
+                for kind, argument_type in zip(kinds, argument_types, strict=True)
+            ]
             return result(*resolved_types), generate_code
 
         return intrinsic(type_operation)
@@ -218,7 +221,10 @@ def add_distances(builder: Any, total: Any, counts: Any, index: Any, value: Any,
     """
     array_values = _load(builder, counts, index, _SHORTS.llvm)
     reference = _splat(builder, value, _SHORTS.llvm)
-    above, below = _call(builder, "usub.sat", array_values, reference), _call(builder, "usub.sat", reference, array_values)
+    above, below = (
+        _call(builder, "usub.sat", array_values, reference),
+        _call(builder, "usub.sat", reference, array_values),
+    )
     distances = builder.lshr(builder.or_(above, below), _splat(builder, shift, _SHORTS.llvm))
     return _call(builder, "uadd.sat", total, distances)
 

@@ -70,10 +70,16 @@ def find_backward_steps(half: Floats, columns: int, cost: Floats, tolerance: flo
                     max_cost = abs(cell_costs[k]) + tolerance
                     cell_steps[k] |= bit * np.uint8((through <= max_cost) & (through < np.inf))
                 continue
-            vertical_halves, horizontal_halves = half[vertical : vertical + count], half[horizontal : horizontal + count]
+            vertical_halves, horizontal_halves = (
+                half[vertical : vertical + count],
+                half[horizontal : horizontal + count],
+            )
             for k in range(count):
                 through = abs(neighbour_costs[k]) + SQRT2 * (cell_halves[k] + neighbour_halves[k])
-                max_cost, free = abs(cell_costs[k]) + tolerance, vertical_halves[k] + horizontal_halves[k] < np.inf
+                max_cost, free = (
+                    abs(cell_costs[k]) + tolerance,
+                    vertical_halves[k] + horizontal_halves[k] < np.inf,
+                )
                 cell_steps[k] |= bit * np.uint8((through <= max_cost) & (through < np.inf) & free)
     return steps
 
@@ -210,7 +216,10 @@ def _sum_costs(
         for n in range(8):
             if bits >> n & 1:
                 neighbour = cell + ROWS[n] * columns + COLUMNS[n]
-                step, m = LENGTHS[n] * (half[cell] + half[neighbour]), find_place(path_cells, neighbour)
+                step, m = (
+                    LENGTHS[n] * (half[cell] + half[neighbour]),
+                    find_place(path_cells, neighbour),
+                )
                 if from_root:
                     cost[k] = min(cost[k], cost[m] + step)
                 else:

@@ -72,7 +72,9 @@ def _write_hit(surfaces: Surfaces, rays: Rays, n: int, b: int, hit: Singles) -> 
     x, y = rays.poses[n, 0] + rays.levers[n, 0], rays.poses[n, 1] + rays.levers[n, 1]
     bearing = rays.first[n] + b * rays.step
     dx, dy = np.cos(bearing), np.sin(bearing)
-    at, row, col = cast(squares, y / resolution, x / resolution, dy, dx, rays.max_range / resolution)
+    at, row, col = cast(
+        squares, y / resolution, x / resolution, dy, dx, rays.max_range / resolution
+    )
     at *= resolution
     if not 0 < at < np.inf or at < rays.min_range:
         # Nothing is seen behind a wall that is too near.

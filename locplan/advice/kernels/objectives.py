@@ -105,7 +105,9 @@ def compute_route_covariances(
         _begin(p, motion)
         for n in range(routes[r], routes[r + 1]):
             if n > routes[r]:
-                move_covariance(p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion)
+                move_covariance(
+                    p, poses[n, 0] - poses[n - 1, 0], poses[n, 1] - poses[n - 1, 1], motion
+                )
             for k in range(6):
                 before[n, k] = p[k]
             update_covariance(p, sums[n], sensing)
@@ -156,7 +158,9 @@ def compute_uncertainties(
     routes, sensing, motion
         See `compute_route_covariances`.
     """
-    base_covariances = compute_route_covariances(scene.sums, scene.rays.poses, routes, sensing, motion)
+    base_covariances = compute_route_covariances(
+        scene.sums, scene.rays.poses, routes, sensing, motion
+    )
     after, count = base_covariances[1], len(scene.sums)
     total = 0.0
     for n in range(count):
@@ -167,7 +171,9 @@ def compute_uncertainties(
         stretch = sightings.starts[at], sightings.starts[at + 1]
         place = candidates[at, 0], candidates[at, 1], candidates[at, 2]
         models = sensing, motion
-        value = _sum_variances(total, place, stretch, sightings, scene, routes, models, base_covariances)
+        value = _sum_variances(
+            total, place, stretch, sightings, scene, routes, models, base_covariances
+        )
         result[m] = value / count
     return result
 

@@ -186,7 +186,9 @@ def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
         return cast("int | None", app.meta(tokens)), run
 
 
-def _record(run: RunRecord, _: object, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+def _record(
+    run: RunRecord, _: object, commands: tuple[str, ...], arguments: ArgumentCollection
+) -> None:
     """Let folders of results have what was typed for each option, but those for the output."""
     arguments_by_name = {argument.names[0]: argument for argument in arguments}
     if "--output" not in arguments_by_name:
@@ -258,6 +260,8 @@ def _fill_paragraphs(description: Any) -> None:
     if text is not None:
         paragraphs = text.plain.split("\n\n")
         text.plain = "\n\n".join(
-            paragraph if paragraph.startswith(("Examples\n", "Words\n")) else " ".join(paragraph.split())
+            paragraph
+            if paragraph.startswith(("Examples\n", "Words\n"))
+            else " ".join(paragraph.split())
             for paragraph in paragraphs
         )

@@ -36,7 +36,9 @@ def list_entries(*, json: Switch = False) -> None:
     folder = cache_folder(None)
     cached_results = cache_entries(folder)
     table = cache_table(cached_results, folder)
-    OutputOptions(json=json).show([cached_result.to_json() for cached_result in cached_results], table)
+    OutputOptions(json=json).show(
+        [cached_result.to_json() for cached_result in cached_results], table
+    )
 
 
 @cache.command
@@ -53,7 +55,10 @@ def clear(*, older_than: Days = 0.0) -> None:
 
     removed, busy = clear_cache(cache_folder(None), older_than)
     busy_text = f"; being computed, and kept: {len(busy)}" if busy else ""
-    print(f"removed {len(removed)}, {format_bytes(sum(cached_result.size for cached_result in removed))}{busy_text}")
+    print(
+        f"removed {len(removed)},"
+        f" {format_bytes(sum(cached_result.size for cached_result in removed))}{busy_text}"
+    )
 
 
 @cache.command

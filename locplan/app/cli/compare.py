@@ -128,7 +128,9 @@ def compare(
     )
     planners = make_specs(parse_planners(planner)) if planner else None
     compared_robot, config = field.choose(robot.load())
-    configs = [config] if ranges is None else [with_range(config, lidar_range) for lidar_range in ranges]
+    configs = (
+        [config] if ranges is None else [with_range(config, lidar_range) for lidar_range in ranges]
+    )
     output.check(Comparison.files)
     with progress_bar("runs", "runs") as progress:
         execution = Execution(

@@ -14,15 +14,22 @@ from locplan._support.progress import working
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     InputFile,
+    Integer,
     MapFile,
     Position,
     Positions,
     Switch,
-    Integer,
     refuse,
     show_default,
 )
-from locplan.app.cli.groups import FieldOptions, OutputOptions, RobotOptions, Threads, Weight, load_zones
+from locplan.app.cli.groups import (
+    FieldOptions,
+    OutputOptions,
+    RobotOptions,
+    Threads,
+    Weight,
+    load_zones,
+)
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:

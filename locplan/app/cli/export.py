@@ -24,7 +24,14 @@ from locplan.app.cli.arguments import (
     read_paths,
     refuse,
 )
-from locplan.app.cli.groups import FieldOptions, OutputOptions, RobotOptions, Threads, Weight, load_zones
+from locplan.app.cli.groups import (
+    FieldOptions,
+    OutputOptions,
+    RobotOptions,
+    Threads,
+    Weight,
+    load_zones,
+)
 from locplan.errors import ConfigError
 from locplan.export.registry import list_formats
 

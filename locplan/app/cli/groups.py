@@ -19,7 +19,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import locplan
-from locplan._support.checks import check_threads, check_choice, short_repr, suggestion
+from locplan._support.checks import check_choice, check_threads, short_repr, suggestion
 from locplan._support.files import protect_input
 from locplan._support.progress import progress_bar, working
 from locplan._support.runs import note_robot, take_written

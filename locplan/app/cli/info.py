@@ -97,7 +97,8 @@ def _format_settings(settings_table: Table) -> str:
     from locplan._support.tables import format_table
 
     rows = [
-        (f"{name} [{unit}]" if unit else name, value) for _, name, unit, value, _ in settings_table.rows
+        (f"{name} [{unit}]" if unit else name, value)
+        for _, name, unit, value, _ in settings_table.rows
     ]
     return f"{format_table(['setting', 'value'], rows)}\n--json shows the meaning of each setting."
 

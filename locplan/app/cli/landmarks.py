@@ -11,10 +11,10 @@ from locplan._support.progress import progress_bar
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     InputFile,
+    Integer,
     MapFile,
     PathFiles,
     Position,
-    Integer,
     check_ends,
     read_paths,
     show_default,

@@ -14,13 +14,13 @@ from locplan._support.runs import format_argument, get_command_line as typed_wor
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     InputFile,
+    Integer,
     MapFile,
     PathFiles,
     PlannerTexts,
     Pose,
     Poses,
     Switch,
-    Integer,
     parse_planners,
     read_paths,
     refuse,
@@ -210,7 +210,7 @@ def _parse_planners(
 
     Planners with random numbers have the seed unless they have their own.
     """
-    from locplan.planning.requests import make_planner, has_option, with_options
+    from locplan.planning.requests import has_option, make_planner, with_options
 
     planners = {}
     for spec in parse_planners(texts):
@@ -223,9 +223,15 @@ def _parse_planners(
     return planners
 
 
-def _suggest_next_step(choice: locplan.Choice, map_file: str, output: OutputOptions) -> tuple[str, ...]:
+def _suggest_next_step(
+    choice: locplan.Choice, map_file: str, output: OutputOptions
+) -> tuple[str, ...]:
     """Return what to do next, and the commands for it; empty if there is nothing to do."""
-    words, map_word, recommended = typed_words(), format_argument(map_file), choice.recommended_candidate
+    words, map_word, recommended = (
+        typed_words(),
+        format_argument(map_file),
+        choice.recommended_candidate,
+    )
     robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
     if recommended is None:
         info_command = shlex.join(["locplan", "info", map_word])

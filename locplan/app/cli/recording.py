@@ -17,8 +17,8 @@ from locplan.app.cli.arguments import (
     Limits,
     Pose,
     Shift,
-    make_validator,
     keep_map,
+    make_validator,
     refuse,
 )
 from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Threads

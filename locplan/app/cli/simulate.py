@@ -181,7 +181,9 @@ def simulate(
         plans.check_ends(locplan.Costmap.blank(grid, robot=simulated), start, goal)
         path_costs = costmap(grid)
         aware_and_shortest = plan_with_shortest(path_costs, start, goal)
-        paths = {name: plan.path for name, plan in aware_and_shortest.items() if plan.path is not None}
+        paths = {
+            name: plan.path for name, plan in aware_and_shortest.items() if plan.path is not None
+        }
     if not paths:
         return output.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
     with progress_bar("simulating", "drives") as progress:

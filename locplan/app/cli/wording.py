@@ -51,7 +51,9 @@ def _list_options(command: str) -> dict[str, str]:
     if not command:
         return {}
     arguments = make_application(command)[command].assemble_argument_collection()
-    flags = {name: argument for argument in arguments for name in argument.names if name.startswith("--")}
+    flags = {
+        name: argument for argument in arguments for name in argument.names if name.startswith("--")
+    }
     return {
         name.removeprefix("--").replace("-", "_"): str(argument.parameter.metavar or "")
         for name, argument in flags.items()

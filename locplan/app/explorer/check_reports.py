@@ -25,7 +25,7 @@ from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
     from locplan.app.explorer.messages import Job, Question
-    from locplan.app.explorer.scene import Scene
+    from locplan.app.explorer.scene import MapScene
     from locplan.app.explorer.session import Session
 
 
@@ -58,26 +58,26 @@ class CheckReport:
         """
         folder = Folder(check_file_path("a report", path))
         file, remedy = folder / "check.json", "name the folder that locplan check -o has written"
-        for needed in (file, folder / RUN_FILE):
-            if not needed.is_file():
-                raise LocplanError(f"{folder}: has no {needed.name}; {remedy}")
+        for required_file in (file, folder / RUN_FILE):
+            if not required_file.is_file():
+                raise LocplanError(f"{folder}: has no {required_file.name}; {remedy}")
         facts = parse_yaml(file, read_content(file, MAX_BYTES, remedy), remedy)
         run = RunRecord.read(folder)
         try:
             robot = Robot.from_summary(facts["robot"])
-            digest, named = facts["map"]["digest"], run.settings["map"]
+            digest, map_name = facts["map"]["digest"], run.settings["map"]
             recommended = [*facts["recommended"]]
             _check_facts(facts)
         except (LookupError, TypeError, ConfigError):
             raise LocplanError(f"{file}: is damaged, or of another locplan; check again") from None
-        checked_map = Folder(str(named))
-        if load_map(checked_map).digest != digest:
+        map_folder = Folder(str(map_name))
+        if load_map(map_folder).digest != digest:
             raise LocplanError(
-                f"{checked_map}: has changed since {folder} was written; check it again"
+                f"{map_folder}: has changed since {folder} was written; check it again"
             )
         repaired_map = folder / "map.yaml"
         is_repaired = "walls" in recommended and repaired_map.is_file()
-        return cls(folder, facts, repaired_map if is_repaired else checked_map, robot)
+        return cls(folder, facts, repaired_map if is_repaired else map_folder, robot)
 
     @property
     def ends(self) -> dict[str, Position]:
@@ -117,7 +117,7 @@ def _check_facts(facts: Mapping[str, Any]) -> None:
 
 
 def describe_report(
-    session: Session, scene: Scene, question: Question, job: Job
+    session: Session, scene: MapScene, question: Question, job: Job
 ) -> dict[str, object]:
     """Return the report of the session, with the paths of its routes."""
     report = session.opening.report

@@ -27,7 +27,7 @@ from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
     from locplan.app.explorer.scene import Opening
-    from locplan.app.explorer.server import Server
+    from locplan.app.explorer.server import ExplorerServer
     from locplan.app.explorer.session import Session
 
 
@@ -42,7 +42,7 @@ class Explorer:
         The running server of the page.
     """
 
-    def __init__(self, server: Server) -> None:
+    def __init__(self, server: ExplorerServer) -> None:
         self._server = server
 
     def __repr__(self) -> str:
@@ -216,7 +216,7 @@ def open_explorer(
         If an argument is out of its range, the port is taken, or a library is missing.
     """
     check_installed()
-    from locplan.app.explorer.server import Server
+    from locplan.app.explorer.server import ExplorerServer
     from locplan.app.explorer.session import Session
 
     check_integer("port", port, 0, 65535)
@@ -227,7 +227,7 @@ def open_explorer(
             f"a robot of radius {opening.robot.radius:g} m has no room on this map; give it a"
             " smaller footprint or margin"
         )
-    server = Server(session, port)
+    server = ExplorerServer(session, port)
     server.start()
     session.begin(field)
     threading.Thread(target=session.prepare, daemon=True).start()

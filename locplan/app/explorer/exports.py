@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 
 from locplan._support.files import make_folder
 from locplan.app.explorer.plans import read_weight
-from locplan.app.explorer.scene import Scene
+from locplan.app.explorer.scene import MapScene
 from locplan.errors import ConfigError
 from locplan.export.nav2 import nav2_keepout
 from locplan.export.registry import DISTRO, Distro
@@ -24,7 +24,7 @@ MAP_FILE = "edited_map.yaml"
 """Name of the file of an edited map."""
 
 
-def export(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
+def export(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
     """Write the masks of the scene as `locplan.export.nav2_keepout` does, and an edited map.
 
     An earlier export stays, and the new one gets a number behind its name. With `force` it is
@@ -34,7 +34,7 @@ def export(session: Session, scene: Scene, question: Question, job: Job) -> dict
     scene.check_field()
     if opening.folder is None:
         raise ConfigError("the page was opened without an output folder; name one to export")
-    distro = cast(Distro, question.one_of("distro", get_args(Distro), DISTRO))
+    distro = cast(Distro, question.choice("distro", get_args(Distro), DISTRO))
     costs = scene.costs.with_weight(read_weight(question, scene))
     job.progress(0, 1)
     make_folder(opening.folder)

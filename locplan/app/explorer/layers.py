@@ -13,7 +13,7 @@ from locplan.maps.occupancy import FREE, OCCUPIED
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class PictureLayer:
     """Values of a field on its lattice, in steps between two ends."""
 
     name: str
@@ -39,34 +39,34 @@ class Layer:
         return {name: value for name, value in vars(self).items() if name != "texels"}
 
 
-def make_layers(field: CovarianceField) -> dict[str, Layer]:
+def make_layers(field: CovarianceField) -> dict[str, PictureLayer]:
     """Return the layers of a field that the page shows, by name."""
     layers = [_degeneracy(field), _deviation(field)]
     return {layer.name: layer for layer in layers if layer.high > layer.low}
 
 
-def _degeneracy(field: CovarianceField) -> Layer:
+def _degeneracy(field: CovarianceField) -> PictureLayer:
     """Return u of the estimator's own criterion, as costmaps have it."""
     criterion = field.config.estimator.criterion
     values = field.scalar(criterion, with_q=True)
-    u = share_between(values, *field.anchors(criterion), is_log=criterion not in field.layers)
+    u = compute_shares(values, *field.anchors(criterion), is_log=criterion not in field.layers)
     texels = _steps(u.mean(axis=2) if u.ndim == 3 else u)
     title = "How well a scan fixes the position"
-    return Layer("degeneracy", title, "", 0.0, 1.0, "linear", ("well", "not at all"), texels)
+    return PictureLayer("degeneracy", title, "", 0.0, 1.0, "linear", ("well", "not at all"), texels)
 
 
-def _deviation(field: CovarianceField) -> Layer:
+def _deviation(field: CovarianceField) -> PictureLayer:
     """Return the standard deviation of the position."""
     scalar = SCALARS["position_std"]
     values, ends = field.scalar("position_std", headings="mean"), field.anchors("position_std")
     low, high = (scalar.factor * end for end in ends)
     labels = f"{low:.2g} {scalar.unit}", f"{high:.2g} {scalar.unit}"
-    texels = _steps(share_between(values, *ends, is_log=True))
+    texels = _steps(compute_shares(values, *ends, is_log=True))
     title = "Standard deviation of the position"
-    return Layer("deviation", title, scalar.unit, low, high, "log", labels, texels)
+    return PictureLayer("deviation", title, scalar.unit, low, high, "log", labels, texels)
 
 
-def share_between(values: Floats, low: float, high: float, *, is_log: bool) -> Floats:
+def compute_shares(values: Floats, low: float, high: float, *, is_log: bool) -> Floats:
     """Return the places of values between two ends, 0..1; NaN for NaN."""
     with np.errstate(invalid="ignore", divide="ignore"):
         if is_log:

@@ -8,7 +8,15 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from locplan._support.checks import is_number, is_integer, check_number, check_choice, check_position, make_printable, short_repr
+from locplan._support.checks import (
+    check_choice,
+    check_number,
+    check_position,
+    is_integer,
+    is_number,
+    make_printable,
+    short_repr,
+)
 from locplan.errors import ConfigError, LocplanError
 
 Default = TypeVar("Default")
@@ -39,24 +47,24 @@ class Question:
         """Return a position in the world, [x, y] [m]."""
         return check_position(self._check(name, _is_pair, "[x, y] in metres"), name=name)
 
-    def positions(self, name: str, most: int = 50) -> list[tuple[float, float]]:
+    def positions(self, name: str, limit: int = 50) -> list[tuple[float, float]]:
         """Return positions in the world, [[x, y], ...] [m]; none without a value."""
-        what = f"up to {most} positions [x, y]"
-        values = self._check_list(name, most, _is_pair, what) if self.has(name) else []
+        expected = f"up to {limit} positions [x, y]"
+        values = self._check_list(name, limit, _is_pair, expected) if self.has(name) else []
         return [check_position(value, name=name) for value in values]
 
     def number(self, name: str, low: float, high: float, default: Default) -> float | Default:
         """Return a number within limits, or the default."""
         return check_number(name, self.values[name], low, high) if self.has(name) else default
 
-    def one_of(self, name: str, choices: Collection[str], default: Default) -> str | Default:
+    def choice(self, name: str, choices: Collection[str], default: Default) -> str | Default:
         """Return one of some words, or the default."""
         return str(check_choice(name, self.values[name], choices)) if self.has(name) else default
 
     def text(self, name: str, default: Default) -> str | Default:
         """Return a text in one line, or the default."""
-        what = f"a text of at most {MAX_TEXT} characters in one line"
-        return str(self._check(name, _is_line, what)) if self.has(name) else default
+        expected = f"a text of at most {MAX_TEXT} characters in one line"
+        return str(self._check(name, _is_line, expected)) if self.has(name) else default
 
     def flag(self, name: str) -> bool:
         """Return true or false; false without a value."""
@@ -69,25 +77,25 @@ class Question:
         value = self._check(name, lambda value: isinstance(value, kinds), "an object")
         return dict(value or {})
 
-    def items(self, name: str, most: int) -> list[Question]:
+    def items(self, name: str, limit: int) -> list[Question]:
         """Return the objects of a list, which are read as questions are."""
-        what = f"a list of up to {most} objects"
-        values = self._check_list(name, most, lambda value: isinstance(value, dict), what)
+        expected = f"a list of up to {limit} objects"
+        values = self._check_list(name, limit, lambda value: isinstance(value, dict), expected)
         return [Question(self.do, self.id, value) for value in values]
 
     def _check_list(
-        self, name: str, most: int, is_item: Callable[[Any], bool], what: str
+        self, name: str, limit: int, is_item: Callable[[Any], bool], expected: str
     ) -> list[Any]:
         def is_right(values: Any) -> bool:
-            return isinstance(values, list) and len(values) <= most and all(map(is_item, values))
+            return isinstance(values, list) and len(values) <= limit and all(map(is_item, values))
 
-        return list(self._check(name, is_right, what))
+        return list(self._check(name, is_right, expected))
 
-    def _check(self, name: str, is_right: Callable[[Any], bool], what: str) -> Any:
+    def _check(self, name: str, is_right: Callable[[Any], bool], expected: str) -> Any:
         """Return the value; raise a ConfigError that names the right kind if it is of another."""
         value = self.values.get(name)
         if not is_right(value):
-            raise ConfigError(f"{name} must be {what}, not {short_repr(value)}")
+            raise ConfigError(f"{name} must be {expected}, not {short_repr(value)}")
         return value
 
 

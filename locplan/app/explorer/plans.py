@@ -11,7 +11,7 @@ import numpy as np
 from locplan._support.checks import RESOLUTIONS
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.app.explorer.messages import MAX_WEIGHT
-from locplan.app.explorer.scene import FACTOR, Opening, Scene, read_stops
+from locplan.app.explorer.scene import FACTOR, MapScene, Opening, read_stops
 from locplan.app.explorer.searches import PathTree, Searches
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
@@ -29,7 +29,7 @@ TINY = 1e-12
 """Length that is added to each step, so that a path of no length has a mean [m]."""
 
 
-def plan(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
+def plan(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
     """Return both paths over start, waypoints and goal.
 
     They are those of `locplan.planning.plans.plan_beside_shortest`. A draft is planned on larger
@@ -48,11 +48,11 @@ def plan(session: Session, scene: Scene, question: Question, job: Job) -> dict[s
         is_draft, paths = False, [searches.path(stops, w, held) for w in weights]
     measured = [measure_path(scene, path, weight, held is None) for path in paths if path]
     if len(measured) < len(weights):
-        why = f"No path joins these places for a robot of radius {scene.site.robot.radius:g} m."
-        return answer | {"why": why}
+        reason = f"No path joins these places for a robot of radius {scene.site.robot.radius:g} m."
+        return answer | {"why": reason}
     if scene.field is None:
-        why = "The field is still being computed."
-        return answer | {"shortest": measured[0], "why": why}
+        reason = "The field is still being computed."
+        return answer | {"shortest": measured[0], "why": reason}
     shortest, recommended = measured
     if not is_draft:  # any-angle paths are improved from two beginnings; the better one counts
         shortest = min(measured, key=lambda path: path["length"])
@@ -60,13 +60,13 @@ def plan(session: Session, scene: Scene, question: Question, job: Job) -> dict[s
     return answer | {"draft": is_draft, "recommended": recommended, "shortest": shortest}
 
 
-def read_weight(question: Question, scene: Scene) -> float:
+def read_weight(question: Question, scene: MapScene) -> float:
     """Return the weight of a question, by default the scene's."""
     weight = scene.costs.weight if scene.field else 0.0
     return question.number("weight", 0.0, MAX_WEIGHT, weight)
 
 
-def prepare_searches(session: Session, scene: Scene, question: Question, job: Job) -> None:
+def prepare_searches(session: Session, scene: MapScene, question: Question, job: Job) -> None:
     """Prepare drafts and search from the stops, so that the next drag does not wait for that.
 
     While a field is computed nothing is done: its costs will be others, and both have no room.
@@ -114,7 +114,7 @@ def cross_cells(costs: Costmap, path: Path) -> tuple[Ints, Ints, Floats]:
     return rows, cols, lengths
 
 
-def measure_path(scene: Scene, path: Path, weight: float, has_profile: bool) -> dict[str, Any]:
+def measure_path(scene: MapScene, path: Path, weight: float, has_profile: bool) -> dict[str, Any]:
     """Return the numbers of a path at a weight, as `locplan.planning.path_metrics` has them.
 
     A draft may cross blocked cells, which cost as if they were open.

@@ -11,8 +11,8 @@ import numpy as np
 from locplan._support.checks import check_threads
 from locplan._support.kernels.arrays import Bools, Ints
 from locplan._support.progress import ProgressCallback
-from locplan.app.explorer.scene import Opening, Scene
-from locplan.app.explorer.sites import Site
+from locplan.app.explorer.scene import MapScene, Opening
+from locplan.app.explorer.sites import ExploredSite
 from locplan.field.compute import fill_chunks
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
@@ -23,17 +23,17 @@ STEPS = itertools.count(1)
 """Numbers of the steps of repairs."""
 
 
-def make_blank_scene(site: Site) -> Scene:
+def make_blank_scene(site: ExploredSite) -> MapScene:
     """Return the scene of a site before its field is there."""
-    return Scene(site, Costmap.blank(site.grid, robot=site.robot, zones=site.zones))
+    return MapScene(site, Costmap.blank(site.grid, robot=site.robot, zones=site.zones))
 
 
 def compute_scene(
-    site: Site,
+    site: ExploredSite,
     opening: Opening,
     progress: ProgressCallback,
     field: CovarianceField | None = None,
-) -> Scene:
+) -> MapScene:
     """Return the scene of a site; its field comes from the cache unless it is there.
 
     Parameters
@@ -55,17 +55,19 @@ def compute_scene(
             threads=opening.threads,
             progress=progress,
         )
-    return Scene(site, _make_costs(site, field, opening), field, field.is_evaluated | field.lacking)
+    return MapScene(
+        site, _make_costs(site, field, opening), field, field.is_evaluated | field.lacking
+    )
 
 
 def repair_scene(
-    scene: Scene,
-    site: Site,
+    scene: MapScene,
+    site: ExploredSite,
     opening: Opening,
     pool: Executor,
     progress: ProgressCallback,
     free_memory: Callable[[], None],
-) -> Iterator[Scene]:
+) -> Iterator[MapScene]:
     """Yield the scenes of a changed site, of which more and more values are those of its map.
 
     Parameters
@@ -103,8 +105,8 @@ def repair_scene(
         for array in values.values():
             array[batch | ~evaluated] = np.nan
 
-        def report(done: int, _: int, at: int = at) -> None:
-            progress(min(at + done, len(order)), len(order))
+        def report(n_done: int, _: int, at: int = at) -> None:
+            progress(min(at + n_done, len(order)), len(order))
 
         # For a few points a part of the map is prepared, which their threads do by themselves.
         executor = pool if at == 0 else None
@@ -122,13 +124,13 @@ def repair_scene(
         else:
             costs = _make_costs(site, field, opening)
         step = 0 if is_last else next(STEPS)
-        scene = Scene(site, costs, field, fresh, step, None if is_last else stale)
+        scene = MapScene(site, costs, field, fresh, step, None if is_last else stale)
         yield scene
         if is_last:
             return
 
 
-def _make_costs(site: Site, field: CovarianceField, opening: Opening) -> Costmap:
+def _make_costs(site: ExploredSite, field: CovarianceField, opening: Opening) -> Costmap:
     return Costmap.from_field(
         site.grid, field, weight=opening.weight, robot=site.robot, zones=site.zones
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from locplan._support.kernels.arrays import Bools
 from locplan._support.poses import find_window
-from locplan.app.explorer.sites import Change, Site
+from locplan.app.explorer.sites import Change, ExploredSite
 from locplan.errors import ConfigError, PoseError
 from locplan.field.config import FieldConfig
 from locplan.field.field import CovarianceField
@@ -39,7 +39,7 @@ MAX_MOVE = 3.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class SceneLimits:
     """Sizes of what a session stores, and when it begins to draft."""
 
     search_bytes: float = 520e6
@@ -87,7 +87,7 @@ class Opening:
     """Changes that the page begins with, see `zones_as_changes`."""
     report: CheckReport | None = None
     """The report of a check that the page shows."""
-    limits: Limits = Limits()
+    limits: SceneLimits = SceneLimits()
     """Sizes of what is stored."""
 
 
@@ -188,7 +188,7 @@ def read_stops(question: Question, parts: Parts) -> tuple[list[Position], int | 
     """Return the stops of a question, snapped, and the number of the held one."""
     stops = [question.position("start"), *question.positions("via"), question.position("goal")]
     names = ["start", *(f"via:{k}" for k in range(len(stops) - 2)), "goal"]
-    hold = question.one_of("hold", names, None)
+    hold = question.choice("hold", names, None)
     held = None if hold is None else names.index(hold)
     return snap(parts, stops, held), held
 
@@ -201,8 +201,8 @@ def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
     shape = -(-fine.grid.shape[0] // factor), -(-fine.grid.shape[1] // factor)
     total, count = np.zeros(shape), np.zeros(shape, np.uint8)
     for row, col in itertools.product(range(factor), repeat=2):  # no copy of the whole map
-        every_other = slice(row, None, factor), slice(col, None, factor)
-        free, u = np.isfinite(fine.density[every_other]), fine.u[every_other]
+        strided_cells = slice(row, None, factor), slice(col, None, factor)
+        free, u = np.isfinite(fine.density[strided_cells]), fine.u[strided_cells]
         at = slice(0, free.shape[0]), slice(0, free.shape[1])
         total[at] += np.where(free & ~np.isnan(u), u, 0.0)
         count[at] += free
@@ -214,10 +214,10 @@ def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class MapScene:
     """A site, its costs and its field at one moment."""
 
-    site: Site
+    site: ExploredSite
     """The map, the settings of the field, the robot and the zones."""
     costs: Costmap
     """The costmap at the default weight; blank without a field."""

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from locplan._support.kernels.arrays import Ints, Octets
-from locplan.app.explorer.scene import Scene, nearest_centre
+from locplan.app.explorer.scene import MapScene, nearest_centre
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
 from locplan.planning.any_angle import AnyAngle, any_angle_path
@@ -107,7 +107,7 @@ class SearchGrid:
     """Its density with a border of blocked cells."""
 
     @classmethod
-    def halved(cls, costs: Costmap) -> SearchGrid:
+    def from_half_costs(cls, costs: Costmap) -> SearchGrid:
         """Return a costmap at half of its cost, which shares its memory with the searches.
 
         The same path is the cheapest, and twice its cost is exactly that on the whole costmap.
@@ -147,7 +147,7 @@ class PathTree:
     def search(cls, bordered: PaddedCostmap, root: int, check: Check | None = None) -> PathTree:
         """Search all cells that can be reached from one; what `check` raises ends that early."""
         from locplan._support.kernels.search import search_grid
-        from locplan._support.kernels.ways import find_backward_steps, compute_tolerance
+        from locplan._support.kernels.ways import compute_tolerance, find_backward_steps
 
         half, columns, scale = bordered.half, bordered.columns, bordered.scale
         cost = search_grid(half, columns, root, -1, False, scale, check=check).cost
@@ -179,7 +179,9 @@ class PathTree:
         if other != self.root and not self.steps[other]:
             return None
         costs = bordered.half, bordered.columns
-        return bordered.unflatten(trace_cheapest_path(*costs, self.steps, self.root, other, is_forwards))
+        return bordered.unflatten(
+            trace_cheapest_path(*costs, self.steps, self.root, other, is_forwards)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +190,7 @@ class Searches:
 
     store: Store
     """Costmaps, searches and paths."""
-    scene: Scene
+    scene: MapScene
     """The scene."""
     check: Check = lambda: None
     """Function that is called between legs and in searches, and raises to end the plan."""
@@ -198,7 +200,9 @@ class Searches:
         costs = self.scene.costs
 
         def create() -> SearchGrid:
-            return SearchGrid.halved(costs if self.scene.field is None else _weigh(costs, weight))
+            return SearchGrid.from_half_costs(
+                costs if self.scene.field is None else _weigh(costs, weight)
+            )
 
         key, expected = ("grid", self.scene.key, weight), 2 * costs.density.nbytes
         return self.store.get_or_create(

@@ -120,7 +120,7 @@ class Guard:
         ]
 
 
-class Server:
+class ExplorerServer:
     """A session's server on this machine, in a thread of its own."""
 
     def __init__(self, session: Session, port: int = 0) -> None:
@@ -258,6 +258,6 @@ def _answer_missing() -> Response:
     return Response("there is no such file here\n", status_code=404, media_type="text/plain")
 
 
-def _refuse(status: int, why: str, headers: dict[str, str] | None = None) -> Response:
-    page = f"<!doctype html><title>locplan</title><p>locplan: {why}.</p>\n"
+def _refuse(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:
+    page = f"<!doctype html><title>locplan</title><p>locplan: {reason}.</p>\n"
     return HTMLResponse(page, status, headers)

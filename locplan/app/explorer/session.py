@@ -13,13 +13,13 @@ from typing import Any
 from locplan._support.checks import check_threads
 from locplan._support.tables import nan_to_none
 from locplan.app.explorer.first_route import Stops, choose_first_route
-from locplan.app.explorer.layers import Layer, make_layers
+from locplan.app.explorer.layers import PictureLayer, make_layers
 from locplan.app.explorer.messages import Cancel, Cancelled, Job, Question
 from locplan.app.explorer.plans import has_drafts
 from locplan.app.explorer.repairs import compute_scene, make_blank_scene, repair_scene
-from locplan.app.explorer.scene import Opening, Scene
+from locplan.app.explorer.scene import MapScene, Opening
 from locplan.app.explorer.searches import PathTree, Searches, Store
-from locplan.app.explorer.sites import Change, Site
+from locplan.app.explorer.sites import Change, ExploredSite
 from locplan.app.explorer.weak_spots import NamedSpot, name_weak_spots
 from locplan.errors import one_line
 from locplan.field.field import CovarianceField
@@ -53,7 +53,7 @@ class Session:
 
     def __init__(self, grid: OccupancyGrid, opening: Opening) -> None:
         self.opening = opening
-        self.original = Site(grid, opening.config, opening.robot)
+        self.original = ExploredSite(grid, opening.config, opening.robot)
         self.changes = opening.changes
         self.scene = make_blank_scene(self.original.with_changes(self.changes))
         self.busy: tuple[int, int] | None = None
@@ -103,7 +103,7 @@ class Session:
             scenes = self._compute(self.scene.site, cancel, field)
             self._work = self._worker.submit(self._run, scenes, cancel)
 
-    def apply_changes(self, changes: Sequence[Change]) -> Scene:
+    def apply_changes(self, changes: Sequence[Change]) -> MapScene:
         """Apply changes to the original site, and return the first scene that has them.
 
         Parameters
@@ -115,10 +115,10 @@ class Session:
         with self.lock:
             self._cancel.cancel()
             self._cancel = cancel = Cancel()
-            stored: Scene | None = self.scenes.get(site.key)
-            earlier: list[Scene] = [self.scene, *self.scenes.results]
+            stored: MapScene | None = self.scenes.get(site.key)
+            earlier: list[MapScene] = [self.scene, *self.scenes.results]
             base = next((scene for scene in earlier if scene.has_field(site.config)), None)
-            scenes: Iterator[Scene] = iter(())
+            scenes: Iterator[MapScene] = iter(())
             if stored is not None:
                 scene = stored
             elif base is not None:
@@ -163,7 +163,7 @@ class Session:
         for listener in list(self.listeners):
             listener(event)
 
-    def layers(self, digest: str) -> Mapping[str, Layer]:
+    def layers(self, digest: str) -> Mapping[str, PictureLayer]:
         """Return the layers of a field that is shown or was shown before; none of others.
 
         Parameters
@@ -174,7 +174,7 @@ class Session:
         scene, key = self.scene, ("layers", digest)
         field = scene.field
         if field is None or scene.digest != digest:
-            stored: Mapping[str, Layer] = self.files.get(key) or {}
+            stored: Mapping[str, PictureLayer] = self.files.get(key) or {}
             return stored
         return self.files.get_or_create(
             key,
@@ -221,20 +221,20 @@ class Session:
         return nan_to_none(QUESTIONS[do].answer(self, Question(do, 0, values), job))
 
     def _compute(
-        self, site: Site, cancel: Cancel, field: CovarianceField | None = None
-    ) -> Iterator[Scene]:
+        self, site: ExploredSite, cancel: Cancel, field: CovarianceField | None = None
+    ) -> Iterator[MapScene]:
         """Yield the scene of a site and its field, which is computed unless it is there."""
         yield compute_scene(site, self.opening, self._progress(cancel), field)
 
     def _progress(self, cancel: Cancel) -> Callable[[int, int], None]:
-        def report(done: int, total: int) -> None:
+        def report(n_done: int, total: int) -> None:
             cancel.check()
-            self.busy = done, total
-            self.tell({"event": "progress", "done": done, "total": total})
+            self.busy = n_done, total
+            self.tell({"event": "progress", "done": n_done, "total": total})
 
         return report
 
-    def _show(self, scene: Scene) -> None:
+    def _show(self, scene: MapScene) -> None:
         self.scene = scene
         if scene.field is not None and scene.is_whole:
             self.busy = None
@@ -242,7 +242,7 @@ class Session:
         self.searches.forget(lambda key: key[1] == scene.key)
         self.tell({"event": "state"})
 
-    def _run(self, scenes: Iterator[Scene], cancel: Cancel) -> None:
+    def _run(self, scenes: Iterator[MapScene], cancel: Cancel) -> None:
         """Show scenes as they come, then the weak spots and the first route on the last one."""
         try:
             for scene in scenes:

@@ -19,7 +19,7 @@ from locplan._support.tables import nan_to_none
 from locplan.app.explorer.exports import make_file_name
 from locplan.app.explorer.layers import make_cell_classes
 from locplan.app.explorer.plans import plan
-from locplan.app.explorer.scene import Scene
+from locplan.app.explorer.scene import MapScene
 from locplan.app.explorer.state import describe_session, describe_state
 from locplan.errors import ConfigError
 
@@ -35,7 +35,7 @@ ICON = '<link rel="icon" href="icon.svg">'
 """Elements of index.html that a shared page replaces by inline ones."""
 
 
-def share(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
+def share(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
     """Make a page of the present view that needs no server, and keep it for a download.
 
     Equal views make equal pages: they hold no date, and no path of the machine.
@@ -96,14 +96,14 @@ def make_page(title: str, data: Mapping[str, Any]) -> str:
     )
     meta = f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
     page = re.sub(r"<title>.*?</title>", "", _read("index.html"), count=1, flags=re.S)
-    elements = {
+    page_parts = {
         "<head>": f"<head>\n{meta}\n<title>{escape(title)}</title>",
         STYLE: f"<style>{style}</style>",
         ICON: f'<link rel="icon" href="data:image/svg+xml;base64,{icon}">',
         SCRIPT: f'<script>{begin}</script>\n<script type="module">{script}</script>',
     }
-    pattern = "|".join(map(re.escape, elements))
-    return re.sub(pattern, lambda match: elements[match[0]], page)
+    pattern = "|".join(map(re.escape, page_parts))
+    return re.sub(pattern, lambda match: page_parts[match[0]], page)
 
 
 def _hash(text: str) -> str:

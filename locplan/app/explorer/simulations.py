@@ -10,7 +10,7 @@ import numpy as np
 from locplan._support.intervals import Interval
 from locplan._support.kernels.arrays import Bools
 from locplan.app.explorer.plans import read_weight
-from locplan.app.explorer.scene import Scene, read_stops
+from locplan.app.explorer.scene import MapScene, read_stops
 from locplan.errors import ConfigError
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from locplan.app.explorer.messages import Job, Question
     from locplan.app.explorer.session import Session
 
-SHOWN = "shown"
+PAGE_PATH = "shown"
 """Name of the candidate that the page shows."""
-TITLES = {SHOWN: "Shown path", SHORTEST: "Shortest"}
+TITLES = {PAGE_PATH: "Shown path", SHORTEST: "Shortest"}
 """Names of candidates for people, if they are not the names themselves."""
 MAX_DRIVES = 64
 """Maximum number of confirming drives of a path."""
@@ -35,7 +35,7 @@ MAX_POINTS = 5000
 """Maximum number of points of the shown path."""
 
 
-def simulate(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
+def simulate(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
     """Simulate the candidates of a route, and return the recommended one.
 
     The page's own path is a candidate. Of the page's field it takes the points that a field for
@@ -46,7 +46,7 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
     job.progress(0, drives)
     stops, _ = read_stops(question, scene.parts)
     start, *via, goal = stops
-    shown, weight = question.positions("path", MAX_POINTS), read_weight(question, scene)
+    page_path, weight = question.positions("path", MAX_POINTS), read_weight(question, scene)
     opening, site = session.opening, scene.site
     choice = choose(
         site.grid,
@@ -54,7 +54,7 @@ def simulate(session: Session, scene: Scene, question: Question, job: Job) -> di
         goal,
         site.robot,
         costs=site.config,
-        candidates={SHOWN: Path(shown)} if shown else {},
+        candidates={PAGE_PATH: Path(page_path)} if page_path else {},
         compute=_read_points(field),
         via=via,
         zones=site.zones,
@@ -87,23 +87,23 @@ def describe_choice(choice: Choice) -> dict[str, Any]:
     chosen, shortest = choice.recommended_candidate, choice.shortest
     assert chosen is not None
     assert shortest is not None
-    headline, *others = choice.answer
+    headline, *details = choice.answer
     return {
         "verdict": headline,
         "evidence": choice.arrives,
-        "advice": [sentence for sentence in others if sentence != choice.arrives],
+        "advice": [sentence for sentence in details if sentence != choice.arrives],
         "recommended": chosen.name,
         "candidates": [_describe(candidate, choice) for candidate in choice.candidates],
-        "along": {"recommended": _errors_along(chosen), "shortest": _errors_along(shortest)},
+        "along": {"recommended": _describe_errors(chosen), "shortest": _describe_errors(shortest)},
     }
 
 
 def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
-    driven = candidate.driven
-    nothing = Interval(math.nan, math.nan, math.nan)
-    error, lost = nothing, nothing
-    if driven is not None:
-        error, lost = driven.error, driven.lost_rate
+    path_drives = candidate.driven
+    no_interval = Interval(math.nan, math.nan, math.nan)
+    error, lost = no_interval, no_interval
+    if path_drives is not None:
+        error, lost = path_drives.error, path_drives.lost_rate
     return {
         "name": candidate.name,
         "title": TITLES.get(candidate.name, candidate.name.capitalize()),
@@ -118,7 +118,7 @@ def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
     }
 
 
-def _errors_along(candidate: Candidate) -> dict[str, list[float]] | None:
+def _describe_errors(candidate: Candidate) -> dict[str, list[float]] | None:
     """Return the errors of the drives along a path."""
     if candidate.driven is None:
         return None

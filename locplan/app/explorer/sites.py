@@ -39,7 +39,7 @@ Change = Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class ExploredSite:
     """A map with the robot, the settings of its field, and the zones."""
 
     grid: OccupancyGrid
@@ -70,7 +70,7 @@ class Site:
         """Text that equal sites share."""
         return json.dumps([self.digests, self.config.to_json()], sort_keys=True)
 
-    def with_changes(self, changes: Sequence[Change]) -> Site:
+    def with_changes(self, changes: Sequence[Change]) -> ExploredSite:
         """Return the site after changes, which are applied in their order.
 
         Raises
@@ -91,7 +91,7 @@ class Site:
         zones = [_make_zone(change) for change in changes if change["kind"] == "zone"]
         is_edited = not np.array_equal(cells, self.grid.cells)
         grid = dataclasses.replace(self.grid, cells=cells) if is_edited else self.grid
-        return Site(grid, config, robot, Zones([*self.zones, *zones]))
+        return ExploredSite(grid, config, robot, Zones([*self.zones, *zones]))
 
 
 def _draw_line(
@@ -135,8 +135,8 @@ def read_changes(question: Question) -> tuple[Change, ...]:
     return tuple(map(_read_change, question.items("changes", MAX_CHANGES)))
 
 
-def _read_change(item: Question) -> Change:
-    kind = item.one_of("kind", KINDS, None)
+def _read_change(change: Question) -> Change:
+    kind = change.choice("kind", KINDS, None)
     if kind is None:
         raise ConfigError(f"a change needs a kind: {', '.join(KINDS)}")
     read: Callable[[Question], Change] = _read_stroke
@@ -144,30 +144,30 @@ def _read_change(item: Question) -> Change:
         read = _read_lidar
     elif kind == "zone":
         read = _read_zone
-    return {"kind": kind, **read(item)}
+    return {"kind": kind, **read(change)}
 
 
-def _read_stroke(item: Question) -> Change:
-    points = item.positions("points", MAX_POINTS)
+def _read_stroke(stroke: Question) -> Change:
+    points = stroke.positions("points", MAX_POINTS)
     if not points:
         raise ConfigError("a wall, an erased line and a pole need at least one point")
-    width = check_number("width", item.values.get("width"), 0.001, 20.0)
+    width = check_number("width", stroke.values.get("width"), 0.001, 20.0)
     return {"points": [list(xy) for xy in points], "width": width}
 
 
-def _read_lidar(item: Question) -> Change:
+def _read_lidar(lidar_values: Question) -> Change:
     return {
-        "lidar": item.one_of("lidar", LIDARS, None),
-        "range": item.number("range", 0.1, MAX_RANGE, None),
+        "lidar": lidar_values.choice("lidar", LIDARS, None),
+        "range": lidar_values.number("range", 0.1, MAX_RANGE, None),
     }
 
 
-def _read_zone(item: Question) -> Change:
-    zone = item.one_of("zone", ZONE_KINDS, None)
+def _read_zone(zone_values: Question) -> Change:
+    zone = zone_values.choice("zone", ZONE_KINDS, None)
     if zone is None:
         raise ConfigError(f"a zone needs a kind: {', '.join(ZONE_KINDS)}")
-    polygon = [list(xy) for xy in item.positions("polygon", MAX_POINTS)]
-    percent = item.number("percent", 1, 100, SPEED) if zone == "slow" else None
+    polygon = [list(xy) for xy in zone_values.positions("polygon", MAX_POINTS)]
+    percent = zone_values.number("percent", 1, 100, SPEED) if zone == "slow" else None
     return {"zone": zone, "polygon": polygon, "percent": percent}
 
 

@@ -98,12 +98,12 @@ class Link:
         # A newer question of the same kind ends it as well.
         either = Cancel(lambda: cancel.is_cancelled or self._newest.get(question.do, turn) != turn)
         job = Job(self._progress(question.id, either), either.check)
-        entry, session = QUESTIONS[question.do], self._session
-        lane = self._lanes[entry.lane]
+        handler, session = QUESTIONS[question.do], self._session
+        lane = self._lanes[handler.lane]
 
         def work() -> dict[str, Any]:
             either.check()
-            return entry.answer(session, question, job)
+            return handler.answer(session, question, job)
 
         try:
             answer = await self._loop.run_in_executor(lane, work)
@@ -116,19 +116,19 @@ class Link:
         finally:
             del self._waiting[question.id]
         await self._send({"re": question.id, **answer})
-        if entry.follow_up and "basis" in answer:
+        if handler.follow_up and "basis" in answer:
             n_plans = session.n_plans  # a plan of any page ends the preparation
             over = Cancel(lambda: either.is_cancelled or session.n_plans != n_plans)
             job = Job(job.progress, over.check)
             with suppress(Cancelled, LocplanError, MemoryError, RuntimeError):
                 await self._loop.run_in_executor(
-                    lane, entry.follow_up, session, session.scene, question, job
+                    lane, handler.follow_up, session, session.scene, question, job
                 )
 
     def _progress(self, number: int, cancel: Cancel) -> Any:
-        def progress(done: int, total: int, *_: object) -> None:
+        def progress(n_done: int, total: int, *_: object) -> None:
             cancel.check()
-            answer = {"progress": number, "done": int(done), "total": int(total)}
+            answer = {"progress": number, "done": int(n_done), "total": int(total)}
             self._loop.call_soon_threadsafe(self._post, answer)
 
         return progress

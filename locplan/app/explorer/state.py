@@ -10,7 +10,7 @@ import numpy as np
 from locplan._support.checks import FARTHEST, check_number
 from locplan._support.poses import find_window
 from locplan.app.explorer.messages import MAX_WEIGHT, Job, Question
-from locplan.app.explorer.scene import Scene
+from locplan.app.explorer.scene import MapScene
 from locplan.export.parameters import DISTRIBUTIONS
 from locplan.field.covariance import position_axes, scalar
 from locplan.maps.grid import OccupancyGrid
@@ -80,7 +80,7 @@ def _xy(value: Any) -> list[Any]:
     return [_xy(xy) for xy in value] if value and isinstance(value[0], tuple) else list(value[:2])
 
 
-def _describe_field(scene: Scene) -> dict[str, Any] | None:
+def _describe_field(scene: MapScene) -> dict[str, Any] | None:
     if scene.field is None:
         return None
     rows, cols = scene.field.covariance.shape[:2]
@@ -93,9 +93,13 @@ def _describe_field(scene: Scene) -> dict[str, Any] | None:
     }
 
 
-def describe_place(session: Session, scene: Scene, question: Question, job: Job) -> dict[str, Any]:
+def describe_place(
+    session: Session, scene: MapScene, question: Question, job: Job
+) -> dict[str, Any]:
     """Return what is known of a place: its error ellipse, and why scans are weak there."""
-    x, y = (check_number(name, question.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y"))
+    x, y = (
+        check_number(name, question.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y")
+    )
     grid = scene.costs.grid
     answer: dict[str, Any] = {"x": x, "y": y, "known": False, "clearance": None, "reason": None}
     cell = grid.cell((x, y))

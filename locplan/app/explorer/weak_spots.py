@@ -16,7 +16,7 @@ from locplan.planning.costmap import Costmap
 
 if TYPE_CHECKING:
     from locplan.app.explorer.check_reports import CheckReport
-    from locplan.app.explorer.scene import Scene
+    from locplan.app.explorer.scene import MapScene
 
 LETTERS = "ABCDEF"
 """Letters of the weak spots that are shown, the worst first."""
@@ -80,7 +80,7 @@ class NamedSpot:
         return bool(within[0])
 
 
-def name_weak_spots(scene: Scene, report: CheckReport | None = None) -> list[NamedSpot]:
+def name_weak_spots(scene: MapScene, report: CheckReport | None = None) -> list[NamedSpot]:
     """Return the weak spots of a scene with a field, the worst first.
 
     Parameters
@@ -112,8 +112,8 @@ def _with_outline(facts: dict[str, Any], spots: Sequence[WeakSpot]) -> WeakSpot:
         name: math.nan if value is None else value for name, value in facts.items()
     }
     values |= {"routes": tuple(facts["routes"]), "outline": np.zeros((0, 2))}
-    spot, here = WeakSpot(**values), np.array([[facts["x"], facts["y"]]])
+    spot, spot_xy = WeakSpot(**values), np.array([[facts["x"], facts["y"]]])
     if spot.missing == CLEAR:
         return spot
-    around = next((other for other in spots if are_inside(other, here)[0]), spot)
+    around = next((other for other in spots if are_inside(other, spot_xy)[0]), spot)
     return dataclasses.replace(spot, outline=around.outline, holes=around.holes)

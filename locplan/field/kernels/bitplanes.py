@@ -232,7 +232,9 @@ def keep_lines(
         Nothing more is done once ``control[STOP]`` is set.
     """
     n_blocks = blocks.corners.size
-    read = TemplateCounts(np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.int64))
+    read = TemplateCounts(
+        np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.uint16), np.empty(n_blocks, np.int64)
+    )
     for n in range(len(is_kept)):
         if control[STOP]:
             return
@@ -273,7 +275,13 @@ def read_template(
 
 @njit(inline="always")
 def reject_lines(
-    blocks: Blocks, size: int, address: int, limit: int, shift: int, read: TemplateCounts, is_kept: Bools
+    blocks: Blocks,
+    size: int,
+    address: int,
+    limit: int,
+    shift: int,
+    read: TemplateCounts,
+    is_kept: Bools,
 ) -> bool:
     """Take the marks off lines without an offset up to the limit; return whether any is left."""
     free, occupied, places = read
@@ -297,7 +305,9 @@ def reject_lines(
                 for b in range(start, stop):
                     block_place = line + group + places[b]
                     total = add_distances(total, counts, block_place, free[b], shift)
-                    total = add_distances(total, counts, block_place + plane_stride, occupied[b], shift)
+                    total = add_distances(
+                        total, counts, block_place + plane_stride, occupied[b], shift
+                    )
                 start = stop
                 within &= flag_small_lanes(total, limit)
             if within != 0:

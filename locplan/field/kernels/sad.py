@@ -79,7 +79,10 @@ def write_covariance(
             if not (is_kept[k, first] and is_kept[k, second]):
                 continue
             t = float(k - half_angles)
-            line, next_line = (first * headings + k) * line_size, (second * headings + k) * line_size
+            line, next_line = (
+                (first * headings + k) * line_size,
+                (second * headings + k) * line_size,
+            )
             weight = weight_y = weight_yy = 0.0
             for v in range(poses):
                 address = line + low[v]
@@ -89,7 +92,9 @@ def write_covariance(
                     along = part[v]
                     step = 1 if along > 0.0 else 0
                     near = count + along * (counts[address + step] - count)
-                    far = counts[next_address] + along * (counts[next_address + step] - counts[next_address])
+                    far = counts[next_address] + along * (
+                        counts[next_address + step] - counts[next_address]
+                    )
                     count = int(near + across * (far - near) + 0.5)
                 w = weight_of_count[count]
                 y = float(v - half_steps)

@@ -14,7 +14,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints
 from locplan._support.kernels.rays import segment_cost
-from locplan._support.kernels.search import put_into_bucket, find_cost_range
+from locplan._support.kernels.search import find_cost_range, put_into_bucket
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -153,7 +153,9 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) ->
                 if reached < cost[other] and not _touches(half, cell, touched[move]):
                     cost[other], is_settled[other], move_to[other] = reached, 0, move
                     bucket = np.uint64(reached * per_cost) & mask
-                    unused, used = put_into_bucket(other, bucket, heads, cells, following, unused, used)
+                    unused, used = put_into_bucket(
+                        other, bucket, heads, cells, following, unused, used
+                    )
                     waiting += 1
         lowest += 1
     if cost[goal] == np.inf:

@@ -52,7 +52,9 @@ def dubins(
             for opening in (1, -1):
                 # The middle circle touches both; its centre is aside of the line between them.
                 middle_bearing = bearing + opening * math.acos(distance / 4)
-                to_last = math.atan2(along - 2 * math.sin(middle_bearing), across - 2 * math.cos(middle_bearing))
+                to_last = math.atan2(
+                    along - 2 * math.sin(middle_bearing), across - 2 * math.cos(middle_bearing)
+                )
                 leave, enter = middle_bearing + side * QUARTER, to_last - side * QUARTER
                 first = _circle(side * (leave - heading))
                 middle = _circle(side * (leave - enter))

@@ -172,7 +172,9 @@ def compute_move_cost(ground: LatticeGround, moves: LatticeMoves, move: int, cel
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def project_cells(queue: StateQueue, graph: StateGraph, bound: Singles, cell: int, max_expansions: int) -> int:
+def project_cells(
+    queue: StateQueue, graph: StateGraph, bound: Singles, cell: int, max_expansions: int
+) -> int:
     """Go on with the backward search over cells until `cell` is settled (-1: never), or pause.
 
     `bound` holds the costs to the goal, infinite where nothing was seen. The caller has put in
@@ -184,7 +186,9 @@ def project_cells(queue: StateQueue, graph: StateGraph, bound: Singles, cell: in
     rows, columns, per_cost = ground.rows, ground.columns, terms.per_cost
     room = 2 * len(moves.row)
     while True:
-        status = find_next_bucket(queue, bound[cell] * per_cost if cell >= 0 else np.inf, room, pausing)
+        status = find_next_bucket(
+            queue, bound[cell] * per_cost if cell >= 0 else np.inf, room, pausing
+        )
         if status != READY:
             return status
         lowest = numbers[LOWEST]
@@ -211,12 +215,16 @@ def project_cells(queue: StateQueue, graph: StateGraph, bound: Singles, cell: in
             reached = np.float32(target_cost + compute_move_cost(ground, moves, move, source))
             if reached < old_bound:
                 bound[source], later = reached, np.int64(reached * per_cost)
-                if old_bound == np.inf or np.int64(old_bound * per_cost) != later:  # else it waits there
+                if (
+                    old_bound == np.inf or np.int64(old_bound * per_cost) != later
+                ):  # else it waits there
                     put_state(queue, source, later)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def explore_states(queue: StateQueue, graph: StateGraph, bound: Singles, cost: Singles, max_expansions: int) -> int:
+def explore_states(
+    queue: StateQueue, graph: StateGraph, bound: Singles, cost: Singles, max_expansions: int
+) -> int:
     """Go on with the search over states until the goal is settled, or pause.
 
     `cost` holds the costs from the start plus 1, negative where expanded, and 0 where nothing was
@@ -247,9 +255,14 @@ def explore_states(queue: StateQueue, graph: StateGraph, bound: Singles, cost: S
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def expand_state(
-    queue: StateQueue, graph: StateGraph, bound: Singles, cost: Singles, state: int, cost_limit: float
+    queue: StateQueue,
+    graph: StateGraph,
+    bound: Singles,
+    cost: Singles,
+    state: int,
+    cost_limit: float,
 ) -> None:
-    """Expand a state: put in what its motions reach at less cost than before, below `cost_limit`."""
+    """Expand a state: queue the states that its motions reach at less cost, below `cost_limit`."""
     ground, moves, terms = graph
     numbers, rows, columns = queue.state, ground.rows, ground.columns
     headings = len(moves.begin) - 1

@@ -30,7 +30,9 @@ class MotionGround(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def motion_cost(ground: MotionGround, kind: int, radius: float, start: Numbers, end: Numbers) -> float:
+def motion_cost(
+    ground: MotionGround, kind: int, radius: float, start: Numbers, end: Numbers
+) -> float:
     """Integral of a density along a motion [density x cells]; infinite if it is blocked.
 
     Parameters
@@ -103,7 +105,9 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
 
 
 @njit(nogil=True, cache=True)
-def find_shortest_word(kind: int, radius: float, start: Numbers, end: Numbers) -> tuple[Array, Array]:
+def find_shortest_word(
+    kind: int, radius: float, start: Numbers, end: Numbers
+) -> tuple[Array, Array]:
     """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     if kind == curves.DUBINS:

@@ -70,7 +70,9 @@ class ParetoTerms(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def search_labels(labels: Labels, terms: ParetoTerms, expansions: int, solutions: NDArray[np.int32]) -> float:
+def search_labels(
+    labels: Labels, terms: ParetoTerms, expansions: int, solutions: NDArray[np.int32]
+) -> float:
     """Continue for `expansions`; return a bound on the first cost of all solutions to come.
 
     Parameters
@@ -122,7 +124,11 @@ def _open_bucket(labels: Labels, terms: ParetoTerms) -> None:
 
 @njit(nogil=True, cache=True)
 def _expand_heap(
-    labels: Labels, terms: ParetoTerms, n_expanded: int, expansions: int, solutions: NDArray[np.int32]
+    labels: Labels,
+    terms: ParetoTerms,
+    n_expanded: int,
+    expansions: int,
+    solutions: NDArray[np.int32],
 ) -> int:
     """Expand the heap's labels, or so many of them that `expansions` have begun; return how many.
 
@@ -161,7 +167,10 @@ def _expand_heap(
             new_first = first[label] + np.ceil(length * SCALE)
             new_second = second[label] + np.ceil(length * (half[cell] + half[other]))
             # A blocked cell's least second cost is infinite, as that of its step.
-            if new_second >= lowest_second[other] or half[row_neighbour] + half[col_neighbour] == corner:
+            if (
+                new_second >= lowest_second[other]
+                or half[row_neighbour] + half[col_neighbour] == corner
+            ):
                 continue
             bound = new_second + second_to_go[other]
             joint_cost = new_first + multiplier * new_second + joint_to_go[other]

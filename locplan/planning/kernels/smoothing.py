@@ -16,7 +16,12 @@ from locplan._support.kernels.arrays import Array, Bools, Floats, Numbers
 from locplan._support.kernels.outlines import CollisionMap, first_hit
 from locplan._support.kernels.rays import segment_cost
 from locplan.planning.kernels import curves
-from locplan.planning.kernels.motions import MotionGround, arc_cost, motion_poses, find_shortest_word
+from locplan.planning.kernels.motions import (
+    MotionGround,
+    arc_cost,
+    find_shortest_word,
+    motion_poses,
+)
 
 ASLANT = 0.05
 """Greatest angle between the heading and the way of a motion ahead or in reverse [rad]."""
@@ -116,12 +121,17 @@ def is_curve_clear(drive: MotionModel, body: CollisionMap, start: Numbers, end: 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_cheapest_chain(
-    ground: MotionGround, drive: MotionModel, body: CollisionMap, knots: Floats, step_costs: Floats, lookahead: int
+    ground: MotionGround,
+    drive: MotionModel,
+    body: CollisionMap,
+    knots: Floats,
+    step_costs: Floats,
+    lookahead: int,
 ) -> Array:
     """For each knot of the cheapest chain the knot before it, -1 elsewhere, and -2 - it by its own.
 
     A knot is reached from one of the `lookahead` before it along the shortest curve, or from the
-    one just before it by the path's own lines at the cost `step_costs`. The first entry is -1; without a
+    one just before it by the lines of the path at cost `step_costs`. The first entry is -1; without a
     chain the last is, too.
     """
     count = len(knots)
@@ -161,7 +171,7 @@ def shift_knots(
 ) -> None:
     """Shift inner knots sideways by a step [cells] and turn them by another [rad] while it pays.
 
-    `step_costs` holds the cost of the edge after each knot, and `curved` whether it is the shortest curve
+    `step_costs` holds the cost of the edge after each knot, `curved` if it is the shortest curve
     by now; both are kept up to date.
     """
     for _ in range(4):
@@ -172,14 +182,20 @@ def shift_knots(
             x, y, heading = knots[k, 0], knots[k, 1], knots[k, 2]
             for choice in range(9):
                 shift, turn = (choice // 3 - 1) * steps[0], (choice % 3 - 1) * steps[1]
-                candidate = x - shift * math.sin(heading), y + shift * math.cos(heading), heading + turn
+                candidate = (
+                    x - shift * math.sin(heading),
+                    y + shift * math.cos(heading),
+                    heading + turn,
+                )
                 first = curve_cost(ground, drive, before, candidate)
                 if not first < step_costs[k - 1] + step_costs[k]:
                     continue
                 last = curve_cost(ground, drive, candidate, after)
                 if not first + last < (step_costs[k - 1] + step_costs[k]) * (1 - 1e-7):
                     continue
-                if is_curve_clear(drive, body, before, candidate) and is_curve_clear(drive, body, candidate, after):
+                if is_curve_clear(drive, body, before, candidate) and is_curve_clear(
+                    drive, body, candidate, after
+                ):
                     step_costs[k - 1], step_costs[k], still = first, last, False
                     curved[k - 1] = curved[k] = True
                     knots[k, 0], knots[k, 1], knots[k, 2] = candidate

@@ -60,7 +60,10 @@ class Motions:
         if self.turning_radius is None:
             return
         grid = self.costs.grid
-        min_radius, greatest = MIN_RADIUS * grid.resolution, math.hypot(*grid.shape) * grid.resolution
+        min_radius, greatest = (
+            MIN_RADIUS * grid.resolution,
+            math.hypot(*grid.shape) * grid.resolution,
+        )
         if not min_radius <= self.turning_radius <= MAX_RADIUS * greatest:
             raise ConfigError(
                 f"turning_radius must lie in {min_radius:g}..{MAX_RADIUS * greatest:.4g} m"
@@ -169,7 +172,9 @@ class Motions:
         robot, grid = self.costs.robot, self.costs.grid
         if robot is None or robot.outline is None or self.space == "R2":
             return CollisionMap(np.empty((0, 1), np.int32), np.empty((0, 2)))
-        return CollisionMap(sum_rows(grid.cells == OCCUPIED), robot.outline.vertices / grid.resolution)
+        return CollisionMap(
+            sum_rows(grid.cells == OCCUPIED), robot.outline.vertices / grid.resolution
+        )
 
     @cached_property
     def arguments(self) -> tuple[Any, ...]:

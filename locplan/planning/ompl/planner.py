@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from locplan._support.checks import short_repr, check_integer
+from locplan._support.checks import check_integer, short_repr
 from locplan._support.kernels.arrays import Floats
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError, LocplanError
-from locplan.planning.any_angle import AnyAngle, straightened
+from locplan.planning.any_angle import AnyAngle, straighten_path
 from locplan.planning.costmap import Costmap
-from locplan.planning.grid import blank_costs, find_cheapest_cells, connected_parts, grid_path
+from locplan.planning.grid import blank_costs, connected_parts, find_cheapest_cells, grid_path
 from locplan.planning.lattice import Lattice
 from locplan.planning.metrics import path_metrics
 from locplan.planning.ompl.kinds import KINDS
@@ -104,7 +104,9 @@ class Ompl:
     def check(self) -> None:
         """Raise a ConfigError unless the planner can do what the options say."""
         if self.name not in KINDS:
-            raise ConfigError(f"OMPL's planners are {', '.join(KINDS)}, not {short_repr(self.name)}")
+            raise ConfigError(
+                f"OMPL's planners are {', '.join(KINDS)}, not {short_repr(self.name)}"
+            )
         kind = KINDS[self.name]
         check_space(self.space, self.turning_radius)
         if self.space not in kind.spaces:
@@ -120,7 +122,9 @@ class Ompl:
             raise ConfigError(f"progress must be a function, not {short_repr(self.progress)}")
         _ = self.limits
         if self.convergence is not None and not kind.anytime:
-            raise ConfigError(f"convergence is for {list_capable_planners(lambda kind: kind.anytime)}")
+            raise ConfigError(
+                f"convergence is for {list_capable_planners(lambda kind: kind.anytime)}"
+            )
         if self.seed is not None:
             check_integer("seed", self.seed, 1, MAX_SEED)
         if self.settings != {}:
@@ -179,7 +183,7 @@ class Ompl:
             return Found(status="not found" if limits.time_limit is None else "timeout", note=note)
         path = min(paths, key=lambda one: path_metrics(costs, one).cost)
         history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
-        return Found(straightened(costs, path) if self.improve else path, history=history)
+        return Found(straighten_path(costs, path) if self.improve else path, history=history)
 
     def _plan_seed_path(self, costs: Costmap, start: Position, goal: Position) -> list[Path]:
         """The path of another planner that the search begins with, or none."""
@@ -200,7 +204,9 @@ class Ompl:
             return []
         pose_errors = path.drive_poses[[0, -1]] - [start, goal]
         pose_errors[:, 2] = np.sin(pose_errors[:, 2] / 2)
-        return [path] if np.allclose(pose_errors, 0.0) else []  # the lattice's ends may be off a little
+        return (
+            [path] if np.allclose(pose_errors, 0.0) else []
+        )  # the lattice's ends may be off a little
 
 
 def _by_tree(

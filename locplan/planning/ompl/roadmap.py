@@ -20,7 +20,13 @@ from locplan._support.checks import check_choice, check_integer
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.planning.ompl.kinds import KINDS
 from locplan.planning.ompl.motions import Motions
-from locplan.planning.ompl.settings import base, check_settings, log_messages, make_ompl_planner, util
+from locplan.planning.ompl.settings import (
+    base,
+    check_settings,
+    log_messages,
+    make_ompl_planner,
+    util,
+)
 from locplan.planning.ompl.setup import pose_reader, space_information
 from locplan.planning.ompl.stopping import SearchLimits
 from locplan.planning.protocol import CURVED, Found, Position
@@ -57,7 +63,10 @@ class Roadmap:
             If the robot cannot stand at start or goal, or a heading is missing.
         """
         costs = self.motions.costs
-        start, goal = self.motions.validate_pose(start, "start"), self.motions.validate_pose(goal, "goal")
+        start, goal = (
+            self.motions.validate_pose(start, "start"),
+            self.motions.validate_pose(goal, "goal"),
+        )
         began = time.perf_counter()
         poses = self.find_path_poses(start, goal)
         planner_result = Found(note="the roadmap does not join start and goal; a larger one may")

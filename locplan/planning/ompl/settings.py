@@ -22,7 +22,8 @@ except ModuleNotFoundError:
     if sys.version_info >= (3, 14):
         alternatives["Python 3.14 and later"] = "Python 3.13"
     raise LocplanError(
-        f"OMPL's planners are not available on {' with '.join(alternatives)}: ompl has no wheels for it;"
+        f"OMPL's planners are not available on {' with '.join(alternatives)}: ompl has no wheels"
+        " for it;"
         f" take grid or any-angle, or {' with '.join(alternatives.values())}"
         if alternatives
         else "OMPL's planners need ompl, which is not installed: pip install 'ompl>=2.0.1'"
@@ -69,7 +70,9 @@ def make_ompl_planner(
             signature = getattr(kind, setters[setting]).__doc__.strip().splitlines()[0]
             expected = signature.rpartition(": ")[2].partition(")")[0]
             reason = f"it must be {expected}" if isinstance(error, TypeError) else error
-            raise ConfigError(f"{name} does not take {setting}={short_repr(value)}: {reason}") from None
+            raise ConfigError(
+                f"{name} does not take {setting}={short_repr(value)}: {reason}"
+            ) from None
     return planner
 
 
@@ -108,7 +111,13 @@ def log_messages() -> Iterator[None]:
         handler = util.OutputHandlerFile(str(file))
         level = util.getLogLevel()
         util.useOutputHandler(handler)
-        util.setLogLevel(next(ompl_level for max_level, ompl_level in _LEVELS if LOG.getEffectiveLevel() <= max_level))
+        util.setLogLevel(
+            next(
+                ompl_level
+                for max_level, ompl_level in _LEVELS
+                if LOG.getEffectiveLevel() <= max_level
+            )
+        )
         try:
             yield
         finally:

@@ -146,7 +146,9 @@ def problem_definition(
     return problem
 
 
-def state_from_pose(information: base.SpaceInformation, motions: Motions, pose: Position) -> base.State:
+def state_from_pose(
+    information: base.SpaceInformation, motions: Motions, pose: Position
+) -> base.State:
     """Make a state of a pose.
 
     Parameters

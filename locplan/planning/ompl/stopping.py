@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from locplan._support.checks import check_positive, check_integer
+from locplan._support.checks import check_integer, check_positive
 from locplan._support.progress import ProgressCallback
 from locplan.planning.ompl.kinds import KINDS, PlannerKind
 
@@ -89,7 +89,9 @@ class SearchLimits:
         began, iteration = time.perf_counter(), 0
         best: list[tuple[int, float]] = [(0, math.inf)]
 
-        def has_converged() -> bool:  # J fell by less than a share over the latter half of iterations
+        def has_converged() -> (
+            bool
+        ):  # J fell by less than a share over the latter half of iterations
             if self.convergence is None:
                 return False
             earlier = next(cost for at, cost in reversed(best) if at <= iteration / 2)

@@ -99,7 +99,9 @@ def evaluate_fit(
 
 
 @njit(nogil=True, cache=True)
-def evaluate_fits(field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fits: Floats) -> None:
+def evaluate_fits(
+    field: BeamScores, beams: Beams, ends: Floats, poses: Floats, fits: Floats
+) -> None:
     """Write the mean log-likelihoods of n scans at poses (c, n, 3) into `fits` (c, n)."""
     matrix, vector = np.empty((3, 3)), np.empty(3)
     for c in range(len(poses)):
@@ -115,7 +117,11 @@ def _invert_symmetric(matrix: Floats) -> Array:
         for q in range(3):
             a, b, c, d = (p + 1) % 3, (p + 2) % 3, (q + 1) % 3, (q + 2) % 3
             cofactors[q, p] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
-    size = matrix[0, 0] * cofactors[0, 0] + matrix[0, 1] * cofactors[1, 0] + matrix[0, 2] * cofactors[2, 0]
+    size = (
+        matrix[0, 0] * cofactors[0, 0]
+        + matrix[0, 1] * cofactors[1, 0]
+        + matrix[0, 2] * cofactors[2, 0]
+    )
     return cofactors / size
 
 

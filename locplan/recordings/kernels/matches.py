@@ -12,7 +12,7 @@ from numba import njit
 
 from locplan._support.kernels.arrays import Array, Floats, Ints, Octets, Shorts
 from locplan._support.kernels.lidar import LidarBeams, lever, scan_ends
-from locplan._support.kernels.likelihood import TOP, ScanLattice, LikelihoodField, make_weights
+from locplan._support.kernels.likelihood import TOP, LikelihoodField, ScanLattice, make_weights
 from locplan._support.kernels.posterior import compute_posterior
 from locplan._support.kernels.simd import (
     MAX_OCTET,
@@ -90,7 +90,10 @@ def sift_down(scores: Shorts, pairs: Ints, at: int) -> None:
         if child >= scores.size:
             return
         sibling = child + 1
-        if sibling < scores.size and (scores[sibling], pairs[sibling]) > (scores[child], pairs[child]):
+        if sibling < scores.size and (scores[sibling], pairs[sibling]) > (
+            scores[child],
+            pairs[child],
+        ):
             child = sibling
         if (scores[child], pairs[child]) <= (scores[at], pairs[at]):
             return

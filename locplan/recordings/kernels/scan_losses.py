@@ -127,7 +127,7 @@ def polish_pose(tables: LossTables, ends: Singles, lever: float, pose: Floats) -
 
 @njit(nogil=True, cache=True)
 def are_alike(a: Floats, b: Floats, max_distance: float, max_turn: float) -> bool:
-    """Whether two poses are nearer than `max_distance` [cells] and `max_turn` [rad] to each other."""
+    """True if two poses are nearer than `max_distance` [cells] and `max_turn` [rad]."""
     across, along = a[0] - b[0], a[1] - b[1]
     if across * across + along * along >= max_distance * max_distance:
         return False
@@ -191,9 +191,13 @@ def find_modes(
     factor = ends.shape[1] / sparse_ends.shape[1]
     for n in range(count):
         if fits(tables, poses[n, 0], poses[n, 1]):
-            losses[n] = factor * loss_at(tables, 0, sparse_ends, poses[n, 0], poses[n, 1], poses[n, 2])
+            losses[n] = factor * loss_at(
+                tables, 0, sparse_ends, poses[n, 0], poses[n, 1], poses[n, 2]
+            )
     place, candidates, order = (home[0], home[1], far_distance), (poses, losses), _ascending(losses)
-    _refine_all(tables, 0, (sparse_ends, factor), lever, order, max_excess, slack, place, candidates)
+    _refine_all(
+        tables, 0, (sparse_ends, factor), lever, order, max_excess, slack, place, candidates
+    )
     for level in range(1, last + 1):
         order = find_distinct_poses(poses, _ascending(losses), max_distance / 2, max_turn / 2)
         scaled = (sparse_ends, factor) if level < last else (ends, 1.0)

@@ -64,7 +64,9 @@ def compute_motion_density(error: Array, deviation: Array, kidnapped: float) -> 
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _density(square: float, squared_distance: float, turn: float, size: float, kidnapped: float) -> float:
+def _density(
+    square: float, squared_distance: float, turn: float, size: float, kidnapped: float
+) -> float:
     """Density of an error by its square in deviations, squared distance [m^2] and turn [rad].
 
     `size` is the product of the deviations.
@@ -97,7 +99,9 @@ def write_motion_error(first: Array, second: Array, move: Floats, error: Floats)
 
 
 @njit(nogil=True, cache=True)
-def spread_particles(random: Random, cloud: Singles, move: Floats, deviation: Floats, poses: Floats) -> None:
+def spread_particles(
+    random: Random, cloud: Singles, move: Floats, deviation: Floats, poses: Floats
+) -> None:
     """Fill `poses` (3, m) with moved particles of a cloud (3, n), each taken equally often."""
     count, n_poses = cloud.shape[1], poses.shape[1]
     for n in range(n_poses):

@@ -17,7 +17,14 @@ import numpy as np
 from numba import njit
 
 from locplan._support.kernels.arrays import Floats, Ints, Random
-from locplan._support.kernels.drives import OdometryErrors, FilterState, advance, correct, estimate_pose, is_due
+from locplan._support.kernels.drives import (
+    FilterState,
+    OdometryErrors,
+    advance,
+    correct,
+    estimate_pose,
+    is_due,
+)
 from locplan._support.kernels.lidar import BeamDisturbances, LidarBeams, measure_ends
 from locplan._support.kernels.particles import BeamScores, FilterSettings
 from locplan.simulation.kernels.bodies import Body, Surroundings, measure_gap, measure_margin
@@ -34,9 +41,9 @@ from locplan.simulation.kernels.pursuit import (
     TICK,
     TICKS,
     DriveState,
+    advance_to_nearest,
     is_clear,
     is_way_free,
-    advance_to_nearest,
     pursue,
 )
 
@@ -65,7 +72,9 @@ GO, PLAN, ENDED, ABORTED, TIMED_OUT = range(5)
 
 
 @njit(nogil=True, cache=True)
-def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, trace: DriveState) -> int:
+def decide(
+    path: Floats, surroundings: Surroundings, body: Body, period: int, trace: DriveState
+) -> int:
     """Write the next command into the trace; GO, or PLAN, or how the drive has ended.
 
     Parameters
@@ -109,7 +118,11 @@ def decide(path: Floats, surroundings: Surroundings, body: Body, period: int, tr
         # Nav2 plans once a second. Without need the planner would find the same path again.
         due = n - counts[PLAN_TICK] >= period
         if not due and n % REPLAN == 0:
-            due = not clear or path_distance > ASTRAY or not is_way_free(path, surroundings, body, trace)
+            due = (
+                not clear
+                or path_distance > ASTRAY
+                or not is_way_free(path, surroundings, body, trace)
+            )
         if due:
             counts[PLAN_TICK] = n
             return PLAN
@@ -161,7 +174,11 @@ def recover(path: Floats, surroundings: Surroundings, body: Body, trace: DriveSt
 
 @njit(nogil=True, cache=True)
 def apply_command(
-    random: Random, surroundings: Surroundings, body: Body, odometry: OdometryErrors, trace: DriveState
+    random: Random,
+    surroundings: Surroundings,
+    body: Body,
+    odometry: OdometryErrors,
+    trace: DriveState,
 ) -> None:
     """Drive for a tick: odometry reports the command, and its errors are in the true motion."""
     n, command = trace.counts[TICKS], trace.command
