@@ -136,12 +136,12 @@ class _Process:
     """A process that loads the planners, and then runs one at a time."""
 
     def __init__(self, scratch: Path) -> None:
-        program = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import main"
+        program = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import run_worker"
         threads = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"
         folders = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch))
         # In a session or group of its own Ctrl-C reaches only the caller.
         self._process = subprocess.Popen(
-            [sys.executable, "-c", f"{program}; main({os.getpid()})"],
+            [sys.executable, "-c", f"{program}; run_worker({os.getpid()})"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **dict.fromkeys(threads, "1"), **folders},

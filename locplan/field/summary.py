@@ -147,8 +147,8 @@ def describe_field(field: CovarianceField) -> str:
     spacing = field.stride * field.grid.resolution
     spacing_text = f"; every {spacing:g} m near the paths, else {2 * spacing:g} m"
     near_paths = spacing_text if field.lacking.any() else ""
-    return f"{estimator_text}{near_paths}; u is about 0 (localizable) on {share:.0%} of the map"
-        f"{remedy}"
+    map_text = f"u is about 0 (localizable) on {share:.0%} of the map"
+    return f"{estimator_text}{near_paths}; {map_text}{remedy}"
 
 
 def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, Floats]:

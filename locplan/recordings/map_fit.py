@@ -261,7 +261,7 @@ class MapFit:
                 f"The map seems shifted: {now}, and {self.best_share:.0%} with the drive turned by"
                 f" {math.degrees(turn):.1f} deg about the origin and moved by {x:.2f},{y:.2f} m;"
                 f" set origin: [{origin}] in the map's YAML, or take"
-                f" drive.moved({x:.3f}, {y:.3f}, {turn:.4f})."
+                f" drive.move({x:.3f}, {y:.3f}, {turn:.4f})."
             )
         if self.ranges:
             return (

@@ -161,7 +161,7 @@ def test_false_and_missing_walls_are_faults_with_their_places(office, drive):
     cells = office.cells.copy()
     cells[140:148, 300:700] = OCCUPIED  # in the corridor
     grid = replace(office, cells=cells, origin=(3.0, -2.0, 0.0))
-    own = drive.moved(3.6, -1.4, 0.0)
+    own = drive.move(3.6, -1.4, 0.0)
     (false,) = find_misfits(grid, [own]).faults(grid)
     assert (false.kind, false.sure) == ("false walls", True)
     left, right, low, top = false.boxes[0]

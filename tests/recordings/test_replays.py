@@ -156,7 +156,7 @@ def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
     (x, y, _), cos, sin = grid.origin, math.cos(turn), math.sin(turn)
     origin = cos * x - sin * y + shift[0], sin * x + cos * y + shift[1], turn
     turned = OccupancyGrid(grid.cells, RESOLUTION, origin=origin)
-    found = replay(drive.moved(*shift, turn), turned, robot=Robot(filter=SHARP), runs=6)
+    found = replay(drive.move(*shift, turn), turned, robot=Robot(filter=SHARP), runs=6)
     back = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
     assert found.errors @ back.T == pytest.approx(replayed.errors, abs=1e-6)
     assert back @ found.covariances @ back.T == pytest.approx(
@@ -239,7 +239,7 @@ def test_drives_that_cannot_be_replayed_are_refused(grid, drive):
     with pytest.raises(RecordingError, match="no odometry, which a replay needs"):
         replay(without, grid)
     with pytest.raises(RecordingError, match=r"begins at .*, off two_corridors"):
-        replay(drive.moved(500.0, 0.0, 0.0), grid)
+        replay(drive.move(500.0, 0.0, 0.0), grid)
     with pytest.raises(ConfigError, match="runs must be"):
         replay(drive, grid, runs=0)
     with pytest.raises(ConfigError, match="Recording"):
