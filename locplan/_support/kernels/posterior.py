@@ -217,7 +217,7 @@ def compute_posterior(
     mean: Floats,
     covariance: Floats,
 ) -> tuple[float, float]:
-    """Compute the moments of a scan with beam ends `ends` (beam, 2) and the costs of `score_scan`."""
+    """Compute the moments of a scan with beam ends `ends` (beam, 2) and `score_scan` costs."""
     score_scan(field, lattice, row, col, ends, costs)
     words = costs.size // WORD + 2 * (lattice.plane // WORD + 2)
     excess = -np.log(CONNECTED) / weights.nats

@@ -131,7 +131,7 @@ def find_cheapest_chain(
     """For each knot of the cheapest chain the knot before it, -1 elsewhere, and -2 - it by its own.
 
     A knot is reached from one of the `lookahead` before it along the shortest curve, or from the
-    one just before it by the lines of the path at cost `step_costs`. The first entry is -1; the last
+    one just before it by the path lines at cost `step_costs`. The first entry is -1; the last
     is -1 if there is no chain.
     """
     count = len(knots)
