@@ -29,7 +29,7 @@ TICK = 0.1
 def main(folder: str = "animation", step: float = 1.0, drives: int = DRIVES) -> None:
     """Write FOLDER/drives.gif with a frame every `step` seconds."""
     grid, robot = locplan.load_map(MAP), locplan.Robot("turtlebot4")
-    choice = locplan.choose(grid, START, GOAL, robot)
+    choice = locplan.recommend_path(grid, START, GOAL, robot)
     paths = {"shortest": choice.shortest.path, "to take": choice.path}
     driven = drive_closed(Simulator(grid, robot, seed=1001), paths, range(drives))
     for name, each in driven.items():

@@ -48,7 +48,7 @@ from locplan.simulation import (
     LEVELS,
     NO_FAULT,
     Arrivals,
-    Closed,
+    ClosedLoopSettings,
     Drives,
     Level,
     Simulator,
@@ -119,7 +119,7 @@ class Judged:
 
     map: str
     filter: str
-    choice: locplan.Choice
+    choice: locplan.Recommendation
     seconds: float
     """Time of the choice beside the field [s]."""
     log_error: Mapping[str, np.ndarray]
@@ -196,11 +196,11 @@ def judged(
         return field
 
     began = time.perf_counter()
-    choice = locplan.choose(grid, *ends, robot, compute=compute)
+    choice = locplan.recommend_path(grid, *ends, robot, compute=compute)
     seconds = time.perf_counter() - began - in_fields
     wanted = {SHORTEST, INFLATED, choice.candidates[choice.judgement.leader].name}
     paths = {each.name: each.path for each in choice.candidates if each.name in wanted}
-    closed = Closed(drives=CLOSED)
+    closed = ClosedLoopSettings(drives=CLOSED)
     simulated = simulate(grid, paths, robot, drives=drives, closed=closed, seed=1001)
     found = simulated.drives
     return Judged(

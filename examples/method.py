@@ -47,7 +47,7 @@ def main(folder: str = "method") -> None:
 
     # Everywhere: the covariance field, with the same e, and u, its logarithm scaled to 0 to 1.
     field = locplan.load_or_compute(grid, locplan.FieldConfig(estimator, stride=0.4))
-    costs = locplan.Costmap.from_field(grid, field)  # density 1 + weight * u
+    costs = locplan.Costmap.from_field(field)  # density 1 + weight * u
 
     # The path of least J, the integral of the density, next to the shortest one.
     axes = below.subplots()

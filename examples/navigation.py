@@ -17,7 +17,7 @@ from locplan.maps import environments
 def main(folder: str = "navigation", map_file: str | None = None) -> None:
     grid = locplan.load_map(map_file) if map_file else environments.make("two_corridors")
     field = locplan.load_or_compute(grid, locplan.Sad())
-    costs = locplan.Costmap.from_field(grid, field)
+    costs = locplan.Costmap.from_field(field)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
 

@@ -20,7 +20,7 @@ def main(folder: str = "ompl_program") -> None:
     grid = environments.make("two_corridors", resolution=0.1)
     ends = environments.place_positions("two_corridors")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
-    costs = locplan.Costmap.from_field(grid, field)
+    costs = locplan.Costmap.from_field(field)
     motions = ompl.Motions(costs)  # space="Dubins", turning_radius=0.5 for a car
 
     # A planner by hand: the space information checks states and motions, the problem has J.

@@ -18,7 +18,7 @@ def main(folder: str = "own_cost") -> None:
     grid = environments.make("office", resolution=0.1)
     ends = environments.place_positions("office")
     field = locplan.load_or_compute(grid, locplan.FieldConfig(stride=0.4))
-    aware = locplan.Costmap.from_field(grid, field)
+    aware = locplan.Costmap.from_field(field)
     near_walls = np.clip(1.0 - grid.clearance / 0.8, 0.0, 1.0)
     both = locplan.Costmap.from_density(grid, aware.density + 3.0 * near_walls, robot=0.25)
     for label, costs in (("localizability", aware), ("and clearance", both)):

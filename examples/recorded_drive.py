@@ -33,7 +33,7 @@ def main(folder: str = "recorded", map_file: str | None = None, file: str | None
         print(sentence)
 
     field = locplan.load_or_compute(grid, locplan.Fused(drive.lidar))
-    costs = locplan.Costmap.from_field(grid, field)
+    costs = locplan.Costmap.from_field(field)
     driven = path_metrics(costs, Route(drive.poses[:, :2]))
     print(f"driven: {driven.length:.1f} m, {driven.integrated_u:.1f} degenerate metres")
     places = [drive.poses[n, :2].tolist() for n in between(drive)]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import locplan
 from locplan._support import drawing as style
 from locplan._support.drawing import MAP_COLOURS, Picture, save_figure
-from locplan.maps import FREE, OCCUPIED, hollowed
+from locplan.maps import FREE, OCCUPIED, hollow_walls
 from locplan.maps.figures import draw_cells, draw_map
 
 LIDAR = locplan.Lidar(range=6.0, beams=60)
@@ -38,7 +38,7 @@ def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
     panels = (
         ("walls black inside,\nthe scan where it was taken", field, true),
         ("walls black inside,\nthe same scan elsewhere", field, wrong),
-        ("hollowed,\nthe same scan elsewhere", Field(hollowed(solid)), wrong),
+        ("hollowed,\nthe same scan elsewhere", Field(hollow_walls(solid)), wrong),
     )
     for axes, (title, each, pose) in zip(figure.subplots(1, 3), panels, strict=True):
         share = each.weight(on_robot, pose) / each.weight(on_robot, true)

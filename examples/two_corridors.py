@@ -18,7 +18,7 @@ def main(folder: str = "two_corridors") -> None:
     grid = locplan.load_map(MAP)
     robot = locplan.Robot("turtlebot3")
     field = locplan.load_or_compute(grid, locplan.Fused(robot.lidar))
-    costs = locplan.Costmap.from_field(grid, field, robot=robot)
+    costs = locplan.Costmap.from_field(field, robot=robot)
     start, goal = (2.0, 3.0), (38.0, 3.0)
     plans = {"shortest": locplan.plan(costs.with_weight(0.0), start, goal).with_costs(costs)}
     for weight in (0.2, 8.0):

@@ -4,7 +4,7 @@
 >>> grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
 >>> robot = locplan.Robot("turtlebot3")
 >>> field = locplan.covariance_field(grid, locplan.Fused(robot.lidar))
->>> costs = locplan.Costmap.from_field(grid, field, robot=robot)
+>>> costs = locplan.Costmap.from_field(field, robot=robot)
 >>> plan = locplan.plan(costs, start=(2.0, 3.0), goal=(38.0, 3.0))
 >>> plan.status
 'solved'

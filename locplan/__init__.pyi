@@ -15,7 +15,7 @@ from . import (
 from ._support.records import Table as Table
 from .advice.checkup import check as check
 from .advice.landmarks import place_landmarks as place_landmarks
-from .advice.repair import mend as mend
+from .advice.map_repair import repair as repair
 from .app.explorer.explorer import explore as explore
 from .comparison.experiment import compare as compare
 from .errors import LocplanError as LocplanError
@@ -41,8 +41,8 @@ from .recordings.location import locate as locate
 from .robots.lidar import Lidar as Lidar
 from .robots.parts import Footprint as Footprint
 from .robots.robot import Robot as Robot
-from .simulation.recommendation import Choice as Choice
-from .simulation.recommendations import choose_many as choose_many
-from .simulation.recommender import choose as choose
+from .simulation.recommendation import Recommendation as Recommendation
+from .simulation.recommendations import recommend_paths as recommend_paths
+from .simulation.recommender import recommend_path as recommend_path
 
 __version__: str

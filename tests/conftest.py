@@ -82,7 +82,7 @@ def run(monkeypatch, capsys):
 def small_field(tmp_path_factory) -> Path:
     """Settings of a field for --field that is quick to compute: the paper's disc of 1 m."""
     file = tmp_path_factory.mktemp("settings") / "small.json"
-    save_config(file, FieldConfig(Sad(range=1.0)))
+    save_config(FieldConfig(Sad(range=1.0)), file)
     return file
 
 

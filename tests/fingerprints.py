@@ -30,6 +30,7 @@ from locplan.maps import environments
 from locplan.planning import random_queries
 from locplan.planning.pareto import BudgetPlanner
 from locplan.robots import Kinematics
+from locplan.simulation import RecommendationSettings
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "rosmaps"
 MAPS = ("tb4_maze", "aws_small_house", "nav2_depot", "fetch_4_26_15", "mit_stata_basement_yaw")
@@ -85,12 +86,12 @@ def results(grid: OccupancyGrid) -> Iterator[tuple[str, np.ndarray]]:
         for array, values in field.values.items():
             yield f"field/{name}/{array}", values
     for name in ("sad", "fused"):
-        costs = locplan.Costmap.from_field(grid, made[name], robot=0.2)
+        costs = locplan.Costmap.from_field(made[name], robot=0.2)
         yield f"costs/{name}/u", costs.u
         yield f"costs/{name}/density", costs.density
         yield from routes(grid, costs, name)
         yield from masks(costs, name)
-    car_costs = locplan.Costmap.from_field(grid, made["fused"], robot=CAR)
+    car_costs = locplan.Costmap.from_field(made["fused"], robot=CAR)
     yield from car_paths(car_costs)
     if (grid.shape[0] * grid.shape[1]) < 200_000:  # a minute otherwise
         yield from default_choice(grid)
@@ -116,20 +117,27 @@ def routes(
     straight = {"any-angle": locplan.plan(costs, *ends).path}
     driven = locplan.simulation.simulate(grid, straight, robot, drives=8, seed=1)
     yield f"drives/{name}/errors", driven.drives["any-angle"].errors
-    choice = locplan.choose(grid, *ends, robot, costs=costs, drives=8, seed=1, time_limit=3600.0)
+    choice = locplan.recommend_path(
+        grid,
+        *ends,
+        robot,
+        costs=costs,
+        settings=RecommendationSettings(drives=8, time_limit=3600.0),
+        seed=1,
+    )
     yield from choice_arrays(f"choice/{name}", choice)
 
 
 def default_choice(grid: OccupancyGrid) -> Iterator[tuple[str, np.ndarray]]:
     """The choice of default settings, with the field that it computes itself."""
     field = locplan.covariance_field(grid, CONFIGS["sad"])
-    costs = locplan.Costmap.from_field(grid, field, robot=0.2)
+    costs = locplan.Costmap.from_field(field, robot=0.2)
     (query,) = random_queries(costs, 1, 1, min_distance=5.0)
-    choice = locplan.choose(grid, query.start, query.goal, Robot(ROUND))
+    choice = locplan.recommend_path(grid, query.start, query.goal, Robot(ROUND))
     yield from choice_arrays("choice/default", choice)
 
 
-def choice_arrays(name: str, choice: locplan.Choice) -> Iterator[tuple[str, np.ndarray]]:
+def choice_arrays(name: str, choice: locplan.Recommendation) -> Iterator[tuple[str, np.ndarray]]:
     """The chosen path, its verdict, and its ratio of errors with the interval."""
     yield f"{name}/path", choice.path.xy
     yield f"{name}/verdict", as_bytes(choice.verdict)

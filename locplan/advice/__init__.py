@@ -4,7 +4,7 @@ from locplan.advice.check_result import Check
 from locplan.advice.checkup import check
 from locplan.advice.landmark_objects import Box, Pole
 from locplan.advice.landmarks import place_landmarks, verify_landmarks
-from locplan.advice.repair import mend
+from locplan.advice.map_repair import repair
 from locplan.advice.tuning import Tuning, tune, tune_on_drive
 
 __all__ = [
@@ -13,8 +13,8 @@ __all__ = [
     "Pole",
     "Tuning",
     "check",
-    "mend",
     "place_landmarks",
+    "repair",
     "tune",
     "tune_on_drive",
     "verify_landmarks",

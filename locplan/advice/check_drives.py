@@ -40,8 +40,9 @@ from locplan.robots.amcl import Amcl
 from locplan.simulation.arrivals import Arrivals
 from locplan.simulation.driver import CHOOSING, FRESH
 from locplan.simulation.levels import NO_FAULT
-from locplan.simulation.recommendation import Choice
-from locplan.simulation.recommender import choose
+from locplan.simulation.problem import RecommendationSettings
+from locplan.simulation.recommendation import Recommendation
+from locplan.simulation.recommender import recommend_path
 from locplan.simulation.verdict import BETTER, DriveSet, RatePair, Verdict, compare_drives
 
 FAILING = 16
@@ -214,8 +215,8 @@ class FixTrials:
             yield results[-1]
             step(1, 1)
         if self.effort.choosing and self._is_still_lost(results):
-            choices = self._recommend_paths(costs, field, second)
-            if other_paths := _fixes.propose_paths(self.site, choices, self._score):
+            recommendations = self._recommend_paths(costs, field, second)
+            if other_paths := _fixes.propose_paths(self.site, recommendations, self._score):
                 results.append(self._try_fix(other_paths))
                 yield results[-1]
         length = sum(path.length for path in self.site.paths.values())
@@ -272,9 +273,9 @@ class FixTrials:
 
     def _recommend_paths(
         self, costs: Costmap, field: CovarianceField, progress: ProgressCallback
-    ) -> dict[str, Choice]:
+    ) -> dict[str, Recommendation]:
         """Return the recommended paths of the routes that lose most drives."""
-        site, choices = self.site, {}
+        site, recommendations = self.site, {}
         losses = dict(zip(site.paths, self._before.lost.sum(axis=1), strict=True))
         losing = [name for name, path in site.paths.items() if path.length <= LOSING_LENGTH]
         losing = sorted(filter(losses.get, losing), key=lambda name: -losses[name])[:LOSING]
@@ -282,21 +283,23 @@ class FixTrials:
         losing = losing[: int((lengths <= LOSING_LENGTH).sum())]
         for name, step in zip(losing, split_progress(progress, [100] * len(losing)), strict=True):
             start, goal = map(tuple, site.paths[name].xy[[0, -1]].tolist())
-            choice = choose(
+            recommendation = recommend_path(
                 site.world,
                 start,
                 goal,
                 site.robot,
                 costs=costs,
-                drives=self.effort.choosing,
-                rival=None,
-                filter_map=None if site.filter_map is site.world else site.filter_map,
+                settings=RecommendationSettings(
+                    drives=self.effort.choosing,
+                    rival=None,
+                    filter_map=None if site.filter_map is site.world else site.filter_map,
+                ),
                 seed=self.seed,
                 threads=self.threads,
             )
-            choices[name] = choice.with_field(field)
+            recommendations[name] = recommendation.with_field(field)
             step(100, 100)
-        return choices
+        return recommendations
 
     def _try_fix(self, fix: Fix) -> FixResult:
         """Drive with a fix, after a few drives no further if it does not lead."""

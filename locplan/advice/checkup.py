@@ -70,7 +70,7 @@ def check(
         The map, or its file, whose thresholds and greys are then looked at, too.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
+        your own, such as `Robot.load` reads.
     stations : path, mapping or sequence, optional
         Places between which the robot drives: a CSV file of name, x, y [m], or of queries;
         positions by name; or (start, goal) pairs. By default places far apart in each room.
@@ -217,7 +217,7 @@ def _compute_field_and_spots(
     lidar = site.robot.known_lidar
     config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
     field = load_or_compute(site.world, config, threads=threads, progress=progress)
-    costs = Costmap.from_field(site.world, field, robot=site.robot)
+    costs = Costmap.from_field(field, robot=site.robot)
     robot_filter = site.robot.filter
     reach = robot_filter.reach(lidar) if isinstance(robot_filter, Amcl) else lidar.range
     return field, costs, find_weak_spots(costs, field, reach, site.paths)

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 if TYPE_CHECKING:
-    from locplan.advice.repair import Mended
+    from locplan.advice.map_repair import RepairedMap
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
@@ -456,18 +456,18 @@ def _draw_route_errors(axes: Axes, verification: Verification) -> None:
     axes.legend(fontsize="small", frameon=False)
 
 
-def repair_figure(mended: Mended) -> Figure:
-    """Draw the map as it is and mended, side by side.
+def repair_figure(repaired_map: RepairedMap) -> Figure:
+    """Draw the map as it is and repaired, side by side.
 
     Parameters
     ----------
-    mended : Mended
-        What `locplan.mend` has made.
+    repaired_map : RepairedMap
+        What `locplan.repair` returned.
     """
-    width, height = map_size(mended.grid)
+    width, height = map_size(repaired_map.grid)
     figure = Picture(figsize=(2 * width, height), layout="constrained")
     pair = figure.subplots(1, 2, sharex=True, sharey=True)
-    titled_maps = {"as it is": mended.grid, "for the filter": mended.filter_map}
+    titled_maps = {"as it is": repaired_map.grid, "for the filter": repaired_map.filter_map}
     for axes, (title, grid) in zip(pair, titled_maps.items(), strict=True):
         draw_map(axes, grid)
         # All that is occupied is black here, which maps in other pictures show as a rim.

@@ -12,7 +12,7 @@ from locplan.advice.fixes import LANDMARKS, MEND, PATHS, REACH, SETTINGS, WALLS
 from locplan.export.nav2 import nav2_keepout
 from locplan.export.parameters import write_merged
 from locplan.export.servers import write_filter_map
-from locplan.maps.files import meant_header, save_map
+from locplan.maps.files import corrected_yaml, save_map
 from locplan.robots.parameters import read_parameters
 from locplan.simulation.amcl_parameters import write_tuned
 
@@ -82,7 +82,7 @@ def write_files(folder: Folder, check: Check, params: Params) -> None:
     elif kinds & {REACH, SETTINGS}:
         write_tuned(parameter_file, check.fixed_site.robot.amcl)
     if WALLS in kinds and check.source:
-        (folder / "map.yaml").write_text(meant_header(check.source, reading.lengths), "utf-8")
+        (folder / "map.yaml").write_text(corrected_yaml(check.source, reading.lengths), "utf-8")
     elif WALLS in kinds:
         save_map(reading.in_metres(reading.grid), folder / "map.yaml")
     if MEND in kinds:

@@ -23,7 +23,7 @@ from locplan.planning.path import Path
 from locplan.planning.plans import plan
 from locplan.robots.amcl import Amcl
 from locplan.robots.presets import with_preset
-from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommendation import Recommendation
 
 POLES = 3
 """Number of poles that are placed if no other fix helps enough."""
@@ -123,7 +123,7 @@ def preset_settings(choice: PresetChoice) -> Fix | None:
 
 
 def propose_paths(
-    site: Site, choices: Mapping[str, Choice], score: Callable[[Site], float]
+    site: Site, recommendations: Mapping[str, Recommendation], score: Callable[[Site], float]
 ) -> Fix | None:
     """The recommended paths of routes, or a mask on which these or others are the cheapest.
 
@@ -131,22 +131,28 @@ def propose_paths(
     ----------
     site : Site
         What is driven.
-    choices : mapping of str to Choice
+    recommendations : mapping of str to Recommendation
         What was chosen for routes by their names, with costmaps.
     score : callable
         Drives a site, and gives what sites are ranked by; less is better.
     """
-    useful_choices = {
-        name: choice for name, choice in choices.items() if choice.path and choice.best > 0
+    useful_recommendations = {
+        name: recommendation
+        for name, recommendation in recommendations.items()
+        if recommendation.path and recommendation.best > 0
     }
-    paths_by_route = {name: choice.path for name, choice in useful_choices.items() if choice.path}
+    paths_by_route = {
+        name: recommendation.path
+        for name, recommendation in useful_recommendations.items()
+        if recommendation.path
+    }
     if not paths_by_route:
         return None
     best = _make_paths_fix(site, paths_by_route, "other paths", "routes for Nav2")
     # A mask leads from everywhere to everywhere, and is worth a little more than routes.
     best_score = score(best.apply(site)) - math.log(WORTHWHILE)
-    for choice in useful_choices.values():
-        mask = choice.costmap()
+    for recommendation in useful_recommendations.values():
+        mask = recommendation.costmap()
         ways = {name: plan(mask, *path.xy[[0, -1]]).path for name, path in site.paths.items()}
         usable_paths = {name: path for name, path in ways.items() if path and path.length}
         if len(usable_paths) < len(ways):

@@ -437,7 +437,7 @@ def place_landmarks(
         planned again among the objects.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
+        your own, such as `Robot.load` reads.
     zones : Zones, optional
         The zones: no object stands in a no-go one, and no route leads through it.
     threads : int, optional

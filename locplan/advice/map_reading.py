@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from locplan.maps.files import MapSource, as_meant
+from locplan.maps.files import MapSource, with_corrected_thresholds
 from locplan.maps.grid import OccupancyGrid
 
 
@@ -32,7 +32,7 @@ class MapReading:
         source : MapSource or None
             How it was read.
         """
-        corrected, reasons = as_meant(grid, source), []
+        corrected, reasons = with_corrected_thresholds(grid, source), []
         if source is None or corrected is grid:
             return cls(grid)
         free, occupied = source.meant_thresholds

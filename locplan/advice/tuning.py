@@ -48,7 +48,7 @@ from locplan.robots.amcl import Amcl
 from locplan.robots.presets import AMCL_PRESETS, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.amcl_parameters import (
-    BeamsLeft,
+    BeamCount,
     find_differing_names,
     list_setting_warnings,
     write_tuned,
@@ -88,7 +88,7 @@ class Tuning(Result):
     """The robot with the user's settings of AMCL."""
     choice: PresetChoice
     """The settings to use, and the drives that chose them."""
-    beams_left: BeamsLeft
+    beams_left: BeamCount
     """Number of the compared beams that return."""
     warnings: tuple[str, ...]
     """Warnings of the user's settings."""
@@ -396,7 +396,7 @@ def tune(
         The map, or several for one parameter file: all count together at the usual level, and a
         preset must do no harm on any of them.
     robot : Robot, optional
-        The robot, such as `Robot.from_nav2` reads; by default one with Nav2's filter and a lidar
+        The robot, such as `Robot.load` reads; by default one with Nav2's filter and a lidar
         of 6 m that sees all round.
     paths : int, default 16
         Number of random paths on each map, 5 to 1000.
@@ -468,7 +468,7 @@ def tune(
         for path in map_paths
     ]
     choice = choose_preset(simulated_robot.amcl, cases, lines, progress=progress)
-    beams_left = min(map(BeamsLeft.on_map, simulators), key=lambda left: left.returned)
+    beams_left = min(map(BeamCount.on_map, simulators), key=lambda left: left.returned)
     return Tuning(
         grids=tuple(grids),
         robot=simulated_robot,
@@ -668,8 +668,8 @@ def _check_drive(drive: ReplayedDrive) -> None:
         raise RecordingError(f"{drive.name}: {limit}")
 
 
-def _beams_left(drive: ReplayedDrive) -> BeamsLeft:
+def _beams_left(drive: ReplayedDrive) -> BeamCount:
     """Return the beams that return on a drive."""
     tracks = ReplayInputs(drive.recording, check_filter_map(drive.filter_map, drive.grid))
     ends = tracks.ends(drive.robot.amcl)
-    return BeamsLeft(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))
+    return BeamCount(ends.shape[1], float(np.isfinite(ends[..., 0]).sum(axis=1).mean()))

@@ -27,14 +27,14 @@ from locplan.planning.requests import (
     find_changed_options,
     has_option,
     make_planner,
-    own_planner,
     unwrap_planner,
+    user_planner,
     with_options,
 )
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import needs_lattice
 from locplan.robots.robot import Robot
-from locplan.simulation.recommender import SimulatedChoice
+from locplan.simulation.recommender import RecommendingPlanner
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class PlannerSpec:
     @property
     def is_user_planner(self) -> bool:
         """Whether the planner is a user's own."""
-        return own_planner(self.planner) is not None
+        return user_planner(self.planner) is not None
 
     @property
     def time_limit(self) -> float | None:
@@ -145,7 +145,7 @@ class PlannerSpec:
     @property
     def version(self) -> str | None:
         """The version that a user's planner declares; None without one."""
-        planner = own_planner(self.planner)
+        planner = user_planner(self.planner)
         code = planner.function if isinstance(planner, FunctionPlanner) else planner
         version = getattr(code, "version", None)
         return None if version is None else str(version)
@@ -156,7 +156,7 @@ class PlannerSpec:
         A user's planner counts as the same if its name, its declared version and its options are
         the same.
         """
-        options, planner = find_changed_options(self.planner), own_planner(self.planner)
+        options, planner = find_changed_options(self.planner), user_planner(self.planner)
         if planner is None:
             return [
                 self.planner.name,
@@ -241,7 +241,7 @@ def _parse_spec(text: str) -> PlannerSpec:
     limits = {limit: options.pop(limit, None) for limit in ("max_e", "budget")}
     # Only comparisons know it by name, since it needs more than a costmap.
     planners_by_name = PLANNERS | {
-        "simulated choice": PlannerEntry(SimulatedChoice, "simulated error")
+        "simulated choice": PlannerEntry(RecommendingPlanner, "simulated error")
     }
     try:
         if name:

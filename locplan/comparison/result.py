@@ -77,7 +77,7 @@ class Case:
             "criterion": self.criterion,
             "zones": self.zones,
         }
-        return Costmap.from_field(self.grid, covariance_field, **options), covariance_field
+        return Costmap.from_field(covariance_field, **options), covariance_field
 
 
 @dataclass(frozen=True)

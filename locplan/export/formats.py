@@ -85,7 +85,7 @@ def write_keepout(target: Path, job: ExportJob, options: ChargedOptions) -> Expo
     from locplan.export.nav2 import nav2_keepout
 
     mask = nav2_keepout(
-        target, job.choice or job.costs, paths=job.paths, force=job.force, **vars(options)
+        target, job.recommendation or job.costs, paths=job.paths, force=job.force, **vars(options)
     )
     return mask.facts()
 

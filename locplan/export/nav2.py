@@ -51,12 +51,12 @@ from locplan.planning.path import Path as Route
 from locplan.robots.parameters import Nav2Parameters
 
 if TYPE_CHECKING:
-    from locplan.simulation.recommendation import Choice
+    from locplan.simulation.recommendation import Recommendation
 
 
 def nav2_keepout(
     folder: str | Path,
-    costs: Costmap | Choice,
+    costs: Costmap | Recommendation,
     *,
     planner: str | None = None,
     planner_param: float | None = None,
@@ -72,12 +72,12 @@ def nav2_keepout(
     ----------
     folder : path
         The folder, which need not exist; an earlier export of this kind is replaced.
-    costs : Costmap or Choice
+    costs : Costmap or Recommendation
         The mask's 0..99 stand for weight u in every free cell, whether or not the robot fits
         there: what is too close to a wall is for Nav2's own inflation to say, and its robot may
         fit where this costmap's does not. Nav2 ignores a map's yaw, so that the mask has none
-        either. Of a choice it is the density of the path to take (`Choice.costmap`), which is
-        one of `paths`; the folder's README.md begins with the choice's advice to tune first.
+        either. Of a recommendation it is `Recommendation.costmap`, whose path is one of
+        `paths`; the folder's README.md begins with its advice to tune first.
         A costmap with zones makes a zones.geojson. If a zone is slow, there is a speed_mask.yaml
         as well, whose limits begin as far before a zone as the robot drives in a second. From
         lyrical on, vector_objects.yaml has the no-go zones for Nav2's vector object server.
@@ -123,12 +123,12 @@ def nav2_keepout(
     LocplanError
         If the folder cannot be written, or a setting is out of its range.
     """
-    robot, paths, choice = Nav2Robot.from_files(params, distro, tree), paths or {}, None
+    robot, paths, recommendation = Nav2Robot.from_files(params, distro, tree), paths or {}, None
     if not isinstance(costs, Costmap):
-        choice, costs = costs, costs.costmap()
+        recommendation, costs = costs, costs.costmap()
         paths = {
             candidate.name: candidate.path
-            for candidate in [choice.recommended_candidate]
+            for candidate in [recommendation.recommended_candidate]
             if candidate
         } | {**paths}
     planner = planner or robot.planner(costs.grid.free.size)
@@ -157,9 +157,12 @@ def nav2_keepout(
     metadata: dict[str, Any] = {"planner_id": planner_name, "conversion": conversion.facts().values}
     if "speed" in masks:
         metadata["lead"] = lead
-    if choice:
-        metadata["choice"] = {"taken": choice.taken, "answer": choice.answer}
-    planning = _MaskPlanning(conversion, planner_name, edited, bool(inflation), choice)
+    if recommendation:
+        metadata["choice"] = {
+            "taken": recommendation.recommended_name,
+            "answer": recommendation.answer,
+        }
+    planning = _MaskPlanning(conversion, planner_name, edited, bool(inflation), recommendation)
     if layer and planning.untaken_paths:
         option = suggest_inflation(
             costs, values, robot, planning.untaken_paths, conversion, paths, layer
@@ -262,7 +265,7 @@ class _MaskPlanning:
     called: str
     tree: str | None
     inflated: bool
-    choice: Choice | None = None
+    recommendation: Recommendation | None = None
     option: str = ""
     """A change of the inflation with which the planner takes more of the paths; empty without."""
 

@@ -89,4 +89,4 @@ def write_field_file(path: str | os.PathLike[str], computed: CovarianceField) ->
     LocplanError
         If the suffix is another, or the file cannot be written.
     """
-    computed.save(path, extra_arrays={"u_map": Costmap.from_field(computed.grid, computed).u})
+    computed.save(path, extra_arrays={"u_map": Costmap.from_field(computed).u})

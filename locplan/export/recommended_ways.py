@@ -171,7 +171,7 @@ def nav2_routes(
     costs : Costmap
         The costs of travel; the map's yaw is left out, as Nav2 ignores it.
     paths : dict of Path
-        The recommended path of each query by its name, such as those of `choose_many`.
+        The recommended path of each query by its name, such as those of `recommend_paths`.
     frame : str, default "map"
         Frame of the nodes.
     distro : str, default "jazzy"

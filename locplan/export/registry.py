@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from locplan.planning.costmap import Costmap
     from locplan.planning.path import Path as Route
     from locplan.robots.robot import Robot
-    from locplan.simulation.recommendation import Choice
+    from locplan.simulation.recommendation import Recommendation
 
 NAV2_FILES = {
     "README.md": "how to use them in Nav2",
@@ -57,7 +57,7 @@ class ExportJob:
     """The paths by name."""
     robot: Robot | None = None
     """The robot; None if it is not known."""
-    choice: Choice | None = None
+    recommendation: Recommendation | None = None
     """The choice that the costs and the path are of; None without one."""
     force: bool = False
     """True overwrites files of the same names in a folder; others stay."""
@@ -65,36 +65,51 @@ class ExportJob:
     @property
     def rows(self) -> list[tuple[str, str]]:
         """What people are to do before they use an export: a label and a text each."""
-        return [("first", sentence) for sentence in self.choice.advice] if self.choice else []
+        return (
+            [("first", sentence) for sentence in self.recommendation.advice]
+            if self.recommendation
+            else []
+        )
 
     @classmethod
-    def from_choice(cls, choice: Choice, field: CovarianceField) -> ExportJob:
+    def from_recommendation(
+        cls, recommendation: Recommendation, field: CovarianceField
+    ) -> ExportJob:
         """The objects of a choice.
 
         Parameters
         ----------
-        choice : Choice
+        recommendation : Recommendation
             A choice with a path.
         field : CovarianceField
             The field of its map, by the choice's `config`.
         """
-        choice = choice.with_field(field)
+        recommendation = recommendation.with_field(field)
         paths = {
             candidate.name: candidate.path
-            for candidate in [choice.recommended_candidate]
+            for candidate in [recommendation.recommended_candidate]
             if candidate
         }
-        return cls(choice.costmap(), field, paths, robot=choice.robot, choice=choice)
+        return cls(
+            recommendation.costmap(),
+            field,
+            paths,
+            robot=recommendation.robot,
+            recommendation=recommendation,
+        )
 
     @classmethod
-    def from_choices(
-        cls, choices: Mapping[str, Choice], field: CovarianceField, paths: Mapping[str, Route]
+    def from_recommendations(
+        cls,
+        recommendations: Mapping[str, Recommendation],
+        field: CovarianceField,
+        paths: Mapping[str, Route],
     ) -> ExportJob:
         """The paths of choices, with further ones, on the costmap of the first choice's field.
 
         Parameters
         ----------
-        choices : mapping of str to Choice
+        recommendations : mapping of str to Recommendation
             Choices on one map by the names that their paths get; those without a path are left out.
         field : CovarianceField
             The field of the map, by the choices' `config`.
@@ -107,9 +122,9 @@ class ExportJob:
             If the choices differ in the map, the field or the robot's size, or two paths have one
             name.
         """
-        name, first = next(iter(choices.items()))
-        for other, choice in choices.items():
-            if (choice.map, choice.config, choice.robot.radius) != (
+        name, first = next(iter(recommendations.items()))
+        for other, recommendation in recommendations.items():
+            if (recommendation.map, recommendation.config, recommendation.robot.radius) != (
                 *(first.map, first.config, first.robot.radius),
             ):
                 raise ConfigError(
@@ -118,14 +133,16 @@ class ExportJob:
                 )
             if other in paths:
                 raise ConfigError(f"a path and a choice are both named {other}; rename one")
-        choice_paths = {
-            other: choice.path for other, choice in choices.items() if choice.path is not None
+        recommended_paths = {
+            other: recommendation.path
+            for other, recommendation in recommendations.items()
+            if recommendation.path is not None
         }
-        if not choice_paths and not paths:
+        if not recommended_paths and not paths:
             raise ConfigError(f"the choice {name} has no path: {first.sentence}")
         costs = first.with_field(field).costs
         assert costs is not None
-        return cls(costs, field, {**choice_paths, **paths}, robot=first.robot)
+        return cls(costs, field, {**recommended_paths, **paths}, robot=first.robot)
 
 
 @dataclass(frozen=True)

@@ -225,23 +225,23 @@ def equip_robot(robot: Robot | None, config: FieldConfig | None = None) -> Robot
     return robot if robot.lidar else replace(robot, lidar=lidar_from_config(config))
 
 
-def save_config(path: str | os.PathLike[str], config: FieldConfig) -> None:
+def save_config(config: FieldConfig, path: str | os.PathLike[str]) -> None:
     """Write the settings of a field as JSON, for `load_config` and the option ``--field``.
 
     Parameters
     ----------
-    path : path
-        The file, named *.json; one that is there is replaced.
     config : FieldConfig
         The settings.
+    path : path
+        The file, named *.json. An existing file is replaced.
 
     Raises
     ------
     LocplanError
         If the file cannot be written, or its name does not end in .json.
     """
-    target = check_file_path("a file of settings", path)
     check_instance("config", config, FieldConfig)
+    target = check_file_path("a file of settings", path)
     check_target(target, ".json")
     content = {"locplan": __version__, "config": config.to_json()}
     with replacing(target) as temporary:

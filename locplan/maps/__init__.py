@@ -3,7 +3,7 @@
 from locplan.maps import environments
 from locplan.maps.files import MapWarning, find_maps, load_map, read_map, save_map
 from locplan.maps.grid import OccupancyGrid
-from locplan.maps.map_faults import MapFaults, faults, hollowed, solidity
+from locplan.maps.map_faults import MapFaults, faults, hollow_walls, solidity
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.maps.zones import Zone, Zones
 
@@ -19,7 +19,7 @@ __all__ = [
     "environments",
     "faults",
     "find_maps",
-    "hollowed",
+    "hollow_walls",
     "load_map",
     "read_map",
     "save_map",

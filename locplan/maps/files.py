@@ -541,7 +541,7 @@ def read_mask(path: str | os.PathLike[str]) -> OccupancyGrid:
     return _read_with_header(file, header)[0]
 
 
-def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
+def with_corrected_thresholds(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
     """The map with dark greys read as walls, and map_saver's grey as unknown, if it is not so.
 
     Parameters
@@ -558,7 +558,7 @@ def as_meant(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
     return replace(_read_with_header(file, header)[0], name=grid.name)
 
 
-def meant_header(source: MapSource, overrides: Mapping[str, object] | None = None) -> str:
+def corrected_yaml(source: MapSource, overrides: Mapping[str, object] | None = None) -> str:
     """A map's YAML with the thresholds of `as_meant`; the image is named in full.
 
     Parameters

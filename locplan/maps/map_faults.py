@@ -16,7 +16,7 @@ from locplan._support.kernels.arrays import Bools, Floats, Octets, Singles
 from locplan._support.output import Results
 from locplan._support.records import Column, Result, Table
 from locplan.errors import ConfigError
-from locplan.maps.files import DARK, ROWS, MapSource, as_meant
+from locplan.maps.files import DARK, ROWS, MapSource, with_corrected_thresholds
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 
@@ -63,7 +63,7 @@ class Solidity:
         return self.misleads and self.depth >= 0.15
 
 
-def hollowed(grid: OccupancyGrid) -> OccupancyGrid:
+def hollow_walls(grid: OccupancyGrid) -> OccupancyGrid:
     """The map with the inside of its walls unknown: each cell whose 8 neighbours are occupied.
 
     A filter needs the surfaces only. Inside of black a particle explains every beam; in unknown
@@ -267,7 +267,7 @@ class MapFault:
     empty where it is everywhere."""
 
     @property
-    def where(self) -> str:
+    def place_text(self) -> str:
         """The largest places in words, the middle of each and its size [m]; else empty."""
         place_texts = [
             f"{(left + right) / 2:.1f},{(low + top) / 2:.1f}"
@@ -280,7 +280,7 @@ class MapFault:
     @property
     def sentence(self) -> str:
         """All of it in one sentence, without a full stop."""
-        message = f"{self.what}, at {self.where}" if self.boxes else self.what
+        message = f"{self.what}, at {self.place_text}" if self.boxes else self.what
         return "; ".join(clause for clause in (message, self.costs, self.mend) if clause)
 
 
@@ -596,7 +596,7 @@ class MapFaults(Result):
         if "specks" in kinds:
             grid = replace(grid, cells=np.where(self.specks, np.uint8(FREE), grid.cells))
         # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
-        return hollowed(grid) if self.is_solid and "deep walls" not in kinds else grid
+        return hollow_walls(grid) if self.is_solid and "deep walls" not in kinds else grid
 
     def refuse_mask(self) -> None:
         """Raise a ConfigError if what was given for a map is a mask for a costmap filter."""
@@ -682,7 +682,7 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
     )
     # No filter has a mask for its map, whose areas are no walls.
     is_mask = any(fault.kind == "mask" for fault in file_faults)
-    corrected_map = grid if is_mask else as_meant(grid, source)
+    corrected_map = grid if is_mask else with_corrected_thresholds(grid, source)
     walls = (
         ()
         if is_mask

@@ -12,7 +12,7 @@ from locplan.planning.pareto import pareto_front
 from locplan.planning.path import Path
 from locplan.planning.path_check import PathCheck, check_path
 from locplan.planning.plans import plan
-from locplan.planning.protocol import Found, Planner
+from locplan.planning.protocol import Planner, PlannerResult
 from locplan.planning.queries import Query, random_queries
 from locplan.planning.registry import PLANNERS
 from locplan.planning.results import ParetoFront, Plan
@@ -21,7 +21,6 @@ __all__ = [
     "PLANNERS",
     "AnyAngle",
     "Costmap",
-    "Found",
     "GridPlanner",
     "Lattice",
     "MapInfo",
@@ -32,6 +31,7 @@ __all__ = [
     "PathMetrics",
     "Plan",
     "Planner",
+    "PlannerResult",
     "Query",
     "check_path",
     "describe_map",

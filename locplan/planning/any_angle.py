@@ -27,7 +27,7 @@ from locplan.planning.grid import (
 )
 from locplan.planning.metrics import path_cost
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Position
+from locplan.planning.protocol import PlannerResult, Position
 
 REACH = 3
 """Reach of the longest of the 32 moves along an axis [cells]."""
@@ -66,7 +66,7 @@ class AnyAngle:
         GridPlanner().prepare()
         self.solve(blank_costs(3, 9), (0.5, 0.5), (8.5, 1.5))
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] in free cells; the path has exactly these ends.
 
         See `locplan.planning.Planner.solve`.
@@ -80,7 +80,7 @@ class AnyAngle:
         start: Position,
         goal: Position,
         check: Callable[[], None] | None = None,
-    ) -> Found:
+    ) -> PlannerResult:
         """Plan as `solve` does, on a costmap that was prepared for several plans.
 
         Parameters
@@ -98,11 +98,11 @@ class AnyAngle:
         cutting = self.allow_corner_cutting
         cells, _ = find_cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
         if cells is None:
-            return Found(status="unreachable")
+            return PlannerResult(status="unreachable")
         wider = None
         if self.accuracy == "high":
             wider = _cells_of_32_moves(costs, start, goal, cutting)
-        return Found(any_angle_path(costs, bordered, cells, start, goal, cutting, wider))
+        return PlannerResult(any_angle_path(costs, bordered, cells, start, goal, cutting, wider))
 
 
 def any_angle_path(

@@ -21,7 +21,7 @@ from locplan.planning.grid import (
     iterate_bands,
 )
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Position
+from locplan.planning.protocol import PlannerResult, Position
 from locplan.planning.results import Plan, make_plan
 from locplan.planning.robot_fit import unfit_note
 
@@ -108,10 +108,10 @@ class CostToGo:
             If the start lies outside the map or in a blocked cell.
         """
         began = time.perf_counter()
-        cells, planner_result = self.cells(start), Found(status="unreachable")
+        cells, planner_result = self.cells(start), PlannerResult(status="unreachable")
         if cells is not None:
             note = unfit_note("grid", self.costs.robot)
-            planner_result = Found(self._path_over(cells, start), note=note)
+            planner_result = PlannerResult(self._path_over(cells, start), note=note)
         return make_plan(
             "grid", self.costs, start, self.goal, planner_result, time.perf_counter() - began
         )

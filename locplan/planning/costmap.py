@@ -143,7 +143,6 @@ class Costmap(CostLayers, Persistent):
     @classmethod
     def from_field(
         cls,
-        grid: OccupancyGrid,
         field: CovarianceField,
         *,
         weight: float | None = None,
@@ -157,10 +156,8 @@ class Costmap(CostLayers, Persistent):
 
         Parameters
         ----------
-        grid : OccupancyGrid
-            The map that the field was computed for.
         field : CovarianceField
-            The field; u is made of Sigma + Q, whether or not its estimator adds Q.
+            The field, with its map; u is made of Sigma + Q, whether or not its estimator adds Q.
         weight : float, optional
             Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own.
             More avoids degenerate places by longer paths.
@@ -187,19 +184,11 @@ class Costmap(CostLayers, Persistent):
 
         Raises
         ------
-        FieldError
-            If the field belongs to another map.
         ConfigError
             If weight or radius is negative or not finite, or a name is unknown.
         """
-        check_grid(grid)
         check_instance("field", field, CovarianceField, "compute one with locplan.load_or_compute")
-        if field.grid.digest != grid.digest:
-            raise FieldError(
-                f"the field of {field.grid.name or 'another map'} does not belong to"
-                f" {grid.name or 'this map'}; compute it for this map"
-            )
-        estimator = field.config.estimator
+        grid, estimator = field.grid, field.config.estimator
         weight = estimator.weight if weight is None else weight
         criterion = criterion or estimator.criterion
         check_weight(weight)
@@ -384,7 +373,7 @@ class Costmap(CostLayers, Persistent):
     def update(self, field: CovarianceField, *, window: CellWindow | None = None) -> Costmap:
         """Costmap of an edited map, read anew only where the edit can have changed it.
 
-        It equals `from_field` with this costmap's settings; what `blocked_where` has blocked is to
+        It equals `from_field` with this costmap's settings; what `with_blocked` has blocked is to
         be blocked again. All is read anew where either field has values at some points only.
 
         Parameters
@@ -410,12 +399,12 @@ class Costmap(CostLayers, Persistent):
         same |= {"weight": self.weight, "robot": self.robot_radius}
         window = join_windows(window, changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
-            costs = Costmap.from_field(grid, field, **same, zones=self.zones)
+            costs = Costmap.from_field(field, **same, zones=self.zones)
             return dataclasses.replace(costs, robot=self.robot)
         arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
         if window:
             part, inside = crop_field(field, window, self.robot_radius)
-            costs = Costmap.from_field(part.grid, part, **same)
+            costs = Costmap.from_field(part, **same)
             for name in LAYERS:
                 arrays[name] = arrays[name].copy()
                 arrays[name][window] = getattr(costs, name)[inside]
@@ -427,7 +416,7 @@ class Costmap(CostLayers, Persistent):
         arrays |= {"grid": grid, "of_heading": HeadingLayers.from_field(field, settings)}
         return dataclasses.replace(self, **arrays)
 
-    def blocked_where(self, blocked: Bools) -> Costmap:
+    def with_blocked(self, blocked: Bools) -> Costmap:
         """Copy of the costmap with more cells blocked, such as a zone that is closed.
 
         Parameters
@@ -490,4 +479,4 @@ def check_costs(costs: object) -> None:
     costs : object
         What a function was given for a costmap.
     """
-    check_instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(grid, field)")
+    check_instance("costs", costs, Costmap, "make one with locplan.Costmap.from_field(field)")

@@ -16,7 +16,7 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
 from locplan.planning.metrics import path_cost
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Position
+from locplan.planning.protocol import PlannerResult, Position
 
 if TYPE_CHECKING:
     from locplan._support.kernels.search import CostScale
@@ -160,7 +160,7 @@ class GridPlanner:
         """Compile the search, so that the first plan is not timed with it."""
         self.solve(blank_costs(1, 3), (0.5, 0.5), (2.5, 0.5))
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] in free cells; the path has exactly these ends.
 
         See `locplan.planning.Planner.solve`.
@@ -169,9 +169,9 @@ class GridPlanner:
             costs, start, goal, self.allow_corner_cutting, guided=self.guided
         )
         if cells is None:
-            return Found(status="unreachable", expanded=expanded)
+            return PlannerResult(status="unreachable", expanded=expanded)
         path = grid_path(costs, cells, start, goal, self.allow_corner_cutting)
-        return Found(path, expanded=expanded)
+        return PlannerResult(path, expanded=expanded)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from locplan._support.checks import check_integer, check_number, check_positive,
 from locplan.errors import ConfigError
 from locplan.planning.costmap import Costmap
 from locplan.planning.grid import blank_costs
-from locplan.planning.protocol import LATTICE, Found, Position
+from locplan.planning.protocol import LATTICE, PlannerResult, Position
 from locplan.planning.smoothing import GEAR_CHANGE, REVERSE, TURN, Smoother
 from locplan.robots.parts import Footprint
 from locplan.robots.robot import Robot
@@ -76,7 +76,7 @@ class Lattice:
         costs = dataclasses.replace(blank_costs(9, 9), robot=Robot(footprint=square))
         self.solve(costs, (1.5, 1.5), (7.5, 1.5))
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] or poses [m, rad] in free cells.
 
         See `locplan.planning.Planner.solve`.
@@ -103,7 +103,9 @@ class Lattice:
             planner_result, note="; ".join(filter(None, [planner_result.note, note]))
         )
 
-    def _search(self, costs: Costmap, start: Position, goal: Position, until: float) -> Found:
+    def _search(
+        self, costs: Costmap, start: Position, goal: Position, until: float
+    ) -> PlannerResult:
         """Plan for the costmap's robot as it is, until a time of `time.perf_counter`."""
         from locplan.planning.lattice_search import LatticeSearch, MotionPrices
 

@@ -23,7 +23,7 @@ from locplan.planning.kernels.bit_masks import WORD, add_runs, widen_bits
 from locplan.planning.kernels.lattice import BACKWARD, EITHER, FORWARD, LatticeGround, LatticeMoves
 from locplan.planning.metrics import crossed_cells
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Position
+from locplan.planning.protocol import PlannerResult, Position
 from locplan.robots.parts import Footprint, Kinematics
 from locplan.robots.robot import Robot
 
@@ -434,7 +434,7 @@ class LatticeSearch:
         self._between_cells = self.graph._replace(moves=_between_cells(moves, reversible))
         self._size = grid.shape[0] * grid.shape[1]
 
-    def find_path(self, start: Position, goal: Position) -> Found:
+    def find_path(self, start: Position, goal: Position) -> PlannerResult:
         """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
         robot, near = self._costs.robot, self._find_tolerated_cells(goal)
         try:
@@ -446,7 +446,7 @@ class LatticeSearch:
             nearly = self._search_targets(near, start, goal)[0] if may_come_near else planner_result
         except OutOfTimeError as out:
             note = f"the time was up; every path of the lattice costs at least {out.args[0]:.2f} m"
-            return Found(status="timeout", note=note)
+            return PlannerResult(status="timeout", note=note)
         tolerance = f"the robot's goal tolerance, {robot.goal_tolerance:g} m"
         if nearly.path is None:
             return dataclasses.replace(
@@ -458,7 +458,7 @@ class LatticeSearch:
 
     def _search_targets(
         self, targets: list[int], start: Position, goal: Position, near_cells: Sequence[int] = ()
-    ) -> tuple[Found, bool]:
+    ) -> tuple[PlannerResult, bool]:
         """The path from start to one of the cells `targets`, in the goal's heading, or why none.
 
         The second value is False if surely none leads to any of the `near_cells`, either.
@@ -478,7 +478,7 @@ class LatticeSearch:
             reached |= np.isinf(bound[near_cells])
             return self._explain_failure(start, goal, expanded), bool(reached.any())
         moves = kernels.trace_motions(graph, cost, last)
-        return Found(self._path(moves), expanded=expanded), True
+        return PlannerResult(self._path(moves), expanded=expanded), True
 
     def _find_tolerated_cells(self, goal: Position) -> list[int]:
         """The cells whose centres lie within the robot's goal tolerance of the goal."""
@@ -584,16 +584,16 @@ class LatticeSearch:
         x, y = grid.grid_to_world(poses[:, 1], poses[:, 0])
         return Path(np.column_stack([x, y]), poses[:, 2] + grid.origin[2])
 
-    def _explain_failure(self, start: Position, goal: Position, expanded: int) -> Found:
+    def _explain_failure(self, start: Position, goal: Position, expanded: int) -> PlannerResult:
         """Why there is no path, after all states were searched."""
         ends = start[:2], goal[:2]
         cells, _ = find_cheapest_cells(self._costs, *ends, allow_corner_cutting=False)
         if cells is None:
-            return Found(status="unreachable", expanded=expanded)
+            return PlannerResult(status="unreachable", expanded=expanded)
         headings, edge = len(self._angles), self._costs.grid.resolution
         note = f"none of the motions between {headings} headings and cells of {edge:g} m lead to"
         note += " the goal with the robot's outline, drive and turning radius"
-        return Found(status="infeasible", note=note, expanded=expanded)
+        return PlannerResult(status="infeasible", note=note, expanded=expanded)
 
 
 def _leaves_grid(motion: Primitive, shape: tuple[int, ...]) -> bool:

@@ -16,7 +16,14 @@ from locplan.planning.cost_to_go import plan_field
 from locplan.planning.costmap import Costmap
 from locplan.planning.lattice import Lattice
 from locplan.planning.path import Path
-from locplan.planning.protocol import CURVED, LATTICE, Found, Planner, PlannerWrapper, Position
+from locplan.planning.protocol import (
+    CURVED,
+    LATTICE,
+    Planner,
+    PlannerResult,
+    PlannerWrapper,
+    Position,
+)
 from locplan.robots.parts import Footprint
 from locplan.robots.robot import Robot
 
@@ -38,7 +45,7 @@ class LimitedPlanner(PlannerWrapper):
         if self.max_e is not None:
             check_positive("max_e", self.max_e, "m^2 rad")
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan within all limits."""
         stops = start, *self.via, goal
         return (
@@ -47,7 +54,7 @@ class LimitedPlanner(PlannerWrapper):
             else self._plan_below_max_e(costs, stops)
         )
 
-    def _plan_below_max_e(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+    def _plan_below_max_e(self, costs: Costmap, stops: Sequence[Position]) -> PlannerResult:
         """Plan where e allows it; if nothing joins the stops there, find the least e that does."""
         assert self.max_e is not None
         allowed, planner_result = _block_high_e(costs, self.max_e), None
@@ -62,9 +69,9 @@ class LimitedPlanner(PlannerWrapper):
         verdict = "would do" if any_will_do else "is needed at least"
         note = f"every path enters cells with e above {self.max_e:g};"
         note += f" max_e {format_rounded_up(lowest_max_e)} {verdict}"
-        return Found(status="infeasible", feasible_from=lowest_max_e, note=note)
+        return PlannerResult(status="infeasible", feasible_from=lowest_max_e, note=note)
 
-    def _plan_clear(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+    def _plan_clear(self, costs: Costmap, stops: Sequence[Position]) -> PlannerResult:
         """Plan for the outline's inscribed circle, the circumscribed one, or the outline itself."""
         if self.outline is None:
             return self._plan_legs(costs, stops)
@@ -79,7 +86,7 @@ class LimitedPlanner(PlannerWrapper):
                 return without
             inner = f"radius {self.outline.inscribed_radius:.3g} m"
             note = f"not even the footprint's inner circle ({inner}) fits through"
-            return Found(status="infeasible", note=note)
+            return PlannerResult(status="infeasible", note=note)
         if self.space == "R2" and gave_up is None:
             limit = getattr(self.planner, "time_limit", None)
             planner_result = self._plan_exactly(costs, stops, Lattice(time_limit=limit))
@@ -95,7 +102,7 @@ class LimitedPlanner(PlannerWrapper):
 
     def _try_circles(
         self, costs: Costmap, stops: Sequence[Position]
-    ) -> tuple[Found | None, Found | None, tuple[float, float] | None]:
+    ) -> tuple[PlannerResult | None, PlannerResult | None, tuple[float, float] | None]:
         """A circle's path that is clear for the outline, if there is one; beside it the last search
         that gave up, and where the outline meets a wall on the inner circle's path."""
         assert self.outline is not None
@@ -123,14 +130,16 @@ class LimitedPlanner(PlannerWrapper):
             meets = meets or collision
         return None, gave_up, meets
 
-    def _plan_exactly(self, costs: Costmap, stops: Sequence[Position], planner: Planner) -> Found:
+    def _plan_exactly(
+        self, costs: Costmap, stops: Sequence[Position], planner: Planner
+    ) -> PlannerResult:
         """Plan for the outline itself, by a lattice."""
         assert self.outline is not None
         robot = dataclasses.replace(costs.robot or Robot(), footprint=self.outline)
         outline_costs = dataclasses.replace(costs, robot=robot)
         return dataclasses.replace(self, planner=planner)._plan_legs(outline_costs, stops)
 
-    def _describe_search(self, costs: Costmap, meets: tuple[float, float] | None) -> Found:
+    def _describe_search(self, costs: Costmap, meets: tuple[float, float] | None) -> PlannerResult:
         """What was searched where the outline meets a wall on both circles' paths."""
         assert self.outline is not None
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
@@ -143,9 +152,9 @@ class LimitedPlanner(PlannerWrapper):
         if meets:
             place_text = f"{meets[0]:.2f},{meets[1]:.2f}"
             note += f"; the footprint meets a wall on that of the inner circle (near {place_text})"
-        return Found(note=note)
+        return PlannerResult(note=note)
 
-    def _plan_legs(self, costs: Costmap, stops: Sequence[Position]) -> Found:
+    def _plan_legs(self, costs: Costmap, stops: Sequence[Position]) -> PlannerResult:
         """Plan each leg from one stop to the next separately."""
         legs: list[Path] = []
         notes: list[str] = []
@@ -176,7 +185,7 @@ class LimitedPlanner(PlannerWrapper):
                 begin = (x, y, heading)  # goes on as this leg ends
             legs.append(planner_result.path)
             notes += [f"leg {number} {planner_result.note}"] if planner_result.note else []
-        return Found(Path.join(legs), note="; ".join(notes), expanded=expanded)
+        return PlannerResult(Path.join(legs), note="; ".join(notes), expanded=expanded)
 
     def _thin_costmap(self, costs: Costmap) -> Costmap:
         """The costmap of a robot that fits wherever the outline does, for proofs.
@@ -222,4 +231,4 @@ def _block_high_e(costs: Costmap, max_e: float) -> Costmap:
     """A copy of the costmap in which the cells with e above a limit are blocked."""
     if not np.isfinite(costs.e[np.isfinite(costs.density)]).all():
         raise ConfigError("a costmap without a field has no e to limit")
-    return costs.blocked_where(costs.e > max_e)
+    return costs.with_blocked(costs.e > max_e)

@@ -380,7 +380,7 @@ def compare_lidars(
     for lidar in lidars:
         config = FieldConfig(Fused(lidar), stride=COARSE_STRIDE)
         field = load_or_compute(grid, config, progress=report_progress)
-        costs = Costmap.from_field(grid, field, robot=robot, headings="worst")
+        costs = Costmap.from_field(field, robot=robot, headings="worst")
         u = costs.u[np.isfinite(costs.density)]
         shares.append(LidarShare(lidar, float(np.mean(u > DEGENERATE)) if u.size else np.nan))
     return shares

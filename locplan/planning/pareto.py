@@ -27,7 +27,7 @@ from locplan.planning.grid import (
 )
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Position
+from locplan.planning.protocol import PlannerResult, Position
 from locplan.planning.results import ParetoFront
 
 GAIN = 1e-10
@@ -365,7 +365,7 @@ class BudgetPlanner:
         """Compile the kernels, so that no time limit is spent on that."""
         prepare()
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] in free cells.
 
         See `locplan.planning.Planner.solve`. The status is "infeasible", with the least budget that
@@ -386,13 +386,13 @@ class BudgetPlanner:
             first_to_go, short = problem.to_go(1, 0)
         except FrontTimeoutError:
             note = f"the bounds of the search take longer than {self.time_limit:g} s on this map"
-            return Found(status="timeout", note=note)
+            return PlannerResult(status="timeout", note=note)
         if frugal is None:
-            return Found(status="unreachable")
+            return PlannerResult(status="unreachable")
         allowed = (self.budget - problem.ends[1]) * problem.per_integral
         within, line = np.floor(allowed + problem.tolerance(frugal)), problem.line
         if line is not None and line.units[1] <= within:
-            return Found(line.path, bound=line.path.length)
+            return PlannerResult(line.path, bound=line.path.length)
         if problem.measure_units(frugal)[1] > within:
             min_integral = problem.measure_metres(cells_from_flat(frugal, problem.columns))[1]
             if line is not None:
@@ -401,7 +401,7 @@ class BudgetPlanner:
                 f"no path over the grid has an integral of {self.objective} within {self.budget:g};"
                 f" the least is {format_rounded_up(min_integral)}"
             )
-            return Found(status="infeasible", feasible_from=min_integral, note=note)
+            return PlannerResult(status="infeasible", feasible_from=min_integral, note=note)
         assert short is not None  # because there is a frugal one
         bounds = _lagrangian(problem, first_to_go, short, frugal, within)
         lower = bounds.upper
@@ -414,12 +414,12 @@ class BudgetPlanner:
                 path = path_through_centres(
                     costs, search.trace_cells(int(solution_labels[0])), start, goal
                 )
-                return Found(path, bound=path.length)
+                return PlannerResult(path, bound=path.length)
             lower = min(max(to_come, bounds.lower), bounds.upper)
         best = path_through_centres(
             costs, cells_from_flat(bounds.best, problem.columns), start, goal
         )
-        return Found(best, bound=min(problem.length(lower), best.length))
+        return PlannerResult(best, bound=min(problem.length(lower), best.length))
 
 
 @dataclass(frozen=True)

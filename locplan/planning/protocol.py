@@ -29,7 +29,7 @@ Status = Literal["solved", "unreachable", "infeasible", "timeout", "not found"]
 
 
 @dataclass(frozen=True)
-class Found:
+class PlannerResult:
     """A path that a planner found from a start to a goal, or why it found none."""
 
     path: Path | None = field(default=None, repr=False)
@@ -85,7 +85,7 @@ class Planner(Protocol):
     def prepare(self) -> None:
         """Compile and load what `solve` needs, so that no plan is timed with it."""
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between two world positions [m] or poses [m, rad] where the robot can stand.
 
         Parameters

@@ -22,14 +22,14 @@ from locplan.planning.limits import LimitedPlanner
 from locplan.planning.metrics import path_metrics
 from locplan.planning.pareto import BudgetPlanner
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Planner, PlannerWrapper, Position, Status
+from locplan.planning.protocol import Planner, PlannerResult, PlannerWrapper, Position, Status
 from locplan.planning.registry import check_names, planner_from_name, read_option_defaults
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import default_planner
 from locplan.robots.parts import Footprint
 from locplan.robots.robot import Robot
 
-PlannerFunction: TypeAlias = Callable[..., Plan | Path | Found]
+PlannerFunction: TypeAlias = Callable[..., Plan | Path | PlannerResult]
 """A function ``f(costs, start, goal, **options)`` that returns a path, an (n, 2) or (n, 3) array of
 its positions, a `Found` or a `Plan`."""
 AnyPlanner: TypeAlias = str | Planner | PlannerFunction
@@ -40,7 +40,7 @@ AnyPlanner: TypeAlias = str | Planner | PlannerFunction
 class FunctionPlanner:
     """A planner written as a function ``f(costs, start, goal, **options)``.
 
-    The function returns a `Path`, an (n, 2) or (n, 3) array, a `Found` or a `Plan`. If
+    The function returns a `Path`, an (n, 2) or (n, 3) array, a `PlannerResult` or a `Plan`. If
     it has an attribute ``prepare``, that is called before anything is timed, so that it can compile
     there.
     """
@@ -79,16 +79,16 @@ class FunctionPlanner:
         """Call the function's own ``prepare``, if it has one."""
         getattr(self.function, "prepare", lambda: None)()
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Call the function and return what it found. See `locplan.planning.Planner.solve`."""
         result = self.function(costs, start, goal, **self.options)
         if isinstance(result, np.ndarray | list):
             result = _path_from_array(result)
         if isinstance(result, Path):
-            return Found(result)
+            return PlannerResult(result)
         if isinstance(result, Plan):
-            names = [attribute.name for attribute in dataclasses.fields(Found)]
-            return Found(**{name: getattr(result, name) for name in names})
+            names = [attribute.name for attribute in dataclasses.fields(PlannerResult)]
+            return PlannerResult(**{name: getattr(result, name) for name in names})
         return result
 
 
@@ -102,7 +102,7 @@ def _path_from_array(positions: ArrayLike) -> Path:
 class CheckedPlanner(PlannerWrapper):
     """A user's planner that gets a costmap of its own, and whose path is checked."""
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan on a copy of the costmap, not timing the copying, and check what is returned.
 
         See `locplan.planning.Planner.solve`.
@@ -128,7 +128,7 @@ class CheckedPlanner(PlannerWrapper):
 def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: Position) -> None:
     """Raise a LocplanError unless what a planner returned can be driven."""
     statuses = get_args(Status)
-    if not isinstance(planner_result, Found) or planner_result.status not in statuses:
+    if not isinstance(planner_result, PlannerResult) or planner_result.status not in statuses:
         raise LocplanError(
             "the planner must return a locplan.Path, an array of positions, a Plan or a"
             f" planners.Found with a status of {', '.join(statuses)}, not"
@@ -245,7 +245,7 @@ def unwrap_planner(planner: Planner) -> Planner:
     return planner
 
 
-def own_planner(planner: Planner) -> Planner | None:
+def user_planner(planner: Planner) -> Planner | None:
     """The planner of the user's own without its limits, or None if it is one of locplan's.
 
     Parameters

@@ -20,7 +20,7 @@ from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.grid import path_through_centres
 from locplan.planning.metrics import METRICS, PathMetrics, path_metrics
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found, Position, Status
+from locplan.planning.protocol import PlannerResult, Position, Status
 from locplan.planning.robot_fit import unfit_note
 from locplan.robots.robot import format_radius
 
@@ -137,7 +137,7 @@ def make_plan(
     costs: Costmap,
     start: Position,
     goal: Position,
-    planner_result: Found,
+    planner_result: PlannerResult,
     elapsed: float,
 ) -> Plan:
     """Make a plan of what a planner found, with the metrics of its path on a costmap."""
@@ -248,7 +248,7 @@ class ParetoFront(Result, Stored):
         if not -len(self) <= index < len(self):
             raise ConfigError(f"the front has {len(self)} paths, from 0 on; there is no {index}")
         path = path_through_centres(self.costs, self.cells[index], self.start, self.goal)
-        planner_result = Found(path, note=unfit_note("pareto", self.costs.robot))
+        planner_result = PlannerResult(path, note=unfit_note("pareto", self.costs.robot))
         return make_plan(
             "pareto", self.costs, self.start, self.goal, planner_result, self.solve_time
         )

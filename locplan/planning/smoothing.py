@@ -30,7 +30,7 @@ ROUNDS = 3
 """Rounds of shifts, each followed by straightening."""
 
 
-def smoothed(
+def smooth_path(
     costs: Costmap,
     path: Path,
     robot: Robot | None = None,

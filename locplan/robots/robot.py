@@ -111,36 +111,6 @@ class Robot(Settings):
         super().__post_init__()
 
     @classmethod
-    def from_nav2(cls, path: str | os.PathLike[str], lidar: Lidar | str | None = None) -> Robot:
-        """Robot of a parameter file of Nav2.
-
-        Its filter is amcl's; footprint or robot_radius, footprint_padding and inflation are those
-        of the global costmap (or the local one, where the global one has no size); the drive is
-        that of the planner in use, see `load`; if it has none, the robot moves sideways if amcl's
-        motion model does.
-
-        Parameters
-        ----------
-        path : path
-            The YAML file; where it has several robots, the namespace of one follows, as in
-            "nav2.yaml:robot1".
-        lidar : Lidar or str, optional
-            The lidar, or its name; Nav2's parameters do not say it.
-
-        Raises
-        ------
-        LocplanError
-            If the file cannot be read, or a value is out of its range.
-
-        Warns
-        -----
-        ParameterWarning
-            If parameters in the file are not simulated.
-        """
-        lidar = Lidar.preset(lidar) if isinstance(lidar, str) else lidar
-        return replace(cls.load(path), lidar=lidar)
-
-    @classmethod
     def load(
         cls,
         *paths: str | os.PathLike[str],
@@ -152,8 +122,12 @@ class Robot(Settings):
         Parameters
         ----------
         *paths : path
-            Files that `save` or ``locplan recording`` wrote, parameters of Nav2 (see `from_nav2`),
-            or a URDF or SDF with the lidar.
+            Files that `save` or ``locplan recording`` wrote, parameters of Nav2, or a URDF or SDF
+            with the lidar. Of a file with several robots the namespace of one follows, as in
+            "nav2.yaml:robot1". Nav2's parameters give amcl's filter; footprint or robot_radius,
+            footprint_padding and inflation of the global costmap (of the local one if the global
+            one has no size); and the drive of the planner in use. If the planner has none, the
+            robot moves sideways if amcl's motion model does.
         lidar : Lidar or str, optional
             The lidar, or its name, in place of the files'. A URDF or SDF then needs no sensor.
             Unless the lidar has a mount, its mount is that of the file's sensor, or of the only

@@ -37,7 +37,7 @@ def is_untuned(amcl: Amcl) -> bool:
 
 
 @dataclass(frozen=True)
-class BeamsLeft:
+class BeamCount:
     """Beams of a scan that AMCL compares, and how many of them return, on the average."""
 
     compared: int
@@ -46,7 +46,7 @@ class BeamsLeft:
     """Mean number of these that return, over random places of the map."""
 
     @classmethod
-    def on_map(cls, simulator: Simulator) -> BeamsLeft:
+    def on_map(cls, simulator: Simulator) -> BeamCount:
         """Count the beams that return at 200 random places of the map where the robot fits.
 
         Where it fits nowhere, all free cells count.
@@ -128,7 +128,7 @@ def find_filter_warnings(
 def list_setting_warnings(
     robot: Robot,
     settings: Amcl,
-    beams_left: BeamsLeft,
+    beams_left: BeamCount,
     further_parameters: Mapping[str, object] | None = None,
 ) -> tuple[str, ...]:
     """Return warnings about a robot's settings, and about changing them to others.

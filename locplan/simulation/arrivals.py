@@ -33,7 +33,7 @@ CLOSED_DRIVES = 16
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Closed(Settings):
+class ClosedLoopSettings(Settings):
     """Closed-loop drives that `simulate` adds.
 
     Raises

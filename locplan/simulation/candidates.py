@@ -104,7 +104,7 @@ def rebuild_costmap(cost_summary: Mapping[str, Any], field: CovarianceField) -> 
     }
     if "zones" in cost_summary:
         cost_options["zones"] = Zones.from_json(cost_summary["zones"])
-    return Costmap.from_field(field.grid, field, robot=cost_summary["robot_radius"], **cost_options)
+    return Costmap.from_field(field, robot=cost_summary["robot_radius"], **cost_options)
 
 
 def make_candidate_costmap(

@@ -248,8 +248,8 @@ def compute_rmse_ratio(drives: Drives, baseline: Drives) -> Interval:
     Returns
     -------
     Interval
-        Geometric mean of the ratio with its 95 % interval over the drives, as `locplan.choose`
-        confirms it; below 1 the former are better.
+        Geometric mean of the ratio with its 95 % interval over the drives, as
+        `locplan.recommend_path` confirms it; below 1 the former are better.
     """
     squares, below = drives.mean_squares + FLOOR, baseline.mean_squares + FLOOR
     return estimate_geometric_mean(np.sqrt(squares / below))

@@ -41,7 +41,7 @@ from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import ENDS, LEAVES, STOPS, Arrivals, describe_faults
 from locplan.simulation.drives import LOST, OFF, OFF_SHORT, compute_rmse_ratios, format_rates
 from locplan.simulation.race import Candidate
-from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommendation import Recommendation
 
 if TYPE_CHECKING:
     from locplan.simulation.query_routes import Routes
@@ -236,7 +236,7 @@ LINE_COLOURS, LINE_WIDTHS = ("0.72", "black", RECOMMENDED), (1.0, 2.0, 3.6)
 """Styles of the other candidates, of the shortest path, and of the recommended one."""
 
 
-def recommendation_figure(choice: Choice) -> Figure:
+def recommendation_figure(recommendation: Recommendation) -> Figure:
     """Draw the candidates over the map, the recommended path strongest, and the errors along it.
 
     Where nothing was driven, the degeneracy u along the paths is drawn instead. A choice that was
@@ -244,76 +244,90 @@ def recommendation_figure(choice: Choice) -> Figure:
 
     Parameters
     ----------
-    choice : Choice
+    recommendation : Recommendation
         The choice; without a path only its ends are shown.
     """
-    ends = Path(np.array([choice.start[:2], choice.goal[:2]]))
-    paths = [*(candidate.path for candidate in choice.candidates), ends]
+    ends = Path(np.array([recommendation.start[:2], recommendation.goal[:2]]))
+    paths = [*(candidate.path for candidate in recommendation.candidates), ends]
     width, height, part = WIDTH, 4.0, None
-    if choice.costs is not None:
-        part = crop_map(choice.costs.grid, [*paths, *_collect_marked_places(choice)])
+    if recommendation.costs is not None:
+        part = crop_map(
+            recommendation.costs.grid, [*paths, *_collect_marked_places(recommendation)]
+        )
         width, height = map_size(part)
         width = max(width, WIDTH)
     # Height of what is drawn along the paths [inch].
-    below = 2.4 if choice.candidates else 0.0
+    below = 2.4 if recommendation.candidates else 0.0
     figure = Picture(figsize=(width, height + below + 0.8), layout="constrained")
     axes = figure.subplots(
         2 if below else 1, squeeze=False, height_ratios=[height, below][: 1 + bool(below)]
     )
     upper, zones = axes[0, 0], []
-    if choice.costs is not None and part is not None:
+    if recommendation.costs is not None and part is not None:
         draw_map(upper, part)
-        draw_inset(upper, choice.costs.grid, part, paths)
-        zones = draw_zones(upper, choice.costs.zones, part)
-        if choice.judgement is None:
-            draw_degeneracy(figure, upper, choice.costs, part)
+        draw_inset(upper, recommendation.costs.grid, part, paths)
+        zones = draw_zones(upper, recommendation.costs.zones, part)
+        if recommendation.judgement is None:
+            draw_degeneracy(figure, upper, recommendation.costs, part)
     else:
         upper.set_aspect("equal")
     # The recommended path is drawn last.
-    for candidate in sorted(choice.candidates, key=lambda each: _rank(choice, each)):
-        rank = _rank(choice, candidate)
+    for candidate in sorted(
+        recommendation.candidates, key=lambda each: _rank(recommendation, each)
+    ):
+        rank = _rank(recommendation, candidate)
         draw_places(upper, candidate.arrivals, LINE_COLOURS[rank])
         draw_path(upper, candidate.path, color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank])
-    draw_ends(upper, choice.start, choice.goal)
-    if choice.candidates:
-        (_draw_errors if choice.judgement else _draw_degeneracy)(axes[1, 0], choice)
-    marks = place_handles(candidate.arrivals for candidate in choice.candidates)
-    figure.key([*_make_handles(choice), *marks, *end_handles(), *zones], ncols=3)
-    name = choice.map["name"] or "map"
-    figure.title(f"{name}: {choice.answer[0]}", *choice.answer[1:], choice.drives_text)
+    draw_ends(upper, recommendation.start, recommendation.goal)
+    if recommendation.candidates:
+        (_draw_errors if recommendation.judgement else _draw_degeneracy)(axes[1, 0], recommendation)
+    marks = place_handles(candidate.arrivals for candidate in recommendation.candidates)
+    figure.key([*_make_handles(recommendation), *marks, *end_handles(), *zones], ncols=3)
+    name = recommendation.map["name"] or "map"
+    figure.title(
+        f"{name}: {recommendation.answer[0]}",
+        *recommendation.answer[1:],
+        recommendation.drives_text,
+    )
     return figure
 
 
-def _collect_marked_places(choice: Choice) -> list[Path]:
+def _collect_marked_places(recommendation: Recommendation) -> list[Path]:
     """The places that are marked, as one path, if there are any."""
     place_rows = [
-        candidate.arrivals.places().rows for candidate in choice.candidates if candidate.arrivals
+        candidate.arrivals.places().rows
+        for candidate in recommendation.candidates
+        if candidate.arrivals
     ]
     places = [row[2:4] for rows in place_rows for row in rows]
     return [Path(np.array(places))] if places else []
 
 
-def _rank(choice: Choice, candidate: Candidate) -> int:
+def _rank(recommendation: Recommendation, candidate: Candidate) -> int:
     """2 of the recommended path, 1 of the shortest, 0 of the others."""
-    return 2 if candidate is choice.recommended_candidate else int(candidate is choice.shortest)
+    return (
+        2
+        if candidate is recommendation.recommended_candidate
+        else int(candidate is recommendation.shortest)
+    )
 
 
-def _make_handles(choice: Choice) -> list[Line2D]:
+def _make_handles(recommendation: Recommendation) -> list[Line2D]:
     highlighted = dict.fromkeys(
         candidate
-        for candidate in (choice.recommended_candidate, choice.shortest)
+        for candidate in (recommendation.recommended_candidate, recommendation.shortest)
         if candidate is not None
     )
     handles = []
     for candidate in highlighted:
-        rank = _rank(choice, candidate)
-        name = f"{candidate.name} path" if candidate is choice.shortest else candidate.name
-        recommended = "recommended" if choice.judgement else "untested"
-        role = f"{recommended}: " if candidate is choice.recommended_candidate else ""
+        rank = _rank(recommendation, candidate)
+        name = f"{candidate.name} path" if candidate is recommendation.shortest else candidate.name
+        recommended = "recommended" if recommendation.judgement else "untested"
+        role = f"{recommended}: " if candidate is recommendation.recommended_candidate else ""
         label = f"{role}{name}, {_format_figures(candidate)}"
         line = Line2D([], [], color=LINE_COLOURS[rank], linewidth=LINE_WIDTHS[rank], label=label)
         handles.append(line)
-    n_remaining = len(choice.candidates) - len(handles)
+    n_remaining = len(recommendation.candidates) - len(handles)
     if n_remaining > 0:
         label = f"{n_remaining} other candidate{'s' if n_remaining > 1 else ''}"
         handles.append(Line2D([], [], color=LINE_COLOURS[0], linewidth=LINE_WIDTHS[0], label=label))
@@ -332,13 +346,13 @@ def _format_figures(candidate: Candidate) -> str:
     return ", ".join([f"{candidate.path.length:.1f} m", *texts])
 
 
-def _draw_errors(axes: Axes, choice: Choice) -> None:
+def _draw_errors(axes: Axes, recommendation: Recommendation) -> None:
     """Draw the median error along the shortest and the recommended path, and the middle 80 %."""
-    for candidate in dict.fromkeys((choice.shortest, choice.recommended_candidate)):
+    for candidate in dict.fromkeys((recommendation.shortest, recommendation.recommended_candidate)):
         if candidate is None or candidate.driven is None:
             continue
         distance, median, low, high = candidate.driven.profile.T
-        rank = _rank(choice, candidate)
+        rank = _rank(recommendation, candidate)
         colour = LINE_COLOURS[rank]
         axes.fill_between(distance, low, high, color=colour, alpha=0.15, linewidth=0)
         axes.plot(distance, median, color=colour, linewidth=0.8 * LINE_WIDTHS[rank])
@@ -351,12 +365,12 @@ def _draw_errors(axes: Axes, choice: Choice) -> None:
     axes.set_title("open-loop drives: median, and where 80 % of them are", fontsize="small")
 
 
-def _draw_degeneracy(axes: Axes, choice: Choice) -> None:
+def _draw_degeneracy(axes: Axes, recommendation: Recommendation) -> None:
     """The degeneracy along each path of which it is known."""
-    costs: Any = choice.costs
+    costs: Any = recommendation.costs
     paths = [
-        (candidate.path, {"color": LINE_COLOURS[_rank(choice, candidate)]})
-        for candidate in (choice.candidates if costs else ())
+        (candidate.path, {"color": LINE_COLOURS[_rank(recommendation, candidate)]})
+        for candidate in (recommendation.candidates if costs else ())
         if np.isfinite(candidate.metrics.integrated_u)
     ]
     draw_degeneracy_profiles(axes, costs, paths)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, Protocol, get_args
@@ -19,8 +19,6 @@ from locplan._support.checks import (
     check_number,
     check_positive,
     set_frozen_fields,
-    short_repr,
-    suggestion,
 )
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan.errors import ConfigError
@@ -58,8 +56,8 @@ SAFE_AMCL = with_preset(Amcl(), SAFE)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ChoiceSettings(Settings):
-    """Settings of a choice, which `locplan.choose` takes by name.
+class RecommendationSettings(Settings):
+    """Settings of a choice, which `locplan.recommend_path` takes by name.
 
     Raises
     ------
@@ -68,8 +66,8 @@ class ChoiceSettings(Settings):
 
     Examples
     --------
-    >>> ChoiceSettings(drives=16, bold=True)
-    ChoiceSettings(drives=16, bold=True)
+    >>> RecommendationSettings(drives=16, bold=True)
+    RecommendationSettings(drives=16, bold=True)
     """
 
     via: tuple[Position, ...] = ()
@@ -141,29 +139,6 @@ class ChoiceSettings(Settings):
             if getattr(self, name) is not None:
                 check_number(name, getattr(self, name), 0.0)
 
-    @classmethod
-    def from_mapping(cls, settings: Mapping[str, Any]) -> ChoiceSettings:
-        """Settings by name.
-
-        Parameters
-        ----------
-        settings : mapping by name
-            Fields of this class; others have their defaults.
-
-        Raises
-        ------
-        ConfigError
-            If there is no such setting, or one is out of its range.
-        """
-        names = [setting_field.name for setting_field in dataclasses.fields(cls)]
-        for name in settings:
-            if name not in names:
-                raise ConfigError(
-                    f"a choice has no setting {short_repr(name)}; it has {', '.join(names)}"
-                    f"{suggestion(name, names)}"
-                )
-        return cls(**settings)
-
     def find_rival(self, robot_filter: object) -> Amcl | None:
         """The rival of a robot's own filter; None without one, or if it is the same or no AMCL.
 
@@ -188,6 +163,14 @@ class ChoiceSettings(Settings):
         return self.max_e is not None or self.budget is not None
 
 
+def check_settings(settings: RecommendationSettings | None) -> RecommendationSettings:
+    """Return the settings, or the default ones; a ConfigError if they are of another kind."""
+    if settings is None:
+        return RecommendationSettings()
+    check_instance("settings", settings, RecommendationSettings)
+    return settings
+
+
 NEAR = 0.5
 """Maximum distance of a path's ends and of waypoints from where they should be [m]."""
 
@@ -208,7 +191,7 @@ class PlanningProblem:
     """Position of the start [m, rad]."""
     goal: Position
     """Position of the goal [m, rad]."""
-    settings: ChoiceSettings
+    settings: RecommendationSettings
     """The limits."""
     robot: Robot
     """The robot."""
@@ -292,7 +275,7 @@ class PlanningProblem:
         }
 
         def make_costmap(field: CovarianceField) -> Costmap:
-            return Costmap.from_field(self.grid, field, **cost_options)
+            return Costmap.from_field(field, **cost_options)
 
         if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
             field = self.compute(self.grid)

@@ -330,7 +330,7 @@ def simulate_queries(
         Queries to drive; those without a path are left out.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
+        your own, such as `Robot.load` reads.
     drives, filter_map, seed, threads, progress
         See `simulate`; the drives are those along each path.
 

@@ -27,7 +27,7 @@ from locplan.planning.path import Path
 from locplan.simulation.arrivals import ARRIVING, Arrivals
 from locplan.simulation.driver import CHOOSING, drive_closed, drive_open, route_key
 from locplan.simulation.drives import FLOOR, RATES, Drives
-from locplan.simulation.problem import ChoiceSettings, Minimise
+from locplan.simulation.problem import Minimise, RecommendationSettings
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.verdict import (
     BETTER,
@@ -443,7 +443,7 @@ class CandidateRunner:
         The map, the robot and the seed.
     paths : mapping of str to Path
         The candidates, the shortest first.
-    settings : ChoiceSettings
+    settings : RecommendationSettings
         What counts.
     progress : callable, optional
         Called with (done, total) drives.
@@ -453,7 +453,7 @@ class CandidateRunner:
         self,
         simulator: Simulator,
         paths: dict[str, Path],
-        settings: ChoiceSettings,
+        settings: RecommendationSettings,
         progress: ProgressCallback | None,
     ) -> None:
         self._paths = [*paths.items()]

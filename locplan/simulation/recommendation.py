@@ -26,7 +26,7 @@ from locplan.robots.presets import SAFE, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import FOLLOWER, WORLD, Arrivals
 from locplan.simulation.candidates import config_from_costs, make_candidate_costmap, rebuild_costmap
-from locplan.simulation.problem import SAFE_AMCL, ChoiceSettings
+from locplan.simulation.problem import SAFE_AMCL, RecommendationSettings
 from locplan.simulation.race import (
     CANDIDATE_COLUMNS,
     PLAN_COLUMNS,
@@ -133,7 +133,7 @@ LITTLE = "The gain is under 2 cm, and no robot gets lost on the shortest path ei
 
 @dataclass(frozen=True)
 class Decision:
-    """The recommended path among the candidates, and the drives that say so; see `Choice`."""
+    """The recommended path among the candidates, and its drives; see `Recommendation`."""
 
     candidates: tuple[Candidate, ...]
     """Candidates, the shortest path first; none if no path leads to the goal."""
@@ -143,7 +143,7 @@ class Decision:
     """The race and its confirmation; None if nothing was driven."""
     rival: DriveStatistics | None
     """Drives along the shortest path with the tuned filter."""
-    settings: ChoiceSettings
+    settings: RecommendationSettings
     """What decided."""
     filter: Filter
     """The robot's own filter."""
@@ -249,7 +249,7 @@ def format_change(ratio: Interval, minimise: str) -> str:
     ratio : Interval
         Ratio of the error to that of the baseline.
     minimise : str
-        The error, see `ChoiceSettings.minimise`.
+        The error, see `RecommendationSettings.minimise`.
     """
     error = {"heading": "heading error", "goal-error": "localization error at the goal"}
     is_less = ratio.value <= 1
@@ -456,7 +456,7 @@ def _format_error(error: Interval, is_angle: bool) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Choice(Result, Stored):
+class Recommendation(Result, Stored):
     """The path to take between two places, and the candidates beside it."""
 
     kind: ClassVar[str] = "choice"
@@ -486,7 +486,7 @@ class Choice(Result, Stored):
     """Position of the goal in the world [m]."""
     candidates: tuple[Candidate, ...]
     """Candidates, the shortest path first; none if no path leads to the goal."""
-    settings: ChoiceSettings
+    settings: RecommendationSettings
     """What bound the candidates, and what decided."""
     robot: Robot
     """The robot, which was driven where its lidar is known."""
@@ -501,15 +501,15 @@ class Choice(Result, Stored):
     judgement: RaceResult | None = None
     """The race and its confirmation; None where nothing was driven."""
     rival: DriveStatistics | None = None
-    """Drives along the shortest path with the filter of `ChoiceSettings.rival`."""
+    """Drives along the shortest path with the filter of `RecommendationSettings.rival`."""
     costs: Costmap | None = dataclasses.field(default=None, compare=False)
     """Costmap that the paths were measured on; None in a choice that was loaded."""
 
     def __repr__(self) -> str:
-        return f"Choice({self.map['name'] or 'map'}, {self.sentence})"
+        return f"Recommendation({self.map['name'] or 'map'}, {self.sentence})"
 
     def __eq__(self, other: object) -> bool:  # a filter of one's own is loaded as its name
-        return isinstance(other, Choice) and self.summary() == other.summary()
+        return isinstance(other, Recommendation) and self.summary() == other.summary()
 
     def __hash__(self) -> int:
         return hash(self.map["digest"])
@@ -560,7 +560,7 @@ class Choice(Result, Stored):
         return self.candidates[self.best] if self.candidates else None
 
     @property
-    def taken(self) -> str:
+    def recommended_name(self) -> str:
         """Name of the candidate to take; empty if there is no path."""
         return self.recommended_candidate.name if self.recommended_candidate else ""
 
@@ -593,7 +593,7 @@ class Choice(Result, Stored):
         return format_answer(self._decision)
 
     @property
-    def arrives(self) -> str:
+    def reached_text(self) -> str:
         """How many robots reach the goal in closed loop, in words; empty if none was driven."""
         return format_reached(self._decision)
 
@@ -629,7 +629,7 @@ class Choice(Result, Stored):
         """Settings of the field that the paths were measured on, or would be without one."""
         return config_from_costs(self.about, self.robot.lidar)
 
-    def with_field(self, field: CovarianceField) -> Choice:
+    def with_field(self, field: CovarianceField) -> Recommendation:
         """The same with a costmap of a field, which a choice that was loaded lacks.
 
         Parameters

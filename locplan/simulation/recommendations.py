@@ -37,22 +37,22 @@ from locplan.planning.plans import check_ends
 from locplan.planning.queries import MIN_DISTANCE, Query, check_random, normalize_queries
 from locplan.robots.robot import Robot
 from locplan.simulation.drives import LOST
-from locplan.simulation.problem import ChoiceSettings
+from locplan.simulation.problem import RecommendationSettings, check_settings
 from locplan.simulation.race import Candidate
-from locplan.simulation.recommendation import Choice
-from locplan.simulation.recommender import choose
+from locplan.simulation.recommendation import Recommendation
+from locplan.simulation.recommender import recommend_path
 from locplan.simulation.worlds import check_single_map
 
 
 @dataclass(frozen=True)
-class MapChoice:
+class MapRecommendation:
     """The choice for one query."""
 
     map: str
     """Name of the map."""
     query: Query
     """Start and goal that were asked for."""
-    choice: Choice
+    recommendation: Recommendation
     """The candidates of the query, and the one to take."""
 
     @property
@@ -84,7 +84,7 @@ class MapChoice:
         )
 
     def _evaluate_both(self, value: Callable[[Candidate], float]) -> tuple[float, float]:
-        candidates = self.choice.shortest, self.choice.recommended_candidate
+        candidates = self.recommendation.shortest, self.recommendation.recommended_candidate
         first, second = (
             math.nan if candidate is None else value(candidate) for candidate in candidates
         )
@@ -94,15 +94,19 @@ class MapChoice:
 def _make_column_pair(name: str, values: str, unit: str = "") -> tuple[Column, Column]:
     """Columns of a pair of values, of the shortest and of the chosen path."""
     shortest = Column(
-        f"{name}_shortest", unit, value=lambda map_choice: getattr(map_choice, values)[0]
+        f"{name}_shortest",
+        unit,
+        value=lambda map_recommendation: getattr(map_recommendation, values)[0],
     )
     return shortest, Column(
-        f"{name}_chosen", unit, value=lambda map_choice: getattr(map_choice, values)[1]
+        f"{name}_chosen",
+        unit,
+        value=lambda map_recommendation: getattr(map_recommendation, values)[1],
     )
 
 
 @dataclass(frozen=True, repr=False)
-class Choices:
+class Recommendations:
     """Choices for many queries; intervals are over the queries that have a path.
 
     Errors are those of the drives that confirmed the choice: those of paths that were taken are
@@ -118,44 +122,51 @@ class Choices:
     )
     """The file of the folder that `save` writes, beside a folder for each choice."""
 
-    choices: tuple[MapChoice, ...]
+    recommendations: tuple[MapRecommendation, ...]
     """Choices in the order of the maps and of their queries."""
 
     def __repr__(self) -> str:
         ratio = f"error {self.error_ratio.value:.2f} of the shortest's"
-        return f"Choices({len(self)} queries, {self.n_detours} left the shortest, {ratio})"
+        return f"Recommendations({len(self)} queries, {self.n_detours} left the shortest, {ratio})"
 
     def __len__(self) -> int:
-        return len(self.choices)
+        return len(self.recommendations)
 
-    def __iter__(self) -> Iterator[MapChoice]:
-        return iter(self.choices)
+    def __iter__(self) -> Iterator[MapRecommendation]:
+        return iter(self.recommendations)
 
-    def __getitem__(self, number: int) -> MapChoice:
-        return self.choices[number]
+    def __getitem__(self, number: int) -> MapRecommendation:
+        return self.recommendations[number]
 
     @property
-    def solved_choices(self) -> tuple[MapChoice, ...]:
+    def solved_recommendations(self) -> tuple[MapRecommendation, ...]:
         """Choices for the queries that have a path."""
-        return tuple(map_choice for map_choice in self.choices if map_choice.choice.candidates)
+        return tuple(
+            map_recommendation
+            for map_recommendation in self.recommendations
+            if map_recommendation.recommendation.candidates
+        )
 
     @property
     def n_detours(self) -> int:
         """Number of queries for which another path than the shortest is recommended."""
-        return sum(map_choice.choice.best > 0 for map_choice in self.solved_choices)
+        return sum(
+            map_recommendation.recommendation.best > 0
+            for map_recommendation in self.solved_recommendations
+        )
 
     @property
     def error_ratio(self) -> Interval:
         """Ratio of the chosen paths' error to the shortest's: geometric mean over the queries."""
         return estimate_geometric_mean(
-            np.array([e.errors[1] / e.errors[0] for e in self.solved_choices])
+            np.array([e.errors[1] / e.errors[0] for e in self.solved_recommendations])
         )
 
     @property
     def length_ratio(self) -> Interval:
         """Ratio of the chosen paths' length to the shortest's: geometric mean."""
         return estimate_geometric_mean(
-            np.array([e.lengths[1] / e.lengths[0] for e in self.solved_choices])
+            np.array([e.lengths[1] / e.lengths[0] for e in self.solved_recommendations])
         )
 
     @property
@@ -170,7 +181,10 @@ class Choices:
 
     def _means(self, name: str) -> tuple[float, float]:
         value_pairs = np.array(
-            [getattr(map_choice, name) for map_choice in self.solved_choices]
+            [
+                getattr(map_recommendation, name)
+                for map_recommendation in self.solved_recommendations
+            ]
             or [(math.nan, math.nan)]
         )
         shortest, recommended = value_pairs.mean(axis=0).tolist()
@@ -185,21 +199,21 @@ class Choices:
             Column("start_y", "m", value=lambda each: each.query.start[1]),
             Column("goal_x", "m", value=lambda each: each.query.goal[0]),
             Column("goal_y", "m", value=lambda each: each.query.goal[1]),
-            Column("chosen", value=lambda each: each.choice.taken),
+            Column("chosen", value=lambda each: each.recommendation.recommended_name),
             *_make_column_pair("length", "lengths", "m"),
             *_make_column_pair("error", "errors"),
             *(
-                map_choice
+                map_recommendation
                 for name in ("lost", "off_at_end")
-                for map_choice in _make_column_pair(name, name)
+                for map_recommendation in _make_column_pair(name, name)
             ),
         )
-        return Table.from_records(columns, self.choices)
+        return Table.from_records(columns, self.recommendations)
 
     def report(self) -> str:
         """Text of what the choices bring, one row per map and one of all maps."""
-        names = dict.fromkeys(map_choice.map for map_choice in self)
-        groups = {name: Choices(tuple(e for e in self if e.map == name)) for name in names}
+        names = dict.fromkeys(map_recommendation.map for map_recommendation in self)
+        groups = {name: Recommendations(tuple(e for e in self if e.map == name)) for name in names}
         if len(groups) > 1:
             groups["all maps"] = self
         columns = (
@@ -213,10 +227,15 @@ class Choices:
         for name, group in groups.items():
             rate_pairs = group.lost, group.off_at_end
             rates = (
-                "{:.0%} -> {:.0%}".format(*map_choice) if group.solved_choices else "-"
-                for map_choice in rate_pairs
+                "{:.0%} -> {:.0%}".format(*map_recommendation)
+                if group.solved_recommendations
+                else "-"
+                for map_recommendation in rate_pairs
             )
-            solved, shares = f"{len(group.solved_choices)} of {len(group)}", "\n".join(rates)
+            solved, shares = (
+                f"{len(group.solved_recommendations)} of {len(group)}",
+                "\n".join(rates),
+            )
             ratios = group.length_ratio.value, group.error_ratio
             rows.append((name, solved, group.n_detours, *ratios, shares))
         return (
@@ -242,37 +261,39 @@ class Choices:
             If a file cannot be written, or two queries have the same name.
         """
         target = check_file_path("a folder of choices", folder)
-        several = len({map_choice.map for map_choice in self}) > 1
-        homes: dict[str, MapChoice] = {}
-        for map_choice in self:
+        several = len({map_recommendation.map for map_recommendation in self}) > 1
+        homes: dict[str, MapRecommendation] = {}
+        for map_recommendation in self:
             name = make_file_name(
-                f"{map_choice.map} {map_choice.query.name}" if several else map_choice.query.name
+                f"{map_recommendation.map} {map_recommendation.query.name}"
+                if several
+                else map_recommendation.query.name
             )
             if name in homes:
                 raise ConfigError(f"two choices would be saved as {name}; rename one")
-            homes[name] = map_choice
+            homes[name] = map_recommendation
         with self.files.into(target, force=force).writing() as new:
-            for name, map_choice in homes.items():
+            for name, map_recommendation in homes.items():
                 (new / name).mkdir()
-                map_choice.choice.write_files(new / name)
+                map_recommendation.recommendation.write_files(new / name)
             self.table().write_csv(new / "choices.csv")
 
 
-def read_recommendations(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
+def read_recommendations(*paths: str | os.PathLike[str]) -> dict[str, Recommendation]:
     """Read choices from their folders, by the names of these folders.
 
     Parameters
     ----------
     *paths : path
-        Folders that `Choice.save` wrote, or their choice.json; or folders of such folders, as
-        `Choices.save` writes them.
+        Folders that `Recommendation.save` wrote, or their choice.json; or folders of such folders,
+        as `Recommendations.save` writes them.
 
     Raises
     ------
     LocplanError
         If a folder has no choice, a choice cannot be read, or two folders have the same name.
     """
-    choices: dict[str, Choice] = {}
+    recommendations: dict[str, Recommendation] = {}
     for path in (check_file_path("a folder of a choice", path_like) for path_like in paths):
         folders = [path.parent if path.is_file() else path]
         if path.is_dir() and not (path / CHOICE).exists():
@@ -281,13 +302,13 @@ def read_recommendations(*paths: str | os.PathLike[str]) -> dict[str, Choice]:
             raise LocplanError(f"{path}: has no choice; name a folder that plan or save wrote")
         for folder in folders:
             name = folder.resolve().name
-            if name in choices:
+            if name in recommendations:
                 raise LocplanError(f"two folders of choices are called {name}; rename one")
-            choices[name] = Choice.load(path if path.is_file() else folder)
-    return choices
+            recommendations[name] = Recommendation.load(path if path.is_file() else folder)
+    return recommendations
 
 
-CHOICE = f"{Choice.kind}{Choice.suffix}"
+CHOICE = f"{Recommendation.kind}{Recommendation.suffix}"
 """The file of a choice in its folder."""
 
 IN_FLIGHT = 64
@@ -303,20 +324,20 @@ class _QueryCase(NamedTuple):
     seed: int
 
 
-def choose_many(
+def recommend_paths(
     maps: Any,
     queries: Any = 10,
     robot: Robot | None = None,
     *,
-    executor: Executor | None = None,
-    seed: int = 1,
+    settings: RecommendationSettings | None = None,
     min_distance: float = MIN_DISTANCE,
     query_seed: int = 1,
+    executor: Executor | None = None,
+    seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
-    **settings: Any,
-) -> Choices:
-    """Choose among driven paths, as `choose` does, for many queries.
+) -> Recommendations:
+    """Choose among driven paths, as `recommend_path` does, for many queries.
 
     The fields of the maps are computed, or read from the cache, in this process.
 
@@ -330,7 +351,9 @@ def choose_many(
         (start, goal) pairs [m].
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
+        your own, such as `Robot.load` reads.
+    settings : RecommendationSettings, optional
+        Limits of the candidates, the number of drives, and the error that decides.
     executor : concurrent.futures.Executor, optional
         Executor that runs each choice as one task on one thread: a process pool, or a cluster by
         dask.distributed's ``client.get_executor()``. Its workers need locplan. By default the
@@ -347,12 +370,10 @@ def choose_many(
         Number of threads of this process, all cores by default.
     progress : callable, optional
         Called with (done, total) queries.
-    **settings
-        Fields of `ChoiceSettings`, see `choose`.
 
     Returns
     -------
-    Choices
+    Recommendations
         The choices in the order of the maps and of their queries.
 
     Raises
@@ -369,16 +390,18 @@ def choose_many(
     >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
     >>> robot = robot.changed({"min_particles": 100, "max_particles": 100})
     >>> ends = [((2.0, 3.0), (8.0, 3.0)), ((8.0, 3.0), (2.0, 3.0))]
-    >>> choices = choose_many(locplan.Costmap.blank(grid), ends, robot=robot, drives=4)
-    >>> [each.choice.verdict for each in choices]
+    >>> settings = RecommendationSettings(drives=4)
+    >>> blank = locplan.Costmap.blank(grid)
+    >>> recommendations = recommend_paths(blank, ends, robot, settings=settings)
+    >>> [case.recommendation.verdict for case in recommendations]
     ['undecided', 'undecided']
     """
     check_threads(threads)
     maps_by_name = name_maps(maps)
-    check_single_map(ChoiceSettings.from_mapping(settings).filter_map, maps_by_name)
+    settings = check_settings(settings)
+    check_single_map(settings.filter_map, maps_by_name)
     check_random(queries if is_integer(queries) else 1, query_seed, min_distance)
     check_integer("seed", seed, 0)
-    task_settings: dict[str, Any] = {**settings, "robot": robot}
     cases: list[_QueryCase] = []
     for name, map_or_costmap in maps_by_name.items():
         if isinstance(map_or_costmap, Costmap):
@@ -387,7 +410,7 @@ def choose_many(
             field = load_or_compute(
                 map_or_costmap, Fused(equip_robot(robot).known_lidar), threads=threads
             )
-            costs = Costmap.from_field(map_or_costmap, field, robot=(robot or Robot()).radius)
+            costs = Costmap.from_field(field, robot=(robot or Robot()).radius)
         if isinstance(queries, Mapping) and name not in queries:
             raise ConfigError(f"there are no queries for map {short_repr(name)}")
         map_queries = queries[name] if isinstance(queries, Mapping) else queries
@@ -399,32 +422,38 @@ def choose_many(
             cases.append(_QueryCase(name, costs, query, seed + len(cases)))
     if not cases:
         raise ConfigError("there is no query; give at least one")
-    choices = []
-    local_choices = (
-        choose_for_case(__version__, case, {**task_settings, "threads": threads}) for case in cases
+    recommendations = []
+    local_recommendations = (
+        recommend_for_case(__version__, case, robot, settings, threads) for case in cases
     )
-    choice_iterator = (
-        local_choices if executor is None else _choose_with_executor(executor, cases, task_settings)
+    recommendation_iterator = (
+        local_recommendations
+        if executor is None
+        else _recommend_with_executor(executor, cases, robot, settings)
     )
     for case in cases:
         with _name_query_in_errors(case.map, case.query):
-            choice = dataclasses.replace(next(choice_iterator), costs=case.costs)
-        choices.append(MapChoice(case.map, case.query, choice))
+            recommendation = dataclasses.replace(next(recommendation_iterator), costs=case.costs)
+        recommendations.append(MapRecommendation(case.map, case.query, recommendation))
         if progress:
-            progress(len(choices), len(cases))
-    return Choices(tuple(choices))
+            progress(len(recommendations), len(cases))
+    return Recommendations(tuple(recommendations))
 
 
-def _choose_with_executor(
-    executor: Executor, cases: list[_QueryCase], task_settings: dict[str, Any]
-) -> Iterator[Choice]:
-    """The choices of an executor in the order of the cases."""
-    running: deque[Future[Choice]] = deque()
+def _recommend_with_executor(
+    executor: Executor,
+    cases: list[_QueryCase],
+    robot: Robot | None,
+    settings: RecommendationSettings,
+) -> Iterator[Recommendation]:
+    """Yield the recommendations of an executor in the order of the cases."""
+    running: deque[Future[Recommendation]] = deque()
     waiting = iter(cases)
     try:
         while True:
             while len(running) < IN_FLIGHT and (case := next(waiting, None)):
-                running.append(executor.submit(choose_for_case, __version__, case, task_settings))
+                task = executor.submit(recommend_for_case, __version__, case, robot, settings)
+                running.append(task)
             if not running:
                 return
             yield running.popleft().result()
@@ -438,16 +467,30 @@ def _choose_with_executor(
             task.cancel()
 
 
-def choose_for_case(version: str, case: _QueryCase, task_settings: dict[str, Any]) -> Choice:
-    """Choose where the same locplan is, on one thread by default; no costmap is sent back."""
+def recommend_for_case(
+    version: str,
+    case: _QueryCase,
+    robot: Robot | None,
+    settings: RecommendationSettings,
+    threads: int | None = 1,
+) -> Recommendation:
+    """Recommend a path for a query in a worker of the same version, without its costmap."""
     if version != __version__:
         raise ConfigError(
             f"a worker has locplan {__version__}, not {version}; install the same one there"
         )
-    costs, ends = case.costs, (case.query.start[:2], case.query.goal[:2])
-    robot = equip_robot(task_settings["robot"], costs.settings.config if costs.settings else None)
-    options = {"threads": 1, **task_settings, "robot": robot, "seed": case.seed, "costs": costs}
-    return dataclasses.replace(choose(costs.grid, *ends, **options), costs=None)
+    costs = case.costs
+    recommendation = recommend_path(
+        costs.grid,
+        case.query.start[:2],
+        case.query.goal[:2],
+        equip_robot(robot, costs.settings.config if costs.settings else None),
+        costs=costs,
+        settings=settings,
+        seed=case.seed,
+        threads=threads,
+    )
+    return dataclasses.replace(recommendation, costs=None)
 
 
 @contextmanager

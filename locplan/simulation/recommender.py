@@ -26,7 +26,7 @@ from locplan.planning.layers import check_criterion
 from locplan.planning.metrics import path_metrics
 from locplan.planning.path import Path
 from locplan.planning.plans import SHORTEST
-from locplan.planning.protocol import LATTICE, Found, Planner, Position
+from locplan.planning.protocol import LATTICE, Planner, PlannerResult, Position
 from locplan.planning.results import Plan
 from locplan.robots.robot import Robot
 from locplan.simulation.candidates import (
@@ -42,14 +42,20 @@ from locplan.simulation.candidates import (
     generate_candidates,
     parse_user_candidates,
 )
-from locplan.simulation.problem import ChoiceSettings, Compute, Minimise, PlanningProblem
+from locplan.simulation.problem import (
+    Compute,
+    Minimise,
+    PlanningProblem,
+    RecommendationSettings,
+    check_settings,
+)
 from locplan.simulation.race import Candidate, CandidateRunner, run_race
-from locplan.simulation.recommendation import Choice
+from locplan.simulation.recommendation import Recommendation
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.worlds import check_filter_map, summarize_filter_map
 
 
-def choose(
+def recommend_path(
     grid: OccupancyGrid,
     start: Position,
     goal: Position,
@@ -59,11 +65,11 @@ def choose(
     zones: Zones | None = None,
     candidates: Candidates = (),
     compute: Compute | None = None,
+    settings: RecommendationSettings | None = None,
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
-    **settings: Any,
-) -> Choice:
+) -> Recommendation:
     """Choose the path to take: drive candidates in simulation until one is shown to be better.
 
     Candidates are the shortest path, the one on the robot's own inflated costmap, paths clear of
@@ -88,7 +94,7 @@ def choose(
         Positions in the world [m, rad].
     robot : Robot, optional
         The robot, which is known when its lidar is, such as ``Robot("turtlebot4")``, or what
-        `Robot.from_nav2` reads. A field that simulates a lidar names it, too.
+        `Robot.load` reads. A field that simulates a lidar names it, too.
     costs : Costmap or FieldConfig, optional
         A costmap of this map, to plan on: ``Costmap.blank(grid)`` does without a field. Or settings
         of the field; by default it is `Fused` for the lidar, or `Sad` without one. A field that
@@ -102,6 +108,8 @@ def choose(
         or their names.
     compute : callable, optional
         Gives the field of a map at the lattice points of a mask; by default `load_or_compute`.
+    settings : RecommendationSettings, optional
+        Limits of the candidates, the number of drives, and the error that decides.
     seed : int, default 1
         Seed of all random numbers, >= 0; equal seeds give equal choices, on any number of threads,
         unless the time limit ends the drives.
@@ -109,12 +117,10 @@ def choose(
         Number of threads, at least 1; all cores by default.
     progress : callable, optional
         Called with (done, total) drives; there may be fewer in the end.
-    **settings
-        Fields of `ChoiceSettings`: limits of the candidates, and what decides.
 
     Returns
     -------
-    Choice
+    Recommendation
         Its `path` is None if no path leads to the goal or keeps the limits; `status` says why.
 
     Raises
@@ -131,20 +137,22 @@ def choose(
     >>> robot = locplan.Robot(locplan.Lidar(range=6.0, beams=60))
     >>> robot = robot.changed({"min_particles": 100, "max_particles": 100})
     >>> blank = locplan.Costmap.blank(grid)
-    >>> choice = choose(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=blank, drives=8)
-    >>> choice.verdict
+    >>> settings = RecommendationSettings(drives=8)
+    >>> ends = (2.0, 3.0), (38.0, 3.0)
+    >>> recommendation = recommend_path(grid, *ends, robot, costs=blank, settings=settings)
+    >>> recommendation.verdict
     'better'
     """
     check_grid(grid)
-    choice_settings = ChoiceSettings.from_mapping(settings)
+    settings = check_settings(settings)
     robot, user_costmap, config = _resolve_robot_and_field(grid, robot, costs)
     zones = check_zones(zones)
     if user_costmap is not None:
         if zones:
             raise ConfigError("the costmap has its own zones; leave zones out")
         zones = user_costmap.zones
-    if choice_settings.criterion is not None:
-        check_criterion(choice_settings.criterion, config)
+    if settings.criterion is not None:
+        check_criterion(settings.criterion, config)
 
     def compute_field(
         grid: OccupancyGrid, points: NDArray[np.bool_] | None = None, /
@@ -157,7 +165,7 @@ def choose(
         grid,
         start,
         goal,
-        choice_settings,
+        settings,
         robot,
         user_costmap,
         config,
@@ -168,7 +176,7 @@ def choose(
     space = next((planner.space for planner in planners if planner.space != "R2"), default_space)
     problem = problem.validate(space)
     check_user_candidates(user_candidates, problem)
-    check_filter_map(choice_settings.filter_map, grid)
+    check_filter_map(settings.filter_map, grid)
     check_integer("seed", seed, 0)
     check_threads(threads)
     shortest = problem.plan_least_cost(problem.blank, limited=False)
@@ -176,10 +184,10 @@ def choose(
         return _make_recommendation(problem, seed, shortest, user_costmap)
     if reason := _find_reason_not_driven(problem, space):
         return _recommend_untested(problem, user_candidates, shortest, seed, reason)
-    if problem.start == problem.goal and not choice_settings.via:
+    if problem.start == problem.goal and not settings.via:
         raise ConfigError("start and goal are one place; a choice needs a way to drive")
     simulator = Simulator(
-        grid, robot, filter_map=choice_settings.filter_map, seed=seed, threads=threads, zones=zones
+        grid, robot, filter_map=settings.filter_map, seed=seed, threads=threads, zones=zones
     )
     return _recommend_by_drives(problem, user_candidates, shortest.path, simulator, progress)
 
@@ -190,7 +198,7 @@ def _recommend_by_drives(
     first: Path,
     simulator: Simulator,
     progress: ProgressCallback | None,
-) -> Choice:
+) -> Recommendation:
     """The choice among candidates that are driven."""
     settings = problem.settings
     costs, _ = problem.costs(
@@ -275,11 +283,11 @@ def _make_recommendation(
     failed_plan: Plan | None,
     costs: Costmap | None,
     **parts: Any,
-) -> Choice:
+) -> Recommendation:
     """A choice of some parts; without a path it has the status of a plan that has none."""
     if failed_plan is not None:
         parts |= {"status": failed_plan.status, "note": failed_plan.note}
-    return Choice(
+    return Recommendation(
         about={
             **summarize_costs(costs or problem.blank),
             **summarize_filter_map(problem.settings.filter_map),
@@ -300,7 +308,7 @@ def _recommend_untested(
     shortest: Plan,
     seed: int,
     reason: str,
-) -> Choice:
+) -> Recommendation:
     """The aware path of the field beside the shortest one, of which none is driven."""
 
     def plan_paths(costs: Costmap) -> list[Path]:
@@ -353,7 +361,7 @@ def _format_plan_note(candidate_plan: Plan) -> str:
 
 
 @dataclass(frozen=True)
-class SimulatedChoice:
+class RecommendingPlanner:
     """The planner that drives dissimilar paths in simulation, and returns the one it recommends.
 
     It drives on one thread, since a comparison's workers run at the same time.
@@ -363,16 +371,16 @@ class SimulatedChoice:
     space: ClassVar[str] = "R2"
     minimises: ClassVar[str | None] = "simulated error"
 
-    drives: int = ChoiceSettings.drives
+    drives: int = RecommendationSettings.drives
     """Maximum number of confirming drives of a path, 2 to 1024."""
-    minimise: Minimise = ChoiceSettings.minimise
-    """Error that decides: "rmse", "goal-error", "heading" or "lost", see `ChoiceSettings`."""
-    price: float = ChoiceSettings.price
+    minimise: Minimise = RecommendationSettings.minimise
+    """Error that decides: "rmse", "goal-error", "heading" or "lost"."""
+    price: float = RecommendationSettings.price
     """What the logarithm of the length counts in the race, >= 0."""
-    longest: float = ChoiceSettings.longest
+    longest: float = RecommendationSettings.longest
     """Maximum length of a candidate, in lengths of the shortest path, >= 1."""
     bold: bool = False
-    """Whether an undecided path is taken, too, see `ChoiceSettings`."""
+    """Whether an undecided path is taken, too, see `RecommendationSettings`."""
     robot: Robot | str | None = None
     """The robot, or a file of it that `Robot.load` reads; its size is that of the costmap. By
     default it has Nav2's filter, and the lidar of the costmap's field."""
@@ -385,24 +393,30 @@ class SimulatedChoice:
 
     def check(self) -> None:
         """Raise a ConfigError unless the options are within their ranges."""
-        ChoiceSettings.from_mapping(self._settings)
+        _ = self._settings
         if self.seed is not None:
             check_integer("seed", self.seed, 0)
         if self.robot is not None:
             check_instance("robot", self.robot, Robot)
 
     @property
-    def _settings(self) -> dict[str, Any]:
-        names = "drives", "minimise", "price", "longest", "bold"
-        return {name: getattr(self, name) for name in names} | {"rival": None}
+    def _settings(self) -> RecommendationSettings:
+        return RecommendationSettings(
+            drives=self.drives,
+            minimise=self.minimise,
+            price=self.price,
+            longest=self.longest,
+            bold=self.bold,
+            rival=None,
+        )
 
     def prepare(self) -> None:
         """Load the kernels of the planners and of the drives."""
         grid = OccupancyGrid(np.full((8, 8), FREE, np.uint8), 0.1)
         costs = Costmap.blank(grid, robot=0.05)
-        SimulatedChoice(drives=2).solve(costs, (0.25, 0.35), (0.55, 0.35))
+        RecommendingPlanner(drives=2).solve(costs, (0.25, 0.35), (0.55, 0.35))
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Choose among paths of this costmap, and return the chosen one.
 
         See `locplan.planning.Planner.solve`.
@@ -411,6 +425,14 @@ class SimulatedChoice:
             return AnyAngle().solve(costs, start, goal)
         config = costs.settings.config if costs.settings else None
         robot = equip_robot(None if isinstance(self.robot, str) else self.robot, config)
-        options = {**self._settings, "seed": 1 if self.seed is None else self.seed, "threads": 1}
-        choice = choose(costs.grid, start[:2], goal[:2], robot, costs=costs, **options)
-        return Found(choice.path, choice.status)
+        recommendation = recommend_path(
+            costs.grid,
+            start[:2],
+            goal[:2],
+            robot,
+            costs=costs,
+            settings=self._settings,
+            seed=1 if self.seed is None else self.seed,
+            threads=1,
+        )
+        return PlannerResult(recommendation.path, recommendation.status)

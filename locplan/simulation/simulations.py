@@ -21,7 +21,13 @@ from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, summarize_costs
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
-from locplan.simulation.arrivals import ARRIVING, SHARES, Arrivals, Closed, tabulate_ends
+from locplan.simulation.arrivals import (
+    ARRIVING,
+    SHARES,
+    Arrivals,
+    ClosedLoopSettings,
+    tabulate_ends,
+)
 from locplan.simulation.driver import drive_closed, drive_open
 from locplan.simulation.drives import (
     DEFAULT_DRIVES,
@@ -167,7 +173,7 @@ def simulate(
     robot: Robot | None = None,
     *,
     drives: int = DEFAULT_DRIVES,
-    closed: Closed | None = None,
+    closed: ClosedLoopSettings | None = None,
     filter_map: OccupancyGrid | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -188,7 +194,7 @@ def simulate(
         are positions in the world [m].
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
+        your own, such as `Robot.load` reads.
     drives : int, default 100
         Number of drives along each path, 2 to 100,000. Fewer are quicker, and widen the intervals.
     closed : Closed, optional

@@ -38,7 +38,7 @@ class Simulator:
         The robot's map.
     robot : Robot, optional
         The robot; by default one with Nav2's filter and a lidar of 6 m that sees all round. Give
-        your own, such as `Robot.from_nav2` reads.
+        your own, such as `Robot.load` reads.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, where it differs, as one does that was made before
         something was moved. Its resolution, origin and size may differ, too. Single scans are

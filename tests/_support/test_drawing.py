@@ -117,7 +117,7 @@ def test_large_maps_are_drawn_in_blocks_with_the_field_in_their_middles(field, m
     assert (np.ma.getmaskarray(values) == (shades != 2)).all()
     between = np.sqrt(whole[20, 20] * whole[21, 21] * whole[20, 21] * whole[21, 20]) ** 0.5
     assert values[10, 10] == pytest.approx(between, rel=0.02)
-    (_, u) = costmap_figure(Costmap.from_field(field.grid, field)).axes[0].images
+    (_, u) = costmap_figure(Costmap.from_field(field)).axes[0].images
     assert u.get_array().shape == (20, 30)
 
 

@@ -85,7 +85,7 @@ def test_costmaps_come_back_as_they_were(tmp_path, make_field, law):
     field = make_field()
     rng = np.random.default_rng(len(law))
     options = {"weight": rng.uniform(0, 1e9), "robot": rng.uniform(0, 0.6), "law": law}
-    costs = Costmap.from_field(ROOM, field, **options)
+    costs = Costmap.from_field(field, **options)
     found = again(costs, tmp_path)
     assert found == costs
     assert hash(found) == hash(costs)
@@ -107,7 +107,7 @@ def test_costmaps_of_ones_own_come_back_as_they_were(tmp_path, seed):
 
 @pytest.mark.parametrize("more", [{}, {"via": [(2.75, 0.6)]}, {"max_e": 1e-9}, {"budget": 9.0}])
 def test_plans_come_back_as_they_were(tmp_path, more):
-    for costs in (Costmap.from_field(ROOM, small_field(), robot=0.1), Costmap.blank(ROOM)):
+    for costs in (Costmap.from_field(small_field(), robot=0.1), Costmap.blank(ROOM)):
         if costs.settings is None and more:
             continue
         plan = locplan.plan(costs, *ENDS, planner="grid" if "budget" in more else None, **more)
@@ -122,7 +122,7 @@ def test_plans_come_back_as_they_were(tmp_path, more):
 
 @pytest.mark.parametrize("objective", ["u", "e"])
 def test_fronts_come_back_as_they_were(tmp_path, objective):
-    costs = Costmap.from_field(ROOM, small_field(), robot=0.1)
+    costs = Costmap.from_field(small_field(), robot=0.1)
     front = locplan.pareto_front(costs, *ENDS, objective=objective)
     found = again(front, tmp_path)
     assert found == front
@@ -133,9 +133,7 @@ def test_fronts_come_back_as_they_were(tmp_path, objective):
 def test_fronts_without_a_path_come_back_as_they_were(tmp_path):
     walls = ascii_map("###########", "#...###...#", "###########", resolution=0.5)
     field = locplan.covariance_field(walls, small_field().config)
-    front = locplan.pareto_front(
-        Costmap.from_field(walls, field, robot=0.0), (0.75, 0.75), (4.25, 0.75)
-    )
+    front = locplan.pareto_front(Costmap.from_field(field, robot=0.0), (0.75, 0.75), (4.25, 0.75))
     assert front.status == "unreachable"
     assert again(front, tmp_path) == front
 
@@ -150,7 +148,7 @@ def test_fields_come_back_as_they_were(tmp_path, make_field):
 
 def saved(folder):
     """A file of each kind, and the function that reads it."""
-    costs = Costmap.from_field(ROOM, small_field(), robot=0.1)
+    costs = Costmap.from_field(small_field(), robot=0.1)
     Robot("turtlebot4").save(folder / "robot.yaml")
     costs.save(folder / "costs.npz")
     locplan.plan(costs, *ENDS).save(folder / "plan")
@@ -228,7 +226,7 @@ def test_a_costmap_of_an_estimator_without_a_name_is_not_saved(tmp_path):
     estimator = Mine(range=1.0, window=small_field().config.estimator.window)
     field = locplan.covariance_field(ROOM, FieldConfig(estimator, stride=0.5))
     with pytest.raises(LocplanError, match="could not be read back"):
-        Costmap.from_field(ROOM, field).save(tmp_path / "mine.npz")
+        Costmap.from_field(field).save(tmp_path / "mine.npz")
     assert not (tmp_path / "mine.npz").exists()
 
 

@@ -80,7 +80,9 @@ def test_routes_lead_between_all_pairs_of_stations(fine):
 def test_repaired_map_helps_against_solid_walls(solid):
     assert "map" in solid.recommended
     assert solid.after.lost.high < solid.before.lost.low
-    assert np.array_equal(solid.fixed_site.filter_map.cells, locplan.maps.hollowed(blocks()).cells)
+    assert np.array_equal(
+        solid.fixed_site.filter_map.cells, locplan.maps.hollow_walls(blocks()).cells
+    )
     assert solid.fixed_site.world is solid.site.world
 
 
@@ -479,7 +481,7 @@ def test_a_recorded_drive_says_whether_and_where_the_map_fits_it(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     text = found.report()
     assert len(text.splitlines()) <= 25
-    assert f"at {false.where}" in " ".join(text.split())
+    assert f"at {false.place_text}" in " ".join(text.split())
     assert found.recorded[0] in " ".join(text.split())
     assert np.array_equal(found.site.world.cells, cells)  # which stays as it is
 

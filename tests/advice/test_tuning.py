@@ -95,7 +95,7 @@ class Recorded:
         return Drives(LINE, errors)
 
 
-def choose(*cases, recordings=(), **options):
+def choose_among(*cases, recordings=(), **options):
     return choose_preset(Amcl(), cases, [LINE], recordings, **options)
 
 
@@ -119,11 +119,11 @@ def test_precise_preset_needs_all_levels():
     """It is used without a recording only if it is rarely off at the end at any level."""
     usual, _ = case_of(BETTER)
     harmless, _ = case_of(BETTER, (9, 4, 5), "slip", "odometry slips")
-    assert choose(usual, harmless).name == PRECISE
+    assert choose_among(usual, harmless).name == PRECISE
     short, _ = case_of(BETTER, (60, 60, 60), "standstill", "odometry stands still")
-    assert choose(usual, harmless, short).name == SAFE
+    assert choose_among(usual, harmless, short).name == SAFE
     harmful, _ = case_of(BETTER, (9, 30, 9), "standstill", "odometry stands still")
-    choice = choose(usual, harmless, harmful)
+    choice = choose_among(usual, harmless, harmful)
     assert (choice.name, choice.settings) == (SAFE, SAFE_SETTINGS)
     assert "47 % [35, 59] of the drives if odometry stands still" in choice.objections[PRECISE]
     assert choice.untested_error == pytest.approx(0.05, abs=0.001)
@@ -136,15 +136,15 @@ def test_preset_that_harms_at_one_level_is_refused():
     usual, _ = case_of(BETTER)
     one, _ = case_of(BETTER, (30, 8, 30), "slip", "odometry slips")
     other, _ = case_of(BETTER, (4, 0, 12), "turns", "odometry errs in turns")
-    assert choose(usual, one).name == SAFE
-    choice = choose(usual, one, other)
+    assert choose_among(usual, one).name == SAFE
+    choice = choose_among(usual, one, other)
     assert (choice.name, choice.settings, choice.changes) == (USER_SETTINGS, Amcl(), "")
     assert [*choice.objections] == [PRECISE, SAFE]
 
 
 def test_preset_must_be_better_at_usual_level():
     usual, _ = case_of((0.2, 0.2, 0.2))
-    choice = choose(usual)
+    choice = choose_among(usual)
     assert choice.name == USER_SETTINGS
     assert (
         choice.objections[SAFE] == "safe settings are not better than your settings: no difference"
@@ -156,10 +156,10 @@ def test_only_deciding_drives_are_driven_if_asked():
     usual, _ = case_of(BETTER)
     harmful, _ = case_of(BETTER, (0, 30, 0), "standstill", "odometry stands still")
     later, driven = case_of(BETTER, (0, 0, 0), "slip", "odometry slips")
-    choice = choose(usual, harmful, later, drives_all=False)
+    choice = choose_among(usual, harmful, later, drives_all=False)
     assert choice.name == SAFE
     assert driven == [2]  # the safe preset is never off, whatever the user's settings are
-    full = choose(usual, harmful, later)
+    full = choose_among(usual, harmful, later)
     assert (full.name, driven) == (SAFE, [2, *[0] * 3, *[1] * 3, *[2] * 3])
     assert len(full.results) == 9
 
@@ -179,7 +179,7 @@ def test_level_ends_as_soon_as_it_is_decided(off, name, driven):
     """Looks are after 16, 32 and 64 drives; places are those of the settings that drive then."""
     usual, _ = case_of(BETTER)
     level, places = case_of(BETTER, off, "slip", "odometry slips")
-    choice = choose(usual, level, drives_all=False)
+    choice = choose_among(usual, level, drives_all=False)
     assert (choice.name, places) == (name, driven)
     drives = {row.settings: row.n_drives for row in choice.results if row.case == "slip"}
     assert drives[PRECISE] == 16 * driven.count(1)
@@ -190,20 +190,20 @@ def test_choice_states_both_rates_at_hardest_level():
     usual, _ = case_of(BETTER, (1, 40, 2))
     slip, _ = case_of(BETTER, (9, 64, 10), "slip", "odometry slips")
     standstill, _ = case_of(BETTER, (20, 64, 24), "standstill", "odometry stands still")
-    choice = choose(usual, slip, standstill)
+    choice = choose_among(usual, slip, standstill)
     assert choice.hardest_level == (
         "Level standstill: 38 % [27, 50] off at the end, baseline 31 % [21, 43]."
     )
-    assert choose(usual, recordings=[Recorded((0.2, 0.06, 0.1))]).hardest_level == ""
+    assert choose_among(usual, recordings=[Recorded((0.2, 0.06, 0.1))]).hardest_level == ""
     harmful, _ = case_of(BETTER, (9, 64, 1), "slip", "odometry slips")
-    quick = choose(usual, harmful, drives_all=False)
+    quick = choose_among(usual, harmful, drives_all=False)
     assert quick.hardest_level == "Level slip: 3 % [1, 16] off at the end, baseline not driven."
 
 
 def test_preset_that_does_not_lead_is_driven_less():
     (case, places) = case_of((0.2, 0.3, 0.1))
     usual = dataclasses.replace(case, looks=(24, 64))
-    choice = choose(usual, drives_all=False)
+    choice = choose_among(usual, drives_all=False)
     assert (choice.name, places) == (SAFE, [0, 1, 2, 0, 2])
     drives = {row.settings: row.n_drives for row in choice.results}
     assert drives == {USER_SETTINGS: 64, PRECISE: 24, SAFE: 64}
@@ -211,16 +211,16 @@ def test_preset_that_does_not_lead_is_driven_less():
 
 def test_preset_that_recording_contradicts_is_not_simulated():
     usual, places = case_of(BETTER)
-    assert choose(usual, recordings=[Recorded((0.2, 0.3, 0.1))]).name == SAFE
+    assert choose_among(usual, recordings=[Recorded((0.2, 0.3, 0.1))]).name == SAFE
     assert 1 not in places
 
 
 def test_preset_may_not_lose_significantly_more_drives():
     """Two drives more are chance, eighteen are not, though the error is smaller."""
     usual, _ = case_of(BETTER, (2, 4, 2))
-    assert choose(usual).name == PRECISE
+    assert choose_among(usual).name == PRECISE
     usual, _ = case_of(BETTER, (2, 20, 2))
-    choice = choose(usual)
+    choice = choose_among(usual)
     assert choice.name == SAFE
     assert (
         choice.objections[PRECISE]
@@ -235,7 +235,7 @@ def test_recording_decides_instead_of_levels():
     usual, _ = case_of(BETTER)
     harmful, driven = case_of(BETTER, (0, 30, 0), "standstill", "odometry stands still")
     recording = Recorded((0.2, 0.06, 0.1))
-    choice = choose(usual, harmful, recordings=[recording])
+    choice = choose_among(usual, harmful, recordings=[recording])
     assert (choice.name, driven) == (PRECISE, [])
     assert choice.recordings == ("drive 1",)
     rows = {(row.settings, row.case): row for row in choice.results}
@@ -255,7 +255,7 @@ def test_recording_decides_instead_of_levels():
 )
 def test_settings_that_fail_on_recording_are_not_used(errors, at_end, name, reason):
     usual, _ = case_of(BETTER)
-    choice = choose(usual, recordings=[Recorded(errors, at_end)])
+    choice = choose_among(usual, recordings=[Recorded(errors, at_end)])
     assert choice.name == name
     assert reason in choice.objections[PRECISE]
 
@@ -263,32 +263,32 @@ def test_settings_that_fail_on_recording_are_not_used(errors, at_end, name, reas
 def test_faulty_recording_rules_out_precise_preset():
     usual, _ = case_of(BETTER)
     recording = Recorded((0.2, 0.06, 0.1))
-    choice = choose(usual, recordings=[recording], are_recordings_sound=False)
+    choice = choose_among(usual, recordings=[recording], are_recordings_sound=False)
     assert choice.name == SAFE
     assert 1 not in recording.replayed
-    alone = choose(usual, are_recordings_sound=False)
+    alone = choose_among(usual, are_recordings_sound=False)
     assert alone.name == SAFE
 
 
 def test_recording_may_decide_though_simulation_does_not():
     undecided, _ = case_of((0.2, 0.2, 0.2))
-    assert choose(undecided, recordings=[Recorded((0.2, 0.06, 0.1))]).name == PRECISE
+    assert choose_among(undecided, recordings=[Recorded((0.2, 0.06, 0.1))]).name == PRECISE
     worse, _ = case_of((0.2, 0.4, 0.2))
-    assert choose(worse, recordings=[Recorded((0.2, 0.06, 0.1))]).name == SAFE
+    assert choose_among(worse, recordings=[Recorded((0.2, 0.06, 0.1))]).name == SAFE
 
 
 def test_settings_must_hold_on_all_recordings():
     usual, _ = case_of(BETTER)
     good, bad = Recorded((0.2, 0.06, 0.1)), Recorded((0.2, 0.3, 0.1))
     bad.name = "drive 2"
-    choice = choose(usual, recordings=[good, bad])
+    choice = choose_among(usual, recordings=[good, bad])
     assert choice.name == SAFE
     assert choice.objections[PRECISE].endswith("on drive 2")
 
 
 def test_cost_follows_updates_along_lines():
     usual, _ = case_of((0.2, 0.2, 0.1))
-    choice = choose(usual)
+    choice = choose_among(usual)
     assert choice.cost_ratio == pytest.approx(2.2, abs=0.1)
     times = f"{choice.cost_ratio:.1f} times the filter's CPU"
     assert choice.title == f"safe: update_min_d 0.1, update_min_a 0.1, {times}"
@@ -471,7 +471,7 @@ def test_one_of_several_robots_in_a_file_is_tuned(tuning, tmp_path):
     file.write_text("robot1:\n  amcl:\n    ros__parameters:\n      alpha1: 0.2\n" + PARAMS)
     made = saved(tuning, tmp_path / "out", tmp_path / "fleet.yaml:robot1")
     assert made.read_text().endswith(PARAMS)
-    read = Robot.from_nav2(f"{made}:robot1", LIDAR).filter
+    read = Robot.load(f"{made}:robot1", lidar=LIDAR).filter
     assert (read.alpha1, read.max_beams) == (tuning.winner.alpha1, tuning.winner.max_beams)
 
 

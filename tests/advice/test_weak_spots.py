@@ -36,7 +36,7 @@ def made_up(cells, *, blur=0.5, seed=0, resolution=0.05, origin=(1.5, -2.0, 0.0)
     covariance[..., 1, 1], covariance[..., 2, 2] = PERFECT**2, 0.05**2
     covariance[~free] = np.nan
     field = CovarianceField(covariance, grid, config)
-    return Costmap.from_field(grid, field), field
+    return Costmap.from_field(field), field
 
 
 def marked(mask, resolution=1.0):
@@ -112,7 +112,7 @@ def check_valid(area):
 def corridors():
     grid = locplan.load_map("maps/two_corridors.yaml")
     field = locplan.load_or_compute(grid, Sad())
-    return Costmap.from_field(grid, field), field
+    return Costmap.from_field(field), field
 
 
 def test_the_straight_corridor_is_the_only_area(corridors):
@@ -138,7 +138,7 @@ def test_a_map_turned_by_90_degrees_has_turned_areas():
     for turned in (cells, np.rot90(cells, -1)):  # rows upwards: counter-clockwise
         grid = OccupancyGrid(np.ascontiguousarray(turned), 0.1)
         field = locplan.covariance_field(grid, Sad(range=2.0))
-        results.append((grid, degenerate_areas(Costmap.from_field(grid, field), field)))
+        results.append((grid, degenerate_areas(Costmap.from_field(field), field)))
     (_, (one, *others)), (turned, (other, *_)) = results
     assert not others
     width = turned.shape[1] * turned.resolution
@@ -302,11 +302,11 @@ def test_the_default_is_half_of_a_corridor_without_features(corridors):
 
     costs, field = corridors
     for law in ("logarithmic", "linear", "cube-root"):
-        costs = Costmap.from_field(costs.grid, field, law=law)
+        costs = Costmap.from_field(field, law=law)
         half = costs.u[60, 400] / 2  # in the corridor
         assert sizes(costs) == pytest.approx(sizes(costs, half), rel=0.02)
         assert sizes(costs, half * 0.8) > sizes(costs) > sizes(costs, half * 1.2)
-    turn = Costmap.from_field(costs.grid, field, criterion="heading_std")
+    turn = Costmap.from_field(field, criterion="heading_std")
     assert sizes(turn) == sizes(turn, DEGENERATE)
 
 
@@ -315,7 +315,7 @@ def test_areas_without_rotation_have_no_heading():
     window = SearchWindow(half_rotation_deg=0)
     covariance = np.tile(np.diag([0.04, 0.3]), (20, 30, 1, 1))
     field = CovarianceField(covariance, grid, FieldConfig(Sad(window=window)))
-    (area,) = degenerate_areas(Costmap.from_field(grid, field), field)
+    (area,) = degenerate_areas(Costmap.from_field(field), field)
     assert math.isnan(area.heading_std)
     assert abs(area.direction) == pytest.approx(math.pi / 2)
 

@@ -516,7 +516,7 @@ def test_plan_gives_seed_to_random_planner(run, room):
 
 
 def test_fields_that_know_the_sensor(run, room, tmp_path):
-    save_config(tmp_path / "scan.json", FieldConfig(Scan(Lidar(range=6.0, beams=90)), headings=4))
+    save_config(FieldConfig(Scan(Lidar(range=6.0, beams=90)), headings=4), tmp_path / "scan.json")
     sensor = "--field", tmp_path / "scan.json", "--set", "field_of_view_deg=180"
     sensor += "--set", "range=3", "--set", "footprint=0.05", "--lidar", "turtlebot4"
     code, out, _ = run("field", room, *sensor, "-o", tmp_path / "f.npz")
@@ -645,7 +645,7 @@ def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     assert re.search(r"zones +1 no-go, 1 slow, 1 prefer\n", out)
     grid = load_map(room)
     computed = load_or_compute(grid, load_config(small_field))
-    costs = Costmap.from_field(grid, computed, zones=Zones.load(tmp_path / "zones.geojson"))
+    costs = Costmap.from_field(computed, zones=Zones.load(tmp_path / "zones.geojson"))
     with pytest.warns(UserWarning, match="lyrical"):
         nav2_keepout(tmp_path / "python", costs, distro="lyrical")
     names = {"zones.geojson", "mask.pgm", "speed_mask.pgm", "nav2.yaml", "vector_objects.yaml"}
@@ -931,7 +931,7 @@ def test_no_result_is_written_over_an_input(run, room, tmp_path, monkeypatch, co
         save_map(grid, f"{name}.yaml", image_format="png")
     (tmp_path / "link").symlink_to(tmp_path)
     (tmp_path / "p.csv").write_text("x,y\n1,2\n4,3\n")
-    save_config(tmp_path / "c.json", FieldConfig())
+    save_config(FieldConfig(), tmp_path / "c.json")
     before = {file: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
     code, out, err = run(*command.split())
     assert code == 2

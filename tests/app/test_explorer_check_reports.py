@@ -21,7 +21,7 @@ from locplan.app.explorer.session import Session
 from locplan.app.explorer.state import describe_state
 from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Fisher, load_or_compute
-from locplan.maps import hollowed, load_map, save_map
+from locplan.maps import hollow_walls, load_map, save_map
 from locplan.robots import Robot
 
 pytest.importorskip("starlette", reason="the explorer's server is not installed")
@@ -120,7 +120,7 @@ def test_recommended_path_of_report_is_shown(checked, tmp_path):
         (lambda folder: (folder / "run.yaml").write_text("kind: robot"), "is damaged"),
         (lambda folder: (folder.parent / "blocks.yaml").unlink(), "there is no such file"),
         (
-            lambda folder: save_map(hollowed(blocks()), folder.parent / "blocks.yaml"),
+            lambda folder: save_map(hollow_walls(blocks()), folder.parent / "blocks.yaml"),
             "has changed since",
         ),
     ],

@@ -67,7 +67,7 @@ def test_first_route_on_uniform_map_has_two_ends():
     site = ExploredSite(grid, FieldConfig(locplan.Sad(range=1.0), stride=1.0), robot)
     scene = make_blank_scene(site)
     field = locplan.covariance_field(grid, site.config)
-    costs = Costmap.from_field(grid, field, robot=robot)
+    costs = Costmap.from_field(field, robot=robot)
     scene = type(scene)(site, costs, field)
     route = choose_first_route(
         Searches(Store(1e9), scene), Opening(site.config, robot, goal=(1.0, 1.0)), is_draft=False

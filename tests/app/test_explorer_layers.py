@@ -56,7 +56,7 @@ def test_degeneracy_equals_steps_of_costmap(name):
     field = compute_field(name)
     layer = make_layers(field)["degeneracy"]
     assert (layer.low, layer.high, layer.scale) == (0.0, 1.0, "linear")
-    costs = locplan.Costmap.from_field(field.grid, field, robot=0.0)
+    costs = locplan.Costmap.from_field(field, robot=0.0)
     u = costs.u[:: field.stride, :: field.stride]
     is_known = ~np.isnan(u)
     expected = naive_steps(u, 0.0, 1.0, is_log=False)[::-1][is_known]

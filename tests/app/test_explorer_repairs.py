@@ -36,9 +36,7 @@ def check_scene(session: Session, config: FieldConfig = SAD) -> None:
     assert scene.is_whole
     field = locplan.covariance_field(session.grid, config)
     np.testing.assert_array_equal(scene.field.covariance, field.covariance)
-    costs = locplan.Costmap.from_field(
-        session.grid, field, robot=scene.site.robot, zones=scene.site.zones
-    )
+    costs = locplan.Costmap.from_field(field, robot=scene.site.robot, zones=scene.site.zones)
     for name in ("density", "u", "e"):
         np.testing.assert_array_equal(getattr(scene.costs, name), getattr(costs, name))
     assert scene.costs.grid.digest == session.grid.digest

@@ -22,7 +22,7 @@ from locplan.app.explorer.session import Session
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OccupancyGrid, Zone, Zones
 from locplan.planning import Path
-from locplan.simulation import choose
+from locplan.simulation import RecommendationSettings, recommend_path
 
 BAND = [[0.5, 8.0], [39.5, 8.0], [39.5, 12.0], [0.5, 12.0]]
 """A zone in the upper corridor."""
@@ -40,11 +40,17 @@ def test_simulation_equals_that_of_library(session):
     answer = ask(session, "simulate", **ROUTE, path=shown, drives=4)
     grid, field = corridors()
     paths = {"shown": Path(shown)}
-    choice = choose(
-        grid, START, GOAL, ROBOT, costs=field.config, weight=3.0, candidates=paths, drives=4
+    choice = recommend_path(
+        grid,
+        START,
+        GOAL,
+        ROBOT,
+        costs=field.config,
+        settings=RecommendationSettings(weight=3.0, drives=4),
+        candidates=paths,
     )
     assert answer["verdict"] == choice.answer[0]
-    assert answer["evidence"] == choice.arrives
+    assert answer["evidence"] == choice.reached_text
     assert answer["recommended"] == choice.taken
     assert [c["name"] for c in answer["candidates"]] == [c.name for c in choice.candidates]
     for ours, candidate in zip(answer["candidates"], choice.candidates, strict=True):

@@ -32,10 +32,10 @@ def test_a_choice_of_20_metres(benchmark, depot):
     """Some ten candidates, beside the field; the drives alone are the peer."""
     lidar = locplan.Lidar.preset("turtlebot4")
     field = locplan.load_or_compute(depot, locplan.Fused(lidar))
-    costs = locplan.Costmap.from_field(depot, field)
+    costs = locplan.Costmap.from_field(field)
 
     def chosen():
-        return locplan.choose(depot, START, GOAL, Robot(lidar), costs=costs)
+        return locplan.recommend_path(depot, START, GOAL, Robot(lidar), costs=costs)
 
     choice = chosen()
     benchmark.pedantic(chosen, rounds=5, iterations=1)

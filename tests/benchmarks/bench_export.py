@@ -44,7 +44,7 @@ def made():
 def everything(grid: OccupancyGrid) -> tuple[CovarianceField, Costmap]:
     """What every command does first: the field from the cache, and the costmap."""
     field = load_or_compute(grid, FieldConfig())
-    return field, Costmap.from_field(grid, field, robot=0.25)
+    return field, Costmap.from_field(field, robot=0.25)
 
 
 def fresh(made) -> OccupancyGrid:
@@ -90,7 +90,7 @@ def test_smac2d_on_our_mask(benchmark, real_maps, tmp_path, name, weight):
     own = name in environments.names()
     grid = environments.make(name) if own else load_map(*(real_maps / name).glob("*.yaml"))
     field = load_or_compute(grid, FieldConfig())
-    costs = Costmap.from_field(grid, field, weight=weight, robot=0.2)
+    costs = Costmap.from_field(field, weight=weight, robot=0.2)
     ratios = []
 
     def run():

@@ -27,7 +27,7 @@ def test_first_path(benchmark, real_maps, name):
     start, goal = QUERIES[name]
 
     def planned(field):
-        costs = Costmap.from_field(grid, field)
+        costs = Costmap.from_field(field)
         return plan_with_shortest(costs, start, goal)
 
     def near_paths():
@@ -45,7 +45,7 @@ def test_first_path(benchmark, real_maps, name):
     best = planned(whole)[AWARE].metrics.cost
     whole_seconds = time.perf_counter() - began
     field, plans = benchmark.pedantic(near_paths, rounds=1)
-    costs = Costmap.from_field(grid, whole)
+    costs = Costmap.from_field(whole)
     assert path_metrics(costs, plans[AWARE].path).cost == pytest.approx(best, rel=2e-3)
     seconds = benchmark.stats.stats.min
     benchmark.extra_info["ratio_to_the_whole_field"] = whole_seconds / seconds

@@ -80,7 +80,7 @@ def problem_on(name, real_maps):
     else:
         grid, radius = load_map(next((real_maps / name).glob("*.yaml"))), REAL[name]
     field = covariance_field(grid, FieldConfig())
-    costs = Costmap.from_field(grid, field, weight=WEIGHT, robot=radius)
+    costs = Costmap.from_field(field, weight=WEIGHT, robot=radius)
     if name in REAL:
         start, goal = far_apart(costs)
     return costs, start, goal

@@ -1,4 +1,4 @@
-"""How often the rule of `choose` finds a better path, and how often it is wrong, in cheap cases.
+"""How often the rule of `recommend_path` finds a better path and how often it is wrong.
 
 Errors are drawn, not driven: the logarithms of the paired ratios deviate by 0.35 on average, by
 more on some queries than on others, and paths have 0.36 of their variance in common. The critical

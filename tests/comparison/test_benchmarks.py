@@ -18,7 +18,7 @@ from support.comparison_runs import failed_run, fake_runs, solved_run
 from locplan.comparison.benchmarks import write_ompl_logs
 from locplan.comparison.statistics import STATUSES, Task
 from locplan.errors import LocplanError
-from locplan.planning import Found, Path
+from locplan.planning import Path, PlannerResult
 
 
 def database(logs, folder, *options):
@@ -127,7 +127,9 @@ def test_every_status_has_its_name(tmp_path):
     assert named.pop("solved") == "Exact solution"
     assert named.pop("crashed") == "Crash"
     assert all(name.lower() == status for status, name in named.items())
-    assert set(STATUSES) > set(get_args(get_type_hints(Found, localns={"Path": Path})["status"]))
+    assert set(STATUSES) > set(
+        get_args(get_type_hints(PlannerResult, localns={"Path": Path})["status"])
+    )
 
 
 def test_our_numbers_are_ompls_own(tmp_path):

@@ -19,10 +19,11 @@ from locplan.comparison.planners import PlannerSpec
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Fisher, Sad
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones
-from locplan.planning import Costmap, Found, Path, Query
+from locplan.planning import Costmap, Path, PlannerResult, Query
 from locplan.planning.requests import find_changed_options, with_options
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
 from locplan.robots.nav2 import ParameterWarning
+from locplan.simulation import RecommendationSettings
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -168,7 +169,7 @@ def test_a_planner_cannot_change_what_any_path_is_measured_on():
             pass
 
         def solve(self, costs, start, goal):
-            return Found(replacer(costs, start, goal))
+            return PlannerResult(replacer(costs, start, goal))
 
     planners = [writer, replacer, Vandal(), honest, "grid"]
     settings = {"weights": [4.0], "configs": QUICK, "execution": ONE, "baseline": "grid"}
@@ -468,7 +469,7 @@ CORRIDOR = Query("corridor", (2.0, 3.0), (38.0, 3.0))
 def corridors():
     grid = locplan.maps.environments.make("two_corridors", resolution=0.1)
     field = locplan.covariance_field(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
-    return Costmap.from_field(grid, field)
+    return Costmap.from_field(field)
 
 
 @pytest.fixture
@@ -488,15 +489,13 @@ def test_the_simulated_choice_is_compared_as_a_planner(corridors, nav2):
     runs = [run for run in found.runs if run.task.planner == label]
     assert [(run.task.seed, run.status) for run in runs] == [(2, "solved")]
     for run in runs:
-        choice = locplan.choose(
+        choice = locplan.recommend_path(
             corridors.grid,
             CORRIDOR.start,
             CORRIDOR.goal,
             robot=Robot(LIDAR, filter=Amcl(alpha1=0.05, max_particles=500)),
             costs=corridors,
-            drives=2,
-            minimise="lost",
-            rival=None,
+            settings=RecommendationSettings(drives=2, minimise="lost", rival=None),
             seed=run.task.seed,
         )
         np.testing.assert_array_equal(run.xy, choice.path.xy)
@@ -509,12 +508,12 @@ def test_the_simulated_choice_takes_the_costmap_its_options_and_one_thread(
 ):
     asked = []
 
-    def choose(grid, start, goal, robot, **options):
+    def recommend_path(grid, start, goal, robot, **options):
         assert robot == Robot(LIDAR, filter=Amcl(alpha1=0.05, max_particles=500))
         asked.append(options)
         return types.SimpleNamespace(path=None, status="unreachable")
 
-    monkeypatch.setattr("locplan.simulation.recommender.choose", choose)
+    monkeypatch.setattr("locplan.simulation.recommender.recommend_path", recommend_path)
     spec = PlannerSpec.parse(f"simulated choice:price=3,longest=1.2,robot={nav2}")
     assert spec.seeds([4, 5]) == (4, 5)
     plan = spec.plan(corridors, CORRIDOR.start, CORRIDOR.goal, 5)
@@ -587,11 +586,11 @@ def test_the_robot_decides_the_fields_and_is_driven(monkeypatch, tmp_path):
     """Its lidar is that of the fields where these have several."""
     asked = []
 
-    def choose(grid, start, goal, robot, **_):
+    def recommend_path(grid, start, goal, robot, **_):
         asked.append(robot)
         return types.SimpleNamespace(path=None, status="unreachable")
 
-    monkeypatch.setattr("locplan.simulation.recommender.choose", choose)
+    monkeypatch.setattr("locplan.simulation.recommender.recommend_path", recommend_path)
     robot = Robot(LIDAR, footprint=0.1, margin=0.0, filter=Amcl(alpha1=0.05))
     grid, ends = rooms(), [((2.5, -0.5), (4.0, -0.5))]
     found = locplan.compare(grid, "simulated choice", ends, robot)

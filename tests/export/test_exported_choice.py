@@ -8,15 +8,23 @@ import numpy as np
 import pytest
 import yaml
 from support.command_line import check_refusal
+from support.recommendations import recommend
 
-from locplan import Choice, FieldConfig, Fisher, Path, choose, covariance_field, save_map
+from locplan import (
+    FieldConfig,
+    Fisher,
+    Path,
+    Recommendation,
+    covariance_field,
+    save_map,
+)
 from locplan.errors import ConfigError
 from locplan.export import nav2_keepout
 from locplan.export.masks import keepout_mask
 from locplan.maps import environments
 from locplan.planning import Costmap, path_metrics, plan
 from locplan.robots import Amcl, Lidar, Robot
-from locplan.simulation.problem import ChoiceSettings
+from locplan.simulation.problem import RecommendationSettings
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -34,11 +42,11 @@ def field():
 
 @pytest.fixture(scope="module")
 def driven(field):
-    costs = Costmap.from_field(field.grid, field, robot=ROBOT)
+    costs = Costmap.from_field(field, robot=ROBOT)
     own = {"around": plan(Costmap.blank(field.grid), START, GOAL, via=[(20.0, 12.0)]).path}
     ends = field.grid, START, GOAL, ROBOT
     settings = {"rival": None, "weight": 3.0}
-    return choose(*ends, costs=costs, candidates=own, drives=4, **settings)
+    return recommend(*ends, costs=costs, candidates=own, drives=4, **settings)
 
 
 def taking(choice, name):
@@ -54,7 +62,7 @@ def tuned_better(choice):
     driven = choice.shortest.driven
     log_error = driven.log_error - np.log(10.0)
     rival = dataclasses.replace(driven, log_error=log_error, lost=np.zeros_like(driven.lost))
-    settings = dataclasses.replace(choice.settings, rival=ChoiceSettings().rival)
+    settings = dataclasses.replace(choice.settings, rival=RecommendationSettings().rival)
     candidates = [dataclasses.replace(each, driven=driven) for each in choice.candidates]
     made = {"rival": rival, "settings": settings, "candidates": tuple(candidates)}
     return dataclasses.replace(choice, **made)
@@ -80,8 +88,8 @@ def test_limits_bind_the_mask_too(driven):
 
 
 def test_a_choice_without_drives_is_exported_by_its_field(field):
-    costs = Costmap.from_field(field.grid, field, robot=0.2)
-    planned = choose(field.grid, START, GOAL, ROBOT, costs=costs, drives=0)
+    costs = Costmap.from_field(field, robot=0.2)
+    planned = recommend(field.grid, START, GOAL, ROBOT, costs=costs, drives=0)
     assert planned.costmap() is planned.costs
 
 
@@ -161,7 +169,7 @@ def test_tuning_is_not_advised_if_it_fails(tmp_path, driven):
 def test_a_loaded_choice_is_given_its_field(tmp_path, driven, field):
     choice = taking(driven, AWARE)
     choice.save(tmp_path / "planned")
-    loaded = Choice.load(tmp_path / "planned")
+    loaded = Recommendation.load(tmp_path / "planned")
     with pytest.raises(ConfigError, match="give it with_field"):
         loaded.costmap()
     assert loaded.config == field.config

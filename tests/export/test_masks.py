@@ -54,7 +54,7 @@ def costs():
     """Without symmetry, and with an origin."""
     grid = OccupancyGrid(random_rooms((70, 110), seed=6), 0.1, (2.0, -1.0, 0.0), name="rooms")
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
-    return Costmap.from_field(grid, field, weight=4.0, robot=0.15)
+    return Costmap.from_field(field, weight=4.0, robot=0.15)
 
 
 @pytest.mark.parametrize("stack", ["main", "humble", "ros1"])
@@ -166,7 +166,7 @@ def test_every_free_cell_has_a_value_and_no_other(tmp_path, costs, write):
 def corridors(tmp_path_factory):
     """A folder with the mask of two_corridors, its costmap, and its walls as Nav2 has them."""
     grid = environments.make("two_corridors", resolution=0.05)
-    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig(stride=0.5)))
+    costs = Costmap.from_field(load_or_compute(grid, FieldConfig(stride=0.5)))
     folder = tmp_path_factory.mktemp("corridors") / "mask"
     nav2_keepout(folder, costs)
     walls = np.select([grid.free, grid.cells == 0], [0, 100], -1).astype(np.int8)
@@ -248,7 +248,7 @@ def test_masks_lie_where_stacks_that_ignore_the_yaw_have_the_map(tmp_path, costs
 
 def test_thetastar_realises_j_too(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
-    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
+    costs = Costmap.from_field(load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.place_positions("two_corridors")
     nav2_keepout(tmp_path / "out", costs, planner="thetastar")
     master = apply_mask(tmp_path / "out", costs)
@@ -270,7 +270,7 @@ def test_thetastar_realises_j_too(tmp_path):
 def test_smac2d_realises_j_on_generated_maps(tmp_path, name, weight):
     grid = environments.make(name, resolution=0.1)
     field = load_or_compute(grid, FieldConfig())
-    costs = Costmap.from_field(grid, field, weight=weight, robot=0.25)
+    costs = Costmap.from_field(field, weight=weight, robot=0.25)
     at = environments.place_positions(name)
     theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, at["start"], at["goal"])
     assert ours.cost <= theirs.cost * (1 + 1e-9)
@@ -284,7 +284,7 @@ def test_smac2d_realises_j_on_real_maps(tmp_path, real_maps, name):
     (file,) = (real_maps / name).glob("*.yaml")
     grid = load_map(file)
     field = load_or_compute(grid, FieldConfig(stride=0.4))
-    costs = Costmap.from_field(grid, field, weight=4.0, robot=0.2)
+    costs = Costmap.from_field(field, weight=4.0, robot=0.2)
     theirs, ours, _ = compare_with_smac(tmp_path / "mask", costs, *find_far_ends(costs, seed=3))
     assert ours.cost <= theirs.cost * (1 + 1e-9)
     assert theirs.cost <= 1.01 * ours.cost
@@ -303,7 +303,7 @@ def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
         (file,) = (real_maps / name).glob("*.yaml")
         grid = load_map(file)
         field = load_or_compute(grid, FieldConfig(stride=0.4))
-        costs = Costmap.from_field(grid, field, robot=0.2)
+        costs = Costmap.from_field(field, robot=0.2)
         for seed in range(4):
             theirs, ours, _ = compare_with_smac(tmp_path / name, costs, *find_far_ends(costs, seed))
             ratios.append(theirs.cost / ours.cost)
@@ -312,7 +312,7 @@ def test_smac2d_realises_j_within_three_in_a_thousand(tmp_path, real_maps):
 
 def test_without_the_mask_smac2d_takes_the_blind_corridor(tmp_path):
     grid = environments.make("two_corridors", resolution=0.1)
-    costs = Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
+    costs = Costmap.from_field(load_or_compute(grid, FieldConfig()), robot=0.25)
     at = environments.place_positions("two_corridors")
     nav2_keepout(tmp_path / "mask", costs)
     with_ours = plan_by_smac(tmp_path / "mask", costs, at["start"], at["goal"])
@@ -369,7 +369,7 @@ def test_a_radius_that_blocks_everything_is_told(tmp_path, costs):
 
 def test_a_map_without_free_space_gets_no_mask(tmp_path):
     walls = ascii_map("###", "###", resolution=0.1)
-    costs = Costmap.from_field(walls, load_or_compute(walls, FieldConfig()))
+    costs = Costmap.from_field(load_or_compute(walls, FieldConfig()))
     for write in (nav2_keepout, nav2_speed):
         with pytest.raises(LocplanError, match="a mask would be empty"):
             write(tmp_path / "mask", costs)
@@ -920,7 +920,7 @@ def test_field_writes_numpy_arrays(tmp_path, costs):
     with np.load(tmp_path / "f.npz") as arrays:
         assert {*arrays} == {"about", "covariance", "u_map", "cells"}
         np.testing.assert_array_equal(arrays["covariance"], field.covariance)
-        u = Costmap.from_field(costs.grid, field).u
+        u = Costmap.from_field(field).u
         np.testing.assert_array_equal(arrays["u_map"], u)
         np.testing.assert_array_equal(arrays["cells"], costs.grid.cells)
         about = json.loads(str(arrays["about"]))

@@ -27,7 +27,7 @@ def corridors():
     """two_corridors with the field of the TurtleBot 4's lidar."""
     grid = environments.make("two_corridors", resolution=0.05)
     field = load_or_compute(grid, FieldConfig(Scan(Lidar.preset("turtlebot4")), stride=0.4))
-    return Costmap.from_field(grid, field, weight=8.0, robot=0.25)
+    return Costmap.from_field(field, weight=8.0, robot=0.25)
 
 
 def inflated(radius, factor, inscribed=0.2255):

@@ -34,7 +34,7 @@ STATIONS = {"dock": (2.0, 3.0), "gate": (38.0, 3.0), "desk": (5.0, 10.0), "shelf
 @pytest.fixture(scope="module")
 def costs():
     grid = environments.make("two_corridors", resolution=0.1)
-    return Costmap.from_field(grid, load_or_compute(grid, FieldConfig()), robot=0.25)
+    return Costmap.from_field(load_or_compute(grid, FieldConfig()), robot=0.25)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from locplan.field.sad import Exponential, InverseSquare
 from locplan.recordings.matching import Matching, ScanDatabase
 from locplan.robots import Disturbances, Kinematics, Lidar, Odometry
 from locplan.robots.parts import Inflation
-from locplan.simulation.problem import ChoiceSettings
+from locplan.simulation.problem import RecommendationSettings
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_the_settings_for_a_lidar_are_those_that_real_lasers_bear_out():
         (Disturbances, (0.1, 8, 0.04, 0.2, 20.0, 0.1, 3.0)),
         (Matching, (36.0, 0.1, 0.05, 0.25, 600)),
         (ScanDatabase, (0.1,)),
-        (ChoiceSettings, (1.5, False, 0.3, 64, False, False)),
+        (RecommendationSettings, (1.5, False, 0.3, 64, False, False)),
     ],
 )
 def test_default_settings_stay_as_they_were_published(kind, numbers):

@@ -103,7 +103,7 @@ def test_a_place_without_returns_is_exactly_featureless(estimator):
     for sensor in (ALL_ROUND, AHEAD):
         field = covariance_field(grid, config(estimator, sensor))
         assert field.e[field.is_evaluated] == pytest.approx(field.anchors()[1], rel=1e-12)
-        costs = Costmap.from_field(grid, field, robot=0.0)
+        costs = Costmap.from_field(field, robot=0.0)
         assert costs.u[5, 5] == pytest.approx(1.0, rel=1e-12)
 
 
@@ -124,7 +124,7 @@ def test_u_is_0_within_5_cm_and_1_where_nothing_is_seen(estimator, half_rotation
     covariance = rotated(covariance, 0.7)
     field = CovarianceField(covariance, grid, wanted)
     assert field.anchors("position_std") == pytest.approx((0.05, top))
-    costs = Costmap.from_field(grid, field, robot=0.0)
+    costs = Costmap.from_field(field, robot=0.0)
     expected = [0.0, 0.0, math.log(1.04) / math.log(top / 0.05), 0.5, 1.0, 1.0]
     np.testing.assert_allclose(costs.u, [expected] * 2, atol=1e-9)
     assert costs.weight == 8.0
@@ -285,7 +285,7 @@ def test_the_papers_places_are_told_apart():
     corridor_, complex_ = (fisher.at(at[name], "covariance") for name in "BA")
     assert scalar(corridor_, "position_std") > 5 * scalar(complex_, "position_std")
     fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=6.0)), stride=0.4))
-    costs = Costmap.from_field(grid, fused, robot=0.0)
+    costs = Costmap.from_field(fused, robot=0.0)
     u = {name: costs.u[grid.cell(xy)] for name, xy in at.items()}
     assert u["A"] < 0.1
     assert u["B"] > 0.95
@@ -301,7 +301,7 @@ def test_positions_alone_have_two_dimensions(rooms, estimator):
         turning = covariance_field(rooms, config(estimator)).covariance[known]
         expected = np.linalg.inv(np.linalg.inv(turning)[:, :2, :2])
         np.testing.assert_allclose(field.covariance[known], expected, rtol=1e-6, atol=1e-12)
-    costs = Costmap.from_field(rooms, field, robot=0.0)
+    costs = Costmap.from_field(field, robot=0.0)
     assert 0 <= np.nanmin(costs.u) < 0.5 < np.nanmax(costs.u) <= 1
 
 
@@ -332,17 +332,17 @@ def test_scalars_over_all_headings(ahead):
 
 def test_costs_by_every_criterion(rooms, ahead):
     for criterion in ("e", "position_std", "heading_std", *ahead.layers):
-        costs = Costmap.from_field(rooms, ahead, criterion=criterion, robot=0.0)
+        costs = Costmap.from_field(ahead, criterion=criterion, robot=0.0)
         free = np.isfinite(costs.density)
         assert free.any()
         assert costs.u[free].min() >= 0
         assert costs.u[free].max() <= 1
         assert costs.u_of_heading.shape == (4, *rooms.shape)
     with pytest.raises(ConfigError, match="criterion must be one of"):
-        Costmap.from_field(rooms, ahead, criterion="entropie", robot=0.0)
+        Costmap.from_field(ahead, criterion="entropie", robot=0.0)
     plain = covariance_field(rooms, FieldConfig(Sad(range=1.0), stride=0.4))
     with pytest.raises(ConfigError, match="criterion must be one of"):
-        Costmap.from_field(rooms, plain, criterion="ambiguity", robot=0.0)
+        Costmap.from_field(plain, criterion="ambiguity", robot=0.0)
 
 
 def part_of(rooms, count=5, headings=2, **more) -> MapPart:
@@ -763,7 +763,7 @@ def test_sharp_posteriors_have_a_mean_information(rooms):
     field = covariance_field(rooms, wanted)
     assert np.isfinite(field.scalar("e", headings="mean")[field.is_evaluated]).all()
     for headings in ("mean", "worst"):
-        costs = Costmap.from_field(rooms, field, headings=headings, robot=0.0)
+        costs = Costmap.from_field(field, headings=headings, robot=0.0)
         free = np.isfinite(costs.density)
         assert np.isfinite(costs.u[free]).all()
         assert np.isfinite(costs.e[free]).all()

@@ -110,7 +110,7 @@ def test_half_a_lidar_leaves_more_of_an_office_degenerate():
     shares = []
     for lidar in (HALF, ROUND):
         field = load_or_compute(grid, FieldConfig(Fused(lidar), stride=0.4))
-        costs = Costmap.from_field(grid, field)
+        costs = Costmap.from_field(field)
         shares.append(np.mean(costs.u[np.isfinite(costs.density)]))
     assert shares[0] > shares[1]
 
@@ -118,7 +118,7 @@ def test_half_a_lidar_leaves_more_of_an_office_degenerate():
 def test_costmap_takes_mean_of_u_and_worst_heading():
     grid = environments.make("places", resolution=0.1)
     field = covariance_field(grid, FieldConfig(Fisher(HALF), stride=0.8))
-    mean, worst = (Costmap.from_field(grid, field, headings=how) for how in ("mean", "worst"))
+    mean, worst = (Costmap.from_field(field, headings=how) for how in ("mean", "worst"))
     for costs, join in ((mean, np.mean), (worst, np.max)):
         np.testing.assert_allclose(costs.u, join(costs.u_of_heading, axis=0), atol=1e-6)
         np.testing.assert_allclose(costs.e, join(costs.e_of_heading, axis=0), rtol=1e-6)
@@ -131,7 +131,7 @@ def test_costmap_of_sad_has_note_if_robot_has_lidar(with_lidar):
     grid = OccupancyGrid(np.pad(np.full((20, 30), FREE, np.uint8), 1), 0.1)
     robot = Robot(Lidar(range=2.0)) if with_lidar else Robot()
     field = covariance_field(grid, FieldConfig(Sad(range=2.0), stride=0.8))
-    costs = Costmap.from_field(grid, field, robot=robot)
+    costs = Costmap.from_field(field, robot=robot)
     aware, shortest = (
         plan(each, (0.6, 0.6), (2.4, 1.4)) for each in (costs, costs.with_weight(0.0))
     )
@@ -140,7 +140,7 @@ def test_costmap_of_sad_has_note_if_robot_has_lidar(with_lidar):
     assert costs.note in aware.report()
     assert shortest.note == ""
     fused = covariance_field(grid, FieldConfig(Fused(Lidar(range=2.0)), stride=0.8))
-    assert Costmap.from_field(grid, fused, robot=robot).note == ""
+    assert Costmap.from_field(fused, robot=robot).note == ""
 
 
 def test_fused_ranks_paths_as_drives_do():
@@ -149,7 +149,7 @@ def test_fused_ranks_paths_as_drives_do():
     robot = Robot(Lidar(range=6.0))
     sad, fused = (
         Costmap.from_field(
-            grid, covariance_field(grid, FieldConfig(each, stride=0.8)), robot=robot, weight=16.0
+            covariance_field(grid, FieldConfig(each, stride=0.8)), robot=robot, weight=16.0
         )
         for each in (Sad(), Fused(robot.lidar))
     )

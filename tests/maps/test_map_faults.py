@@ -16,7 +16,7 @@ from locplan.maps import (
     OccupancyGrid,
     faults,
     find_maps,
-    hollowed,
+    hollow_walls,
     read_map,
     solidity,
 )
@@ -51,17 +51,17 @@ def test_hollowed_leaves_a_rim_of_one_cell(seed):
     cells = random_rooms((31, 24), seed)
     cells[:3, 4:9] = OCCUPIED  # black up to the edge of the map
     grid = OccupancyGrid(cells, 0.05, (1.0, 2.0, 0.1), "rooms")
-    hollow = hollowed(grid)
+    hollow = hollow_walls(grid)
     assert np.array_equal(hollow.cells, oracles.walls.hollowed(grid.cells))
     assert (hollow.resolution, hollow.origin, hollow.name) == (0.05, (1.0, 2.0, 0.1), "rooms")
-    assert hollowed(hollow) == hollow
+    assert hollow_walls(hollow) == hollow
 
 
 def test_blocks_that_are_black_inside_are_solid_and_hollow_ones_are_not():
     found = faults(blocks())
     assert found.is_solid
-    assert np.array_equal(found.cells, hollowed(blocks()).cells != blocks().cells)
-    assert hollowed(blocks()) == blocks(thick=False)
+    assert np.array_equal(found.cells, hollow_walls(blocks()).cells != blocks().cells)
+    assert hollow_walls(blocks()) == blocks(thick=False)
     assert kinds(blocks(thick=False)) == []
 
 
@@ -87,7 +87,7 @@ def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
     monkeypatch.setattr("locplan.maps.map_faults.solidity", lambda _: Solidity(wins, hollow, depth))
     found = faults(blocks())
     assert [each.kind for each in found] == [kind] * (kind is not None)
-    assert found.repaired_map == (hollowed(blocks()) if kind == "solid walls" else blocks())
+    assert found.repaired_map == (hollow_walls(blocks()) if kind == "solid walls" else blocks())
     deep = replace(found, found=(*found, MapFault("deep walls", "")))
     assert deep.repaired_map == blocks()  # the truth lies inside
 
@@ -134,7 +134,7 @@ def test_unknown_space_that_is_painted_black_is_named():
     cells[20:40, 10:50] = FREE
     painted = OccupancyGrid(cells, 0.05)
     assert "painted unknown" in kinds(painted)
-    assert "painted unknown" not in kinds(hollowed(painted))
+    assert "painted unknown" not in kinds(hollow_walls(painted))
     some = np.where(np.arange(60) == 0, UNKNOWN, cells).astype(np.uint8)
     assert "painted unknown" not in kinds(OccupancyGrid(some, 0.05))
     cells = cells.copy()

@@ -109,7 +109,7 @@ def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, wh
         return covariance_field(grid, CONFIG, points=points)
 
     def planned(field):
-        return plan(Costmap.from_field(grid, field), *ENDS)
+        return plan(Costmap.from_field(field), *ENDS)
 
     field, found = plan_with_adaptive_field(
         grid, CONFIG, field_of, planned, lambda each: [each.path]
@@ -120,7 +120,7 @@ def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, wh
     cells = np.stack(grid.world_to_grid(*found.path.resample(0.1).xy.T), axis=1) - 0.5
     beside = find_near_points(whole.evaluated, whole.stride, cells, 3.0)
     assert not (beside & ~field.is_evaluated).any()
-    costs = Costmap.from_field(grid, whole)
+    costs = Costmap.from_field(whole)
     best = plan(costs, *ENDS).metrics.cost
     assert path_metrics(costs, found.path).cost == pytest.approx(best, rel=0.01)
 

@@ -68,7 +68,7 @@ def test_corners_that_are_only_touched_do_not_count():
 
 
 def test_u_is_clipped_between_the_absolute_anchors(field):
-    costs = Costmap.from_field(field.grid, field, weight=4.0, robot=0.0)
+    costs = Costmap.from_field(field, weight=4.0, robot=0.0)
     low, high = field.anchors()
     expected = np.clip(np.log(costs.e / low) / np.log(high / low), 0, 1)
     np.testing.assert_allclose(costs.u, expected)
@@ -80,7 +80,7 @@ def test_u_is_clipped_between_the_absolute_anchors(field):
 def test_the_papers_preset_is_costed_with_q_all_the_same():
     grid = corridor(12.0, 2.0)
     field = covariance_field(grid, dataclasses.replace(FieldConfig(Sad.paper()), stride=0.4))
-    u = Costmap.from_field(grid, field, robot=0.0).u[grid.free]
+    u = Costmap.from_field(field, robot=0.0).u[grid.free]
     assert np.isfinite(u).all()
     assert 0 <= u.min() < u.max() <= 1
     assert field.anchors()[0] == pytest.approx(
@@ -90,7 +90,7 @@ def test_the_papers_preset_is_costed_with_q_all_the_same():
 
 @pytest.mark.parametrize(("law", "power"), [("linear", 1.0), ("cube-root", 1 / 3)])
 def test_other_laws_are_powers_of_the_share_of_the_greatest_e(field, law, power):
-    costs = Costmap.from_field(field.grid, field, law=law, robot=0.0)
+    costs = Costmap.from_field(field, law=law, robot=0.0)
     expected = (costs.e / field.anchors()[1]) ** power
     np.testing.assert_allclose(costs.u, np.clip(expected, 0, 1))
 
@@ -101,7 +101,7 @@ def test_heading_says_nothing_in_a_field_without_rotation():
         grid, FieldConfig(Sad(range=1.0, window=SearchWindow(half_rotation_deg=0)))
     )
     with pytest.raises(ConfigError, match="without rotation"):
-        Costmap.from_field(grid, field, criterion="heading_std", robot=0.0)
+        Costmap.from_field(field, criterion="heading_std", robot=0.0)
 
 
 @pytest.mark.parametrize(("radius", "resolution"), [(0.15, 0.02), (0.1, 0.04), (0.25, 0.05)])
@@ -126,19 +126,19 @@ def test_the_profile_covers_the_whole_path():
 
 @pytest.mark.parametrize("criterion", ["position_std", "position_rms", "heading_std"])
 def test_u_can_be_made_of_another_scalar(field, criterion):
-    u = Costmap.from_field(field.grid, field, criterion=criterion, robot=0.0).u[field.grid.free]
+    u = Costmap.from_field(field, criterion=criterion, robot=0.0).u[field.grid.free]
     assert 0 <= u.min() <= u.max() <= 1
 
 
 def test_the_robots_radius_blocks_cells_near_walls(field):
-    costs = Costmap.from_field(field.grid, field, robot=0.4)
+    costs = Costmap.from_field(field, robot=0.4)
     free = field.grid.free
     np.testing.assert_array_equal(np.isfinite(costs.density), free & (field.grid.clearance >= 0.4))
 
 
 def test_a_field_of_another_map_is_refused(field):
     with pytest.raises(FieldError, match="does not belong"):
-        Costmap.from_field(ascii_map("..", ".."), field, robot=0.0)
+        Costmap.from_field(field, robot=0.0)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +153,7 @@ def test_a_field_of_another_map_is_refused(field):
 )
 def test_bad_options_are_named(field, option, message):
     with pytest.raises(ConfigError, match=message):
-        Costmap.from_field(field.grid, field, **option)
+        Costmap.from_field(field, **option)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +233,7 @@ def box(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
 def test_density_rises_outside_preferred_zones(field):
     grid = field.grid
     zones = Zones([Zone("prefer", box(-7, -1, 0, 1)), Zone("slow", box(-1, -1, 1, 1), 20)])
-    plain, costs = (Costmap.from_field(grid, field, zones=each) for each in (None, zones))
+    plain, costs = (Costmap.from_field(field, zones=each) for each in (None, zones))
     outside = grid.position(*np.indices(grid.shape).reshape(2, -1))[:, 0].reshape(grid.shape) > 0
     np.testing.assert_array_equal(costs.density, plain.density + outside)
     np.testing.assert_array_equal(costs.unblocked_density, plain.unblocked_density + outside)
@@ -251,7 +251,7 @@ def test_density_is_infinite_in_no_go_zones(field):
     grid, zones = field.grid, Zones([Zone("no-go", box(1, -1, 2, 0))])
     u = np.full(grid.shape, 0.5)
     for costs in (
-        Costmap.from_field(grid, field, zones=zones),
+        Costmap.from_field(field, zones=zones),
         Costmap.from_layers(grid, u=u, zones=zones),
         Costmap.from_density(grid, np.full(grid.shape, 2.0), zones=zones),
         Costmap.blank(grid, zones=zones),
@@ -267,7 +267,7 @@ def test_density_is_infinite_in_no_go_zones(field):
 
 def test_shortest_path_needs_no_preferred_zone(field):
     zones = Zones([Zone("prefer", box(-7, 0.2, 7, 1)), Zone("no-go", box(1, -1, 2, 0))])
-    costs = Costmap.from_field(field.grid, field, weight=0.0, zones=zones)
+    costs = Costmap.from_field(field, weight=0.0, zones=zones)
     blank = Costmap.blank(field.grid, zones=zones)
     assert set(np.unique(blank.density)) == {1.0, np.inf}
     np.testing.assert_allclose(costs.for_shortest.density, blank.density, atol=2e-6)
@@ -278,7 +278,7 @@ def test_costmap_charges_zones_in_each_heading():
     ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
     field = covariance_field(grid, ahead)
     zones = Zones([Zone("prefer", box(-3, -1, 0, 1)), Zone("no-go", box(1, -1, 2, 0))])
-    plain, costs = (Costmap.from_field(grid, field, robot=0.3, zones=z) for z in (None, zones))
+    plain, costs = (Costmap.from_field(field, robot=0.3, zones=z) for z in (None, zones))
     expected = plain.density_of_heading + zones.charge(grid)
     expected[:, zones.cells(grid, "no-go")] = np.inf
     np.testing.assert_array_equal(costs.density_of_heading, expected)
@@ -289,7 +289,7 @@ def test_costmap_charges_zones_in_each_heading():
 
 def test_loaded_costmap_has_its_zones(tmp_path, field):
     zones = Zones([Zone("prefer", box(-3, -1, 0, 1)), Zone("slow", box(1, -1, 2, 0), 30)])
-    costs = Costmap.from_field(field.grid, field, zones=zones)
+    costs = Costmap.from_field(field, zones=zones)
     costs.save(tmp_path / "costs.npz")
     loaded = Costmap.load(tmp_path / "costs.npz")
     assert loaded == costs
@@ -316,7 +316,7 @@ def test_costmap_at_reads_cells_of_poses():
 def test_costmap_at_takes_nearest_heading():
     grid = corridor(6.0, 2.0)
     ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
-    costs = Costmap.from_field(grid, covariance_field(grid, ahead), robot=0.3)
+    costs = Costmap.from_field(covariance_field(grid, ahead), robot=0.3)
     xy = np.column_stack(grid.grid_to_world(*(np.argwhere(grid.free)[::40] + 0.5).T))
     count = len(costs.u_of_heading)
     cells = grid.cell(xy)
@@ -350,7 +350,7 @@ def test_path_cost_of_several_paths_is_cost_of_each():
 def test_path_cost_of_several_paths_takes_each_heading():
     grid = corridor(6.0, 2.0)
     ahead = FieldConfig(Fisher(Lidar(range=3.0, field_of_view_deg=90.0, beams=20)), stride=0.4)
-    costs = Costmap.from_field(grid, covariance_field(grid, ahead), robot=0.0)
+    costs = Costmap.from_field(covariance_field(grid, ahead), robot=0.0)
     random = np.random.default_rng(5)
     poses = random.uniform((-2.5, -0.9, -9.0), (2.5, 0.9, 9.0), (60, 3, 3))
     paths = [Path(line[:, :2], line[:, 2] if n % 3 else None) for n, line in enumerate(poses)]
@@ -381,7 +381,7 @@ def test_metrics_are_the_integrals_of_the_layers():
 
 
 def test_a_path_of_one_position_costs_nothing(field):
-    costs = Costmap.from_field(field.grid, field, robot=0.0)
+    costs = Costmap.from_field(field, robot=0.0)
     metrics = path_metrics(costs, Path(np.array([[0.0, 0.0], [0.0, 0.0]])))
     assert metrics.length == metrics.cost == metrics.integrated_e == 0.0
     assert metrics.mean_e == metrics.max_e > 0
@@ -395,7 +395,7 @@ def test_a_path_outside_costs_infinitely_much():
 
 
 def test_another_weight_keeps_what_is_blocked(field):
-    costs = Costmap.from_field(field.grid, field, weight=4.0, robot=0.3)
+    costs = Costmap.from_field(field, weight=4.0, robot=0.3)
     shortest = costs.with_weight(0.0)
     np.testing.assert_array_equal(np.isinf(shortest.density), np.isinf(costs.density))
     assert set(np.unique(shortest.density)) == {1.0, np.inf}
@@ -454,7 +454,7 @@ def test_no_array_of_a_costmap_can_be_written_to(tmp_path):
         costs,
         costs.with_weight(2.0),
         costs.with_robot(0.6),
-        costs.blocked_where(costs.e > 0.05),
+        costs.with_blocked(costs.e > 0.05),
         dataclasses.replace(costs, u=costs.u / 2),
         pickle.loads(pickle.dumps(costs)),
         costs.copy(),
@@ -473,7 +473,7 @@ def test_processes_share_the_layers_of_headings_and_no_field(tmp_path):
     grid = OccupancyGrid(random_rooms((40, 50), seed=2), 0.2)
     lidar = Lidar(range=1.5, beams=40, field_of_view_deg=180.0)
     field = covariance_field(grid, FieldConfig(Fisher(lidar), headings=4))
-    costs = Costmap.from_field(grid, field)
+    costs = Costmap.from_field(field)
     orders.put_costmap(costs, tmp_path / "shared")
     shared = orders.read_costmap(tmp_path / "shared")
     assert "both" in vars(shared.of_heading)
@@ -512,9 +512,9 @@ def test_an_updated_costmap_equals_a_new_one(edited, robot_radius, law):
     field, after = edited
     zones = Zones([Zone("no-go", box(5, 5, 7, 8)), Zone("prefer", box(2, 2, 20, 6.5))])
     settings = {"weight": 3.0, "robot": robot_radius, "law": law, "zones": zones}
-    costs = Costmap.from_field(field.grid, field, **settings)
+    costs = Costmap.from_field(field, **settings)
     for each in after:
-        updated, new = costs.update(each), Costmap.from_field(each.grid, each, **settings)
+        updated, new = costs.update(each), Costmap.from_field(each, **settings)
         for name in ("density", "u", "e"):
             np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
             assert not getattr(updated, name).flags.writeable
@@ -528,8 +528,8 @@ def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
     coarse = covariance_field(field.grid, field.config, points=some)
     for before, after in ((coarse, field), (field, coarse), (coarse, inside)):
         zones = Zones([Zone("no-go", box(5, 5, 7, 8)), Zone("prefer", box(2, 2, 20, 6.5))])
-        updated = Costmap.from_field(before.grid, before, zones=zones).update(after)
-        new = Costmap.from_field(after.grid, after, zones=zones)
+        updated = Costmap.from_field(before, zones=zones).update(after)
+        new = Costmap.from_field(after, zones=zones)
         for name in ("density", "u", "e"):
             np.testing.assert_array_equal(getattr(updated, name), getattr(new, name))
         assert updated.settings == new.settings
@@ -537,12 +537,12 @@ def test_an_update_by_a_field_of_other_points_reads_all_anew(edited):
 
 def test_an_update_reads_a_window_only(edited, monkeypatch):
     field, (inside, _, same) = edited
-    costs, sizes = Costmap.from_field(field.grid, field), []
+    costs, sizes = Costmap.from_field(field), []
     from_field = Costmap.from_field
 
     def counted(grid, *arguments, **options):
         sizes.append(grid.cells.size)
-        return from_field(grid, *arguments, **options)
+        return from_field(*arguments, **options)
 
     monkeypatch.setattr(Costmap, "from_field", counted)
     costs.update(inside)
@@ -553,7 +553,7 @@ def test_an_update_reads_a_window_only(edited, monkeypatch):
 
 def test_a_costmap_is_updated_by_a_field_of_its_own_kind(edited):
     field, _ = edited
-    costs = Costmap.from_field(field.grid, field)
+    costs = Costmap.from_field(field)
     with pytest.raises(ConfigError, match="own config only"):
         Costmap.blank(field.grid).update(field)
     with pytest.raises(ConfigError, match="field must be"):

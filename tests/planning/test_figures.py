@@ -51,7 +51,7 @@ def test_the_map_lies_where_the_world_has_it(field):
 
 
 def test_plan_figure_has_u_along_each_path_in_metres(field, tmp_path):
-    costs = Costmap.from_field(field.grid, field, weight=3.0, robot=0.0)
+    costs = Costmap.from_field(field, weight=3.0, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     ends = [field.grid.position(*map(int, free[n])) for n in (0, -1)]
     found = plan(costs, *ends)
@@ -92,7 +92,7 @@ def test_front_figure_shows_paths_the_front_and_its_knee():
 
 
 def test_plan_figure_says_what_was_asked(field):
-    costs = Costmap.from_field(field.grid, field, robot=0.0)
+    costs = Costmap.from_field(field, robot=0.0)
     free = np.argwhere(np.isfinite(costs.density))
     xy = field.grid.position(*map(int, free[0]))
     limited = plan(costs, xy, xy, max_e=1.0, footprint=[(0.1, 0), (-0.1, 0.1), (-0.1, -0.1)])
@@ -131,7 +131,7 @@ def test_figures_show_zones():
     )
     labels = ["no-go zone", "slow zone", "preferred zone"]
     for drawn in (zones, Zones()):
-        costs, ends = Costmap.from_field(grid, field, zones=drawn, robot=0.0), (0.5, 0.5, 3.5, 0.5)
+        costs, ends = Costmap.from_field(field, zones=drawn, robot=0.0), (0.5, 0.5, 3.5, 0.5)
         path = plan(costs, ends[:2], ends[2:])
         figures = [costs.figure(), path.figure(), plan_figure(costs, field, {"aware": path})]
         figures.append(front_figure(pareto_front(costs, ends[:2], ends[2:])))

@@ -16,7 +16,7 @@ from locplan._support.kernels.search import bordered_half, shortest_costs
 from locplan.comparison import Execution, RandomQueries, compare
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
-from locplan.planning import Costmap, Found, pareto_front, plan
+from locplan.planning import Costmap, PlannerResult, pareto_front, plan
 
 
 def noisy(shape, seed, *, blocked=0.25, greatest=9.0) -> Costmap:
@@ -233,7 +233,7 @@ def test_expansions_stand_in_the_runs_of_a_comparison(tmp_path):
 def test_a_number_of_expansions_is_whole():
     costs = costs_of(np.ones((3, 3)))
     with pytest.raises(LocplanError, match="expanded cells must be whole, not 'many'"):
-        plan(costs, *corners(costs), planner=lambda *query: Found(expanded="many"))
+        plan(costs, *corners(costs), planner=lambda *query: PlannerResult(expanded="many"))
 
 
 def limited(costs: Costmap) -> Costmap:

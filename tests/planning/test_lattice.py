@@ -33,7 +33,7 @@ from locplan.planning.lattice_search import (
     outline_masks,
 )
 from locplan.planning.ompl.motions import Motions
-from locplan.planning.smoothing import smoothed
+from locplan.planning.smoothing import smooth_path
 from locplan.robots import Footprint, Kinematics, Robot
 
 LONG = Footprint([(0.21, 0.08), (0.21, -0.08), (-0.13, -0.08), (-0.13, 0.08)])
@@ -331,7 +331,7 @@ def test_smoothed_paths_cost_no_more_keep_the_radius_and_meet_no_wall(kinematics
         rough = planner.solve(costs, *ends).path
         if rough is None:
             continue
-        path = smoothed(costs, rough)
+        path = smooth_path(costs, rough)
         before, after = (cost_of(costs, one, planner) for one in (rough, path))
         assert after <= before * (1 + 1e-4)
         lower += after < 0.995 * before
@@ -360,7 +360,7 @@ def test_in_free_space_it_is_as_short_as_dubins_curves():
 
 def test_a_path_that_the_robot_cannot_drive_is_smoothed_to_one_that_it_can():
     costs = Costmap.blank(OccupancyGrid(np.full((80, 80), FREE), 0.1), robot=Robot(kinematics=CAR))
-    path = smoothed(costs, Path([(1.0, 1.0), (4.0, 1.0), (4.0, 6.0)]))
+    path = smooth_path(costs, Path([(1.0, 1.0), (4.0, 1.0), (4.0, 6.0)]))
     step, turn = np.hypot(*np.diff(path.xy, axis=0).T), np.abs(np.diff(path.heading))
     assert path.heading is not None
     assert (turn * CAR.turning_radius <= step * (1 + 1e-3) + 1e-6).all()

@@ -20,7 +20,7 @@ from support.maps import ascii_map
 
 from locplan.errors import ConfigError, PoseError
 from locplan.maps import FREE, OccupancyGrid
-from locplan.planning import Costmap, Found, Path, path_metrics, plan
+from locplan.planning import Costmap, Path, PlannerResult, path_metrics, plan
 from locplan.planning.ompl.kinds import KINDS
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.ompl.roadmap import grow_roadmap
@@ -589,7 +589,7 @@ def test_many_solves_in_one_process_do_not_grow():
 @pytest.mark.parametrize("status", ["timeout", "not found"])
 def test_a_search_that_gave_up_is_no_verdict_on_the_footprint(status):
     def late(costs, start, goal):
-        return Found(status=status, note="no path found within 1 s")
+        return PlannerResult(status=status, note="no path found within 1 s")
 
     outline = [(0.3, 0.1), (0.3, -0.1), (-0.3, -0.1), (-0.3, 0.1)]
     found = plan(two_ways(), (0.55, 0.55), (3.45, 3.55), planner=late, footprint=outline)
@@ -598,7 +598,7 @@ def test_a_search_that_gave_up_is_no_verdict_on_the_footprint(status):
 
 def test_no_more_is_said_than_was_searched():
     costs, start, goal = two_ways(), (0.55, 0.55), (3.45, 3.55)
-    gave_up = plan(costs, start, goal, planner=lambda *_: Found())
+    gave_up = plan(costs, start, goal, planner=lambda *_: PlannerResult())
     assert (gave_up.status, gave_up.note) == ("not found", "")
     via = plan(costs, start, goal, via=[(2.05, 3.55)], planner="RRT", iterations=1)
     assert via.status == "not found"

@@ -393,7 +393,7 @@ def test_paths_of_a_maps_front_are_found_by_their_own_integrals(case):
     field = load_or_compute(grid, FieldConfig(Sad(), stride=1.0))
     made = {"robot": 0.2, "weight": weight, "criterion": criterion}
     marks = environments.place_positions(name)
-    front = pareto_front(Costmap.from_field(grid, field, **made), marks["start"], marks["goal"])
+    front = pareto_front(Costmap.from_field(field, **made), marks["start"], marks["goal"])
     assert front.epsilon == 0
     check_that_budgets_find(front, every=max(1, len(front) // 4))
 

@@ -18,10 +18,10 @@ from locplan.maps import OccupancyGrid, read_map
 from locplan.planning import (
     PLANNERS,
     Costmap,
-    Found,
     Path,
     Plan,
     Planner,
+    PlannerResult,
     path_metrics,
     plan,
     plan_field,
@@ -318,7 +318,7 @@ def test_planners_are_named_functions_or_objects():
         (AnyAngle(accuracy="high"), {}),
         (AnyAngle(), {"accuracy": "high"}),
         (mine, {"accuracy": "high"}),
-        (lambda *query: Found(plan(*query, accuracy="high").path), {}),
+        (lambda *query: PlannerResult(plan(*query, accuracy="high").path), {}),
         (lambda *query: plan(*query, accuracy="high"), {}),
     ):
         result = plan(costs, *ends, planner=planner, **options)
@@ -344,8 +344,8 @@ def test_planners_are_named_functions_or_objects():
         (3, {}, "planner must be a name, a function"),
         (lambda *query: None, {}, "not NoneType"),
         (lambda *query: Path([(0.5, 0.5), (0.5, 1.5)]), {}, "does not lead from start to goal"),
-        (lambda *query: Found(status="solved"), {}, "returned no path"),
-        (lambda *query: Found(status="lost"), {}, "with a status of solved, unreachable"),
+        (lambda *query: PlannerResult(status="solved"), {}, "returned no path"),
+        (lambda *query: PlannerResult(status="lost"), {}, "with a status of solved, unreachable"),
         (lambda *query: Path(query[1:]), {}, "enters cells where the robot cannot be"),
     ],
 )

@@ -136,7 +136,7 @@ def test_compare_takes_the_robots_planner():
 def test_choice_of_an_outline_is_drivable():
     robot = ROBOTS["outline"]
     costs = costs_for(robot)
-    choice = locplan.choose(costs.grid, *ENDS, robot, costs=costs)
+    choice = locplan.recommend_path(costs.grid, *ENDS, robot, costs=costs)
     assert {each.planner for each in choice.candidates} == {"lattice"}
     for each in choice.candidates:
         assert check_path(costs.grid, each.path, robot).drivable

@@ -13,6 +13,7 @@ from support.maps import ascii_map
 
 import locplan
 from locplan.recordings import Recording
+from locplan.simulation import RecommendationSettings
 from locplan.simulation.levels import REVERSAL, STANDSTILL
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.py"))
@@ -53,7 +54,11 @@ def test_example_runs_and_writes_its_results(path, tmp_path, capsys, monkeypatch
         pytest.importorskip("playwright", reason="playwright is not installed")
         if module.browser_file() is None:
             pytest.skip("no chromium on this machine")
-    monkeypatch.setattr(locplan, "choose", functools.partial(locplan.choose, drives=4))
+    monkeypatch.setattr(
+        locplan,
+        "recommend_path",
+        functools.partial(locplan.recommend_path, settings=RecommendationSettings(drives=4)),
+    )
     data = (str(SHARED_DATA),) if path.stem == "lasers" else ()
     module.main(*data, str(tmp_path / "out"), *QUICKLY.get(path.stem, ()))
     assert capsys.readouterr().out

@@ -37,7 +37,7 @@ def field():
 
 @pytest.fixture(scope="module")
 def costs(field):
-    return Costmap.from_field(field.grid, field, robot=0.1)
+    return Costmap.from_field(field, robot=0.1)
 
 
 def limits_of(grid):
@@ -174,9 +174,7 @@ def test_a_well_marked_map_has_no_weak_spot_in_words():
         }
         known = field.from_values(values, grid, field.config)
         assert said in field_figure(known, "position_std").axes[0].get_title()
-    unclear = dataclasses.replace(
-        Costmap.from_field(grid, field, robot=0.0), u=np.full(grid.shape, 0.2)
-    )
+    unclear = dataclasses.replace(Costmap.from_field(field, robot=0.0), u=np.full(grid.shape, 0.2))
     assert "no weak spot: u is 0.20" in costmap_figure(unclear).axes[0].get_title()
 
 

@@ -65,12 +65,12 @@ def _registered(monkeypatch):
 
 def test_a_field_of_an_estimator_of_ones_own_is_planned_on(grid):
     field = locplan.covariance_field(grid, FromTheRight(slope=0.05))
-    costs = locplan.Costmap.from_field(grid, field)
+    costs = locplan.Costmap.from_field(field)
     assert costs.weight == 9.0
     assert (np.diff(costs.u[5, 1:-1]) >= 0).all()
     found = locplan.plan(costs, (9.0, 0.6), (9.0, 2.5))
     assert found.status == "solved"
-    columns = locplan.Costmap.from_field(grid, field, criterion="column")
+    columns = locplan.Costmap.from_field(field, criterion="column")
     assert columns.u[5, 20] == pytest.approx(0.2)
 
 
@@ -87,7 +87,7 @@ def test_it_is_cached_saved_and_drawn_like_any_other(grid, tmp_path):
 
 
 def test_its_settings_are_those_of_a_file(tmp_path):
-    locplan.save_config(tmp_path / "c.json", FieldConfig(FromTheRight(slope=0.2)))
+    locplan.save_config(FieldConfig(FromTheRight(slope=0.2)), tmp_path / "c.json")
     assert locplan.load_config(tmp_path / "c.json") == FieldConfig(FromTheRight(slope=0.2))
     (tmp_path / "c.json").write_text(json.dumps({"estimator": {"name": "from-the-right", "x": 1}}))
     with pytest.raises(ConfigError, match="from-the-right has no setting 'x'; it has: noise_level"):

@@ -16,7 +16,7 @@ from locplan.advice.tuning import tune_on_drive
 from locplan.errors import ConfigError, LocplanError, PoseError
 from locplan.field.figures import field_figure
 from locplan.maps import environments
-from locplan.planning import Found, Plan
+from locplan.planning import Plan, PlannerResult
 from locplan.recordings import Recording, fit_to_map, record_drive, replay
 from locplan.recordings.ambiguous_places import find_ambiguous_places
 from locplan.recordings.calibration import calibrate_drive
@@ -42,7 +42,7 @@ def field(grid) -> CovarianceField:
 
 @pytest.fixture(scope="module")
 def costs(grid, field) -> Costmap:
-    return Costmap.from_field(grid, field)
+    return Costmap.from_field(field)
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_a_plan_without_a_path_says_why(grid):
     found = locplan.plan(Costmap.blank(walled), (0.5, 0.5), (4.5, 0.5))
     assert repr(found).startswith("Plan(unreachable, any-angle, 0.5,0.5 to 4.5,0.5: no path joins")
     field = locplan.covariance_field(walled, locplan.Sad(range=2.0, window=WINDOW))
-    costs = Costmap.from_field(walled, field)
+    costs = Costmap.from_field(field)
     assert locplan.pareto_front(costs, (0.5, 0.5), (4.5, 0.5))._repr_png_() is None
     assert Image.open(io.BytesIO(found._repr_png_())).size[0] > 100
 
@@ -166,8 +166,8 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         ),
         (lambda g, f, c: locplan.planning.plan_field(g, ENDS[0]), "costs must be a Costmap"),
         (lambda g, f, c: locplan.pareto_front(f, *ENDS), "costs must be a Costmap"),
-        (lambda g, f, c: Costmap.from_field(f, g), "grid must be an OccupancyGrid"),
-        (lambda g, f, c: Costmap.from_field(g, c), "field must be a CovarianceField"),
+        (lambda g, f, c: Costmap.from_field(g), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: Costmap.from_field(c), "field must be a CovarianceField"),
         (lambda g, f, c: Costmap.from_density("lab.yaml", 1), "grid must be an OccupancyGrid"),
         (lambda g, f, c: Costmap.blank(f), "grid must be an OccupancyGrid"),
         (lambda g, f, c: locplan.covariance_field("lab.yaml"), "locplan.load_map"),
@@ -180,7 +180,7 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         (lambda g, f, c: Path.load(3), "a path file must be a path, not 3"),
         (lambda g, f, c: CovarianceField.load(3), "a field must be a path"),
         (lambda g, f, c: locplan.load_config(3), "a file of settings must be a path"),
-        (lambda g, f, c: locplan.save_config("a.json", g), "config must be a FieldConfig"),
+        (lambda g, f, c: locplan.save_config(g, "a.json"), "config must be a FieldConfig"),
         (lambda g, f, c: f.update("m.yaml"), "grid must be an OccupancyGrid"),
         (lambda g, f, c: f.scalar("foo"), "scalar must be one of e, "),
         (lambda g, f, c: locplan.pareto_front(c, *ENDS).plan(999), "paths, from 0 on; there is no"),
@@ -190,7 +190,10 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
             "robot must be a Robot, not 'utm-30lx'; such as",
         ),
         (lambda g, f, c: Simulator(g, Robot(filter=3)), "filter must be an Amcl"),
-        (lambda g, f, c: Found(Path([(0, 0)]), "timeout"), "a path is found: its status is solved"),
+        (
+            lambda g, f, c: PlannerResult(Path([(0, 0)]), "timeout"),
+            "a path is found: its status is solved",
+        ),
     ],
 )
 def test_arguments_of_another_kind_are_named(grid, field, costs, call, message):
@@ -199,7 +202,7 @@ def test_arguments_of_another_kind_are_named(grid, field, costs, call, message):
 
 
 RECIPES = (
-    *(locplan.choose, locplan.covariance_field, find_ambiguous_places),
+    *(locplan.recommend_path, locplan.covariance_field, find_ambiguous_places),
     *(locplan.locate, locplan.place_landmarks, ScanDatabase, calibrate_drive),
     *(evaluate_drive, fit_to_map, match_scans),
     *(record_drive, replay, tune_on_drive, Simulator),

@@ -163,7 +163,7 @@ def test_wrong_limits_are_refused(limits, words):
 
 def agrees(file, field, *headings):
     read = part("field_file").FieldFile.load(str(file))
-    u = locplan.Costmap.from_field(field.grid, field).u
+    u = locplan.Costmap.from_field(field).u
     rows, cols = np.nonzero(field.grid.free)
     rng = np.random.default_rng(0)
     for n in rng.integers(len(rows), size=40):

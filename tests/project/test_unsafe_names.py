@@ -39,7 +39,7 @@ def texts_of(figure) -> str:
 def figures_of(name: str):
     grid = named(name)
     field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
-    costs = locplan.Costmap.from_field(grid, field)
+    costs = locplan.Costmap.from_field(field)
     ends = (1.5, 1.5), (8.5, 5.5)
     plans = {name: locplan.plan(costs, *ends), "other": locplan.plan(costs, *ends)}
     yield "map", map_figure(grid)
@@ -100,7 +100,7 @@ def test_tables_are_text_in_a_notebook_too(monkeypatch):
 def test_maps_of_ros_take_any_name(tmp_path):
     grid = named("r\udcffm[red]$")
     field = locplan.covariance_field(grid, locplan.Sad(range=3.0))
-    costs = locplan.Costmap.from_field(grid, field)
+    costs = locplan.Costmap.from_field(field)
     ros_map(tmp_path / "map", costs)
     assert np.isfinite(costs.u).any()
     assert (tmp_path / "map").is_dir()

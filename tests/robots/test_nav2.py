@@ -93,7 +93,7 @@ def test_what_is_for_all_nodes_is_read_by_amcl_too(tmp_path):
     assert (found.alpha1, found.alpha2) == (0.3, 0.1)
     file = written(tmp_path, SHARED)
     assert read_amcl(file).alpha1 == 0.3
-    assert Robot.from_nav2(file).footprint == 0.4
+    assert Robot.load(file).footprint == 0.4
     file = written(tmp_path, "/**: {ros__parameters: {use_sim_time: true}}\n")
     with pytest.raises(LocplanError, match="has no parameters of amcl"):
         read_amcl(file)
@@ -112,7 +112,7 @@ def test_several_robots_are_chosen_by_name(tmp_path):
     for robot, alpha2, radius in (("robot1", 0.1, 0.2), ("/robot2", 0.2, 0.5)):
         found = read_amcl(f"{file}:{robot}")
         assert (found.alpha1, found.alpha2) == (0.3, alpha2)
-        assert Robot.from_nav2(f"{file}:{robot}").footprint == radius
+        assert Robot.load(f"{file}:{robot}").footprint == radius
     with pytest.raises(LocplanError, match="has no robot '/robot3'; it has '/robot1', '/robot2'"):
         read_amcl(f"{file}:robot3")
     root = written(tmp_path, FLEET + BESIDE)
@@ -161,7 +161,7 @@ def test_missing_values_go_to_the_nodes_own_entry(tmp_path):
 def test_masks_are_merged_into_the_robot_that_is_named(tmp_path):
     grid = OccupancyGrid(np.full((20, 30), FREE, np.uint8), 0.1)
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
-    costs = Costmap.from_field(grid, field, robot=0.15)
+    costs = Costmap.from_field(field, robot=0.15)
     file = written(tmp_path, FLEET)
     nav2_speed(tmp_path / "mask", costs, params=f"{file}:robot1")
     merged = yaml.safe_load((tmp_path / "mask" / "nav2.yaml").read_text())

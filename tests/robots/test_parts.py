@@ -163,7 +163,7 @@ def test_what_is_closed_and_a_wider_radius_than_the_outlines_stay():
     ends = (2.0, 4.05), (10.0, 4.05)
     wide = Costmap.blank(door(8), robot=0.5)
     closed = Costmap.blank(door(20), robot=0.0)
-    closed = closed.blocked_where(np.arange(120) == 60)
+    closed = closed.with_blocked(np.arange(120) == 60)
     for costs in (wide, closed):
         assert plan(costs, *ends, footprint=BOX).status == "unreachable"
 

@@ -48,7 +48,7 @@ def written(folder, text: str, name: str = "robot.yaml") -> Path:
 
 
 def from_nav2(folder, text: str) -> Robot:
-    return Robot.from_nav2(written(folder, text, "nav2.yaml"))
+    return Robot.load(written(folder, text, "nav2.yaml"))
 
 
 # The robot and its settings
@@ -264,7 +264,7 @@ def test_files_of_no_robot_are_one_clear_line(tmp_path, text, said):
 
 
 def test_the_example_is_a_robot_with_the_defaults_of_nav2():
-    robot = Robot.from_nav2(EXAMPLE, "turtlebot4")
+    robot = Robot.load(EXAMPLE, lidar="turtlebot4")
     assert robot == Robot(
         "turtlebot4",
         footprint=0.22,

@@ -23,7 +23,7 @@ def costmap(name: str, **values: object) -> str:
 
 def read(folder, text):
     (folder / "nav2.yaml").write_text(text)
-    return Robot.from_nav2(folder / "nav2.yaml")
+    return Robot.load(folder / "nav2.yaml")
 
 
 def test_the_footprint_counts_before_the_radius_as_in_nav2(tmp_path):

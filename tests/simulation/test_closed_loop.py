@@ -16,7 +16,7 @@ from locplan._support.intervals import make_generator
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, Zone, Zones
 from locplan.robots import Disturbances, Kinematics
-from locplan.simulation import Arrivals, Closed, Simulator, drive_closed, simulate
+from locplan.simulation import Arrivals, ClosedLoopSettings, Simulator, drive_closed, simulate
 from locplan.simulation.arrivals import Arrival
 from locplan.simulation.driver import route_key
 
@@ -348,7 +348,7 @@ def test_a_car_drives_round_what_stands_in_its_path():
 def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     grid, robot = room(wall=True, door=(2.3, 2.5)), Robot(Lidar(range=5.0, beams=60))
     paths = {"through": line((2.0, 2.4), (6.5, 2.4)), "away": line((2.0, 2.4), (2.0, 4.0))}
-    found = simulate(grid, paths, robot, drives=2, closed=Closed(drives=3), seed=4)
+    found = simulate(grid, paths, robot, drives=2, closed=ClosedLoopSettings(drives=3), seed=4)
     assert simulate(grid, paths, robot, drives=2, seed=4).arrivals is None
     about = found.summary()["arrivals"]
     assert about["through"]["aborted"][0] == about["through"]["no_way"][0] == 1.0
@@ -368,9 +368,9 @@ def test_simulate_tells_who_arrives_beside_the_errors(tmp_path):
     assert [int(row["standstills"]) for row in rows] == [14] * 3 + [0] * 3
     assert (through["standstills"], away["standstills"]) == (14.0, 0.0)
     with pytest.raises(LocplanError, match="drives"):
-        Closed(drives=1)
+        ClosedLoopSettings(drives=1)
     with pytest.raises(ConfigError, match="replan must be"):
-        Closed(replan=0.0)
+        ClosedLoopSettings(replan=0.0)
 
 
 def test_drives_say_where_robots_stop_end_and_leave_the_path():

@@ -27,7 +27,7 @@ from locplan.maps import FREE, OCCUPIED
 from locplan.planning import Query
 from locplan.recordings import replay
 from locplan.robots import Amcl, Disturbances, Odometry
-from locplan.simulation import Choice, choose, simulate
+from locplan.simulation import Recommendation, RecommendationSettings, recommend_path, simulate
 from locplan.simulation.query_routes import simulate_queries
 from locplan.simulation.worlds import make_path_poses
 from locplan.testing import check_filter
@@ -288,16 +288,20 @@ def test_maps_that_do_not_overlap_are_refused():
 @pytest.mark.long
 def test_whatever_drives_takes_a_filter_map(tmp_path):
     grid, old = room(), shifted_wall()
-    costs = Costmap.from_field(grid, covariance_field(grid, Sad()), robot=0.3)
+    costs = Costmap.from_field(covariance_field(grid, Sad()), robot=0.3)
     query = [Query("one", (2.0, 4.0), (9.0, 4.0))]
     chosen = [
-        choose(*(grid, query[0].start, query[0].goal, EXACT), costs=costs, drives=4, filter_map=m)
+        recommend_path(
+            *(grid, query[0].start, query[0].goal, EXACT),
+            costs=costs,
+            settings=RecommendationSettings(drives=4, filter_map=m),
+        )
         for m in (None, grid, old)
     ]
     error = [each.shortest.driven.error.value for each in chosen]
     assert error[0] == error[1] < error[2]
     chosen[2].save(tmp_path)
-    assert Choice.load(tmp_path) == chosen[2] != chosen[0]
+    assert Recommendation.load(tmp_path) == chosen[2] != chosen[0]
     assert chosen[2].summary()["about"]["filter_map"] == {"name": "old", "digest": old.digest}
     aware = [simulate_queries(costs, query, EXACT, drives=4, filter_map=m) for m in (None, old)]
     assert aware[0].rmse[0] < aware[1].rmse[0]

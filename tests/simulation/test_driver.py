@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.cases import sample_cases
 
-from locplan import Costmap, Lidar, OccupancyGrid, Path, Robot, check, choose, plan
+from locplan import Costmap, Lidar, OccupancyGrid, Path, Robot, check, plan, recommend_path
 from locplan.advice import Pole
 from locplan.advice.landmark_objects import with_objects
 from locplan.errors import ConfigError
@@ -16,8 +16,9 @@ from locplan.maps import FREE, OCCUPIED, environments
 from locplan.robots import Amcl, Disturbances, Odometry
 from locplan.simulation import (
     Arrivals,
-    Closed,
+    ClosedLoopSettings,
     Drives,
+    RecommendationSettings,
     Simulator,
     drive_closed,
     drive_open,
@@ -203,7 +204,7 @@ def test_route_key_counts_in_millimetres():
 
 def test_bases_of_numbers_leave_room_for_the_drives_that_are_reported():
     assert 1024 < CHOOSING < FRESH - 1024
-    assert Closed().drives == 16
+    assert ClosedLoopSettings().drives == 16
 
 
 def test_stretched_world_moves_what_the_lidar_sees():
@@ -239,7 +240,7 @@ def test_verdict_compares_rates_of_reached_goals():
 
 @pytest.mark.long
 def test_commands_report_the_same_rates_of_one_route():
-    """`simulate`, `check` and `choose` drive one route of a corridor in which robots get lost."""
+    """`simulate`, `check` and `recommend_path` drive one route on which robots get lost."""
     grid = environments.make("two_corridors", resolution=0.1)
     robot = Robot(
         Lidar(range=4.0, beams=60), filter=Amcl(min_particles=100, max_particles=100), footprint=0.2
@@ -250,12 +251,20 @@ def test_commands_report_the_same_rates_of_one_route():
     report = check(grid, robot, {"a": start, "b": goal}, effort="quick", seed=3)
     (route,) = report.routes
     assert route.path.xy.tolist() == shortest.xy.tolist()
-    choice = choose(grid, start, goal, robot, costs=costs, drives=32, seed=3, rival=None)
+    choice = recommend_path(
+        grid,
+        start,
+        goal,
+        robot,
+        costs=costs,
+        settings=RecommendationSettings(drives=32, rival=None),
+        seed=3,
+    )
     shown = choice.shortest
     assert shown.driven.numbers == range(len(shown.driven.numbers))
     count = len(shown.driven.numbers)
     for drives in {count, route.rates.n_drives}:
-        closed = Closed(drives=16)
+        closed = ClosedLoopSettings(drives=16)
         result = simulate(grid, {"a": shortest}, robot, drives=drives, closed=closed, seed=3)
         if drives == count:
             assert result.drives["a"].lost_rate == shown.driven.lost_rate

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.cases import sample_cases
 from support.maps import ascii_map
+from support.recommendations import recommend, recommend_many
 
 import locplan
 from locplan import Costmap, Lidar
@@ -16,8 +17,8 @@ from locplan.field import FieldConfig, Fisher
 from locplan.maps import environments
 from locplan.planning import Query
 from locplan.robots import Amcl, Robot
-from locplan.simulation import choose, choose_many, recommendations as module
-from locplan.simulation.recommendations import Choices, read_recommendations
+from locplan.simulation import recommendations as module
+from locplan.simulation.recommendations import Recommendations, read_recommendations
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -36,12 +37,12 @@ QUICK = {"robot": ROBOT, "drives": 2, "rival": None}
 def costs():
     grid = environments.make("two_corridors", resolution=0.1)
     field = locplan.covariance_field(grid, FieldConfig(Fisher(LIDAR), stride=0.4))
-    return Costmap.from_field(grid, field)
+    return Costmap.from_field(field)
 
 
 @pytest.fixture(scope="module")
 def made(costs):
-    return choose_many(costs, QUERIES, **QUICK)
+    return recommend_many(costs, QUERIES, **QUICK)
 
 
 class Late(Executor):
@@ -62,16 +63,16 @@ class Late(Executor):
 def test_each_choice_is_that_of_choose(costs, made):
     for seed, (query, each) in enumerate(zip(QUERIES, made, strict=True), 1):
         asked = {"costs": costs, "seed": seed, "threads": 1, **QUICK}
-        single = choose(costs.grid, query.start, query.goal, **asked)
+        single = recommend(costs.grid, query.start, query.goal, **asked)
         assert (each.map, each.query) == ("two_corridors", query)
-        assert each.choice.summary() == single.summary()
-        assert each.choice.robot.lidar == LIDAR
+        assert each.recommendation.summary() == single.summary()
+        assert each.recommendation.robot.lidar == LIDAR
 
 
 def test_saved_choices_are_read_back(made, tmp_path):
     made.save(tmp_path / "planned")
     read = read_recommendations(tmp_path / "planned")
-    assert read == {each.query.name: each.choice for each in made}
+    assert read == {each.query.name: each.recommendation for each in made}
     header, *rows = (tmp_path / "planned" / "choices.csv").read_text().splitlines()
     assert header.startswith("map,query,")
     assert len(rows) == len(QUERIES)
@@ -79,7 +80,7 @@ def test_saved_choices_are_read_back(made, tmp_path):
     (tmp_path / "mine" / "choices.csv").write_text("mine")
     with pytest.raises(LocplanError, match=r"choices\.csv: is no earlier result"):
         made.save(tmp_path / "mine")
-    same = Choices((made[0], made[0]))
+    same = Recommendations((made[0], made[0]))
     with pytest.raises(ConfigError, match="two choices would be saved as far"):
         same.save(tmp_path / "same")
 
@@ -93,12 +94,12 @@ def test_choices_do_not_depend_on_the_executor(costs, made, kind):
     }
     done = []
     with pools[kind]() as executor:
-        other = choose_many(
+        other = recommend_many(
             costs, QUERIES, executor=executor, **QUICK, progress=lambda *each: done.append(each)
         )
-    assert [each.choice for each in other] == [each.choice for each in made]
+    assert [each.recommendation for each in other] == [each.recommendation for each in made]
     assert done == [(1, 3), (2, 3), (3, 3)]
-    assert all(each.choice.costs is costs for each in other)
+    assert all(each.recommendation.costs is costs for each in other)
 
 
 @pytest.mark.long
@@ -111,8 +112,8 @@ def test_a_cluster_chooses_the_same(costs, made):
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
-        other = choose_many(costs, QUERIES, executor=client.get_executor(), **QUICK)
-    assert [each.choice for each in other] == [each.choice for each in made]
+        other = recommend_many(costs, QUERIES, executor=client.get_executor(), **QUICK)
+    assert [each.recommendation for each in other] == [each.recommendation for each in made]
 
 
 def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeypatch):
@@ -120,13 +121,13 @@ def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeyp
 
     def note(*arguments, **options):
         threads.append(options["threads"])
-        return choose(*arguments, **options)
+        return recommend(*arguments, **options)
 
-    monkeypatch.setattr(module, "choose", note)
+    monkeypatch.setattr(module, "recommend_path", note)
     case = module._QueryCase("map", costs, QUERIES[1], 2)
     found = module.choose_for_case(locplan.__version__, case, QUICK)
     assert (found.costs, threads) == (None, [1])
-    choose_many(costs, QUERIES[1:2], **QUICK, threads=2)
+    recommend_many(costs, QUERIES[1:2], **QUICK, threads=2)
     assert threads == [1, 2]
 
 
@@ -147,7 +148,7 @@ def test_at_most_some_tasks_are_at_the_executor_at_once(costs, monkeypatch):
             most.append(len(held))
             return task
 
-    choose_many(costs, QUERIES[:2], executor=Counting(), **QUICK)
+    recommend_many(costs, QUERIES[:2], executor=Counting(), **QUICK)
     assert most == [1, 1]
 
 
@@ -158,7 +159,7 @@ def test_workers_with_another_locplan_are_refused(costs):
 
     refusal = pytest.raises(ConfigError, match=r"'far': a worker has locplan .*, not 99\.0")
     with Newer(1) as executor, refusal:
-        choose_many(costs, QUERIES[:1], executor=executor, **QUICK)
+        recommend_many(costs, QUERIES[:1], executor=executor, **QUICK)
 
 
 def test_an_executor_that_fails_is_one_line(costs):
@@ -167,16 +168,17 @@ def test_an_executor_that_fails_is_one_line(costs):
             raise OSError("no\nworkers")
 
     with pytest.raises(LocplanError, match=r"'far': the executor failed \(OSError: no"):
-        choose_many(costs, QUERIES, executor=Broken(), **QUICK)
+        recommend_many(costs, QUERIES, executor=Broken(), **QUICK)
 
 
 def test_what_choices_bring_is_told_for_all_queries(made):
     ratios = [
-        each.choice.chosen.driven.error.value / each.choice.shortest.driven.error.value
+        each.recommendation.chosen.driven.error.value
+        / each.recommendation.shortest.driven.error.value
         for each in made
     ]
     assert made.error_ratio.value == pytest.approx(math.exp(np.log(ratios).mean()))
-    assert made.left == sum(each.choice.best > 0 for each in made)
+    assert made.n_detours == sum(each.recommendation.best > 0 for each in made)
     lost = [[e.driven.lost.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
     assert made.lost == pytest.approx(np.mean(lost, axis=0))
     off = [[e.driven.off_at_end.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
@@ -196,29 +198,29 @@ def test_what_choices_bring_is_told_for_all_queries(made):
 def test_maps_have_their_own_queries(costs):
     hall = environments.make("hall", resolution=0.1)
     maps = {"corridors": costs, "hall": Costmap.blank(hall)}
-    found = choose_many(maps, {"hall": 1, "corridors": QUERIES[1:2]}, **QUICK, query_seed=4)
+    found = recommend_many(maps, {"hall": 1, "corridors": QUERIES[1:2]}, **QUICK, query_seed=4)
     assert [(each.map, each.query.name) for each in found] == [
         ("corridors", "near"),
         ("hall", "random 1"),
     ]
     assert math.dist(found[1].query.start, found[1].query.goal) >= 10.0
-    assert found[1].choice.robot.lidar.range == 6.0  # the default
+    assert found[1].recommendation.robot.lidar.range == 6.0  # the default
     assert "all maps" in found.report()
     assert len([each for each in found if each.map == "hall"]) == 1
     with pytest.raises(ConfigError, match="no queries for map 'hall'"):
-        choose_many(maps, {"corridors": QUERIES[:1]}, **QUICK)
+        recommend_many(maps, {"corridors": QUERIES[:1]}, **QUICK)
 
 
 def test_queries_without_a_path_count_as_such():
     parted = ascii_map(*["....#...."] * 4, resolution=0.5)
     ends = [((0.75, 0.75), (3.75, 0.75)), ((0.75, 0.75), (1.25, 1.25))]
-    found = choose_many(Costmap.blank(parted), ends, **QUICK)
-    assert [each.choice.status for each in found] == ["unreachable", "solved"]
-    assert (len(found.solved_choices), found.n_detours) == (1, 0)
+    found = recommend_many(Costmap.blank(parted), ends, **QUICK)
+    assert [each.recommendation.status for each in found] == ["unreachable", "solved"]
+    assert (len(found.solved_recommendations), found.n_detours) == (1, 0)
     assert "1 of 2" in found.report()
     assert found.table().records()[0]["chosen"] == ""
     assert found.error_ratio.value == 1.0
-    only = choose_many(Costmap.blank(parted), ends[:1], **QUICK)
+    only = recommend_many(Costmap.blank(parted), ends[:1], **QUICK)
     assert "0 of 1" in only.report()
 
 
@@ -232,9 +234,11 @@ def test_fields_are_those_of_the_lidar(monkeypatch):
 
     monkeypatch.setattr(module, "load_or_compute", field_of)
     grid = environments.make("hall", resolution=0.1)
-    found = choose_many(grid, 2, robot=Robot(LIDAR, footprint=0.4, margin=0.0), drives=2, threads=1)
+    found = recommend_many(
+        grid, 2, robot=Robot(LIDAR, footprint=0.4, margin=0.0), drives=2, threads=1
+    )
     assert asked == [("hall", locplan.Fused(LIDAR), 1)]
-    assert {each.choice.costs.robot_radius for each in found} == {0.4}
+    assert {each.recommendation.costs.robot_radius for each in found} == {0.4}
 
 
 @pytest.mark.parametrize(
@@ -256,7 +260,7 @@ def test_fields_are_those_of_the_lidar(monkeypatch):
 )
 def test_wrong_input_is_one_line(costs, maps, queries, options, message, monkeypatch):
     given = costs if maps == "costs" else [maps] if maps is None else maps
-    monkeypatch.setattr(module, "choose", None)  # before any choice
+    monkeypatch.setattr(module, "recommend_path", None)  # before any choice
     kind = PoseError if "outside" in message else LocplanError
     with pytest.raises(kind, match=message):
-        choose_many(given, queries, **(QUICK | options))
+        recommend_many(given, queries, **(QUICK | options))

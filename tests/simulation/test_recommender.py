@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from support.cases import sample_cases
 from support.command_line import check_refusal
+from support.recommendations import recommend
 
 from locplan import (
-    Choice,
     Costmap,
     FieldConfig,
     Fisher,
@@ -23,9 +23,9 @@ from locplan import (
     LocplanError,
     OccupancyGrid,
     Path,
+    Recommendation,
     Sad,
     Scan,
-    choose,
     covariance_field,
     pareto_front,
     plan,
@@ -36,7 +36,7 @@ from locplan.errors import ConfigError, PoseError
 from locplan.field.config import SHORT_LIDAR
 from locplan.maps import FREE, OCCUPIED, Zone, Zones, environments
 from locplan.maps.figures import crop_map
-from locplan.planning import Found, check_path
+from locplan.planning import PlannerResult, check_path
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.plans import plan_with_shortest
 from locplan.robots import Amcl, Footprint, Kinematics, Lidar, Robot
@@ -44,7 +44,7 @@ from locplan.robots.parts import Inflation
 from locplan.simulation import Arrivals, Simulator, drive_closed
 from locplan.simulation.arrivals import Arrival
 from locplan.simulation.figures import recommendation_figure
-from locplan.simulation.problem import MINIMISED, ChoiceSettings
+from locplan.simulation.problem import MINIMISED, RecommendationSettings
 from locplan.simulation.race import compute_log_errors
 
 START, GOAL = (1.0, 3.0), (11.0, 3.0)
@@ -82,12 +82,12 @@ def costs(grid):
 @pytest.fixture(scope="module")
 def fielded(grid):
     field = covariance_field(grid, FieldConfig(Fisher(ROBOT.lidar), stride=0.5))
-    return Costmap.from_field(grid, field, robot=0.2)
+    return Costmap.from_field(field, robot=0.2)
 
 
 @pytest.fixture(scope="module")
 def choice(grid, costs):
-    return choose(grid, START, GOAL, costs=costs, **QUICK)
+    return recommend(grid, START, GOAL, costs=costs, **QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def two_ways(corridors, **options):
     """The choice between a featureless corridor and a well-marked way around."""
     robot = Robot(Lidar(range=6.0), filter=Amcl(min_particles=300, max_particles=300))
     options = {"robot": robot, "drives": 8, "rival": None, **options}
-    return choose(corridors.grid, (2.0, 3.0), (38.0, 3.0), costs=corridors, **options)
+    return recommend(corridors.grid, (2.0, 3.0), (38.0, 3.0), costs=corridors, **options)
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_candidates_are_other_paths_that_are_not_much_longer(choice):
         assert shortest.length - 1e-6 <= each.path.length <= 1.5 * shortest.length
         np.testing.assert_allclose(each.path.xy[[0, -1]], [START, GOAL], atol=1e-6)
     longest = max(each.path.length for each in choice.candidates) / shortest.length
-    fewer = choose(choice.costs.grid, START, GOAL, costs=choice.costs, longest=1.05, **QUICK)
+    fewer = recommend(choice.costs.grid, START, GOAL, costs=choice.costs, longest=1.05, **QUICK)
     assert longest > 1.05
     assert all(each.path.length <= 1.05 * shortest.length for each in fewer.candidates)
 
@@ -157,17 +157,17 @@ def test_what_nav2_would_drive_is_a_candidate_with_the_robots_inflation(grid, co
     wide = dataclasses.replace(
         ROBOT, inflation=Inflation(inflation_radius=1.5, cost_scaling_factor=1.0)
     )
-    found = choose(grid, START, GOAL, costs=costs, **{**QUICK, "robot": wide})
+    found = recommend(grid, START, GOAL, costs=costs, **{**QUICK, "robot": wide})
     inflated = next(each for each in found.candidates if each.name == "inflated")
     assert inflated.metrics.clearance > found.shortest.metrics.clearance + 0.2
     none = dataclasses.replace(ROBOT, inflation=Inflation(inflation_radius=0.0))
-    found = choose(grid, START, GOAL, costs=costs, **{**QUICK, "robot": none})
+    found = recommend(grid, START, GOAL, costs=costs, **{**QUICK, "robot": none})
     assert "inflated" not in names_of(found)  # it is the shortest
 
 
 @pytest.mark.usefixtures("one_steered_drive")
 def test_aware_paths_are_candidates_however_near_another_one(grid, fielded):
-    found = choose(grid, START, GOAL, costs=fielded, weight=30.0, **QUICK)
+    found = recommend(grid, START, GOAL, costs=fielded, weight=30.0, **QUICK)
     aware = [name for name in names_of(found) if name.startswith("aware")]
     assert "aware, weight 30" in aware
     assert len(aware) > 1
@@ -182,7 +182,7 @@ def test_aware_paths_are_candidates_however_near_another_one(grid, fielded):
 @pytest.mark.usefixtures("one_steered_drive")
 def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded):
     heavy = fielded.with_weight(50.0)
-    found = choose(grid, START, GOAL, costs=heavy, **QUICK)
+    found = recommend(grid, START, GOAL, costs=heavy, **QUICK)
     own = plan(Costmap.blank(grid, robot=0.2), START, GOAL).path
     assert found.shortest.path.length == pytest.approx(own.length)
     assert plan(heavy, START, GOAL).path.length > own.length + 0.1
@@ -190,10 +190,12 @@ def test_the_shortest_is_the_shortest_whatever_the_costmaps_weight(grid, fielded
 
 @pytest.mark.usefixtures("one_steered_drive")
 def test_without_a_costmap_the_field_is_fused_for_the_lidar(grid):
-    found = choose(grid, START, GOAL, **QUICK)
+    found = recommend(grid, START, GOAL, **QUICK)
     assert found.costs.settings.config.estimator == Fused(ROBOT.lidar)
     assert found.costs.robot_radius == ROBOT.radius
-    of_field = choose(grid, START, GOAL, Robot(), costs=FieldConfig(Fisher(SHORT_LIDAR)), drives=0)
+    of_field = recommend(
+        grid, START, GOAL, Robot(), costs=FieldConfig(Fisher(SHORT_LIDAR)), drives=0
+    )
     assert of_field.robot.lidar == SHORT_LIDAR
 
 
@@ -202,23 +204,23 @@ def test_candidates_are_paths_plans_fronts_planners_and_arrays(grid, fielded):
     front = pareto_front(fielded, START, GOAL)
     array = np.array([START, (3, 5), (9, 5), GOAL])
     given = {"mine": array, "front": front, "by grid": "grid"}
-    found = choose(grid, START, GOAL, costs=fielded, candidates=given, **QUICK)
+    found = recommend(grid, START, GOAL, costs=fielded, candidates=given, **QUICK)
     own = [name for name in names_of(found) if name.startswith(("mine", "front", "by grid"))]
     assert own == ["mine", *(f"front {n}" for n in range(1, len(own) - 1)), "by grid"]
     assert len(own) == 7 < len(front)
     mine = next(each for each in found.candidates if each.name == "mine")
     assert mine.path.xy.tolist() == array.tolist()
-    also = choose(grid, START, GOAL, costs=fielded, front=True, **QUICK)
+    also = recommend(grid, START, GOAL, costs=fielded, front=True, **QUICK)
     assert [name for name in names_of(also) if name.startswith("front")] == own[1:-1]
     with pytest.raises(ConfigError, match="two candidates are called 'grid'"):
-        choose(grid, START, GOAL, costs=fielded, candidates=["grid", "grid"], **QUICK)
+        recommend(grid, START, GOAL, costs=fielded, candidates=["grid", "grid"], **QUICK)
 
 
 @pytest.mark.usefixtures("one_steered_drive")
 def test_a_users_paths_are_kept_whatever_their_names_and_lengths(grid, costs):
     long = Path([START, (1, 5), (11, 4.5), (1, 5), (11, 4.5), GOAL])
     own = dict.fromkeys(("shortest", "way around 1", "aware and clear"), long)
-    found = choose(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
+    found = recommend(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
     assert names_of(found)[-3:] == [f"own {name}" for name in own]
 
 
@@ -229,16 +231,16 @@ def test_choose_races_requested_paths_of_any_length(grid, costs, fielded):
 
         def solve(self, costs, start, goal):
             xy = [start, (1, 5), (11, 4.5), (1, 5), (11, 4.5), goal]
-            return Found(Path(xy), "solved")
+            return PlannerResult(Path(xy), "solved")
 
     asked = {"candidates": Winding(), "longest": 1.0}
     for drives in (QUICK["drives"], 0):
         own = {**QUICK, "drives": drives, "costs": costs}
-        found = choose(grid, START, GOAL, **own, **asked)
+        found = recommend(grid, START, GOAL, **own, **asked)
         assert found.candidates[-1].name == "winding"
         assert "winding" not in found.left_out
     asked |= {"costs": fielded, "front": True, "weight": 40.0}
-    found = choose(grid, START, GOAL, **QUICK, **asked)
+    found = recommend(grid, START, GOAL, **QUICK, **asked)
     requested = {"winding", "front 5", "aware, weight 8", "aware, weight 40"}
     assert requested <= {*names_of(found), *found.left_out}
     for name in requested & {*found.left_out}:
@@ -263,7 +265,7 @@ PLANNED = {
     ],
 )
 def test_choose_reports_every_dropped_candidate(grid, fielded, tmp_path, longest, reason):
-    found = choose(grid, START, GOAL, costs=fielded, longest=longest, **QUICK)
+    found = recommend(grid, START, GOAL, costs=fielded, longest=longest, **QUICK)
     assert {*names_of(found), *found.left_out} == PLANNED
     assert not {*names_of(found)} & {*found.left_out}
     assert any(re.fullmatch(reason, why) for why in found.left_out.values())
@@ -271,7 +273,7 @@ def test_choose_reports_every_dropped_candidate(grid, fielded, tmp_path, longest
     assert all(name in report and why in report for name, why in found.left_out.items())
     found.save(tmp_path)
     assert json.loads((tmp_path / "choice.json").read_text())["left_out"] == found.left_out
-    assert Choice.load(tmp_path).report() == found.report()
+    assert Recommendation.load(tmp_path).report() == found.report()
 
 
 @pytest.mark.long
@@ -279,10 +281,10 @@ def test_choose_verdict_ignores_length_limit(corridors):
     """The aware path from end to end of the lower corridor is 1.5 times as long as the shortest."""
     robot = Robot(Lidar(range=6.0), filter=Amcl(min_particles=300, max_particles=300))
     field = covariance_field(corridors.grid, FieldConfig(Fisher(robot.lidar), stride=0.5))
-    asked = {"costs": Costmap.from_field(corridors.grid, field), "drives": 8, "rival": None}
+    asked = {"costs": Costmap.from_field(field), "drives": 8, "rival": None}
     ends = (5.0, 3.0), (34.0, 3.0)
     limited, free = (
-        choose(corridors.grid, *ends, robot, longest=longest, **asked) for longest in (1.2, 3.0)
+        recommend(corridors.grid, *ends, robot, longest=longest, **asked) for longest in (1.2, 3.0)
     )
     assert "aware, weight 8" in names_of(limited)
     assert limited.verdict == free.verdict == "better"
@@ -291,19 +293,19 @@ def test_choose_verdict_ignores_length_limit(corridors):
 
 def test_without_drives_or_a_field_the_shortest_is_taken(grid, costs):
     own = {"mine": Path([START, (2.0, 1.0), (10.0, 1.0), GOAL])}
-    found = choose(grid, START, GOAL, costs=costs, candidates=own, **{**QUICK, "drives": 0})
+    found = recommend(grid, START, GOAL, costs=costs, candidates=own, **{**QUICK, "drives": 0})
     assert names_of(found) == ["shortest", "mine"]
     assert found.recommended_candidate is found.shortest
 
 
 def test_the_settings_that_are_compared_keep_the_robots_own_particles_and_beams():
     own = Amcl(max_particles=700, max_beams=31, alpha1=0.4)
-    rival = ChoiceSettings().find_rival(own)
+    rival = RecommendationSettings().find_rival(own)
     assert (rival.max_particles, rival.max_beams, rival.alpha1) == (700, 31, 0.4)
     assert (rival.update_min_d, rival.update_min_a) == (0.1, 0.1)
-    assert ChoiceSettings().find_rival(rival) is None
-    assert ChoiceSettings(rival=own).find_rival(Amcl()) == own
-    assert ChoiceSettings(rival=None).find_rival(own) is None
+    assert RecommendationSettings().find_rival(rival) is None
+    assert RecommendationSettings(rival=own).find_rival(Amcl()) == own
+    assert RecommendationSettings(rival=None).find_rival(own) is None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -318,28 +320,28 @@ class Wrapped:
 
 
 def test_beside_a_filter_that_is_no_amcl_no_parameters_are_driven():
-    assert ChoiceSettings().find_rival(Wrapped()) is None
-    assert ChoiceSettings(rival=Amcl()).find_rival(Wrapped()) is None
+    assert RecommendationSettings().find_rival(Wrapped()) is None
+    assert RecommendationSettings(rival=Amcl()).find_rival(Wrapped()) is None
 
 
 @pytest.mark.long
 def test_a_choice_with_another_filter_is_loaded_with_its_name(grid, costs, tmp_path):
     robot = dataclasses.replace(ROBOT, filter=Wrapped())
-    found = choose(grid, START, GOAL, robot, costs=costs, drives=4)
+    found = recommend(grid, START, GOAL, robot, costs=costs, drives=4)
     assert found.rival is None
     found.save(tmp_path)
-    loaded = Choice.load(tmp_path)
+    loaded = Recommendation.load(tmp_path)
     assert loaded == found
     assert loaded.report() == found.report()
     assert loaded.robot.digest == robot.digest
     with pytest.raises(ConfigError, match="does not hold the code of a wrapped AMCL"):
-        choose(grid, START, GOAL, loaded.robot, costs=costs, drives=4)
+        recommend(grid, START, GOAL, loaded.robot, costs=costs, drives=4)
 
 
 @pytest.mark.usefixtures("one_steered_drive")
 def test_a_candidate_without_a_path_is_left_out(grid, costs):
     no_path = plan(costs, START, (11.6, 5.6))  # it ends in the closed cell
-    found = choose(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)
+    found = recommend(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)
     assert "none" not in names_of(found)
     assert "no path joins" in found.left_out["none"]
     assert "left out: none: no path joins" in found.report()
@@ -350,7 +352,7 @@ def test_user_path_replaces_planned_twin(grid, costs, choice):
     """The answer is then about the user's path, and its drives are not made twice."""
     (planned,) = (each for each in choice.candidates if each.name == "clear of walls")
     own = {"mine": Path(planned.path.xy)}
-    found = choose(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
+    found = recommend(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
     assert "mine" in names_of(found)
     assert "clear of walls" not in names_of(found)
     assert found.left_out["clear of walls"] == "the same path as 'mine'"
@@ -376,7 +378,7 @@ def test_no_candidate_crosses_no_go_zone(grid, fielded):
     costs = Costmap.from_layers(
         grid, u=fielded.u, e=fielded.e, weight=4.0, robot=ROBOT.radius, zones=zones
     )
-    choice = choose(grid, START, GOAL, costs=costs, candidates={"mine": straight}, **QUICK)
+    choice = recommend(grid, START, GOAL, costs=costs, candidates={"mine": straight}, **QUICK)
     assert choice.left_out["mine"] == "crosses a no-go zone"
     assert len(choice.candidates) > 1
     for each in choice.candidates:
@@ -388,7 +390,7 @@ def test_no_candidate_crosses_no_go_zone(grid, fielded):
     assert Zones.from_json(choice.about["zones"]) == zones
     for wrong in ({"costs": costs, "zones": zones}, {"zones": "zones.geojson"}):
         with pytest.raises(ConfigError, match="zones"):
-            choose(grid, START, GOAL, **wrong, **QUICK)
+            recommend(grid, START, GOAL, **wrong, **QUICK)
 
 
 @pytest.mark.usefixtures("one_steered_drive")
@@ -396,8 +398,8 @@ def test_candidates_pay_outside_preferred_zones(grid, fielded):
     """The longer way round the box is preferred; the shortest path does not take it."""
     zones = Zones([Zone("prefer", [[0, 0], [12, 0], [12, 3.2], [0, 3.2]])])
     costs = Costmap.from_layers(grid, u=0 * fielded.u, weight=4.0, robot=0.2, zones=zones)
-    planned = choose(grid, START, GOAL, Robot(footprint=0.2, margin=0.0), costs=costs)
-    for choice in (planned, choose(grid, START, GOAL, costs=costs, **QUICK)):
+    planned = recommend(grid, START, GOAL, Robot(footprint=0.2, margin=0.0), costs=costs)
+    for choice in (planned, recommend(grid, START, GOAL, costs=costs, **QUICK)):
         shortest, next_one, *_ = (each.path.xy[:, 1].max() for each in choice.candidates)
         assert shortest > 4.0
         assert next_one < 3.1
@@ -406,7 +408,9 @@ def test_candidates_pay_outside_preferred_zones(grid, fielded):
 @pytest.mark.usefixtures("one_steered_drive")
 def test_waypoints_bind_all_candidates(grid, costs):
     above, own = (6.0, 5.0), Path([START, (2.0, 1.0), (10.0, 1.0), GOAL])
-    found = choose(grid, START, GOAL, costs=costs, via=[above], candidates={"below": own}, **QUICK)
+    found = recommend(
+        grid, START, GOAL, costs=costs, via=[above], candidates={"below": own}, **QUICK
+    )
     assert len(found.candidates) > 1
     for each in found.candidates:
         assert np.hypot(*(each.path.xy - above).T).min() < 1e-9
@@ -415,19 +419,19 @@ def test_waypoints_bind_all_candidates(grid, costs):
 
 @pytest.mark.usefixtures("one_steered_drive")
 def test_limits_of_the_field_bind_all_candidates(grid, fielded):
-    free = choose(grid, START, GOAL, costs=fielded, **QUICK)
+    free = recommend(grid, START, GOAL, costs=fielded, **QUICK)
     degenerate = sorted(each.metrics.integrated_u for each in free.candidates)
     budget = 0.5 * (degenerate[0] + degenerate[-1])
-    found = choose(grid, START, GOAL, costs=fielded, budget=budget, **QUICK)
+    found = recommend(grid, START, GOAL, costs=fielded, budget=budget, **QUICK)
     assert max(each.metrics.integrated_u for each in found.candidates) <= budget * 1.001
     assert found.shortest.name == "shortest"
     assert found.shortest.path.length == min(each.path.length for each in found.candidates)
     assert min(each.metrics.integrated_u for each in free.candidates) <= budget
     levels = sorted(each.metrics.max_e for each in free.candidates)
     max_e = 0.5 * (levels[0] + levels[-1])
-    found = choose(grid, START, GOAL, costs=fielded, max_e=max_e, candidates="grid", **QUICK)
+    found = recommend(grid, START, GOAL, costs=fielded, max_e=max_e, candidates="grid", **QUICK)
     assert max(each.metrics.max_e for each in found.candidates) <= max_e
-    nowhere = choose(grid, START, GOAL, costs=fielded, max_e=1e-9, **QUICK)
+    nowhere = recommend(grid, START, GOAL, costs=fielded, max_e=1e-9, **QUICK)
     assert (nowhere.status, nowhere.path) == ("infeasible", None)
     assert "every path enters cells with e above" in nowhere.sentence
 
@@ -439,13 +443,13 @@ def test_candidates_keep_the_outline_clear_of_walls(grid, costs):
     robot = dataclasses.replace(ROBOT, footprint=long)
     own = {"tight": Path([ends[0], (2.5, 0.5), (9.5, 0.5), ends[1]])}
     asked = {"costs": costs, "drives": 2, "rival": None}
-    found = choose(grid, *ends, robot, candidates=own, **asked)
+    found = recommend(grid, *ends, robot, candidates=own, **asked)
     assert found.path is not None
     for each in found.candidates:
         assert long.first_collision(grid, each.path) is None
     assert found.left_out["tight"].startswith("cannot be driven: collision near")
     square = Footprint([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
-    none = choose(grid, *ends, dataclasses.replace(robot, footprint=square), **asked)
+    none = recommend(grid, *ends, dataclasses.replace(robot, footprint=square), **asked)
     assert none.path is None
     assert none.status in ("not found", "infeasible", "unreachable")
     assert none.note
@@ -605,8 +609,8 @@ def test_choice_sentence_without_path(better, status, sentence):
 
 @pytest.mark.long
 def test_equal_seeds_give_equal_choices_on_any_number_of_threads(grid, costs, choice):
-    again = choose(grid, START, GOAL, costs=costs, threads=1, **QUICK)
-    other = choose(grid, START, GOAL, costs=costs, seed=2, **QUICK)
+    again = recommend(grid, START, GOAL, costs=costs, threads=1, **QUICK)
+    other = recommend(grid, START, GOAL, costs=costs, seed=2, **QUICK)
     assert again == choice
     assert hash(again) == hash(choice)
     assert other != choice
@@ -643,7 +647,9 @@ def test_a_time_limit_leaves_one_look(corridors, better):
 
 def test_progress_counts_the_drives_up_to_the_greatest_number(grid, costs):
     calls = []
-    found = choose(grid, START, GOAL, costs=costs, progress=lambda *at: calls.append(at), **QUICK)
+    found = recommend(
+        grid, START, GOAL, costs=costs, progress=lambda *at: calls.append(at), **QUICK
+    )
     count = len(found.candidates)
     total = 4 * count + 4 * min(6, count) + 4 * min(4, count) + 8 + 2 * 16
     done = [done for done, _ in calls]
@@ -658,14 +664,14 @@ def test_settings_that_gain_more_than_paths_are_named(corridors):
     noisy = Amcl(**{f"alpha{n}": 1.0 for n in range(1, 6)}, min_particles=300, max_particles=300)
     robot = Robot(Lidar(range=6.0), filter=noisy)
     ends = (3.0, 10.0), (12.0, 12.0)
-    found = choose(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=calm)
+    found = recommend(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=calm)
     assert found.rival.ratio.high < 1
     advice = found.advice[0]
     assert advice.startswith("Tune the filter first: with AMCL's alpha1 0.02")
     assert found.is_tuning_first
     assert found.report().replace("\n", " ").startswith(f"{advice} With the filter as it is, take")
     assert advice in found.figure().get_suptitle().replace("\n", " ")
-    same = choose(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=noisy)
+    same = recommend(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=noisy)
     assert same.rival is None
 
 
@@ -693,7 +699,7 @@ def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
         log_error=shortest.log_error - gain * path_gain + 0.1 * np.arange(8),
         lost=np.full(8, bool(lost)),
     )
-    settings = dataclasses.replace(better.settings, rival=ChoiceSettings().rival)
+    settings = dataclasses.replace(better.settings, rival=RecommendationSettings().rival)
     choice = dataclasses.replace(better, settings=settings, rival=rival)
     assert choice.is_tuning_first == is_first
     assert choice.answer[0].startswith("Tune the filter first" if is_first else "Take the detour")
@@ -708,14 +714,14 @@ def test_tuning_advice_names_whose_settings(better, own, whose):
     rival = dataclasses.replace(
         shortest, log_error=shortest.log_error - 9, lost=shortest.lost & False
     )
-    settings = dataclasses.replace(better.settings, rival=ChoiceSettings().rival)
+    settings = dataclasses.replace(better.settings, rival=RecommendationSettings().rival)
     robot = Robot(Lidar(range=6.0), filter=own)
     found = dataclasses.replace(better, robot=robot, settings=settings, rival=rival)
     assert found.advice[0].startswith(f"Tune the filter first: with {whose} settings (")
 
 
 def test_an_unreachable_goal_is_a_result(grid, costs):
-    found = choose(grid, START, (11.5, 5.5), costs=costs, **QUICK)
+    found = recommend(grid, START, (11.5, 5.5), costs=costs, **QUICK)
     assert (found.status, found.path, found.recommended_candidate) == ("unreachable", None, None)
     assert found.report().startswith("The goal is unreachable: no path joins start and goal")
     assert found.summary()["candidates"] == []
@@ -728,10 +734,10 @@ def test_no_field_is_computed_where_none_is_needed(grid, costs):
         raise AssertionError
 
     more = {"compute": compute, **QUICK}
-    assert choose(grid, START, (11.5, 5.5), **more).status == "unreachable"
-    assert choose(grid, START, GOAL, costs=costs, **more).status == "solved"
+    assert recommend(grid, START, (11.5, 5.5), **more).status == "unreachable"
+    assert recommend(grid, START, GOAL, costs=costs, **more).status == "solved"
     with pytest.raises(AssertionError):
-        choose(grid, START, GOAL, **more)
+        recommend(grid, START, GOAL, **more)
 
 
 # Where nothing is driven
@@ -739,7 +745,7 @@ def test_no_field_is_computed_where_none_is_needed(grid, costs):
 
 def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     grid = corridors.grid
-    found = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=FieldConfig(Sad(), stride=0.5))
+    found = recommend(grid, (2.0, 3.0), (38.0, 3.0), costs=FieldConfig(Sad(), stride=0.5))
     assert names_of(found) == ["shortest", "localizability-aware"]
     assert found.path is found.candidates[1].path
     assert found.candidates[1].metrics.integrated_u < found.shortest.metrics.integrated_u
@@ -750,10 +756,10 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert sum(each.startswith("untested: localizability-aware") for each in labels) == 1
     robot = Robot(Lidar(range=6.0))
     coarse = FieldConfig(Fisher(robot.lidar), stride=1.0)
-    undriven = choose(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=coarse, drives=0)
+    undriven = recommend(grid, (2.0, 3.0), (38.0, 3.0), robot, costs=coarse, drives=0)
     assert "drives=0" in undriven.answer[1]
     assert all(each.driven is None for each in undriven.candidates)
-    blank = choose(grid, (2.0, 3.0), (38.0, 3.0), costs=corridors)
+    blank = recommend(grid, (2.0, 3.0), (38.0, 3.0), costs=corridors)
     assert names_of(blank) == ["shortest"]
 
 
@@ -763,12 +769,12 @@ def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
     u[:14] = 1.0  # the way below the box, which is the shorter one
     costs = Costmap.from_layers(grid, u=u, e=u, robot=0.2)
     ends = (1.0, 2.5), (11.0, 2.5)
-    found = choose(grid, *ends, costs=costs)
+    found = recommend(grid, *ends, costs=costs)
     assert names_of(found) == ["shortest", "localizability-aware"]
     assert found.path is found.candidates[1].path
     assert found.path.xy[:, 1].max() > 4.0 > found.shortest.path.xy[:, 1].max()
-    assert choose(grid, *ends, costs=costs, max_e=0.5).path == found.path
-    driven = choose(grid, *ends, costs=costs, **QUICK)
+    assert recommend(grid, *ends, costs=costs, max_e=0.5).path == found.path
+    driven = recommend(grid, *ends, costs=costs, **QUICK)
     assert any("aware" in name for name in names_of(driven))
 
 
@@ -776,7 +782,7 @@ def test_a_degeneracy_of_ones_own_has_aware_paths(grid):
 @pytest.mark.parametrize("robot", [None, ROBOT])
 def test_limits_need_a_field(grid, costs, robot, limit):
     with pytest.raises(ConfigError, match="no e or u to limit"):
-        choose(grid, START, GOAL, robot, costs=costs, **{limit: 1.0})
+        recommend(grid, START, GOAL, robot, costs=costs, **{limit: 1.0})
 
 
 CAR = dataclasses.replace(ROBOT, kinematics=Kinematics(drive="car-like", turning_radius=0.5))
@@ -785,7 +791,7 @@ CAR = dataclasses.replace(ROBOT, kinematics=Kinematics(drive="car-like", turning
 @pytest.mark.long
 def test_all_candidates_of_a_car_can_be_driven_by_it(grid, costs):
     sharp = [START, (1.0, 4.6), (11.0, 4.6), GOAL]
-    found = choose(
+    found = recommend(
         *(grid, (*START, 1.5), GOAL, CAR),
         costs=costs,
         drives=4,
@@ -805,7 +811,7 @@ def test_paths_of_an_outline_are_driven_with_and_without_headings(grid, costs):
     box = Footprint([(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)])
     robot = dataclasses.replace(ROBOT, footprint=box)
     ends = (*START, 1.5), (*GOAL, 0.5)
-    found = choose(
+    found = recommend(
         grid, *ends, robot, costs=costs, drives=4, rival=None, candidates=["lattice", "grid"]
     )
     assert all(each.driven for each in found.candidates)
@@ -816,7 +822,7 @@ def test_paths_of_an_outline_are_driven_with_and_without_headings(grid, costs):
 
 
 def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
-    found = choose(grid, START, GOAL, CAR, costs=fielded, budget=50.0)
+    found = recommend(grid, START, GOAL, CAR, costs=fielded, budget=50.0)
     assert found.judgement is None
     assert "turning radius" in found.answer[1]
 
@@ -847,7 +853,7 @@ def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
 def test_bad_input_is_one_clear_line(grid, costs, arguments, error, words):
     given = {"start": START, "goal": GOAL, "costs": costs, **QUICK, **arguments}
     with pytest.raises(error, match=words) as caught:
-        choose(grid, given.pop("start"), given.pop("goal"), **given)
+        recommend(grid, given.pop("start"), given.pop("goal"), **given)
     assert "\n" not in str(caught.value)
 
 
@@ -856,7 +862,7 @@ def test_a_costmap_of_another_map_is_refused(grid):
     cells[50, 50] = OCCUPIED
     foreign = Costmap.blank(OccupancyGrid(cells, 0.1))
     with pytest.raises(ConfigError, match="of another map"):
-        choose(grid, START, GOAL, costs=foreign, **QUICK)
+        recommend(grid, START, GOAL, costs=foreign, **QUICK)
 
 
 # The command and its files
@@ -865,16 +871,16 @@ def test_a_costmap_of_another_map_is_refused(grid):
 @pytest.mark.usefixtures("undrawn")
 def test_a_choice_that_is_saved_is_loaded_as_it_was(better, tmp_path):
     better.save(tmp_path / "a")
-    loaded = Choice.load(tmp_path / "a")
+    loaded = Recommendation.load(tmp_path / "a")
     assert loaded == better
     assert loaded.report() == better.report()
-    assert Choice.load(tmp_path / "a" / "choice.json").path.length == better.path.length
+    assert Recommendation.load(tmp_path / "a" / "choice.json").path.length == better.path.length
     assert dataclasses.replace(loaded, seed=2) != better
     content = json.loads((tmp_path / "a" / "choice.json").read_text())
     for broken, words in (({**content, "version": 99}, "of a newer locplan"), ({}, "no choice")):
         (tmp_path / "b.json").write_text(json.dumps(broken))
         with pytest.raises(LocplanError, match=words):
-            Choice.load(tmp_path / "b.json")
+            Recommendation.load(tmp_path / "b.json")
 
 
 @pytest.fixture
@@ -911,7 +917,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     at = names.index("my way?")
     assert names[at : at + 2] == ["my way?", "grid"]
     files = {file.name for file in (tmp_path / "out").iterdir()}
-    assert {*Choice.files.names, "01-shortest.csv", f"{at + 1:02}-my-way-.csv"} < files
+    assert {*Recommendation.files.names, "01-shortest.csv", f"{at + 1:02}-my-way-.csv"} < files
     with (tmp_path / "out" / "candidates.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == names
@@ -940,7 +946,7 @@ def test_the_command_gives_what_python_gives(run, box, grid):
     lidar = Lidar(range=3.0)
     config = FieldConfig(Scan(lidar), stride=0.5)
     robot = Robot(lidar, filter=FEW)
-    choice = choose(grid, START, GOAL, robot, costs=config, drives=4, longest=1.4, seed=4)
+    choice = recommend(grid, START, GOAL, robot, costs=config, drives=4, longest=1.4, seed=4)
     assert json.loads(out) == json.loads(json.dumps(choice.summary()))
 
 
@@ -977,7 +983,7 @@ def test_plan_prints_next_command(
     choice = judged_as(choice, word, LESS, drives=64)
     if verdict == "lost":
         choice = with_arrivals(choice, 8, 8)
-    monkeypatch.setattr("locplan.choose", lambda *_, **__: choice)
+    monkeypatch.setattr("locplan.recommend_path", lambda *_, **__: choice)
     folder = ("-o", tmp_path / "out") * output
     Robot(Lidar()).save(tmp_path / "robot.yaml")
     robot_options = "--robot", tmp_path / "robot.yaml", "--set", "range=3"
@@ -1006,7 +1012,7 @@ def test_an_unreachable_goal_ends_the_command_well(run, box, tmp_path):
     assert out.startswith("The goal is unreachable: no path joins start and goal")
     assert out.splitlines()[-1].startswith("  locplan info ")
     files = {file.name for file in (tmp_path / "out").iterdir()}
-    assert files == {"run.yaml", *Choice.files.names} - {"chosen.csv"}
+    assert files == {"run.yaml", *Recommendation.files.names} - {"chosen.csv"}
 
 
 @pytest.mark.parametrize(
@@ -1077,7 +1083,7 @@ def test_the_errors_along_the_shortest_path_are_drawn_where_it_is_kept(better):
 
 def test_a_loaded_choice_is_drawn_without_its_map(better, tmp_path):
     better.save(tmp_path)
-    assert len(Choice.load(tmp_path)._repr_png_()) > 1000
+    assert len(Recommendation.load(tmp_path)._repr_png_()) > 1000
 
 
 def test_the_picture_shows_the_part_of_the_map_with_the_candidates():
@@ -1104,7 +1110,7 @@ def test_the_filters_title_names_what_differs_from_the_defaults():
 
 @pytest.mark.usefixtures("one_steered_drive")
 def test_the_shortest_path_is_that_of_simulate(grid, fielded):
-    found = choose(grid, START, GOAL, costs=fielded, **QUICK)
+    found = recommend(grid, START, GOAL, costs=fielded, **QUICK)
     paths = plan_with_shortest(fielded, START, GOAL)
     assert found.shortest.path == paths["shortest"].path
 
@@ -1149,7 +1155,7 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     assert [each.outcome for each in again[better.taken].drives] == ["arrived"] * 2
     better.save(tmp_path / "out")
     assert json.loads((tmp_path / "out" / "choice.json").read_text())["version"] == 4
-    loaded = Choice.load(tmp_path / "out")
+    loaded = Recommendation.load(tmp_path / "out")
     assert loaded == better
     assert loaded.candidates[leader].arrivals == taken
     with (tmp_path / "out" / "candidates.csv").open(newline="") as file:
@@ -1179,9 +1185,9 @@ def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
     del tree["settings"]["thorough"], tree["arrives"]
     tree["judgement"]["verdict"] = "clearly better"
     file.write_text(json.dumps(tree))
-    old = Choice.load(file)
+    old = Recommendation.load(file)
     assert old.taken == better.taken
-    assert old.arrives == ""
+    assert old.reached_text == ""
     assert math.isnan(old.recommended_candidate.driven.off_at_end_rate.value)
 
 
@@ -1272,7 +1278,7 @@ def test_no_line_of_a_title_has_one_word_left_over(width):
 
 
 def test_length_handicaps_count_excess_in_full():
-    settings = ChoiceSettings(longest=1.5, price=0.3)
+    settings = RecommendationSettings(longest=1.5, price=0.3)
     allowed = 0.3 * math.log(1.5)
     expected = [0.0, allowed, allowed + math.log(2)]
     assert settings.length_handicaps([1.0, 1.5, 3.0]) == pytest.approx(expected)

@@ -275,7 +275,7 @@ def test_where_all_drives_are_lost_none_is_left_to_tell_of():
 def at_places(name, ends, drives):
     grid = environments.make(name, resolution=0.1)
     costs = locplan.Costmap.from_field(
-        grid, locplan.covariance_field(grid, FieldConfig(stride=0.4)), weight=4.0, robot=0.25
+        locplan.covariance_field(grid, FieldConfig(stride=0.4)), weight=4.0, robot=0.25
     )
     marks = environments.place_positions(name)
     query = Query(name, *(marks[end] for end in ends))
@@ -329,10 +329,10 @@ def test_queries_whose_drives_were_all_lost_are_left_out_of_the_rmse_of_those_ke
 
 def test_queries_without_a_path_are_left_out(two_corridors):
     field = locplan.covariance_field(two_corridors, FieldConfig(Sad(range=1.0), stride=1.0))
-    costs = locplan.Costmap.from_field(two_corridors, field, robot=0.25)
+    costs = locplan.Costmap.from_field(field, robot=0.25)
     away = np.full(two_corridors.shape, False)
     away[:, 150:160] = True
-    cut = costs.blocked_where(away)
+    cut = costs.with_blocked(away)
     near, far = Query("near", (2, 3), (6, 3)), Query("far", (2, 3), (38, 3))
     routes = simulate_queries(cut, [near, far], drives=2)
     assert [route.query.name for route in routes.routes] == ["near"]
@@ -534,7 +534,7 @@ def test_configs_come_back_from_their_files(tmp_path):
             FieldConfig(Scan(Lidar.preset("utm-30lx"))),
         )
     ):
-        locplan.save_config(tmp_path / f"{n}.json", config)
+        locplan.save_config(config, tmp_path / f"{n}.json")
         assert locplan.load_config(tmp_path / f"{n}.json") == config
     (tmp_path / "bare.json").write_text('{"stride": 0.4}')
     assert locplan.load_config(tmp_path / "bare.json") == FieldConfig(stride=0.4)
@@ -564,4 +564,4 @@ def test_configs_that_are_none_are_refused(tmp_path, text, reason):
     with pytest.raises(LocplanError, match="there is no such file"):
         locplan.load_config(tmp_path / "missing.json")
     with pytest.raises(LocplanError, match="must end in"):
-        locplan.save_config(tmp_path / "c.yaml", FieldConfig())
+        locplan.save_config(FieldConfig(), tmp_path / "c.yaml")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from support.maps import blocks
 
-from locplan import Lidar, OccupancyGrid, Robot, mend, place_landmarks
+from locplan import Lidar, OccupancyGrid, Robot, place_landmarks, repair
 from locplan.advice import Pole, verify_landmarks
 from locplan.advice.landmarks import Verification, VerificationDrives as LandmarkDrives
 from locplan.advice.preset_choice import USER_SETTINGS, LevelCase, choose_preset
@@ -206,7 +206,7 @@ def place_of(numbers, drives):
 
 
 def choose_among(ratios, seed, drives=64):
-    """Return the judgement of `choose` on paths of known ratios, the shortest first."""
+    """Return the judgement of `recommend_path` on paths of known ratios, the shortest first."""
     random = np.random.default_rng(seed)
     shape = len(ratios), drives + 8
     errors = 0.4 * random.normal(size=shape[1]) + random.normal(0, DEVIATION / math.sqrt(2), shape)
@@ -368,12 +368,12 @@ def words_of_mend(monkeypatch, ratio, count, drives):
     words = []
     for seed in range(count):
         monkeypatch.setattr(MENDING, DrawnDriver(ratio, seed))
-        words += [each.verdict for each in mend(blocks(), paths=2, drives=drives).verdicts]
+        words += [each.verdict for each in repair(blocks(), paths=2, drives=drives).verdicts]
     return Counter(words)
 
 
 VERIFYING = "locplan.advice.landmarks.drive_open"
-MENDING = "locplan.advice.repair.drive_open"
+MENDING = "locplan.advice.map_repair.drive_open"
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from locplan.errors import ConfigError
-from locplan.planning import Costmap, Found, Path
+from locplan.planning import Costmap, Path, PlannerResult
 from locplan.planning.protocol import Position
 
 
@@ -29,6 +29,6 @@ class ToyPlanner:
     def prepare(self) -> None:
         pass
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         corner = (start[0], goal[1]) if self.rows_first else (goal[0], start[1])
-        return Found(Path([start, corner, goal]), note=f"seed {self.seed}")
+        return PlannerResult(Path([start, corner, goal]), note=f"seed {self.seed}")

@@ -105,7 +105,7 @@ def trace_path(half: Floats, columns: int, cost: Floats, goal: int, corner_cutti
     return np.array(cells[::-1])
 
 
-class Found(NamedTuple):
+class PathCells(NamedTuple):
     """The few cells on cheapest paths, numbered as they were found."""
 
     cells: Ints
@@ -146,7 +146,7 @@ def trace_cheapest_path(
 
 
 @njit(nogil=True, cache=True)
-def _find_path_cells(size: int, columns: int, steps: Octets, tip: int) -> tuple[Found, Ints]:
+def _find_path_cells(size: int, columns: int, steps: Octets, tip: int) -> tuple[PathCells, Ints]:
     """The cells that steps lead to from `tip`, and their places in an order.
 
     Each comes after all those from which a step leads to it; the last is the root.
@@ -177,7 +177,7 @@ def _find_path_cells(size: int, columns: int, steps: Octets, tip: int) -> tuple[
                     pages[at_page] = used
                 waits[pages[at_page] - 1] += 1
         at += 1
-    path_cells, order = Found(cells[:used], table, pages), np.zeros(used, np.int64)
+    path_cells, order = PathCells(cells[:used], table, pages), np.zeros(used, np.int64)
     n_ordered, at = 1, 0
     while at < n_ordered:
         cell = cells[order[at]]
@@ -197,7 +197,7 @@ def _sum_costs(
     half: Floats,
     columns: int,
     steps: Octets,
-    path_cells: Found,
+    path_cells: PathCells,
     order: Ints,
     start: int,
     from_root: bool,
@@ -228,7 +228,7 @@ def _sum_costs(
 
 
 @njit(inline="always")
-def find_place(path_cells: Found, cell: int) -> int:
+def find_place(path_cells: PathCells, cell: int) -> int:
     """Place of a cell among those that were found, -1 if it is not."""
     page = path_cells.table[cell >> PAGE]
     return int(path_cells.pages[(page << PAGE) + (cell & IN_PAGE)]) - 1

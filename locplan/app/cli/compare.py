@@ -127,7 +127,7 @@ def compare(
         seed=seed,
     )
     planners = make_specs(parse_planners(planner)) if planner else None
-    compared_robot, config = field.choose(robot.load())
+    compared_robot, config = field.resolve(robot.load())
     configs = (
         [config] if ranges is None else [with_range(config, lidar_range) for lidar_range in ranges]
     )

@@ -96,7 +96,7 @@ def explore(
     report = _read_report(check, map_file, robot)
     page_map = report.map_file if report else map_file
     assert page_map is not None
-    on_map, config = field.choose(report.robot if report else robot.load())
+    on_map, config = field.resolve(report.robot if report else robot.load())
     if report and field.stride is None:
         config = dataclasses.replace(config, stride=COARSE_STRIDE)
     grid = locplan.load_map(page_map)

@@ -155,7 +155,7 @@ def export(
         refuse("with --choice, which has its own", start=start, weight=weight, zones=zones)
         refuse("with --choice, which has its own", lidar=robot.lidar)
         refuse("with --choice, which has its own", field=field.field, set=robot.set)
-        config, make_job = _job_of_choices(format, choice, path)
+        config, make_job = _make_recommendation_job(format, choice, path)
     else:
         config, make_job = _job_of_options(grid, path, start, goal, weight, zones, robot, field)
     n_paths = len(path) + len(choice) + (start is not None)
@@ -194,12 +194,10 @@ def _job_of_options(
     from locplan.export import registry
 
     paths, zones = read_paths(path_files), load_zones(zones_file, grid)
-    on_map, config = field.choose(robot.load())
+    on_map, config = field.resolve(robot.load())
 
     def make_job(computed: CovarianceField) -> ExportJob:
-        costs = locplan.Costmap.from_field(
-            computed.grid, computed, robot=on_map, weight=weight, zones=zones
-        )
+        costs = locplan.Costmap.from_field(computed, robot=on_map, weight=weight, zones=zones)
         if start and goal:
             paths["aware"] = _plan_path(costs, start, goal)
         return registry.ExportJob(costs, computed, paths, robot=on_map)
@@ -207,7 +205,7 @@ def _job_of_options(
     return config, make_job
 
 
-def _job_of_choices(
+def _make_recommendation_job(
     format: Format, folders: tuple[Path, ...], path_files: tuple[Path, ...]
 ) -> tuple[FieldConfig, MakeJob]:
     """Return the settings of the field of choices, and their job."""
@@ -217,15 +215,15 @@ def _job_of_choices(
     takes_several = format.paths == "several" and format.name == "nav2-routes"
     if not takes_several:
         refuse("with --choice, which has its own", path=path_files)
-    choices = read_recommendations(*folders)
-    if len(choices) > 1 and not takes_several:
-        raise ConfigError(f"--to {format.name} takes one --choice, not {len(choices)}")
-    paths, first = read_paths(path_files), next(iter(choices.values()))
+    recommendations = read_recommendations(*folders)
+    if len(recommendations) > 1 and not takes_several:
+        raise ConfigError(f"--to {format.name} takes one --choice, not {len(recommendations)}")
+    paths, first = read_paths(path_files), next(iter(recommendations.values()))
 
     def make_job(computed: CovarianceField) -> ExportJob:
         if takes_several:
-            return registry.ExportJob.from_choices(choices, computed, paths)
-        return registry.ExportJob.from_choice(first, computed)
+            return registry.ExportJob.from_recommendations(recommendations, computed, paths)
+        return registry.ExportJob.from_recommendation(first, computed)
 
     return first.config, make_job
 

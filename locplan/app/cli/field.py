@@ -42,7 +42,7 @@ def field(
     from locplan.export.batch import field_jobs, field_runs_table, run_field_jobs
     from locplan.field.summary import FieldSummary
 
-    _, config = options.choose(robot.load())
+    _, config = options.resolve(robot.load())
     jobs = field_jobs(maps, output.output, picture, config, force=output.force)
 
     def compute(grid: locplan.OccupancyGrid) -> locplan.CovarianceField:

@@ -246,7 +246,7 @@ def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | 
     maps : sequence of path
         The maps that are driven in.
     """
-    from locplan.advice import repair
+    from locplan.advice import map_repair
     from locplan.maps.files import MapWarning, find_maps, read_map
     from locplan.maps.map_faults import find_mask_faults
     from locplan.simulation.worlds import check_filter_map, check_single_map
@@ -260,7 +260,7 @@ def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | 
     grids = [locplan.load_map(map_file) for map_file in map_files]
     filter_maps = [locplan.load_map(file)] if file else grids
     for grid in filter_maps:
-        if offer := repair.format_solid_wall_warning(grid):
+        if offer := map_repair.format_solid_wall_warning(grid):
             warnings.warn(MapWarning(offer), stacklevel=2)
     if file is None:
         return None
@@ -356,7 +356,7 @@ class FieldOptions:
     )
     """Spacing of the evaluated cells, in metres."""
 
-    def choose(self, robot: Robot) -> tuple[Robot, FieldConfig]:
+    def resolve(self, robot: Robot) -> tuple[Robot, FieldConfig]:
         """Return the robot and the settings of the field.
 
         A robot without a lidar gets that of a file of settings, if it has one.
@@ -412,7 +412,7 @@ class FieldOptions:
         grid : OccupancyGrid
             The map.
         config : FieldConfig
-            The settings that `choose` returned.
+            The settings that `resolve` returned.
         threads : int or None
             Number of threads.
         points : (h, w) array of bool, optional

@@ -43,7 +43,7 @@ from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
     from locplan.planning.protocol import Planner
-    from locplan.simulation.problem import ChoiceSettings
+    from locplan.simulation.problem import RecommendationSettings
 
 HALF = 0.5
 """Share of failing drives from which the cause matters more than the path."""
@@ -55,10 +55,10 @@ FRONT_TIME = 30.0
 """Time that the search for a front may take [s]."""
 
 
-def _settings() -> type[ChoiceSettings]:
-    from locplan.simulation.problem import ChoiceSettings
+def _settings() -> type[RecommendationSettings]:
+    from locplan.simulation.problem import RecommendationSettings
 
-    return ChoiceSettings
+    return RecommendationSettings
 
 
 MaxLength = Annotated[float | None, show_default(lambda: _settings().longest)]
@@ -154,7 +154,7 @@ def plan(
             filter_map=filter_map,
         )
         return _find_front(map_file, start, goal, zones, robot, field, threads, output)
-    simulated, config = field.choose(robot.load())
+    simulated, config = field.resolve(robot.load())
     if simulated.lidar is not None and drives != 0:
         robot.warn(simulated)
     if simulated.outline and budget is not None:
@@ -168,12 +168,12 @@ def plan(
         if name in candidates:
             raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
         candidates[name] = candidate
-    output.check(locplan.Choice.files, "history.png")
+    output.check(locplan.Recommendation.files, "history.png")
     grid = locplan.load_map(map_file)
     polygons = load_zones(zones, grid)
     settings = _settings()
     with later_progress_bar("driving the candidates", "drives") as progress:
-        choice = locplan.choose(
+        recommendation = locplan.recommend_path(
             grid,
             start,
             goal,
@@ -182,24 +182,26 @@ def plan(
             candidates=candidates,
             compute=lambda grid, points=None: field.compute(grid, config, threads, points),
             zones=polygons,
-            via=via,
-            max_e=max_e,
-            budget=budget,
-            longest=settings.longest if longest is None else longest,
-            weight=weight,
-            minimise=minimise or settings.minimise,
-            drives=settings.drives if drives is None else drives,
-            thorough=thorough,
-            filter_map=load_filter_map(filter_map, [map_file]),
+            settings=settings(
+                via=via,
+                max_e=max_e,
+                budget=budget,
+                longest=settings.longest if longest is None else longest,
+                weight=weight,
+                minimise=minimise or settings.minimise,
+                drives=settings.drives if drives is None else drives,
+                thorough=thorough,
+                filter_map=load_filter_map(filter_map, [map_file]),
+            ),
             seed=seed,
             threads=threads,
             progress=progress,
         )
-    output.finish(choice)
+    output.finish(recommendation)
     if output.json:
         return
     print_zones(zones, polygons)
-    if step := _suggest_next_step(choice, str(map_file), output):
+    if step := _suggest_next_step(recommendation, str(map_file), output):
         print(f"\nNext: {step[0]}", *step[1:], sep="\n  ")
 
 
@@ -224,23 +226,23 @@ def _parse_planners(
 
 
 def _suggest_next_step(
-    choice: locplan.Choice, map_file: str, output: OutputOptions
+    recommendation: locplan.Recommendation, map_file: str, output: OutputOptions
 ) -> tuple[str, ...]:
     """Return what to do next, and the commands for it; empty if there is nothing to do."""
     words, map_word, recommended = (
         typed_words(),
         format_argument(map_file),
-        choice.recommended_candidate,
+        recommendation.recommended_candidate,
     )
     robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
     if recommended is None:
         info_command = shlex.join(["locplan", "info", map_word])
         return "see the rooms of the map, and what misleads in it:", info_command
-    if choice.judgement is None:
+    if recommendation.judgement is None:
         simulate = shlex.join([*words, "--lidar=turtlebot4"])
-        has_lidar = choice.robot.lidar is not None
+        has_lidar = recommendation.robot.lidar is not None
         return () if has_lidar else ("simulate the paths with your lidar, such as:", simulate)
-    if choice.is_tuning_first:
+    if recommendation.is_tuning_first:
         tune = shlex.join(["locplan", "tune", map_word, *robot_words, "-o", "tuned"])
         plan_again = shlex.join([*words, "--robot=tuned/nav2_params.yaml"])
         return "tune the filter, then plan with its settings:", tune, plan_again
@@ -249,14 +251,14 @@ def _suggest_next_step(
     if is_lost or (arrivals is not None and arrivals.arrival_rate.value <= HALF):
         check = shlex.join(["locplan", "check", map_word, *robot_words])
         return "find why the robot fails, and what helps most:", check
-    if choice.is_undecided:
+    if recommendation.is_undecided:
         other_words = [word for word in words if word.partition("=")[0] != "--drives"]
-        drives = min(2 * choice.settings.drives, MAX_DRIVES)
+        drives = min(2 * recommendation.settings.drives, MAX_DRIVES)
         return "simulate more drives:", shlex.join([*other_words, f"--drives={drives}"])
     if output.output is None:
         save = shlex.join([*words, "-o", "planned"])
         return "save the path, its picture and all candidates:", save
-    if choice.best:
+    if recommendation.best:
         export = ["--to", "nav2-keepout", f"--choice={output.output}", "-o", "mask"]
         files = [word for word in robot_words if word.startswith("--robot=")]
         command_line = shlex.join(["locplan", "export", map_word, *export, *files])
@@ -280,13 +282,13 @@ def _find_front(
 
     if len(start) > 2 or len(goal) > 2:
         raise ConfigError("--front has no headings; give --start and --goal as X,Y")
-    on_map, config = field.choose(robot.load())
+    on_map, config = field.resolve(robot.load())
     grid = locplan.load_map(map_file)
     zones = load_zones(zones_file, grid)
     check_ends(locplan.Costmap.blank(grid, robot=on_map, zones=zones), start, goal)
     output.check(locplan.ParetoFront.files)
     computed = field.compute(grid, config, threads)
-    costs = locplan.Costmap.from_field(grid, computed, robot=on_map, zones=zones)
+    costs = locplan.Costmap.from_field(computed, robot=on_map, zones=zones)
     with working("searching the front"):
         front = locplan.pareto_front(costs, start, goal, time_limit=FRONT_TIME)
     output.finish(front)

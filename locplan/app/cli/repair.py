@@ -12,13 +12,13 @@ from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Thre
 
 
 def _default_paths() -> int:
-    from locplan.advice.repair import PATHS
+    from locplan.advice.map_repair import PATHS
 
     return PATHS
 
 
 def _default_drives() -> int:
-    from locplan.advice.repair import DRIVES
+    from locplan.advice.map_repair import DRIVES
 
     return DRIVES
 
@@ -52,14 +52,14 @@ def repair(
     drives
         Number of drives along each path, with each map.
     """
-    from locplan.advice.repair import DRIVES, PATHS, Mended, check_concerned
+    from locplan.advice.map_repair import DRIVES, PATHS, RepairedMap, check_concerned
     from locplan.maps.files import read_map
 
-    output.check(Mended.files)
+    output.check(RepairedMap.files)
     check_concerned(robot.nav2_file("amcl"))
     simulated, grid = robot.load(), locplan.load_map(map_file)
     with progress_bar(f"repairing {grid.name}", "drives") as progress:
-        result = locplan.mend(
+        result = locplan.repair(
             grid,
             simulated,
             paths=paths or PATHS,

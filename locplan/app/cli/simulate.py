@@ -112,7 +112,7 @@ def simulate(
     from locplan.planning.plans import plan_with_shortest
     from locplan.planning.queries import MIN_DISTANCE, check_random, random_queries
     from locplan.simulation import simulations
-    from locplan.simulation.arrivals import Closed
+    from locplan.simulation.arrivals import ClosedLoopSettings
     from locplan.simulation.drives import DEFAULT_DRIVES
     from locplan.simulation.query_routes import RoutesOnMaps, simulate_queries
     from locplan.simulation.simulations import Simulation
@@ -136,7 +136,7 @@ def simulate(
         refuse("with --recording", start=start, goal=goal, path=path, random=random, weight=weight)
         refuse("with --recording", closed=closed, field=field.field, stride=field.stride)
         return _replay(recording, files[0], drives, robot, filter_map, seed, threads, output)
-    simulated, config = field.choose(robot.load())
+    simulated, config = field.resolve(robot.load())
     is_assumed = simulated.lidar is None
     simulated = equip_robot(simulated, config)
     robot.warn(simulated)
@@ -145,7 +145,7 @@ def simulate(
 
     def costmap(grid: locplan.OccupancyGrid) -> locplan.Costmap:
         computed = field.compute(grid, config, threads)
-        return locplan.Costmap.from_field(grid, computed, robot=simulated, weight=weight)
+        return locplan.Costmap.from_field(computed, robot=simulated, weight=weight)
 
     if random is not None:
         refuse("with --random", closed=closed)
@@ -193,7 +193,7 @@ def simulate(
             simulated,
             costs=path_costs,
             drives=drives or DEFAULT_DRIVES,
-            closed=Closed(drives=closed, replan=replan) if closed else None,
+            closed=ClosedLoopSettings(drives=closed, replan=replan) if closed else None,
             filter_map=filter_grid,
             seed=seed,
             threads=threads,

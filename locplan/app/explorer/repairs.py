@@ -131,9 +131,7 @@ def repair_scene(
 
 
 def _make_costs(site: ExploredSite, field: CovarianceField, opening: Opening) -> Costmap:
-    return Costmap.from_field(
-        site.grid, field, weight=opening.weight, robot=site.robot, zones=site.zones
-    )
+    return Costmap.from_field(field, weight=opening.weight, robot=site.robot, zones=site.zones)
 
 
 def nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:

@@ -16,10 +16,10 @@ from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.path import Path
 from locplan.planning.plans import SHORTEST
-from locplan.simulation.problem import Compute
+from locplan.simulation.problem import Compute, RecommendationSettings
 from locplan.simulation.race import Candidate
-from locplan.simulation.recommendation import Choice
-from locplan.simulation.recommender import choose
+from locplan.simulation.recommendation import Recommendation
+from locplan.simulation.recommender import recommend_path
 
 if TYPE_CHECKING:
     from locplan.app.explorer.messages import Job, Question
@@ -48,7 +48,7 @@ def simulate(session: Session, scene: MapScene, question: Question, job: Job) ->
     start, *via, goal = stops
     page_path, weight = question.positions("path", MAX_POINTS), read_weight(question, scene)
     opening, site = session.opening, scene.site
-    choice = choose(
+    recommendation = recommend_path(
         site.grid,
         start,
         goal,
@@ -56,16 +56,14 @@ def simulate(session: Session, scene: MapScene, question: Question, job: Job) ->
         costs=site.config,
         candidates={PAGE_PATH: Path(page_path)} if page_path else {},
         compute=_read_points(field),
-        via=via,
+        settings=RecommendationSettings(via=tuple(via), weight=weight, drives=drives),
         zones=site.zones,
-        weight=weight,
-        drives=drives,
         threads=opening.threads,
         progress=job.progress,
     )
-    if choice.path is None:
+    if recommendation.path is None:
         raise ConfigError("no path joins start and goal; move one of them")
-    return describe_choice(choice)
+    return describe_recommendation(recommendation)
 
 
 def _read_points(field: CovarianceField) -> Compute:
@@ -82,23 +80,25 @@ def _read_points(field: CovarianceField) -> Compute:
     return compute
 
 
-def describe_choice(choice: Choice) -> dict[str, Any]:
+def describe_recommendation(recommendation: Recommendation) -> dict[str, Any]:
     """Return a recommendation as the page shows it."""
-    chosen, shortest = choice.recommended_candidate, choice.shortest
+    chosen, shortest = recommendation.recommended_candidate, recommendation.shortest
     assert chosen is not None
     assert shortest is not None
-    headline, *details = choice.answer
+    headline, *details = recommendation.answer
     return {
         "verdict": headline,
-        "evidence": choice.arrives,
-        "advice": [sentence for sentence in details if sentence != choice.arrives],
+        "evidence": recommendation.reached_text,
+        "advice": [sentence for sentence in details if sentence != recommendation.reached_text],
         "recommended": chosen.name,
-        "candidates": [_describe(candidate, choice) for candidate in choice.candidates],
+        "candidates": [
+            _describe(candidate, recommendation) for candidate in recommendation.candidates
+        ],
         "along": {"recommended": _describe_errors(chosen), "shortest": _describe_errors(shortest)},
     }
 
 
-def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
+def _describe(candidate: Candidate, recommendation: Recommendation) -> dict[str, Any]:
     path_drives = candidate.driven
     no_interval = Interval(math.nan, math.nan, math.nan)
     error, lost = no_interval, no_interval
@@ -113,8 +113,8 @@ def _describe(candidate: Candidate, choice: Choice) -> dict[str, Any]:
         "error_interval": [error.low, error.high],
         "lost": lost.value,
         "lost_interval": [lost.low, lost.high],
-        "is_recommended": candidate is choice.recommended_candidate,
-        "is_shortest": candidate is choice.shortest,
+        "is_recommended": candidate is recommendation.recommended_candidate,
+        "is_shortest": candidate is recommendation.shortest,
     }
 
 

@@ -94,7 +94,7 @@ def name_weak_spots(scene: MapScene, report: CheckReport | None = None) -> list[
     reach = float(scene.field.config.estimator.reach)
     costs = scene.costs
     if costs.zones:  # weak spots do not depend on zones
-        costs = Costmap.from_field(costs.grid, scene.field, robot=costs.robot_radius)
+        costs = Costmap.from_field(scene.field, robot=costs.robot_radius)
     spots: Sequence[WeakSpot] = find_weak_spots(costs, scene.field, reach, {})
     if report is not None:
         spots = [_with_outline(facts, spots) for facts in report.facts["weak_spots"]]

@@ -23,7 +23,7 @@ from locplan.planning.ompl.kinds import KINDS
 from locplan.planning.ompl.motions import Motions
 from locplan.planning.ompl.stopping import OPTIMAL, SearchLimits, list_capable_planners
 from locplan.planning.path import Path
-from locplan.planning.protocol import CURVED, MAX_SEED, Found, Position, check_space
+from locplan.planning.protocol import CURVED, MAX_SEED, PlannerResult, Position, check_space
 from locplan.robots.parts import Kinematics
 from locplan.robots.robot import Robot
 
@@ -145,7 +145,7 @@ class Ompl:
         motions.path(poses)
         motions.is_free(*poses[0, :2])
 
-    def solve(self, costs: Costmap, start: Position, goal: Position) -> Found:
+    def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
         """Plan between positions [m], or poses [m, rad] in all spaces but "R2".
 
         See `locplan.planning.Planner.solve`. The status is "timeout" if no path was found in time,
@@ -157,14 +157,16 @@ class Ompl:
         _, part = connected_parts(costs)
         path_candidate, goal_part = (part[costs.grid.cell(pose[:2])] for pose in (start, goal))
         if path_candidate != goal_part:
-            return Found(status="unreachable")  # what no path over the grid joins, no motion does
+            return PlannerResult(
+                status="unreachable"
+            )  # what no path over the grid joins, no motion does
         for name, pose in (("start", start), ("goal", goal)):
             if motions.meets_wall(pose):
                 note = f"the robot's outline meets a wall at the {name}; move or turn it"
-                return Found(status="infeasible", note=note)
+                return PlannerResult(status="infeasible", note=note)
         direct = motions.path(np.array([start, goal]))
         if motions.cost(start, goal) <= direct.length * (1 + OPTIMAL) + OPTIMAL:
-            return Found(direct, history=((0.0, path_metrics(costs, direct).cost),))
+            return PlannerResult(direct, history=((0.0, path_metrics(costs, direct).cost),))
         seed_paths = self._plan_seed_path(costs, start, goal) if self.from_grid else []
         limits, ahead = self.limits, seed_paths[0].xy if seed_paths and self.space == "R2" else None
         began = time.perf_counter()
@@ -180,10 +182,14 @@ class Ompl:
         if not paths:
             limits_text = limits.description()
             note = f"no path found within {limits_text}; more of it or another seed may find one"
-            return Found(status="not found" if limits.time_limit is None else "timeout", note=note)
+            return PlannerResult(
+                status="not found" if limits.time_limit is None else "timeout", note=note
+            )
         path = min(paths, key=lambda one: path_metrics(costs, one).cost)
         history = (*limits.history, (time.perf_counter() - began, path_metrics(costs, path).cost))
-        return Found(straighten_path(costs, path) if self.improve else path, history=history)
+        return PlannerResult(
+            straighten_path(costs, path) if self.improve else path, history=history
+        )
 
     def _plan_seed_path(self, costs: Costmap, start: Position, goal: Position) -> list[Path]:
         """The path of another planner that the search begins with, or none."""

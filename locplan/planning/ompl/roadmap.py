@@ -29,7 +29,7 @@ from locplan.planning.ompl.settings import (
 )
 from locplan.planning.ompl.setup import pose_reader, space_information
 from locplan.planning.ompl.stopping import SearchLimits
-from locplan.planning.protocol import CURVED, Found, Position
+from locplan.planning.protocol import CURVED, PlannerResult, Position
 from locplan.planning.results import Plan, make_plan
 
 
@@ -69,9 +69,11 @@ class Roadmap:
         )
         began = time.perf_counter()
         poses = self.find_path_poses(start, goal)
-        planner_result = Found(note="the roadmap does not join start and goal; a larger one may")
+        planner_result = PlannerResult(
+            note="the roadmap does not join start and goal; a larger one may"
+        )
         if poses is not None:
-            planner_result = Found(self.motions.path(poses))
+            planner_result = PlannerResult(self.motions.path(poses))
         return make_plan("roadmap", costs, start, goal, planner_result, time.perf_counter() - began)
 
     def find_path_poses(self, start: Sequence[float], goal: Sequence[float]) -> Floats | None:

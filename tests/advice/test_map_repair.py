@@ -8,9 +8,9 @@ from support.command_line import check_refusal
 from support.maps import ascii_map, blocks
 
 import locplan
-from locplan import load_map, mend, save_map
-from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, faults, hollowed
-from locplan.maps.files import as_meant, meant_header, read_map
+from locplan import load_map, repair, save_map
+from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, faults, hollow_walls
+from locplan.maps.files import corrected_yaml, read_map, with_corrected_thresholds
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -19,12 +19,12 @@ ROOM = ascii_map("########", *["#......#"] * 4, "########", resolution=0.5)
 
 @pytest.fixture(scope="module")
 def mended():
-    return mend(blocks(), paths=2, drives=8)
+    return repair(blocks(), paths=2, drives=8)
 
 
 def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
     assert mended.grid == blocks()
-    assert mended.filter_map == hollowed(blocks())
+    assert mended.filter_map == hollow_walls(blocks())
     (verdict,) = mended.verdicts
     assert verdict.lost_mended.value < verdict.lost_as_is.value
     assert verdict.rmse_ratio.value < 1
@@ -34,14 +34,14 @@ def test_the_filter_has_a_hollow_map_and_loses_fewer_drives(mended):
 
 def test_the_verdict_is_that_of_drives_with_each_map(mended):
     robot = locplan.Robot().with_settings({"alpha1": 0.05})
-    both = mend(blocks(), robot, paths=2, drives=8)
+    both = repair(blocks(), robot, paths=2, drives=8)
     assert both.verdicts[0] == mended.verdicts[0]
     assert [each.filter for each in both.verdicts] == ["Nav2's defaults", "the robot's"]
     assert both.verdicts[1] != both.verdicts[0]
 
 
 def test_a_map_without_faults_is_not_driven_in(tmp_path):
-    found = mend(ROOM)
+    found = repair(ROOM)
     assert (found.n_changed, found.verdicts) == (0, ())
     assert "nothing to mend" in found.report()
     found.save(tmp_path / "room")
@@ -53,7 +53,7 @@ def test_specks_are_erased_and_walls_stay():
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     walls = cells.copy()
     cells[5:55:8, 5:55:8] = OCCUPIED
-    found = mend(OccupancyGrid(cells, 0.05), locplan.Robot(footprint=0.02, margin=0.0), drives=2)
+    found = repair(OccupancyGrid(cells, 0.05), locplan.Robot(footprint=0.02, margin=0.0), drives=2)
     assert np.array_equal(found.filter_map.cells, walls)
 
 
@@ -75,7 +75,7 @@ def test_nav2_gets_a_second_map_server_with_its_own_manager(mended, tmp_path):
 
 def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
     save_map(blocks(), tmp_path / "blocks.yaml")
-    save_map(hollowed(blocks()), tmp_path / "hollow.yaml")
+    save_map(hollow_walls(blocks()), tmp_path / "hollow.yaml")
     words = "--start", "0.8,0.8", "--goal", "3,0.8", "--drives", "2", "--lidar", "turtlebot3"
     simulate = "simulate", tmp_path / "blocks.yaml", *words
     code, _, err = run(*simulate)
@@ -87,7 +87,7 @@ def test_commands_that_drive_offer_the_mend_on_a_solid_map(tmp_path, run):
 def test_the_filters_that_are_concerned_are_named_and_a_beam_model_is_not(mended, tmp_path, run):
     (line,) = (each for each in mended.report().splitlines() if "helps" in each)
     assert "AMCL's, als_ros" in line
-    assert "als_ros" not in mend(ROOM).report()
+    assert "als_ros" not in repair(ROOM).report()
     save_map(blocks(), tmp_path / "blocks.yaml")
     beam = tmp_path / "beam.yaml"
     beam.write_text(yaml.safe_dump({"amcl": {"ros__parameters": {"laser_model_type": "beam"}}}))
@@ -133,8 +133,8 @@ def test_thresholds_are_mended_for_the_filter_and_for_planning(tmp_path, run):
     assert np.array_equal(read.cells == OCCUPIED, pixels[::-1] == 110)
     assert np.array_equal(load_map(tmp_path / "mended" / "map_amcl.yaml").cells, read.cells)
     grid, source = read_map(lab)
-    assert as_meant(grid, None) == grid
-    made = mend(grid, source=source, paths=2, drives=2)
+    assert with_corrected_thresholds(grid, None) == grid
+    made = repair(grid, source=source, paths=2, drives=2)
     assert made.faults.faults == faults(grid, source).faults
     assert made.verdicts[0].rmse_ratio.value < 1
 
@@ -159,10 +159,10 @@ def test_a_yaml_of_any_style_gets_the_thresholds_that_are_meant(tmp_path, entrie
     (folder / "lab.yaml").write_text(entries)
     grid, source = read_map(folder / "lab.yaml")
     more = {"resolution": 0.2, "origin": [2, 4, 0]}
-    (tmp_path / "map.yaml").write_text(meant_header(source, more))
+    (tmp_path / "map.yaml").write_text(corrected_yaml(source, more))
     read = load_map(tmp_path / "map.yaml")
     assert (read.resolution, read.origin) == (0.2, (2, 4, 0))
-    assert np.array_equal(read.cells, as_meant(grid, source).cells)
+    assert np.array_equal(read.cells, with_corrected_thresholds(grid, source).cells)
     assert set(read.cells[::-1][40:50, 40:60].flat) == {UNKNOWN}
 
 
@@ -174,5 +174,5 @@ def test_unknown_that_is_read_as_free_is_mended_and_where_none_can_drive_it_is_s
     code, out, _ = run("repair", lab)
     assert (code, "no wall is another" in out) == (0, True)
     assert "no verdict by drives: lab: has no cell where the robot fits" in out
-    found = mend(*read_map(lab)[:1], source=read_map(lab)[1])
+    found = repair(*read_map(lab)[:1], source=read_map(lab)[1])
     assert np.array_equal(found.filter_map.cells == FREE, pixels[::-1] == 254)

@@ -17,7 +17,7 @@ from locplan._support.records import Column, Result, Table
 from locplan.errors import ConfigError
 from locplan.export.servers import write_filter_map
 from locplan.field.config import equip_robot
-from locplan.maps.files import MapSource, meant_header
+from locplan.maps.files import MapSource, corrected_yaml
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.map_faults import MapFaults, faults, solidity
 from locplan.maps.occupancy import OCCUPIED
@@ -65,21 +65,21 @@ class MapVerdict:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mended(Result):
+class RepairedMap(Result):
     """A map mended for the filter; made by `mend`."""
 
     files: ClassVar[Results] = Results(
         "mend",
         (
-            *("mend.json", "mend.png", "mend.csv", "map_amcl.yaml", "map_amcl.pgm"),
+            *("repair.json", "repair.png", "repair.csv", "map_amcl.yaml", "map_amcl.pgm"),
             *("servers.yaml", "localizability.launch.xml", "amcl.yaml", "README.md", "map.yaml"),
         ),
         purposes={
             "README.md": "how to use the repaired map in Nav2",
             "map_amcl.yaml": "the repaired map, for AMCL alone",
             "map.yaml": "the map with the right threshold",
-            "mend.png": "the picture",
-            "mend.csv": "the repairs with their places",
+            "repair.png": "the picture",
+            "repair.csv": "the repairs with their places",
         },
     )
 
@@ -100,7 +100,7 @@ class Mended(Result):
     """How the map was read, if its thresholds are to be changed for planning, too; else None."""
 
     def __repr__(self) -> str:
-        return f"Mended({self.grid.name or 'map'}, {self.n_changed:,} cells)"
+        return f"RepairedMap({self.grid.name or 'map'}, {self.n_changed:,} cells)"
 
     @property
     def n_changed(self) -> int:
@@ -131,11 +131,11 @@ class Mended(Result):
         return Table.from_records(columns, self.verdicts)
 
     def _write(self, folder: FilePath, *related: object) -> None:
-        self.table().write_csv(folder / "mend.csv")
+        self.table().write_csv(folder / "repair.csv")
         if self.n_changed:
             write_filter_map(folder, self.filter_map)
         if self.source is not None:
-            (folder / "map.yaml").write_text(meant_header(self.source), "utf-8")
+            (folder / "map.yaml").write_text(corrected_yaml(self.source), "utf-8")
 
     def figure(self) -> Figure:
         """Draw the map as it is and mended, side by side."""
@@ -148,7 +148,7 @@ class Mended(Result):
         return repair_report(self)
 
 
-def repair_report(mended: Mended) -> str:
+def repair_report(mended: RepairedMap) -> str:
     """What was mended, and what drives say."""
     lines = [mended.faults.report()]
     if not mended.n_changed:
@@ -176,7 +176,7 @@ def repair_report(mended: Mended) -> str:
     return "\n".join(lines)
 
 
-def mend(
+def repair(
     grid: OccupancyGrid,
     robot: Robot | None = None,
     *,
@@ -186,7 +186,7 @@ def mend(
     seed: int = 1,
     threads: int | None = None,
     progress: ProgressCallback | None = None,
-) -> Mended:
+) -> RepairedMap:
     """Mend a map for the filter: hollow solid walls, and erase specks; drives judge it.
 
     Where dark greys of the file seem to be walls, or map_saver's grey is read as free, the map is
@@ -216,7 +216,7 @@ def mend(
 
     Returns
     -------
-    Mended
+    RepairedMap
         The map for the filter, and the verdict; `save` writes them with what Nav2 needs.
 
     Raises
@@ -238,7 +238,7 @@ def mend(
     mended, world = map_faults.repaired_map, map_faults.corrected_map
     file = None if world == grid else source
     if mended == grid:
-        return Mended(grid, mended, map_faults, (), seed)
+        return RepairedMap(grid, mended, map_faults, (), seed)
     default = Amcl()
     filters = {"Nav2's defaults": replace(robot, filter=default)}
     if robot.filter != default:
@@ -246,7 +246,7 @@ def mend(
     try:
         ways = _plan_random_paths(world, robot, paths, seed)
     except ConfigError as error:
-        return Mended(grid, mended, map_faults, (), seed, str(error), file)
+        return RepairedMap(grid, mended, map_faults, (), seed, str(error), file)
     callbacks = split_progress(progress, [2 * paths * drives] * len(filters))
     verdicts = []
     for (name, filter_robot), part in zip(filters.items(), callbacks, strict=True):
@@ -265,7 +265,7 @@ def mend(
             for filter_map, tell in zip((grid, mended), map_callbacks, strict=True)
         )
         verdicts.append(_make_verdict(name, as_is, hollow))
-    return Mended(grid, mended, map_faults, tuple(verdicts), seed, source=file)
+    return RepairedMap(grid, mended, map_faults, tuple(verdicts), seed, source=file)
 
 
 def _plan_random_paths(grid: OccupancyGrid, robot: Robot, count: int, seed: int) -> dict[str, Path]:
