@@ -76,7 +76,7 @@ def check(
         positions by name; or (start, goal) pairs. By default places far apart in each room.
     recordings : sequence of Recording, default ()
         Recorded drives of the robot on this map, whose poses count as true, see
-        `locplan.recordings.smoothing.referenced`. If the map fits, lidar and odometry err in
+        `locplan.recordings.smoothing.with_ground_truth`. If the map fits, lidar and odometry err in
         simulation as they did in the longest one, the resolution is compared, and places where
         scans do not fit the map are faults. AMCL settings are replayed over all of them, and must
         hold on each.

@@ -90,7 +90,7 @@ def blame_spots(
     ):
         if len(members) >= 2:
             stop_owner[members] = len(places)
-            kinds = {stops[n].what for n in members}
+            kinds = {stops[n].outcome for n in members}
             stopping = STOPS[kinds.pop()] if len(kinds) == 1 else "stop instead of at the goal"
             passing = tuple(dict.fromkeys(stops[n].route for n in members))
             places.append(

@@ -508,7 +508,7 @@ def _prepare_search(
     keep, closed = robot.radius + CLEARANCE, zones.cells(grid, "no-go")
     candidates = list_candidate_places(grid, kind.shape, routes.values(), keep)
     robots = cKDTree(map_poses_from_world(grid, np.concatenate(lines))[:, :2])
-    within = (route_views.rays.most + kind.shape.reach) / grid.resolution
+    within = (route_views.rays.max_range + kind.shape.reach) / grid.resolution
     candidates = candidates[
         np.isfinite(robots.query(candidates[:, :2], distance_upper_bound=within)[0])
     ]

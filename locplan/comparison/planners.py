@@ -44,7 +44,7 @@ class PlannerSpec:
     label: str
     """The planner's name in tables; no two planners of a comparison share it."""
     planner: Planner
-    """The planner with its options, as `locplan.planning.requests.planner_for` makes it."""
+    """The planner with its options, as `locplan.planning.requests.make_planner` makes it."""
 
     @classmethod
     def parse(cls, planner: AnyPlanner | PlannerSpec) -> PlannerSpec:

@@ -159,7 +159,7 @@ def nav2_keepout(
         metadata["lead"] = lead
     if recommendation:
         metadata["choice"] = {
-            "taken": recommendation.recommended_name,
+            "recommended_name": recommendation.recommended_name,
             "answer": recommendation.answer,
         }
     planning = _MaskPlanning(conversion, planner_name, edited, bool(inflation), recommendation)

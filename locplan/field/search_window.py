@@ -26,7 +26,7 @@ class SearchWindow(Settings):
 
     Examples
     --------
-    >>> SearchWindow().on(resolution=0.1).offsets.size
+    >>> SearchWindow().to_lattice(resolution=0.1).offsets.size
     21
     """
 

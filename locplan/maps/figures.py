@@ -40,7 +40,7 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
         The map.
     values : (H, W) array
         The values of all cells, row 0 at the lowest y, or of the blocks that a map with more than
-        `DRAWN_CELLS` cells along a side is drawn in.
+        `MAX_DRAWN_CELLS` cells along a side is drawn in.
     **options
         Options of ``matplotlib.image.AxesImage`` such as cmap and norm, and vmin and vmax.
 
@@ -83,7 +83,7 @@ def downsample(
     maximum : bool, default False
         True takes the greatest value of each block.
     max_blocks : int, optional
-        Maximum number of blocks along a side; `DRAWN_CELLS` by default.
+        Maximum number of blocks along a side; `MAX_DRAWN_CELLS` by default.
     """
     cells = block_size(values.shape, max_blocks)
     if cells == 1:

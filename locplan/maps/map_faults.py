@@ -619,7 +619,7 @@ class MapFaults(Result):
         titles = {
             "kind": "fault",
             "what": "what",
-            "where": "where",
+            "place_text": "where",
             "costs": "costs",
             "mend": "mend",
         }

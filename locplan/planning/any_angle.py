@@ -217,7 +217,7 @@ def _cells_of_32_moves(
 
 @cache
 def _moves(columns: int, allow_corner_cutting: bool) -> Any:
-    """The 32 moves, `locplan.planning.kernels.any_angle.Moves`."""
+    """The 32 moves, `locplan.planning.kernels.any_angle.StraightMoves`."""
     from locplan._support.kernels.rays import find_crossed_cells
     from locplan.planning.kernels.any_angle import StraightMoves
 

@@ -145,7 +145,7 @@ def check_space(space: str, turning_radius: float | None) -> None:
 def check_pose(
     costs: Costmap, pose: Sequence[float], role: str, *, headed: bool | None
 ) -> tuple[float, ...]:
-    """A pose as numbers, or a PoseError if the robot cannot stand there; see `Motions.checked`.
+    """Return a pose as numbers, or raise a PoseError if the robot cannot stand there.
 
     `headed` says whether it has a heading; None leaves that open.
     """

@@ -131,7 +131,7 @@ def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: 
     if not isinstance(planner_result, PlannerResult) or planner_result.status not in statuses:
         raise LocplanError(
             "the planner must return a locplan.Path, an array of positions, a Plan or a"
-            f" planners.Found with a status of {', '.join(statuses)}, not"
+            f" planning.PlannerResult with a status of {', '.join(statuses)}, not"
             f" {type(planner_result).__name__}"
         )
     if planner_result.expanded is not None and not is_integer(planner_result.expanded):

@@ -246,7 +246,7 @@ class SearchRegion(PlanningArea):
     def whole_map(self) -> SearchRegion:
         """The whole map, on which a path may be of any length."""
         costs = self.costs
-        same: Any = {"window": np.s_[:, :], "ask": self.problem, "longest": math.inf}
+        same: Any = {"window": np.s_[:, :], "problem": self.problem, "longest": math.inf}
         return SearchRegion(costs.grid, costs.u, self.robot, self.accepted, costs, **same)
 
     @property

@@ -463,7 +463,7 @@ class Recommendation(Result, Stored):
     suffix: ClassVar[str] = ".json"
     version: ClassVar[int] = 4
     derived: ClassVar[tuple[str, ...]] = (
-        *("taken", "verdict", "sentence", "arrives", "advice", "answer"),
+        *("recommended_name", "verdict", "sentence", "reached_text", "advice", "answer"),
     )
 
     files: ClassVar[Results] = Results(
@@ -479,7 +479,7 @@ class Recommendation(Result, Stored):
     )
 
     about: Mapping[str, Any]
-    """Version, map and settings of the costmap, see `locplan.planning.costmap.about_costs`."""
+    """Version, map and settings of the costmap, see `locplan.planning.costmap.summarize_costs`."""
     start: Position
     """Position of the start in the world [m]."""
     goal: Position

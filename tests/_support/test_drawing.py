@@ -110,7 +110,7 @@ def test_a_wall_of_one_cell_stays_dark_where_two_cells_are_a_pixel():
 
 def test_large_maps_are_drawn_in_blocks_with_the_field_in_their_middles(field, monkeypatch):
     whole = field_figure(field).axes[0].images[1].get_array()
-    monkeypatch.setattr(_cells, "DRAWN_CELLS", 30)
+    monkeypatch.setattr(_cells, "MAX_DRAWN_CELLS", 30)
     walls, image = field_figure(field).axes[0].images
     shades, values = walls.get_array(), image.get_array()
     assert shades.shape == values.shape == (20, 30)

@@ -434,7 +434,9 @@ def test_a_hit_counts_some_22_times_less_for_a_likelihood_field_where_all_beams_
     product, summed = seen_by(Robot(six, filter=PRODUCT)), seen_by(Robot(six))
     rays = product.rays.beams
     assert rays == summed.rays.beams
-    ratio = product.a_step.share / (summed.a_step.share / (1 + summed.a_step.other * rays))
+    ratio = product.a_step.share / (
+        summed.a_step.share / (1 + summed.a_step.hit_coefficient * rays)
+    )
     assert 20 < ratio < 24
 
 
@@ -465,19 +467,19 @@ def test_the_motion_is_the_filters():
 def test_an_object_is_worth_the_same_before_and_after_it_stands(placed):
     objective = placed.search.sight
     objective.start(np.arange(0))
-    values = objective.values(np.arange(5))
+    values = objective.compute_objectives(np.arange(5))
     for n in range(5):
         objective.start(np.array([n]))
-        assert objective.value() == pytest.approx(values[n], rel=1e-6)
+        assert objective.compute_objective() == pytest.approx(values[n], rel=1e-6)
 
 
 def test_each_place_is_the_best_beside_those_before(placed):
     search, chosen = placed.search, []
     for n in range(3):
         search.sight.start(np.array(chosen, np.int64))
-        values = search.sight.values(np.arange(len(search.places)))
+        values = search.sight.compute_objectives(np.arange(len(search.places)))
         lazy = dataclasses.replace(search, lazy=5).run(n + 1)[0][-1]
-        chosen.append(search.best(chosen))
+        chosen.append(search.find_best(chosen))
         assert lazy == chosen[-1]
         assert (positions_of(placed)[chosen[-1]] == placed.positions[n]).all()
         assert placed.curve[n + 1] == pytest.approx(values[chosen[-1]])
@@ -740,11 +742,15 @@ def test_a_placement_is_saved_with_outlines_and_sizes(placed, tmp_path):
 
 
 def test_the_table_has_the_pose_and_what_is_expected_of_each(placed):
-    before, after = (f"{placed.expected[n]:.3g}" for n in (0, 3))
+    before, after = (f"{placed.expected_deviations[n]:.3g}" for n in (0, 3))
     assert f"3 x {placed.setting.kind.title} in " in repr(placed)
     assert f"expected deviation {before} -> {after})" in repr(placed)
     for record, pose, gain, expected in zip(
-        placed.table().records(), placed.poses, placed.gains, placed.expected[1:], strict=True
+        placed.table().records(),
+        placed.poses,
+        placed.gains,
+        placed.expected_deviations[1:],
+        strict=True,
     ):
         assert [record[name] for name in ("x", "y", "heading")] == pose.tolist()
         assert (record["gain"], record["expected_deviation"]) == (gain, expected)

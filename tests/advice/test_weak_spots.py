@@ -340,7 +340,7 @@ def test_weak_spots_without_routes_lie_in_largest_part(corridors):
         find_weak_spots(costs, field, 6.0, paths) for paths in ({}, {"": path})
     )
     assert (spot.length, spot.missing, spot.routes) == (of_route.length, of_route.missing, ())
-    part = costs.blocked_where(
+    part = costs.with_blocked(
         np.arange(costs.grid.shape[1])[None] > costs.grid.cell((12.0, 3.0))[1]
     )
     assert all(other.x < 13.0 for other in find_weak_spots(part, field, 6.0, {}))

@@ -15,7 +15,7 @@ VALUES = {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80, "not
     [
         ("x", lambda q: q.number("x", 0, 5, None)),
         ("n", lambda q: q.number("n", 4, 5, None)),
-        ("n", lambda q: q.one_of("n", ("a", "b"), None)),
+        ("n", lambda q: q.choice("n", ("a", "b"), None)),
         ("n", lambda q: q.flag("n")),
         ("n", lambda q: q.text("n", None)),
         ("t", lambda q: q.text("t", None)),

@@ -51,7 +51,7 @@ def test_simulation_equals_that_of_library(session):
     )
     assert answer["verdict"] == choice.answer[0]
     assert answer["evidence"] == choice.reached_text
-    assert answer["recommended"] == choice.taken
+    assert answer["recommended"] == choice.recommended_name
     assert [c["name"] for c in answer["candidates"]] == [c.name for c in choice.candidates]
     for ours, candidate in zip(answer["candidates"], choice.candidates, strict=True):
         assert ours["error"] == candidate.driven.error.value

@@ -263,7 +263,7 @@ def stops() -> list:
         ("matplotlib.figure.Figure.draw", ("field", "-o", "out.png")),
         ("locplan.field.Sad.prepare", ("export", "--to", "nav2-keepout", "-o", "out")),
         ("locplan.planning.Costmap.from_field", ("plan", *ENDS, "--front", "-o", "out")),
-        ("locplan.planning.plans.plan_beside_shortest", ("plan", *ENDS, "-o", "out")),
+        ("locplan.planning.plans.plan_with_shortest", ("plan", *ENDS, "-o", "out")),
         ("locplan.simulation.Simulator.arguments", ("simulate", *ENDS, "-o", "out")),
     ]
     numbers = itertools.cycle((signal.SIGINT, signal.SIGTERM))

@@ -49,7 +49,7 @@ def test_first_path(benchmark, real_maps, name):
     assert path_metrics(costs, plans[AWARE].path).cost == pytest.approx(best, rel=2e-3)
     seconds = benchmark.stats.stats.min
     benchmark.extra_info["ratio_to_the_whole_field"] = whole_seconds / seconds
-    evaluated = field.evaluated.sum() / whole.is_evaluated.sum()
+    evaluated = field.is_evaluated.sum() / whole.is_evaluated.sum()
     benchmark.extra_info["points_evaluated"] = float(evaluated)
     print(
         f"{name}: {seconds:.1f} s near the paths, {whole_seconds:.1f} s for the whole field;"

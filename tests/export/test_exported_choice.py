@@ -110,7 +110,7 @@ def test_the_mask_of_a_choice_is_that_of_the_path_to_take(tmp_path, driven):
     assert line.startswith("smac2d's path for around passes 0.35 m from walls at (16.15, 11.85)")
     assert "Made of the path of a choice, around, for" in (tmp_path / "m/README.md").read_text()
     about = json.loads((tmp_path / "m/export.json").read_text())
-    assert about["choice"]["taken"] == "around"
+    assert about["choice"]["recommended_name"] == "around"
     assert not (tmp_path / "m-routes").exists()
 
 
@@ -202,7 +202,9 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
     assert shown.index("Tune the filter first") < shown.index("planner ")
     own = yaml.safe_load((tmp_path / "m/nav2.yaml").read_text())
     assert own["global_costmap"]["global_costmap"]["ros__parameters"]["robot_radius"] == 0.3
-    assert json.loads((tmp_path / "m/export.json").read_text())["choice"]["taken"] == AWARE
+    assert (
+        json.loads((tmp_path / "m/export.json").read_text())["choice"]["recommended_name"] == AWARE
+    )
     run(*line, "path", "-o", tmp_path / "path.csv")
     np.testing.assert_allclose(Path.load(tmp_path / "path.csv").xy, taking(driven, AWARE).path.xy)
     words = "--lidar is not read with --choice"

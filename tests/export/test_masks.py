@@ -195,7 +195,7 @@ def test_no_robot_goes_straight_along_the_wall(corridors, radius, scaling):
 def test_what_the_caller_blocks_is_lethal(costs):
     mine = np.zeros(costs.grid.shape, bool)
     mine[30:40, 50:70] = True
-    values, _ = keepout_mask(costs.blocked_where(mine))
+    values, _ = keepout_mask(costs.with_blocked(mine))
     plain, _ = keepout_mask(costs)
     clear = mine & np.isfinite(costs.density)
     assert clear.any()
@@ -951,7 +951,7 @@ class ToyOptions:
 
 
 def write(target, job, options):
-    most = float(job.field.e[job.field.evaluated].max())
+    most = float(job.field.e[job.field.is_evaluated].max())
     target.write_text(f"{round(most / options.slowest)}")
     return ExportSummary({"most": most}, (("greatest e", str(most)),))
 

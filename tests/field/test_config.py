@@ -124,7 +124,7 @@ def test_whole_numbers_make_the_same_config():
 
 
 def test_window_has_the_papers_lattice_at_5_cm():
-    window = FieldConfig().estimator.window.on(0.05)
+    window = FieldConfig().estimator.window.to_lattice(0.05)
     assert window.step_cells == 4
     np.testing.assert_allclose(window.offsets, np.arange(-10, 11) * 0.2)
     np.testing.assert_allclose(np.degrees(window.angles), np.arange(-60, 61, 10))
@@ -132,7 +132,7 @@ def test_window_has_the_papers_lattice_at_5_cm():
 
 @pytest.mark.parametrize("resolution", [0.01, 0.03, 0.0504, 0.1, 0.25, 1.0])
 def test_window_is_whole_cells_at_any_resolution(resolution):
-    window = FieldConfig().estimator.window.on(resolution)
+    window = FieldConfig().estimator.window.to_lattice(resolution)
     assert window.step_cells >= 1
     assert window.offsets[-1] == pytest.approx(2.0, abs=window.step / 2)
     assert 0.0 in window.offsets
@@ -140,7 +140,7 @@ def test_window_is_whole_cells_at_any_resolution(resolution):
 
 def test_cells_larger_than_the_window_are_refused():
     with pytest.raises(ConfigError, match="larger window"):
-        FieldConfig().estimator.window.on(5.0)
+        FieldConfig().estimator.window.to_lattice(5.0)
 
 
 def test_without_rotation_poses_have_two_dimensions():
@@ -150,7 +150,7 @@ def test_without_rotation_poses_have_two_dimensions():
 
 
 def test_uniform_covariance_is_that_of_the_offsets():
-    window = FieldConfig().estimator.window.on(0.05)
+    window = FieldConfig().estimator.window.to_lattice(0.05)
     expected = [window.offsets.var(), window.offsets.var(), window.angles.var()]
     np.testing.assert_allclose(np.diag(window.uniform_covariance), expected)
 

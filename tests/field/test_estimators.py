@@ -88,12 +88,12 @@ def test_one_heading_has_no_axis_of_its_own(rooms, estimator):
 
 
 def test_several_headings_do(ahead, estimator):
-    h, w = ahead.evaluated.shape
+    h, w = ahead.is_evaluated.shape
     assert ahead.covariance.shape == (h, w, 4, 3, 3)
     assert ahead.e.shape == (h, w, 4)
     assert ahead.e_map().shape == (*ahead.grid.shape, 4)
     assert all(layer.shape == (h, w, 4) for layer in ahead.layers.values())
-    known = ahead.covariance[ahead.evaluated]
+    known = ahead.covariance[ahead.is_evaluated]
     assert (np.linalg.eigvalsh(known) > 0).all()
     assert not np.allclose(known[:, 0], known[:, 1])
 
@@ -306,7 +306,7 @@ def test_positions_alone_have_two_dimensions(rooms, estimator):
 
 
 def test_the_covariance_in_between_headings(ahead):
-    i, j = np.argwhere(ahead.evaluated)[100]
+    i, j = np.argwhere(ahead.is_evaluated)[100]
     x, y = ahead.grid.position(int(i * ahead.stride), int(j * ahead.stride))
     for k, heading in enumerate(ahead.config.heading_angles):
         assert ahead.at((x, y, heading), "covariance") == pytest.approx(ahead.covariance[i, j, k])
@@ -320,7 +320,7 @@ def test_the_covariance_in_between_headings(ahead):
 
 
 def test_scalars_over_all_headings(ahead):
-    known = ahead.evaluated
+    known = ahead.is_evaluated
     worst = ahead.scalar("e", headings="worst")
     assert worst[known] == pytest.approx(ahead.e[known].max(axis=1))
     mean = ahead.scalar("e", headings="mean")

@@ -91,7 +91,7 @@ def test_a_shift_of_the_drawing_hardly_changes_the_field(rooms):
 
 
 def test_covariances_are_symmetric_and_positive(field):
-    matrices = field.covariance[field.evaluated]
+    matrices = field.covariance[field.is_evaluated]
     np.testing.assert_array_equal(matrices, matrices.transpose(0, 2, 1))
     assert np.linalg.eigvalsh(matrices).min() > 0
 
@@ -109,7 +109,7 @@ def test_a_corridor_is_least_certain_along_its_axis(angle, preset, ratio):
 
 def test_a_featureless_place_has_the_uniform_windows_variance():
     config = FieldConfig()
-    window = config.estimator.window.on(0.1)
+    window = config.estimator.window.to_lattice(0.1)
     grid = OccupancyGrid(np.full((200, 200), FREE), 0.1)
     covariance = covariance_at(grid, 100, 100, config)
     expected = window.uniform_covariance + window.quantisation
@@ -189,7 +189,7 @@ def test_a_map_without_free_cells_has_an_empty_field():
 
 
 def test_interpolation_agrees_with_the_lattice_and_is_bilinear_in_log_e(field):
-    i, j = np.argwhere(field.evaluated & field.grid.free[::4, ::4])[100]
+    i, j = np.argwhere(field.is_evaluated & field.grid.free[::4, ::4])[100]
     x, y = field.grid.position(int(i) * 4, int(j) * 4)
     np.testing.assert_allclose(field.at((x, y), "covariance"), field.covariance[i, j], rtol=1e-9)
     e_map, cells = field.e_map(), np.argwhere(field.grid.free)[::97]
@@ -213,7 +213,7 @@ def test_field_at_array_equals_field_at_poses(field):
 
 def test_field_at_is_mean_of_matrix_logarithms(field):
     """Scipy's logarithm of the four corners, at a position between them."""
-    known = field.evaluated & field.grid.free[::4, ::4]
+    known = field.is_evaluated & field.grid.free[::4, ::4]
     inner = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
     i, j = np.argwhere(inner)[40]
     corners = {(0, 0): 0.75 * 0.25, (1, 0): 0.25**2, (0, 1): 0.75**2, (1, 1): 0.25 * 0.75}

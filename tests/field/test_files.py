@@ -48,7 +48,7 @@ def test_numpy_reads_saved_field(field, saved):
 
 def test_dataset_has_covariance_at_position(field):
     dataset = field.to_xarray()
-    i, j = np.argwhere(field.evaluated)[77]
+    i, j = np.argwhere(field.is_evaluated)[77]
     x, y = field.grid.position(2 * int(i), 2 * int(j))
     there = dataset.covariance.sel(x=x, y=y, method="nearest")
     np.testing.assert_array_equal(there, field.covariance[i, j])

@@ -48,7 +48,7 @@ def test_kept_lines_are_those_of_the_plain_loops(
     layout = lay_out(cells, rows, cols, radius, window)
     exact = count_mismatches(layout)
     limit = int(np.quantile(exact.min(axis=2), 0.15)) >> shift
-    monkeypatch.setattr("locplan.field.sad_tiles.scaled", lambda _: (limit, shift))
+    monkeypatch.setattr("locplan.field.sad_tiles.scale_to_short", lambda _: (limit, shift))
     found = kept(layout, limit << shift)
     sizes = [[(*at, edge) for at in zip(*disc_blocks(radius, edge), strict=True)] for edge in edges]
     for n in range(len(rows)):

@@ -123,7 +123,7 @@ def test_walls_are_hollow(level):
 def test_unknown_space_painted_black_changes_little():
     levels = np.full((200, 200), UNKNOWN, np.uint8)
     closed_bay(levels, 80, 90)
-    window = FieldConfig().estimator.window.on(0.05)
+    window = FieldConfig().estimator.window.to_lattice(0.05)
     ends = cast_ends(levels, 95, 103, all_round(180), 120)[None]
     thin = run(levels, 0.05, window, [95], [103], ends)
     thick = run(np.where(levels == FREE, FREE, OCCUPIED), 0.05, window, [95], [103], ends)
@@ -207,7 +207,7 @@ def test_central_mode_equals_the_plain_search(headings, half_steps, share):
 
 def test_without_returns_the_posterior_is_exactly_uniform():
     for config in (FieldConfig(), FieldConfig(Sad(window=SearchWindow(half_rotation_deg=0.0)))):
-        window = config.estimator.window.on(0.05)
+        window = config.estimator.window.to_lattice(0.05)
         ends = np.full((1, 180, 2), np.nan)
         result = run(np.full((9, 9), FREE, np.uint8), 0.05, window, [4], [4], ends)
         steps = np.array([window.step, window.step, window.rotation_step])
@@ -221,7 +221,7 @@ def test_without_returns_the_posterior_is_exactly_uniform():
 
 
 def test_a_map_without_walls_is_as_good_as_no_returns():
-    window = FieldConfig().estimator.window.on(0.05)
+    window = FieldConfig().estimator.window.to_lattice(0.05)
     ends = np.random.default_rng(0).normal(0, 50, (1, 2000, 2))
     result = run(np.full((9, 9), FREE, np.uint8), 0.05, window, [4], [4], ends)
     assert result.entropy[0, 0] == math.log(5733)
@@ -249,7 +249,7 @@ def test_a_quarter_turn_of_the_map_turns_the_covariance():
 
 def test_a_corridor_is_one_mode_along_its_axis():
     grid = corridor(30.0, 2.0, resolution=0.05)
-    window = FieldConfig().estimator.window.on(0.05)
+    window = FieldConfig().estimator.window.to_lattice(0.05)
     row, col = grid.cell((0.0, 0.0))
     ends = cast_ends(grid.cells, row, col, all_round(180), 6.0 / 0.05)
     result = run(grid.cells, 0.05, window, [row], [col], ends[None])
@@ -268,7 +268,7 @@ def closed_bay(levels, row, col):
 
 
 def test_identical_bays_share_the_probability():
-    window = FieldConfig().estimator.window.on(0.05)
+    window = FieldConfig().estimator.window.to_lattice(0.05)
     levels, entropies = np.full((150, 250), UNKNOWN, np.uint8), []
     for bays, offset in ((1, 0), (2, 32), (3, -32)):  # 1.6 m apart
         closed_bay(levels, 60, 100 + offset)
@@ -322,7 +322,7 @@ def test_noisy_scans_are_matched_about_as_far_off_as_the_posterior_says(x, y):
 def test_a_part_of_the_map_gives_the_same():
     levels = random_rooms((300, 320), seed=5)
     config = FieldConfig(Sad(range=1.5, window=SearchWindow(half_width=0.8)))
-    window = config.estimator.window.on(0.05)
+    window = config.estimator.window.to_lattice(0.05)
     rows, cols = np.array([150, 156, 160]), np.array([150, 171, 159])
     halo = 30 + 16 + likelihood.likelihood_reach(0.05, SIGMA_HIT, Z_RAND) + 1
     ends = scans(levels, rows, cols, all_round(60), 30)

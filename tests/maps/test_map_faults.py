@@ -88,7 +88,7 @@ def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
     found = faults(blocks())
     assert [each.kind for each in found] == [kind] * (kind is not None)
     assert found.repaired_map == (hollow_walls(blocks()) if kind == "solid walls" else blocks())
-    deep = replace(found, found=(*found, MapFault("deep walls", "")))
+    deep = replace(found, faults=(*found, MapFault("deep walls", "")))
     assert deep.repaired_map == blocks()  # the truth lies inside
 
 

@@ -33,7 +33,7 @@ def whole(grid) -> CovarianceField:
 
 @pytest.fixture(scope="module")
 def coarse(grid, whole) -> CovarianceField:
-    return covariance_field(grid, CONFIG, points=select_second_points(whole.evaluated))
+    return covariance_field(grid, CONFIG, points=select_second_points(whole.is_evaluated))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -71,10 +71,10 @@ def test_points_near_a_cell_are_those_within_the_distance():
 
 
 def test_a_coarse_field_has_the_values_of_its_points_and_reads_all_others(grid, whole, coarse):
-    points = select_second_points(whole.evaluated)
-    np.testing.assert_array_equal(coarse.evaluated, points)
+    points = select_second_points(whole.is_evaluated)
+    np.testing.assert_array_equal(coarse.is_evaluated, points)
     np.testing.assert_array_equal(coarse.covariance[points], whole.covariance[points])
-    np.testing.assert_array_equal(coarse.lacking, whole.evaluated & ~points)
+    np.testing.assert_array_equal(coarse.lacking, whole.is_evaluated & ~points)
     read, known = coarse.e_map(), whole.e_map()
     np.testing.assert_array_equal(np.isnan(read), np.isnan(known))
     off = np.abs(np.log(read / known))[grid.free[:, :, None] & ~np.isnan(known)]
@@ -94,8 +94,8 @@ def test_a_whole_field_lacks_nothing(whole):
 
 
 def test_the_saturated_share_counts_all_parts_of_a_map_alike(grid, whole, coarse):
-    points = coarse.evaluated.copy()
-    points[:, : points.shape[1] // 3] |= whole.evaluated[:, : points.shape[1] // 3]
+    points = coarse.is_evaluated.copy()
+    points[:, : points.shape[1] // 3] |= whole.is_evaluated[:, : points.shape[1] // 3]
     finer = covariance_field(grid, CONFIG, points=points)
     assert 0 < coarse.saturated_share < 1
     assert finer.saturated_share == coarse.saturated_share
@@ -116,9 +116,9 @@ def test_the_paths_lie_where_the_field_is_fine_and_are_the_whole_fields(grid, wh
     )
     assert all((before <= after).all() for before, after in itertools.pairwise(asked))
     assert 2 <= len(asked) <= 4
-    assert field.is_evaluated.sum() < 0.8 * whole.evaluated.sum()
+    assert field.is_evaluated.sum() < 0.8 * whole.is_evaluated.sum()
     cells = np.stack(grid.world_to_grid(*found.path.resample(0.1).xy.T), axis=1) - 0.5
-    beside = find_near_points(whole.evaluated, whole.stride, cells, 3.0)
+    beside = find_near_points(whole.is_evaluated, whole.stride, cells, 3.0)
     assert not (beside & ~field.is_evaluated).any()
     costs = Costmap.from_field(whole)
     best = plan(costs, *ENDS).metrics.cost
@@ -138,7 +138,7 @@ def test_without_a_path_the_first_field_is_the_last(grid, whole):
 
 
 def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coarse, tmp_path):
-    points, done = coarse.evaluated, []
+    points, done = coarse.is_evaluated, []
 
     def count(now, total):
         done.append(total)
@@ -146,11 +146,11 @@ def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coar
     first = load_or_compute(grid, CONFIG, points=points, cache_dir=tmp_path, progress=count)
     assert done[-1] == points.sum()
     more = points.copy()
-    more[: len(more) // 2] |= whole.evaluated[: len(more) // 2]
+    more[: len(more) // 2] |= whole.is_evaluated[: len(more) // 2]
     wider = load_or_compute(grid, CONFIG, points=more, cache_dir=tmp_path, progress=count)
     assert done[-1] == (more & ~points).sum()
     all_of_it = load_or_compute(grid, CONFIG, cache_dir=tmp_path, progress=count)
-    assert done[-1] == (whole.evaluated & ~more).sum()
+    assert done[-1] == (whole.is_evaluated & ~more).sum()
     again = load_or_compute(grid, CONFIG, points=points, cache_dir=tmp_path)
     for found, expected in ((first, coarse), (again, coarse), (all_of_it, whole)):
         np.testing.assert_array_equal(found.covariance, expected.covariance)
@@ -158,9 +158,9 @@ def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coar
 
 
 def test_cache_lists_finished_share_of_field(grid, whole, coarse, tmp_path):
-    load_or_compute(grid, CONFIG, points=coarse.evaluated, cache_dir=tmp_path)
+    load_or_compute(grid, CONFIG, points=coarse.is_evaluated, cache_dir=tmp_path)
     (entry,) = cache_entries(tmp_path)
-    assert entry.finished_share == coarse.evaluated.sum() / whole.evaluated.sum()
+    assert entry.finished_share == coarse.is_evaluated.sum() / whole.is_evaluated.sum()
     assert f" {entry.finished_share:.0%} " in cache_table([entry], tmp_path)
     load_or_compute(grid, CONFIG, cache_dir=tmp_path)
     assert [each.finished_share for each in cache_entries(tmp_path)] == [1.0]

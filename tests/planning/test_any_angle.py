@@ -244,8 +244,8 @@ def test_where_straight_lines_cost_more_the_path_before_them_is_kept(monkeypatch
     ends = (0.5, 0.5), (19.5, 9.5)
     on_grid = plan(costs, *ends, planner="grid").path
     around = Path([ends[0], (0.5, 19.5), ends[1]])
-    monkeypatch.setattr(any_angle, "_improved", lambda *_: around)
+    monkeypatch.setattr(any_angle, "_straighten_and_shift", lambda *_: around)
     for accuracy in ("normal", "high"):
         result = plan(costs, *ends, planner="any-angle", accuracy=accuracy)
         np.testing.assert_array_equal(result.path.xy, on_grid.xy)
-    assert any_angle.straightened(costs, on_grid) is on_grid
+    assert any_angle.straighten_path(costs, on_grid) is on_grid

@@ -149,7 +149,7 @@ def test_places_do_not_depend_on_the_origin_but_for_rounding():
 def test_a_large_room_is_searched_on_a_coarser_grid(monkeypatch):
     grid = OccupancyGrid(np.pad(random_rooms((200, 300), seed=4), 1), 0.05, (1.0, 2.0, 0.4))
     exact = describe_map(grid, robot=0.2).pairs[0].distance
-    monkeypatch.setattr("locplan.planning.cost_to_go.SEARCHED", 4000)
+    monkeypatch.setattr("locplan.planning.cost_to_go.MAX_ROOM_CELLS", 4000)
     coarse = describe_map(grid, robot=0.2)
     assert coarse.pairs[0].distance == pytest.approx(exact, rel=0.05)
     for place in coarse.places:
@@ -353,7 +353,7 @@ def test_the_picture_has_numbered_lines_rooms_and_places():
 
 
 def test_large_maps_are_drawn_in_blocks_that_keep_walls(monkeypatch):
-    monkeypatch.setattr(_cells, "DRAWN_CELLS", 20)
+    monkeypatch.setattr(_cells, "MAX_DRAWN_CELLS", 20)
     cells = np.full((50, 31), FREE, np.uint8)
     cells[:, 17] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1)
@@ -410,7 +410,7 @@ def test_wrong_pictures_and_radii_are_refused(run, tmp_path):
 
 
 def test_the_table_sums_up_many_rooms(monkeypatch):
-    monkeypatch.setattr("locplan.planning.map_info.LISTED", 1)
+    monkeypatch.setattr("locplan.planning.map_info.MAX_LISTED_ROOMS", 1)
     text = describe_map(ascii_map(*TWO_ROOMS), robot=0.0).report()
     assert "1 more" in text
     assert "12.0 m²" in text

@@ -515,7 +515,7 @@ def test_ctrl_c_ends_a_search(planner):
     from support.maps import ascii_map
     from locplan.planning import Costmap, plan
     from locplan.planning.ompl import stopping
-    stopping.TELL_EVERY = 8
+    stopping.PROGRESS_INTERVAL = 8
     wall = "#" * 280 + "." * 20
     costs = Costmap.blank(ascii_map(*["." * 300] * 149, wall, *["." * 300] * 150))
     # All is loaded first: numba turns an interrupt of its own loading into another error.

@@ -33,7 +33,7 @@ class Uniform(Estimator):
     title = "the same everywhere"
 
     def lattice(self, resolution):
-        return SearchWindow().on(resolution)
+        return SearchWindow().to_lattice(resolution)
 
     def covariances(self, part):
         q = self.q(self.lattice(part.resolution))

@@ -145,7 +145,7 @@ def test_cell_rejects_other_than_positions(grid):
 def test_a_field_is_a_dataset_of_xarray(grid, field):
     data = field.to_xarray()
     np.testing.assert_array_equal(data["e"], field.e)
-    i, j = np.argwhere(field.evaluated)[40]
+    i, j = np.argwhere(field.is_evaluated)[40]
     point = float(data["x"][j]), float(data["y"][i])
     np.testing.assert_allclose(field.at(point, "covariance"), data["covariance"][i, j], rtol=1e-9)
     assert data["e"].attrs["units"] == "m² rad"

@@ -174,7 +174,7 @@ def test_odometry_may_be_in_any_frame(grid, drive, replayed):
 
 
 def test_consistency_is_that_of_the_squares(replayed):
-    at = replayed.updated
+    at = replayed.is_updated
     errors, covariances = replayed.errors[:, at, :2], replayed.covariances[:, at, :2, :2]
     squares = np.einsum("rni,rnij,rnj->rn", errors, np.linalg.inv(covariances), errors)
     assert replayed.squares[:, at] == pytest.approx(squares, rel=1e-3)

@@ -488,7 +488,7 @@ def test_a_trajectory_is_kept_by_its_digest_and_saved_whole(drive, found, tmp_pa
     found.save(tmp_path / "saved")
     assert locplan.recordings.Trajectory.load(tmp_path / "saved") == found
     tum = np.loadtxt(tmp_path / "saved" / "poses.tum", delimiter=" ")  # as evo splits lines
-    some = found.trusted
+    some = found.is_trusted
     assert tum[:, 1:3] == pytest.approx(found.poses[some, :2], abs=1e-6)
     assert 2 * np.arctan2(tum[:, 6], tum[:, 7]) == pytest.approx(found.poses[some, 2], abs=1e-5)
 
@@ -515,7 +515,7 @@ def test_the_cache_lists_and_clears_trajectories(drive, tmp_path, run, monkeypat
 def test_a_smoothed_reference_has_trusted_poses_only(drive, found, tmp_path):
     assert with_ground_truth(drive, GRID) is drive  # it is no bag
     smoothed = with_ground_truth(drive, GRID, "smoothed", cache_dir=tmp_path)
-    assert np.array_equal(smoothed.poses, found.poses[found.trusted])
+    assert np.array_equal(smoothed.poses, found.poses[found.is_trusted])
     assert with_ground_truth(smoothed, GRID, "smoothed") is smoothed
     as_bag = replace(drive, source=replace(drive.source, file="monday", lidar_frame="laser"))
     assert len(with_ground_truth(as_bag, GRID, cache_dir=tmp_path)) == len(smoothed)

@@ -87,7 +87,7 @@ SAID = "robot: tim571, 25 m, 270°; radius 0.5 m, margin 0.01 m; AMCL's alpha1 0
         ("compare", ("-o", "compared"), "locplan.compare"),
         ("explore", ("--no-browser",), "locplan.app.explorer.explorer.open_explorer"),
         ("export", ("--to", "nav2-keepout"), "locplan.export.nav2.keepout_mask"),
-        ("export", ("--to", "nav2-speed"), "locplan.export.nav2.speed_mask"),
+        ("export", ("--to", "nav2-speed"), "locplan.export.nav2.compute_speed_mask"),
         ("export", ("--to", "nav2-routes", *ENDS), "locplan.export.recommended_ways.check_ways"),
     ],
 )

@@ -130,7 +130,7 @@ def test_drives_double_until_they_decide_or_time_is_up():
             assert len(found.drives) in (8, 16, 32, 64)
             assert found.verdict in WORDS
     for seed in range(20):
-        found = Paths([1.0, 0.93], seed, deviation=0.5).judged(enough=lambda: True)
+        found = Paths([1.0, 0.93], seed, deviation=0.5).judged(is_time_up=lambda: True)
         assert len(found.drives) == 8
 
 

@@ -17,7 +17,7 @@ from locplan.field import FieldConfig, Fisher
 from locplan.maps import environments
 from locplan.planning import Query
 from locplan.robots import Amcl, Robot
-from locplan.simulation import recommendations as module
+from locplan.simulation import RecommendationSettings, recommendations as module
 from locplan.simulation.recommendations import Recommendations, read_recommendations
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -30,6 +30,7 @@ QUERIES = (
     Query("back", (14.0, 3.0), (3.0, 10.0)),
 )
 ROBOT = Robot(filter=AMCL)
+SETTINGS = RecommendationSettings(drives=2, rival=None)
 QUICK = {"robot": ROBOT, "drives": 2, "rival": None}
 
 
@@ -125,7 +126,7 @@ def test_tasks_take_one_thread_and_little_of_the_map_is_sent_back(costs, monkeyp
 
     monkeypatch.setattr(module, "recommend_path", note)
     case = module._QueryCase("map", costs, QUERIES[1], 2)
-    found = module.choose_for_case(locplan.__version__, case, QUICK)
+    found = module.recommend_for_case(locplan.__version__, case, ROBOT, SETTINGS)
     assert (found.costs, threads) == (None, [1])
     recommend_many(costs, QUERIES[1:2], **QUICK, threads=2)
     assert threads == [1, 2]
@@ -173,22 +174,35 @@ def test_an_executor_that_fails_is_one_line(costs):
 
 def test_what_choices_bring_is_told_for_all_queries(made):
     ratios = [
-        each.recommendation.chosen.driven.error.value
+        each.recommendation.recommended_candidate.driven.error.value
         / each.recommendation.shortest.driven.error.value
         for each in made
     ]
     assert made.error_ratio.value == pytest.approx(math.exp(np.log(ratios).mean()))
     assert made.n_detours == sum(each.recommendation.best > 0 for each in made)
-    lost = [[e.driven.lost.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
+    lost = [
+        [
+            e.driven.lost.mean()
+            for e in (c.recommendation.shortest, c.recommendation.recommended_candidate)
+        ]
+        for c in made
+    ]
     assert made.lost == pytest.approx(np.mean(lost, axis=0))
-    off = [[e.driven.off_at_end.mean() for e in (c.choice.shortest, c.choice.chosen)] for c in made]
+    off = [
+        [
+            e.driven.off_at_end.mean()
+            for e in (c.recommendation.shortest, c.recommendation.recommended_candidate)
+        ]
+        for c in made
+    ]
     assert made.off_at_end == pytest.approx(np.mean(off, axis=0))
     rows = made.table().records()
     assert [row["query"] for row in rows] == ["far", "near", "back"]
     far = rows[0]
     assert (far["start_x"], far["goal_y"]) == (QUERIES[0].start[0], QUERIES[0].goal[1])
-    assert far["length_chosen"] == made[0].choice.path.length
-    assert far["error_shortest"] == pytest.approx(made[0].choice.shortest.driven.error.value)
+    assert far["length_chosen"] == made[0].recommendation.path.length
+    shortest = made[0].recommendation.shortest
+    assert far["error_shortest"] == pytest.approx(shortest.driven.error.value)
     text = " ".join(made.report().split())
     assert f"two_corridors 3 of 3 {made.left} " in text
     assert f"{made.error_ratio.value:.2f}" in text

@@ -461,7 +461,7 @@ def test_candidates_keep_the_outline_clear_of_walls(grid, costs):
 def test_a_path_that_is_clearly_better_is_taken(better):
     assert better.verdict == "better"
     assert better.path.length > 44
-    chosen, shortest = better.chosen.driven, better.shortest.driven
+    chosen, shortest = better.recommended_candidate.driven, better.shortest.driven
     assert chosen.numbers == shortest.numbers == range(8)
     ratio = math.exp(np.mean(chosen.log_error - shortest.log_error))
     assert chosen.ratio.value == pytest.approx(ratio)
@@ -470,7 +470,9 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     less = [f"{100 * (1 - end):.0f}" for end in chosen.ratio]
     change = f"{less[0]} % [{less[2]}, {less[1]}] less localization error"
     assert better.sentence == f"Take the detour: {lengths}, with {change}."
-    assert better.report().splitlines()[:2] == better.answer == [better.sentence, better.arrives]
+    assert (
+        better.report().splitlines()[:2] == better.answer == [better.sentence, better.reached_text]
+    )
 
 
 LESS, MORE = (0.5, 0.4, 0.6), (1.5, 1.2, 1.8)
@@ -841,7 +843,6 @@ def test_paths_of_a_car_within_a_budget_are_not_driven(grid, fielded):
         ({"drives": 1}, ConfigError, "must be a whole number in 2..1024"),
         ({"bold": 1}, ConfigError, "bold must be a bool"),
         ({"minimise": "error"}, ConfigError, "minimise must be one of rmse, lost"),
-        ({"far": 1}, ConfigError, "a choice has no setting 'far'; it has via"),
         ({"candidates": {"wall": [START, GOAL]}}, LocplanError, "candidate wall: leaves the free"),
         ({"costs": "map.yaml"}, ConfigError, "costs must be a Costmap, not 'map.yaml'"),
         ({"candidates": 3}, ConfigError, "candidates must be a sequence or a mapping of paths"),
@@ -923,9 +924,9 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     assert [row["name"] for row in rows] == names
     for row, found in zip(rows, about["candidates"], strict=True):
         assert float(row["error"]) == pytest.approx(found["driven"]["error"][0])
-        assert (row["name"] == about["taken"]) == (row["chosen"] == ">")
+        assert (row["name"] == about["recommended_name"]) == (row["chosen"] == ">")
     chosen = Path.load(tmp_path / "out" / "chosen.csv")
-    taken = about["candidates"][names.index(about["taken"])]
+    taken = about["candidates"][names.index(about["recommended_name"])]
     np.testing.assert_allclose(chosen.xy, taken["path"]["xy"], atol=1e-6)
     with (tmp_path / "out" / "errors.csv").open() as file:
         assert {row["path"] for row in csv.DictReader(file)} == set(names)
@@ -1061,7 +1062,9 @@ def test_the_path_to_take_is_drawn_strongest_and_last(better):
     np.testing.assert_allclose(lines[-1].get_xydata()[[0, -1]], better.path.xy[[0, -1]])
     np.testing.assert_allclose(lines[-2].get_xydata()[-1], better.shortest.path.xy[-1])
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    label = f"recommended: {better.chosen.name}, {better.path.length:.1f} m, 0 % lost"
+    label = (
+        f"recommended: {better.recommended_candidate.name}, {better.path.length:.1f} m, 0 % lost"
+    )
     assert texts[0].startswith(label)
     assert f"{len(better.candidates) - 2} other candidates" in texts
 
@@ -1069,7 +1072,7 @@ def test_the_path_to_take_is_drawn_strongest_and_last(better):
 def test_the_errors_along_the_way_are_those_of_the_drives(better):
     lower = recommendation_figure(better).axes[1]
     both = [line.get_xydata() for line in lower.lines if len(line.get_xdata()) > 2]
-    for found, each in zip(both, (better.shortest, better.chosen), strict=True):
+    for found, each in zip(both, (better.shortest, better.recommended_candidate), strict=True):
         np.testing.assert_allclose(found, each.driven.profile[:, :2])
 
 
@@ -1145,14 +1148,14 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     assert abs(taken.count - shortest.count) <= 1
     reached = f"In closed loop, {taken.count} of 16 robots reach the goal; on the shortest path,"
     is_fewer = taken.count < shortest.count
-    assert better.arrives.startswith("But fewer" if is_fewer else reached)
-    assert better.arrives.endswith(f"on the shortest path, {shortest.count} of 16.")
-    assert with_arrivals(better, 12, taken.count).arrives == f"{reached} 12 of 16."
-    assert " ".join(better.arrives.split()) in " ".join(better.report().split())
-    assert better.summary()["arrives"] == better.arrives
-    paths = {better.taken: better.path, "shortest": better.shortest.path}
+    assert better.reached_text.startswith("But fewer" if is_fewer else reached)
+    assert better.reached_text.endswith(f"on the shortest path, {shortest.count} of 16.")
+    assert with_arrivals(better, 12, taken.count).reached_text == f"{reached} 12 of 16."
+    assert " ".join(better.reached_text.split()) in " ".join(better.report().split())
+    assert better.summary()["reached_text"] == better.reached_text
+    paths = {better.recommended_name: better.path, "shortest": better.shortest.path}
     again = drive_closed(Simulator(corridors.grid, better.robot, seed=9), paths, range(2))
-    assert [each.outcome for each in again[better.taken].drives] == ["arrived"] * 2
+    assert [each.outcome for each in again[better.recommended_name].drives] == ["arrived"] * 2
     better.save(tmp_path / "out")
     assert json.loads((tmp_path / "out" / "choice.json").read_text())["version"] == 4
     loaded = Recommendation.load(tmp_path / "out")
@@ -1160,7 +1163,7 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     assert loaded.candidates[leader].arrivals == taken
     with (tmp_path / "out" / "candidates.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert float(rows[leader]["arrived"]) == taken.arrived.value
+    assert float(rows[leader]["arrived"]) == taken.arrival_rate.value
     assert all(row["arrived"] == "" for n, row in enumerate(rows) if n not in driven)
 
 
@@ -1182,11 +1185,11 @@ def test_a_choice_that_was_saved_before_arrivals_were_is_read(better, tmp_path):
         del each["arrivals"], each["driven"]["off_at_end"], each["driven"]["off_at_end_rate"]
         # Until version 3 these had another definition.
         each["driven"] |= {"off": [True], "off_at_goal": [1.0, 0.2, 1.0]}
-    del tree["settings"]["thorough"], tree["arrives"]
+    del tree["settings"]["thorough"], tree["reached_text"]
     tree["judgement"]["verdict"] = "clearly better"
     file.write_text(json.dumps(tree))
     old = Recommendation.load(file)
-    assert old.taken == better.taken
+    assert old.recommended_name == better.recommended_name
     assert old.reached_text == ""
     assert math.isnan(old.recommended_candidate.driven.off_at_end_rate.value)
 
@@ -1196,16 +1199,16 @@ def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
     steered = [each for each in choice.candidates if each.arrivals]
     assert steered == [choice.shortest]
     count = choice.shortest.arrivals.count
-    assert choice.arrives == f"In closed loop, {count} of 16 robots reach the goal."
+    assert choice.reached_text == f"In closed loop, {count} of 16 robots reach the goal."
 
 
 def test_report_errors_agree_with_ratios(better):
     lines = [line[2:] for line in better.report().splitlines()]
     rows = {cells[0]: cells for line in lines if len(cells := re.split(r"\s{2,}", line)) > 4}
     errors = {each.name: rows[each.name][2].split(" ") for each in better.candidates}
-    assert [name for name in rows if name in errors][:2] == [better.taken, "shortest"]
+    assert [name for name in rows if name in errors][:2] == [better.recommended_name, "shortest"]
     confirmed = [name for name, error in errors.items() if not error[0].startswith("~")]
-    assert confirmed == ["shortest", better.taken]
+    assert confirmed == ["shortest", better.recommended_name]
     assert len(errors) > 2  # those of the race alone had other drives
     shortest = better.shortest.driven.error.value
     for each in better.candidates[1:]:
@@ -1228,7 +1231,7 @@ def test_report_shows_column_off_at_end_if_any(better, count):
 def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest, leader, taken):
     choice = with_arrivals(better, shortest, leader)
     assert (choice.best > 0) == taken
-    assert f"{leader} of 16" in choice.arrives
+    assert f"{leader} of 16" in choice.reached_text
     assert ("fewer robots reach the goal" in choice.sentence) == (not taken)
     assert choice.sentence.startswith("Take the shortest path") == (not taken)
 

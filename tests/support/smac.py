@@ -45,8 +45,8 @@ def plan_by_smac(folder, costs, start, goal):
     cells, _ = ros_readers.grid_path(
         ros_readers.smac2d_multiplier(master, own["cost_travel_multiplier"]),
         ros_readers.smac_blocked(master, own["allow_unknown"]),
-        costs.cell_of(start),
-        costs.cell_of(goal),
+        costs.find_cell(start),
+        costs.find_cell(goal),
     )
     return Path(np.array([costs.grid.position(*cell) for cell in cells]))
 
@@ -54,7 +54,7 @@ def plan_by_smac(folder, costs, start, goal):
 def compare_with_smac(folder, costs, start, goal, **settings):
     """J of Smac2D's path on the mask, and of the grid planner's, by the same measure."""
     conversion = nav2_keepout(folder, costs, **settings)
-    centres = [costs.grid.position(*costs.cell_of(xy)) for xy in (start, goal)]
+    centres = [costs.grid.position(*costs.find_cell(xy)) for xy in (start, goal)]
     path = plan_by_smac(folder, costs, start, goal)
     costs = make_roomy(costs)
     own = plan(costs, *centres, planner="grid", allow_corner_cutting=True)

@@ -47,7 +47,7 @@ def crosses(zones, grid, xy):
     steps = np.maximum(1, np.hypot(*np.diff(xy, axis=0).T) / grid.resolution * 10).astype(int)
     pieces = [np.linspace(a, b, n) for a, b, n in zip(xy, xy[1:], steps, strict=False)]
     points = np.concatenate([xy[:1], *pieces, xy[-1:]])
-    for zone in zones.closed:
+    for zone in zones.no_go_zones:
         ahead = np.roll(zone.polygon, -1, axis=0) - zone.polygon
         away = points[:, None] - zone.polygon
         along = np.clip((away * ahead).sum(-1) / (ahead**2).sum(-1), 0, 1)

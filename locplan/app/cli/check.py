@@ -97,7 +97,7 @@ def check(
         )
     output.finish(result, output.output, robot.nav2_files())
     for limit in fail_if:
-        print(one_line(limit.said(result)), file=sys.stderr)
+        print(one_line(limit.format_result(result)), file=sys.stderr)
     return LIMIT_EXCEEDED if any(limit.fails(result) for limit in fail_if) else 0
 
 

@@ -32,7 +32,7 @@ TINY = 1e-12
 def plan(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
     """Return both paths over start, waypoints and goal.
 
-    They are those of `locplan.planning.plans.plan_beside_shortest`. A draft is planned on larger
+    They are those of `locplan.planning.plans.plan_with_shortest`. A draft is planned on larger
     cells if the map is large, and searches are stored from the ends that are not held.
     """
     weight = read_weight(question, scene)

@@ -62,11 +62,11 @@ def landmark_information(stops, normals, resolution, rays, n, outline, objects):
             if at < best:
                 best, normal = at, normals[tuple(cell)][::-1]
         for ox, oy, heading in objects:
-            at = entry(outline, heading, x - ox, y - oy, dx, dy, rays.most + 1)
+            at = entry(outline, heading, x - ox, y - oy, dx, dy, rays.max_range + 1)
             if at < best:
                 best = at
                 normal = normal_at(outline, heading, x + at * dx - ox, y + at * dy - oy)
-        if rays.least <= best <= rays.most:
+        if rays.min_range <= best <= rays.max_range:
             hx, hy = rays.levers[n] + best * np.array([dx, dy])
             gradient = np.array([normal[0], normal[1], hx * normal[1] - hy * normal[0]])
             total += np.outer(gradient, gradient) / (1 + rays.swing * best**2)
