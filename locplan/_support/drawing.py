@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.patheffects as effects
 import numpy as np
@@ -41,11 +41,20 @@ COLOURS: tuple[str, ...] = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Colours of several things in turn, which colour-blind people can tell apart (Okabe and Ito)."""
 RECOMMENDED = BLUE
 """Colour of the recommended path."""
-PATH_STYLES: tuple[dict[str, Any], ...] = (
-    {"color": "black", "linestyle": (0, (4, 1.5))},
-    {"color": RECOMMENDED, "linestyle": "-"},
-    {"color": GREEN, "linestyle": (0, (1, 1))},
-    {"color": PURPLE, "linestyle": (0, (6, 1, 1, 1))},
+
+
+class LineStyle(NamedTuple):
+    """Colour and dashes of a line, as matplotlib takes them."""
+
+    color: Any
+    linestyle: Any = "-"
+
+
+PATH_STYLES: tuple[LineStyle, ...] = (
+    LineStyle("black", (0, (4, 1.5))),
+    LineStyle(RECOMMENDED),
+    LineStyle(GREEN, (0, (1, 1))),
+    LineStyle(PURPLE, (0, (6, 1, 1, 1))),
 )
 """Line styles of several paths in turn, the shortest first; they differ in dashes and colour."""
 ZONE_STYLES: dict[str, dict[str, Any]] = {
@@ -54,8 +63,6 @@ ZONE_STYLES: dict[str, dict[str, Any]] = {
     "prefer": {"edgecolor": TEAL, "fill": False, "linestyle": (0, (1, 1.2)), "linewidth": 1.8},
 }
 """Styles of zones by their kind; they differ in filling, dashes and colour."""
-END_STYLE: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
-"""Style of the markers of a path's ends."""
 MAP_COLOURS = ListedColormap(["black", "0.82", "white", "0.6"])
 """Colours of occupied, unknown and free cells, and of the inside of what is solid."""
 LIGHT_MAP_COLOURS = ListedColormap(["0.45", "0.9", "white", "0.7"])

@@ -182,11 +182,11 @@ def scene_figure(scene: QueryScene) -> Figure:
     # Each one thinner than the one before, so that none hides another.
     widths = np.linspace(4.4, 1.6, max(len(paths), 2)).tolist()
     for n, ((name, path), width) in enumerate(zip(paths.items(), widths, strict=False)):
-        line: Any = {"color": COLOURS[n % len(COLOURS)], "linestyle": DASHES[n % len(DASHES)]}
+        colour, dashes = COLOURS[n % len(COLOURS)], DASHES[n % len(DASHES)]
         effects = styles.outline(width + 1.4)
-        draw_path(axes, path, linewidth=width, path_effects=effects, **line)
+        draw_path(axes, path, color=colour, linestyle=dashes, linewidth=width, path_effects=effects)
         text = make_printable(f"{name}, J {scene.runs[name].measures['cost']:.1f} m")
-        handles.append(Line2D([], [], linewidth=2.2, label=text, **line))
+        handles.append(Line2D([], [], linewidth=2.2, label=text, color=colour, linestyle=dashes))
     draw_ends(axes, scene.query.start, scene.query.goal)
     _show_part(axes, np.concatenate([path.xy for path in paths.values()]))
     spans = np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())

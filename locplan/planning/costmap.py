@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -395,16 +395,14 @@ class Costmap(CostLayers, Persistent):
         grid, settings = field.grid, self.settings
         if settings is None or settings.config != field.config:
             raise ConfigError("a costmap is updated by a field of its own config only")
-        same: Any = {name: getattr(settings, name) for name in ("law", "criterion", "headings")}
-        same |= {"weight": self.weight, "robot": self.robot_radius}
         window = join_windows(window, changed_window(self.grid, field, self.robot_radius))
         if not settings.whole_field or field.lacking.any():
-            costs = Costmap.from_field(field, **same, zones=self.zones)
+            costs = self._remake(field, settings, self.zones)
             return dataclasses.replace(costs, robot=self.robot)
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in LAYERS}
+        arrays = {name: getattr(self, name) for name in LAYERS}
         if window:
             part, inside = crop_field(field, window, self.robot_radius)
-            costs = Costmap.from_field(part, **same)
+            costs = self._remake(part, settings, Zones())
             for name in LAYERS:
                 arrays[name] = arrays[name].copy()
                 arrays[name][window] = getattr(costs, name)[inside]
@@ -413,8 +411,26 @@ class Costmap(CostLayers, Persistent):
             arrays["density"][window][self.zones.cells(grid, "no-go")[window]] = np.inf
             for name in LAYERS:
                 make_readonly(arrays[name])
-        arrays |= {"grid": grid, "of_heading": HeadingLayers.from_field(field, settings)}
-        return dataclasses.replace(self, **arrays)
+        return dataclasses.replace(
+            self,
+            grid=grid,
+            density=arrays["density"],
+            u=arrays["u"],
+            e=arrays["e"],
+            of_heading=HeadingLayers.from_field(field, settings),
+        )
+
+    def _remake(self, field: CovarianceField, settings: CostSettings, zones: Zones) -> Costmap:
+        """Make a costmap of another field with the weight and radius of this one."""
+        return Costmap.from_field(
+            field,
+            weight=self.weight,
+            robot=self.robot_radius,
+            law=settings.law,
+            criterion=settings.criterion,
+            headings=settings.headings,
+            zones=zones,
+        )
 
     def with_blocked(self, blocked: Bools) -> Costmap:
         """Copy of the costmap with more cells blocked, such as a zone that is closed.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -19,10 +19,11 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from locplan._support import drawing as styles
 from locplan._support.drawing import (
-    END_STYLE,
     ERROR_COLOURS,
     FIELD_COLOURS,
     PATH_STYLES,
+    RECOMMENDED,
+    LineStyle,
     Picture,
     field_bar,
     label_plainly,
@@ -61,17 +62,15 @@ from locplan.robots.robot import format_radius
 
 if TYPE_CHECKING:
     from locplan.planning.map_info import MapInfo
-
-if TYPE_CHECKING:
-    from locplan.planning.path import Path
-
-if TYPE_CHECKING:
     from locplan.planning.path_check import PathCheck
-    from locplan.planning.results import ParetoFront, Plan
+    from locplan.planning.results import ParetoFront
+
+MARKER_COLOUR, MARKER_EDGE = "white", "black"
+"""Colours of the markers of starts, goals and other places, and of their edges."""
 
 
 def format_request(costs: Costmap, plans: Mapping[str, Plan]) -> str:
-    """Weight, limits, footprint and robot radius that the plans were made with."""
+    """Return the weight, limits, footprint and robot radius of some plans as a text."""
     parts = [f"weight {costs.weight:g}"]
     for plan in plans.values():
         if plan.budget is not None:
@@ -105,8 +104,8 @@ def info_figure(description: MapInfo) -> Figure:
     )  # the last one of all others
     shades = [to_rgba_array("black", 0.0), to_rgba_array(colours, 0.45)]
     tints = np.round(255 * np.concatenate(shades)).astype(np.uint8)
-    kind = np.minimum(description.room_of_cell, len(tints) - 1).astype(np.uint8)
-    draw_cells(axes, description.grid, tints[downsample(kind)])
+    tint_of_cell = np.minimum(description.room_of_cell, len(tints) - 1).astype(np.uint8)
+    draw_cells(axes, description.grid, tints[downsample(tint_of_cell)])
     extent = max(*np.diff(axes.get_xlim()), *np.diff(axes.get_ylim()))
     # At most 24 lines, at 1, 2 or 5 times a power of ten; the same on both axes.
     ticks = MaxNLocator(24, steps=[1, 2, 5, 10]).tick_values(0, extent)
@@ -114,10 +113,10 @@ def info_figure(description: MapInfo) -> Figure:
         axis.set_major_locator(MultipleLocator(ticks[1] - ticks[0]))
     axes.grid(color="0.25", linewidth=0.5, alpha=0.5)
     axes.tick_params(labeltop=True, labelright=True, top=True, right=True, labelsize="small")
-    centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 9}
     for place in description.places:
-        axes.plot(place.x, place.y, "o", markersize=13, **styles.END_STYLE)
-        axes.text(place.x, place.y, place.name, fontweight="bold", zorder=5, **centred)
+        _draw_marker(axes, (place.x, place.y), "o", size=13, zorder=2)
+        text = axes.text(place.x, place.y, place.name, fontsize=9, fontweight="bold", zorder=5)
+        text.set(horizontalalignment="center", verticalalignment="center_baseline")
     (width, height), yaw_deg = description.size, math.degrees(description.grid.origin[2])
     yaw = f", yaw {yaw_deg:.4g} deg" if yaw_deg else ""
     size = f"{width:.4g} x {height:.4g} m, {description.grid.resolution:g} m a cell{yaw}"
@@ -140,17 +139,30 @@ def _add_legend(figure: Figure, description: MapInfo, colours: Sequence[str]) ->
         Patch(facecolor=colour, alpha=0.45, label=label)
         for label, colour in zip(labels, colours, strict=False)
     ]
-    plain: dict[str, Any] = {"linestyle": "", "markeredgewidth": 0, "color": "black"}
     for place in description.places:
-        marker = f"$\\mathbf{{{place.name}}}$"
-        handles.append(Line2D([], [], marker=marker, **plain, label=f"{place.xy} m"))
+        handle = Line2D([], [], color="black", linestyle="", markeredgewidth=0)
+        handle.set(marker=f"$\\mathbf{{{place.name}}}$", label=f"{place.xy} m")
+        handles.append(handle)
     if handles:
-        columns = max(1, min(len(handles), int(figure.get_figwidth() / 1.6)))
-        style: dict[str, Any] = {"ncols": columns, "frameon": False, "fontsize": "small"}
-        figure.legend(handles=handles, loc="outside lower center", **style)
+        figure.legend(
+            handles=handles,
+            loc="outside lower center",
+            ncols=max(1, min(len(handles), int(figure.get_figwidth() / 1.6))),
+            frameon=False,
+            fontsize="small",
+        )
 
 
-def draw_path(axes: Axes, path: Path, **style: Any) -> None:
+def draw_path(
+    axes: Axes,
+    path: Path,
+    *,
+    color: Any,
+    linestyle: Any = "-",
+    linewidth: float = 2.2,
+    path_effects: Sequence[Any] | None = None,
+    zorder: float = 2,
+) -> None:
     """Draw a path as a line with a white outline.
 
     Parameters
@@ -159,22 +171,56 @@ def draw_path(axes: Axes, path: Path, **style: Any) -> None:
         The Axes to draw on, in world coordinates [m].
     path : Path
         The path.
-    **style
-        Properties of the line for ``Axes.plot``, such as color and linewidth.
+    color, linestyle
+        The line's colour and dashes, as matplotlib takes them.
+    linewidth : float, default 2.2
+        Width of the line without its outline [points].
+    path_effects : sequence, optional
+        Effects of matplotlib that replace the outline; none if empty.
+    zorder : float, default 2
+        Artists with a higher number are drawn on top of the line.
     """
-    axes.plot(*path.xy.T, **{"linewidth": 2.2, "path_effects": styles.outline(), **style})
+    axes.plot(
+        *path.xy.T,
+        color=color,
+        linestyle=linestyle,
+        linewidth=linewidth,
+        path_effects=outline() if path_effects is None else path_effects,
+        zorder=zorder,
+    )
+
+
+def _draw_marker(
+    axes: Axes,
+    xy: Sequence[Any] | Floats,
+    marker: str,
+    *,
+    size: float,
+    zorder: float = 4,
+    label: str | None = None,
+) -> None:
+    """Draw a white marker with a black edge at one position, or at several (x, y)."""
+    axes.plot(
+        *xy,
+        marker,
+        markersize=size,
+        color=MARKER_COLOUR,
+        markeredgecolor=MARKER_EDGE,
+        zorder=zorder,
+        label=label,
+    )
 
 
 def along_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
-    """The logarithmic scale of colours of what is drawn along paths.
+    """Return the logarithmic colour scale for values that are drawn along paths.
 
     Parameters
     ----------
     values : array (n,)
-        All that is drawn; NaN where unknown.
+        The values; NaN if unknown.
     of_errors : bool, default False
-        Whether the values are mean errors [m]: the scale then spans all from `MIN_ERROR` on, and
-        else those between the quantiles of 2 and 98 %.
+        True if the values are mean errors [m]: the scale then begins at `MIN_ERROR` and ends at
+        the greatest one. Otherwise it spans the quantiles of 2 to 98 %.
     """
     finite_values = values[np.isfinite(values)]
     if of_errors:
@@ -184,7 +230,16 @@ def along_norm(values: Floats, *, of_errors: bool = False) -> LogNorm:
     return LogNorm(low, max(high, 1.5 * low), clip=True)
 
 
-def draw_coloured_line(axes: Axes, xy: Floats, values: Floats, **style: Any) -> LineCollection:
+def draw_coloured_line(
+    axes: Axes,
+    xy: Floats,
+    values: Floats,
+    *,
+    norm: Normalize | None = None,
+    cmap: Any = ERROR_COLOURS,
+    linewidths: float = 4.0,
+    capstyle: Any = None,
+) -> LineCollection:
     """Draw a line in pieces from position to position, each in the colour of its value.
 
     Parameters
@@ -195,11 +250,24 @@ def draw_coloured_line(axes: Axes, xy: Floats, values: Floats, **style: Any) -> 
         The positions [m].
     values : array (n - 1,)
         The value of each piece.
-    **style
-        Properties of the lines, such as norm and linewidths.
+    norm : matplotlib.colors.Normalize, optional
+        The scale of the colours; by default it spans the values.
+    cmap : str or Colormap, default "viridis"
+        The colours.
+    linewidths : float, default 4.0
+        Width of the line [points].
+    capstyle : str, optional
+        Shape of the ends of each piece, such as "round".
     """
-    look = {"cmap": styles.ERROR_COLOURS, "linewidths": 4.0, "zorder": 3, **style}
-    lines = LineCollection(list(np.stack([xy[:-1], xy[1:]], axis=1)), array=values, **look)
+    lines = LineCollection(
+        list(np.stack([xy[:-1], xy[1:]], axis=1)),
+        array=values,
+        norm=norm,
+        cmap=cmap,
+        linewidths=linewidths,
+        capstyle=capstyle,
+        zorder=3,
+    )
     axes.add_collection(lines)
     return lines
 
@@ -207,18 +275,18 @@ def draw_coloured_line(axes: Axes, xy: Floats, values: Floats, **style: Any) -> 
 def draw_along_bar(
     figure: Any, lines: Any, axes: Any, label: str = "mean position error [m]", shrink: float = 0.9
 ) -> None:
-    """The colour bar of what is drawn along paths, with plain numbers.
+    """Draw the colour bar of coloured lines, with plain numbers.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure or SubFigure
         The figure.
     lines : LineCollection
-        What `draw_along` returned.
+        The lines, from `draw_coloured_line`.
     axes : matplotlib.axes.Axes, or a list of them
-        The Axes that the bar stands beside.
+        The Axes next to the bar.
     label : str, default "mean position error [m]"
-        What the colours stand for, with its unit.
+        The quantity that the colours show, with its unit.
     shrink : float, default 0.9
         Height of the bar, as a share of the Axes'.
     """
@@ -236,8 +304,8 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
     start, goal : (x, y) or (x, y, heading)
         The poses in the world [m, m, rad].
     """
-    axes.plot(*start[:2], "o", markersize=7, zorder=4, **styles.END_STYLE)
-    axes.plot(*goal[:2], "*", markersize=13, zorder=4, **styles.END_STYLE)
+    _draw_marker(axes, start[:2], "o", size=7)
+    _draw_marker(axes, goal[:2], "*", size=13)
     for x, y, *heading in (start, goal):
         if heading:
             ahead = 22 * np.cos(heading[0]), 22 * np.sin(heading[0])  # in points, at any scale
@@ -246,22 +314,35 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
 
 
 def end_handles() -> list[Line2D]:
-    """Start and goal as `draw_ends` draws them, for a legend.
+    """Return the legend's entries of start and goal, as `draw_ends` draws them.
 
     Returns
     -------
     list of matplotlib.lines.Line2D
         The two handles, labelled "start" and "goal".
     """
-    style = {"linestyle": "none", **styles.END_STYLE}
-    start = Line2D([], [], marker="o", label="start", **style)
-    return [start, Line2D([], [], marker="*", markersize=10, label="goal", **style)]
+    return [_marker_handle("o", "start"), _marker_handle("*", "goal", size=10)]
+
+
+def _marker_handle(marker: str, label: str, size: float | None = None) -> Line2D:
+    """Return a legend's entry of a marker that `_draw_marker` draws."""
+    return Line2D(
+        [],
+        [],
+        linestyle="none",
+        marker=marker,
+        markersize=size,
+        color=MARKER_COLOUR,
+        markeredgecolor=MARKER_EDGE,
+        label=label,
+    )
 
 
 def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequence[Path]) -> None:
-    """Show in a corner without paths where a small part lies on its map, if it is small.
+    """Draw the whole map in a corner without paths, with the outline of the small part shown.
 
-    The part is drawn without a margin, since the map goes on there.
+    A part that is not small gets no inset. The part is drawn without a margin, since the map
+    continues there.
 
     Parameters
     ----------
@@ -273,42 +354,51 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
         The paths that the inset must not cover, one at least.
     """
     if part.shape != grid.shape:
-        axes.set(**compute_axes_limits(part, share=0.0))
+        _set_limits(axes, part, share=0.0)
     if not is_small(grid, part):
         return
     points = [path.resample(0.5, even=True).xy for path in paths]
-    size = _size(axes, grid)
-    inset = axes.inset_axes((*_free_corner(axes, np.concatenate(points), size), *size))
+    size = _compute_inset_size(axes, grid)
+    inset = axes.inset_axes((*_find_free_corner(axes, np.concatenate(points), size), *size))
     draw_map(inset, downsample_map(grid, 300))
     inset.images[0].set_cmap(styles.LIGHT_MAP_COLOURS)
-    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6, **compute_axes_limits(grid))
+    inset.set(xlabel="", ylabel="", xticks=(), yticks=(), zorder=6)
+    _set_limits(inset, grid)
     height, width = part.shape
     x, y = part.grid_to_world(np.array([0, 0, height, height]), np.array([0, width, width, 0]))
     corners = np.stack([x, y], axis=1)
-    look: dict[str, Any] = {"color": styles.VERMILION, "zorder": 5}
-    inset.add_patch(Polygon(corners, fill=False, linewidth=2.2, **look))
+    colour = styles.VERMILION
+    inset.add_patch(Polygon(corners, fill=False, linewidth=2.2, color=colour, zorder=5))
     if max(part.shape) < 0.06 * max(grid.shape):  # its outline is hard to see
-        inset.plot(*corners.mean(axis=0), "o", markersize=5, **look)
+        inset.plot(*corners.mean(axis=0), "o", markersize=5, color=colour, zorder=5)
 
 
-def _size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
-    """Width and height of an inset that shows a map, as shares of those of the Axes."""
+def _set_limits(axes: Axes, grid: OccupancyGrid, share: float = 0.02) -> None:
+    """Limit Axes to the known cells of a map, with a margin of a share of their extent."""
+    limits = compute_axes_limits(grid, share=share)
+    axes.set(xlim=limits["xlim"], ylim=limits["ylim"])
+
+
+def _compute_inset_size(axes: Axes, grid: OccupancyGrid) -> tuple[float, float]:
+    """Return the width and height of the inset with a map, as shares of the Axes."""
     shares = np.ptp([*compute_axes_limits(grid).values()], axis=1)
     shares /= np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1)
     across, along = (shares * (0.3 / shares.max())).tolist()
     return across, along
 
 
-def _free_corner(axes: Axes, xy: Floats, size: tuple[float, float]) -> tuple[float, float]:
-    """Lower left end, in shares of the Axes, of the inset in the corner with fewest points."""
+def _find_free_corner(axes: Axes, xy: Floats, size: tuple[float, float]) -> tuple[float, float]:
+    """Return the inset's lower left end, as shares of the Axes, in the emptiest corner."""
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
-    at = (xy - low) / (high - low)
+    points = (xy - low) / (high - low)
     gap = 0.015
     far = 1 - np.array(size) - gap
     corners = np.array([(gap, far[1]), (far[0], far[1]), (far[0], gap), (gap, gap)])
     near = gap + 0.03
 
-    inside = [((at > corner - near) & (at < corner + size + near)).all(1) for corner in corners]
+    inside = [
+        ((points > corner - near) & (points < corner + size + near)).all(1) for corner in corners
+    ]
     x, y = corners[np.argmin(np.sum(inside, axis=1))].tolist()
     return x, y
 
@@ -327,7 +417,8 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     """
     solved = [(label, plan, plan.path) for label, plan in plans.items() if plan.path is not None]
     styled_paths = [
-        (*solved_plan, style) for solved_plan, style in zip(solved, PATH_STYLES, strict=False)
+        StyledPath(label, plan, path, style)
+        for (label, plan, path), style in zip(solved, PATH_STYLES, strict=False)
     ]
     paths = [path for plan in plans.values() for path in _collect_shown_paths(plan)]
     figure, upper, lower, part = _map_and_plot(costs.grid, paths, 2.2)
@@ -340,13 +431,21 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     draw_inset(upper, costs.grid, part, paths)
     field_bar(figure, image, upper, field.quantity().axis, shrink=0.9)
     # The first plan comes out on top, with its dashes visible where paths coincide.
-    for _, _, path, style in reversed(styled_paths):
-        draw_path(upper, path, **style)
+    for styled in reversed(styled_paths):
+        style = styled.style
+        draw_path(upper, styled.path, color=style.color, linestyle=style.linestyle)
     _draw_stops(upper, plans)
     _draw_profiles(lower, costs, styled_paths)
-    handles = [*_handles(plans, styled_paths, field.e_unit), *draw_zones(upper, costs.zones, part)]
-    style = {"frameon": False, "fontsize": "medium", "ncols": 2}
-    figure.legend(handles=handles, loc="outside lower center", **style)
+    figure.legend(
+        handles=[
+            *_list_plan_handles(plans, styled_paths, field.e_unit),
+            *draw_zones(upper, costs.zones, part),
+        ],
+        loc="outside lower center",
+        ncols=2,
+        frameon=False,
+        fontsize="medium",
+    )
     weak = format_weak_share(field, image.get_array())
     field_text = f"{config.title}; u is about 0 on {field.saturated_share:.0%}; {weak}"
     request_text = f"{costs.grid.name or 'map'}: {format_request(costs, plans)}"
@@ -354,16 +453,21 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     return figure
 
 
-StyledPath = tuple[str, "Plan", Path, dict[str, Any]]
-"""The name of a plan with a path, the plan, its path, and the path's line style."""
+class StyledPath(NamedTuple):
+    """A plan with a path, and the style of the path's line."""
+
+    label: str
+    plan: Plan
+    path: Path
+    style: LineStyle
 
 
 def _map_and_plot(
     grid: OccupancyGrid, paths: Sequence[Path], height: float
 ) -> tuple[Picture, Axes, Axes, OccupancyGrid]:
-    """A figure, Axes for a map and for a plot of some height [inch] below it, and the part shown.
+    """Make a figure with Axes for a map and, below, for a plot of some height [inch].
 
-    The part of the map is what lies around some paths, where that is small.
+    The last value is the part of the map to draw: the surroundings of the paths if they are small.
     """
     part = zoom_map(grid, paths)
     wide, high = map_size(part)
@@ -378,11 +482,11 @@ def _draw_stops(axes: Axes, plans: Mapping[str, Plan]) -> None:
         draw_ends(axes, plan.start, plan.goal)
         if plan.via:
             stops = np.array([pose[:2] for pose in plan.via])
-            axes.plot(*stops.T, "s", markersize=6, zorder=4, **END_STYLE)
+            _draw_marker(axes, stops.T, "s", size=6)
 
 
 def draw_degeneracy_profiles(
-    axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, dict[str, Any]]]
+    axes: Axes, costs: Costmap, paths: Iterable[tuple[Path, LineStyle]]
 ) -> None:
     """Draw the degeneracy u along some paths.
 
@@ -392,23 +496,39 @@ def draw_degeneracy_profiles(
         The Axes to draw on.
     costs : Costmap
         The costmap.
-    paths : iterable of (Path, dict)
-        The paths, with the styles of their lines, as matplotlib has them.
+    paths : iterable of (Path, LineStyle)
+        The paths, with the styles of their lines.
     """
     for path, style in paths:
-        headed = None if path.heading is None else costs.u_of_heading
-        distance, u = compute_profile(costs, path, costs.u if headed is None else headed)
-        axes.step(distance, [*u, u[-1]], where="post", linewidth=1.8, **style)
+        u_of_heading = None if path.heading is None else costs.u_of_heading
+        layer = costs.u if u_of_heading is None else u_of_heading
+        distance, u = compute_profile(costs, path, layer)
+        _plot_steps(axes, distance, [*u, u[-1]], style)
     axes.set(xlabel="distance along the path [m]", ylabel="degeneracy u", ylim=(-0.03, 1.03))
     axes.margins(x=0.01)
 
 
+def _plot_steps(axes: Axes, x: Any, y: Any, style: LineStyle, label: str | None = None) -> None:
+    """Plot a step function whose values hold from one x to the next."""
+    axes.step(
+        x,
+        y,
+        where="post",
+        linewidth=1.8,
+        color=style.color,
+        linestyle=style.linestyle,
+        label=label,
+    )
+
+
 def _draw_profiles(axes: Axes, costs: Costmap, styled_paths: Sequence[StyledPath]) -> None:
-    """Draw u along each path."""
-    draw_degeneracy_profiles(axes, costs, [(path, style) for _, _, path, style in styled_paths])
+    """Draw u along each path, and note if all paths are the same."""
+    profiles = [(styled.path, styled.style) for styled in styled_paths]
+    draw_degeneracy_profiles(axes, costs, profiles)
     axes.axhline(DEGENERATE, color="0.6", linewidth=0.8, zorder=0)
-    ways = [path.xy for _, _, path, _ in styled_paths]
-    if len(ways) > 1 and all(w.shape == ways[0].shape and np.allclose(w, ways[0]) for w in ways):
+    lines = [styled.path.xy for styled in styled_paths]
+    are_equal = all(line.shape == lines[0].shape and np.allclose(line, lines[0]) for line in lines)
+    if are_equal and len(lines) > 1:
         subject = "both" if len(styled_paths) == 2 else "all"
         axes.set_title(f"{subject} take the same path", fontsize="medium")
     if not styled_paths:
@@ -416,19 +536,21 @@ def _draw_profiles(axes: Axes, costs: Costmap, styled_paths: Sequence[StyledPath
         axes.set_xticks([])
 
 
-def _handles(
+def _list_plan_handles(
     plans: Mapping[str, Plan], styled_paths: Sequence[StyledPath], e_unit: str
 ) -> list[Artist]:
-    """Entries of the legend: each plan with its metrics, or why it has no path, and its stops."""
+    """Return the legend's entries: each plan with its metrics or its status, and its stops."""
     handles: list[Artist] = []
-    for label, plan, _, style in styled_paths:
-        metrics = plan.metrics
+    for styled in styled_paths:
+        metrics = styled.plan.metrics
         assert metrics is not None
         text = (
-            f"{label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
+            f"{styled.label}: {metrics.length:.1f} m, {metrics.integrated_u:.1f} m degenerate,"
             f" ∫e ds = {metrics.integrated_e:.3g} {e_unit} m"
         )
-        handles.append(Line2D([], [], path_effects=outline(), linewidth=2, label=text, **style))
+        handle = Line2D([], [], path_effects=outline(), linewidth=2, label=text)
+        handle.set(color=styled.style.color, linestyle=styled.style.linestyle)
+        handles.append(handle)
     handles += [
         Line2D([], [], linestyle="none", label=f"{label}: {plan.status}")
         for label, plan in plans.items()
@@ -436,12 +558,12 @@ def _handles(
     ]
     handles += end_handles()
     if any(plan.via for plan in plans.values()):
-        handles.append(Line2D([], [], linestyle="none", marker="s", label="waypoint", **END_STYLE))
+        handles.append(_marker_handle("s", "waypoint"))
     return handles
 
 
 def _collect_shown_paths(plan: Plan) -> list[Path]:
-    """What a picture of a plan must show: its path, and the places that were asked for."""
+    """Return the paths that a picture of a plan must show: its path, and the line of its stops."""
     stops = [plan.start, *plan.via, plan.goal]
     places = Path(np.array([pose[:2] for pose in stops], dtype=float))
     return [places] if plan.path is None else [plan.path, places]
@@ -456,7 +578,7 @@ def costmap_figure(costs: Costmap) -> Figure:
         The costmap.
     """
     radius = format_radius(costs.robot, costs.robot_radius)
-    return _u_figure(costs, f"robot radius {radius}", costs.grid)[0]
+    return _make_degeneracy_figure(costs, f"robot radius {radius}", costs.grid)[0]
 
 
 def path_figure(plan: Plan) -> Figure:
@@ -471,16 +593,16 @@ def path_figure(plan: Plan) -> Figure:
     outcome = f"{plan.metrics.length:.1f} m" if plan.metrics else plan.status
     paths = _collect_shown_paths(plan)
     part = zoom_map(plan.costs.grid, paths)
-    figure, axes = _u_figure(plan.costs, f"{plan.planner}, {outcome}", part)
+    figure, axes = _make_degeneracy_figure(plan.costs, f"{plan.planner}, {outcome}", part)
     draw_inset(axes, plan.costs.grid, part, paths)
     if plan.path is not None:
-        draw_path(axes, plan.path, **PATH_STYLES[1])
+        draw_path(axes, plan.path, color=RECOMMENDED)
     draw_ends(axes, plan.start, plan.goal)
     return figure
 
 
 def path_check_figure(check: PathCheck) -> Figure:
-    """Draw the outline along a path over the map, and in red where the robot cannot drive it.
+    """Draw the robot's outline along a path over the map, in red at places it cannot drive.
 
     Parameters
     ----------
@@ -494,7 +616,7 @@ def path_check_figure(check: PathCheck) -> Figure:
     size = check.outline.circumscribed_radius
     for pose in check.path.resample(max(size, check.length / 500)).poses:
         _draw_outline(axes, check.outline, pose, color="0.4", linewidth=0.6)
-    draw_path(axes, check.path, **PATH_STYLES[1])
+    draw_path(axes, check.path, color=RECOMMENDED)
     for fault in check.faults:
         pose = np.array([fault.x, fault.y, fault.heading])
         _draw_outline(axes, check.outline, pose, color="tab:red", linewidth=1.4)
@@ -507,13 +629,17 @@ def path_check_figure(check: PathCheck) -> Figure:
     return figure
 
 
-def _draw_outline(axes: Axes, outline: Footprint, pose: Floats, **style: Any) -> None:
+def _draw_outline(
+    axes: Axes, outline: Footprint, pose: Floats, *, color: str, linewidth: float
+) -> None:
+    """Draw a robot's outline at a pose (x, y, heading) [m, m, rad]."""
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     corners = outline.vertices @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
-    axes.plot(*np.vstack([corners, corners[:1]]).T, **style)
+    axes.plot(*np.vstack([corners, corners[:1]]).T, color=color, linewidth=linewidth)
 
 
-def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
+def _make_degeneracy_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
+    """Make a figure of the degeneracy u of a part of a costmap's map, with its zones."""
     figure, axes = map_axes(part)
     draw_map(axes, part)
     if handles := draw_zones(axes, costs.zones, part):
@@ -525,7 +651,7 @@ def _u_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, 
 
 
 def draw_degeneracy(figure: Figure, axes: Axes, costs: Costmap, part: OccupancyGrid) -> float:
-    """Draw the degeneracy u of a part of a map, where the robot can be, with its bar.
+    """Draw the degeneracy u of the cells that the robot can enter, with its colour bar.
 
     Parameters
     ----------
@@ -572,11 +698,11 @@ def front_figure(front: ParetoFront) -> Figure:
     targets = np.linspace(low, high, 12)  # more lines hide each other
     indices = np.unique(np.abs(front.length[:, None] - targets).argmin(axis=0)).tolist()
     knee = front.knee
-    thin: dict[str, Any] = {"linewidth": 1.6, "path_effects": []}
-    for index, style in [*((number, thin) for number in indices), (knee, {"linewidth": 3})]:
+    for index, width, effects in [*((index, 1.6, []) for index in indices), (knee, 3.0, outline())]:
         path = front.plan(index).path
         assert path is not None
-        draw_path(upper, path, color=colours(norm(front.length[index])), **style)
+        color = colours(norm(front.length[index]))
+        draw_path(upper, path, color=color, linewidth=width, path_effects=effects)
     draw_ends(upper, front.start, front.goal)
     if handles := draw_zones(upper, front.costs.zones, part):
         figure.key(handles, ncols=3)
@@ -588,12 +714,13 @@ def front_figure(front: ParetoFront) -> Figure:
     upper.set_title(f"{title}{costs_caption(front.costs)}", fontsize="medium")
     unit = "m" if front.objective == "u" else f"{front.costs.e_unit} m"
     lower.plot(front.length, front.integral, color="0.7", linewidth=0.8, zorder=1)
-    look: dict[str, Any] = {"s": 14, "c": front.length, "cmap": ERROR_COLOURS, "norm": norm}
-    image = lower.scatter(front.length, front.integral, **look)
+    image = lower.scatter(
+        front.length, front.integral, s=14, c=front.length, cmap=ERROR_COLOURS, norm=norm
+    )
     length, integral = front.length[knee], front.integral[knee]
     name = "knee" if knee or len(front) == 1 else "no knee: shortest path"
     label = f"{name}, bold above: {length:.1f} m long, {integral:.3g} {unit}"
-    lower.plot(length, integral, "D", markersize=9, label=label, **END_STYLE)
+    _draw_marker(lower, (length, integral), "D", size=9, zorder=2, label=label)
     label = "degenerate metres (∫u ds)" if front.objective == "u" else "∫e ds"
     lower.set(xlabel="length [m]", ylabel=f"{label} [{unit}]")
     lower.legend(loc="upper right", frameon=False)
@@ -616,7 +743,7 @@ def history_figure(plans: Mapping[str, Plan]) -> Figure:
             continue
         seconds, cost = np.transpose(plan.history)
         name = f"{label}: {plan.planner}, {cost[-1]:.2f} m after {seconds[-1]:.1f} s"
-        axes.step(seconds, cost, where="post", linewidth=1.8, label=name, **style)
+        _plot_steps(axes, seconds, cost, style, label=name)
     axes.set(xlabel="time since the search began [s]", ylabel="best cost J so far [m]")
     make_logarithmic(axes.xaxis)
     maps = {plan.costs.grid.name or "map": None for plan in plans.values() if plan.costs}

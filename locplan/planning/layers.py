@@ -313,11 +313,11 @@ MAX_DENSITY = 1e9
 class CostSettings:
     """Settings of the degeneracy u of a costmap; see `Costmap.from_field`."""
 
-    law: str
+    law: Literal["logarithmic", "linear", "cube-root"]
     """Law that makes u of the criterion: "logarithmic", "linear" or "cube-root"."""
     criterion: str
     """Scalar or layer of the field that u is made of, such as "e" or "position_std"."""
-    headings: str
+    headings: Literal["mean", "worst"]
     """Value that counts where the robot's heading is not known: "mean" or "worst"."""
     config: FieldConfig
     """The settings of the field."""

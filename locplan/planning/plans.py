@@ -16,6 +16,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.lattice import find_near_points, select_second_points
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap, check_costs
+from locplan.planning.limits import LimitedPlanner
 from locplan.planning.path import Path
 from locplan.planning.protocol import LATTICE, Planner, Position, check_pose
 from locplan.planning.requests import AnyPlanner, has_option, make_planner, parse_footprint
@@ -136,16 +137,23 @@ def plan(
     """
     check_costs(costs)
     outline = parse_footprint(footprint)
-    limits: dict[str, Any] = {"max_e": max_e, "budget": budget, "footprint": outline}
-    limits["robot"] = costs.robot
-    space = make_planner(planner, options, via=via, **limits).space
-    start, *over, goal = check_ends(costs, start, goal, via, space=space)
-    limited_planner = make_planner(planner, options, via=over, **limits)
+    limited_planner = make_planner(
+        planner,
+        options,
+        via=via,
+        max_e=max_e,
+        budget=budget,
+        footprint=outline,
+        robot=costs.robot,
+    )
+    start, *waypoints, goal = check_ends(costs, start, goal, via, space=limited_planner.space)
+    if isinstance(limited_planner, LimitedPlanner):
+        limited_planner = dataclasses.replace(limited_planner, via=tuple(waypoints))
     limited_planner.prepare()
     corners = None if outline is None else tuple((x, y) for x, y in outline.vertices.tolist())
     return dataclasses.replace(
         run_planner(limited_planner, costs, start, goal),
-        via=tuple(over),
+        via=tuple(waypoints),
         max_e=max_e,
         budget=None if budget is None else float(budget),
         footprint=corners,

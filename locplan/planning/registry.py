@@ -97,8 +97,9 @@ def planner_from_name(
         plain_options = {option: value for option, value in options.items() if option not in other}
         options = {**plain_options, "settings": {**plain_options.get("settings", {}), **other}}
     check_names(f"planner {short_repr(name)}", options, planner_entry.options())
-    several = "name" in inspect.signature(kind).parameters
-    planner: Planner = kind(name, **options) if several else kind(**options)
+    if "name" in inspect.signature(kind).parameters:
+        options = {"name": name, **options}
+    planner: Planner = kind(**options)
     planner.check()
     return planner
 

@@ -87,8 +87,16 @@ class FunctionPlanner:
         if isinstance(result, Path):
             return PlannerResult(result)
         if isinstance(result, Plan):
-            names = [attribute.name for attribute in dataclasses.fields(PlannerResult)]
-            return PlannerResult(**{name: getattr(result, name) for name in names})
+            return PlannerResult(
+                path=result.path,
+                status=result.status,
+                note=result.note,
+                history=result.history,
+                bound=result.bound,
+                feasible_from=result.feasible_from,
+                expanded=result.expanded,
+                solve_time=result.solve_time,
+            )
         return result
 
 

@@ -145,16 +145,23 @@ def make_plan(
     if planner_result.status == "unreachable" and not note:
         radius = format_radius(costs.robot, costs.robot_radius)
         note = f"no path joins start and goal for a robot of radius {radius}"
-    attributes = {
-        attribute.name: getattr(planner_result, attribute.name)
-        for attribute in dataclasses.fields(planner_result)
-    }
     if planner_result.path is not None:
         note = "; ".join(filter(None, [note, costs.note]))
-    attributes |= {"note": note, "solve_time": elapsed, "costs": costs}
     metrics = None if planner_result.path is None else path_metrics(costs, planner_result.path)
     return Plan(
-        planner=planner, start=tuple(start), goal=tuple(goal), metrics=metrics, **attributes
+        status=planner_result.status,
+        planner=planner,
+        start=tuple(start),
+        goal=tuple(goal),
+        path=planner_result.path,
+        metrics=metrics,
+        solve_time=elapsed,
+        bound=planner_result.bound,
+        feasible_from=planner_result.feasible_from,
+        expanded=planner_result.expanded,
+        history=planner_result.history,
+        note=note,
+        costs=costs,
     )
 
 

@@ -255,9 +255,11 @@ def trajectory_figure(drive_trajectory: Trajectory) -> Figure:
     figure, upper, lower = _make_drive_axes(
         drive_trajectory.grid, drive_trajectory.poses, drive_trajectory.drive, scan_count
     )
-    look: dict[str, Any] = {"cmap": FIELD_COLOURS, "capstyle": "round"}
     means = (deviation[:-1] + deviation[1:]) / 2
-    drive_line = draw_coloured_line(upper, xy, means, norm=along_norm(deviation), **look)
+    norm = along_norm(deviation)
+    drive_line = draw_coloured_line(
+        upper, xy, means, norm=norm, cmap=FIELD_COLOURS, capstyle="round"
+    )
     draw_along_bar(figure, drive_line, upper, "std. dev. of the position [cm]", 0.8)
     limits = upper.get_xlim(), upper.get_ylim()
     upper.plot(

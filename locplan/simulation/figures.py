@@ -17,6 +17,7 @@ from locplan._support.drawing import (
     MIN_ERROR,
     PATH_STYLES,
     RECOMMENDED,
+    LineStyle,
     Picture,
     break_title,
     label_plainly,
@@ -74,11 +75,11 @@ def simulation_figure(simulation: Simulation) -> Figure:
     ratios, handles = compute_rmse_ratios(simulation.drives), []
     for (name, profile), style in zip(profiles.items(), itertools.cycle(PATH_STYLES)):
         distance, xy, mean = profile[:, 0], profile[:, 1:3], profile[:, 4]
-        colour, drives = style["color"], simulation.drives[name]
+        colour, drives = style.color, simulation.drives[name]
         draw_path(upper, simulation.paths[name], color=colour, linewidth=7, path_effects=[])
         coloured = draw_coloured_line(upper, xy, mean[:-1], norm=norm)
         lower.fill_between(distance, profile[:, 6], profile[:, 7], color=colour, alpha=0.15, lw=0)
-        lower.plot(distance, mean, linewidth=1.8, **style)
+        lower.plot(distance, mean, linewidth=1.8, color=colour, linestyle=style.linestyle)
         text = (
             f"{name}: {distance[-1]:.1f} m, median error"
             f" {format_metres(drives.median_error.value)},"
@@ -95,7 +96,8 @@ def simulation_figure(simulation: Simulation) -> Figure:
             faults_text = describe_faults(path_arrivals)
             text += f"; steered by the filter, {path_arrivals.arrivals_text} arrive{faults_text}"
         label = "\n".join(break_title(text, width - 1))
-        handles.append(Line2D([], [], linewidth=2, label=label, **style))
+        handle = Line2D([], [], color=colour, linestyle=style.linestyle, linewidth=2, label=label)
+        handles.append(handle)
         draw_ends(upper, xy[0], xy[-1])
     draw_along_bar(figure, coloured, upper)
     lower.axhline(LOST, color="0.6", linewidth=0.8, zorder=0)
@@ -369,7 +371,7 @@ def _draw_degeneracy(axes: Axes, recommendation: Recommendation) -> None:
     """The degeneracy along each path of which it is known."""
     costs: Any = recommendation.costs
     paths = [
-        (candidate.path, {"color": LINE_COLOURS[_rank(recommendation, candidate)]})
+        (candidate.path, LineStyle(LINE_COLOURS[_rank(recommendation, candidate)]))
         for candidate in (recommendation.candidates if costs else ())
         if np.isfinite(candidate.metrics.integrated_u)
     ]
