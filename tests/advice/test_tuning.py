@@ -668,7 +668,7 @@ def test_the_command_writes_tuned_parameters(tmp_path, grid, drive, monkeypatch,
     for more, fault in ((["--paths", "8"], "--paths"), (["--set", "range=5"], "--set range")):
         code, said = run(*more)
         assert code == 2
-        assert f"{fault} is not read with --recording" in said.err
+        assert f"{fault} has no effect with --recording" in said.err
     command[1:2] = [tmp_path / "map.yaml"] * 3
     code, said = run("--recording", tmp_path / "drive.npz")
     assert code == 2

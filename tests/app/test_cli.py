@@ -381,12 +381,12 @@ def test_plan_front_prints_and_writes_front(run, room, tmp_path):
     ("arguments", "told"),
     [
         (("--goal", "99,99"), "outside the map"),
-        (("--goal", "4,3.5,90"), "no headings"),
-        (("--drives", "4"), "--drives is not read with --front"),
-        (("--planner", "grid"), "--planner is not read with --front"),
-        (("--weight", "4"), "--weight is not read with --front"),
-        (("--longest", "2"), "--longest is not read with --front"),
-        (("--minimise", "lost"), "--minimise is not read with --front"),
+        (("--goal", "4,3.5,90"), "--front ignores headings"),
+        (("--drives", "4"), "--drives has no effect with --front"),
+        (("--planner", "grid"), "--planner has no effect with --front"),
+        (("--weight", "4"), "--weight has no effect with --front"),
+        (("--longest", "2"), "--longest has no effect with --front"),
+        (("--minimise", "lost"), "--minimise has no effect with --front"),
     ],
 )
 def test_plan_front_refuses_wrong_options(run, room, arguments, told):
@@ -458,8 +458,8 @@ def test_plan_takes_function_of_file(run, room, my_planner):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("my.py", "name a function f(costs, start, goal), such as"),
-        ("my.py:theirs", "there is no function 'theirs'; it has mine, broken"),
+        ("my.py", "add the function f(costs, start, goal), such as"),
+        ("my.py:theirs", "has no function 'theirs'; use one of mine, broken"),
         ("my.py:mine:wight=2", "no option 'wight'; it has: weight; did you mean 'weight'?"),
         ("my.py:broken", "the planner must return a locplan.Path, an array of positions"),
         ("none.py:mine", "there is no such file"),
@@ -669,7 +669,7 @@ def test_export_has_zones_as_python_has_them(run, room, tmp_path, small_field):
     assert code == 0, err
     assert (tmp_path / "chosen" / "zones.geojson").read_text() == ZONES.text
     message = check_refusal(run(*mask, "--choice", tmp_path / "planned", *zones))
-    assert "--zones is not read with --choice" in message
+    assert "--zones has no effect with --choice" in message
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -708,14 +708,17 @@ def test_export_takes_planner_of_nav2(run, room, tmp_path, small_field):
         (("--to", "nav2"), "--to must be one of nav2-keepout"),
         (
             ("--to", "ros-map", "--nav2-planner", "smac2d"),
-            "--nav2-planner is for --to nav2-keepout, not for ros-map",
+            "--nav2-planner has no effect with --to ros-map; it is for nav2-keepout",
         ),
-        (("--to", "ros-map", "--slowest", "0.5"), "--slowest is for --to nav2-speed"),
+        (
+            ("--to", "ros-map", "--slowest", "0.5"),
+            "--slowest has no effect with --to ros-map; it is for nav2-speed",
+        ),
         (("--to", "nav2-speed", "--slowest", "5"), "slowest must be 0.01 to 1"),
         (("--to", "nav2-keepout", "--nav2-planner", "teb"), "planner must be one of"),
         (("--to", "nav2-keepout", "--distro", "foxy"), "distro must be one of"),
         (("--to", "nav2-keepout", "--robot", "none.yaml"), "none.yaml: there is no such file"),
-        (("--to", "path"), "needs one --path CSV, or"),
+        (("--to", "path"), "needs one path: pass --path, --start and --goal, or --choice"),
         (("--to", "path", "--start", "1,1"), "belong together"),
         (("--to", "path", "--start", "1,1,90", "--goal", "2,2"), "--start must be X,Y in metres"),
         (("--to", "path", "--path", "none.csv"), "none.csv: there is no such file"),
@@ -761,15 +764,15 @@ def test_help_of_all_commands_fits_terminal(run):
 
 def test_slips_get_a_hint(run, room):
     way = "--start", "1,1", "--goal"
-    assert "unexpected: 2; write positions as X,Y with a comma" in check_refusal(
+    assert "unexpected argument: 2; write positions as X,Y with a comma" in check_refusal(
         run("info", room, "2")
     )
     assert "--goal must be X,Y in metres, such as 2.0,3.5" in check_refusal(
         run("plan", room, *way, "1", "2")
     )
-    assert "unexpected: map (--help" in check_refusal(run("info", room, "map"))
+    assert "unexpected argument: map (see --help" in check_refusal(run("info", room, "map"))
     lidar = "--lidar", "rplidar-a1", "--set", "range=1200"
-    assert "the data sheet of rplidar-a1 names 12, not 1200" in check_refusal(
+    assert "the data sheet of rplidar-a1 says 12 m, not 1200" in check_refusal(
         run("plan", room, *way, "2,2", *lidar)
     )
 
@@ -859,7 +862,7 @@ def test_values_may_begin_with_a_minus_sign(run, room, start):
     [
         (("field",), "MAP is missing"),
         (("plan", "MAP", "--strat", "1,1", "--goal", "2,2"), "Did you mean --start"),
-        (("cache", "path", "now"), "unexpected: now"),
+        (("cache", "path", "now"), "unexpected argument: now"),
         (("fly",), 'Unknown command "fly"'),
         (
             ("plan", "MAP", *ENDS, "--minimise", "time"),
@@ -870,7 +873,7 @@ def test_values_may_begin_with_a_minus_sign(run, room, start):
 def test_usage_errors_say_what_would_be_right(run, words, message):
     err = check_refusal(run(*words))
     assert message in err
-    assert err.endswith(" (--help shows how)\n")
+    assert err.endswith(" (see --help)\n")
 
 
 def test_choices_are_those_of_the_library(run, room):
@@ -969,15 +972,19 @@ def test_the_lidar_that_is_assumed_is_said(run, room):
     ends = "--start", "1,2", "--goal", "4,3.5", "--drives", "2"
     for more, count in (((), 1), (("--lidar", "turtlebot4"), 0)):
         code, _, err = run("simulate", room, *ends, *more)
-        assert (code, err.count("no lidar named, one assumed: ")) == (0, count)
+        assert (code, err.count("robot: assumed lidar ")) == (0, count)
 
 
 @pytest.mark.parametrize(
     ("command", "more", "message"),
     [
         ("simulate", ("--start", "2,nan", "--goal", "4,3.5"), "--start must be X,Y in metres"),
-        ("simulate", ("--start", "1,2", "--goal", "1,2"), "start and goal are one place"),
-        ("simulate", ("--path", "p.csv", "--min-distance", "2"), "--min-distance is not read"),
+        (
+            "simulate",
+            ("--start", "1,2", "--goal", "1,2"),
+            "--start and --goal are the same position",
+        ),
+        ("simulate", ("--path", "p.csv", "--min-distance", "2"), "--min-distance has no effect"),
     ],
 )
 def test_a_message_names_the_option_as_it_is_typed(run, room, command, more, message):
@@ -1002,7 +1009,7 @@ def test_paths_of_one_name_are_called_by_their_folders(run, room, tmp_path):
     assert "a/01-shortest" in out
     assert "b/01-shortest" in out
     twice = check_refusal(run("simulate", room, *given, "--path", files[0], *arguments))
-    assert "two --path files are called a/01-shortest; rename one" in twice
+    assert "two --path files have the name a/01-shortest; rename one" in twice
 
 
 def test_field_option_takes_computed_field(run, room, tmp_path, monkeypatch):
@@ -1017,16 +1024,16 @@ def test_field_option_takes_computed_field(run, room, tmp_path, monkeypatch):
     save_map(wide, tmp_path / "wide.yaml")
     mask = "--to", "ros-map", "-o", tmp_path / "mask"
     error = check_refusal(run("export", tmp_path / "wide.yaml", *mask, *option))
-    assert "lab.npz is of another map (room); compute it of wide with locplan field" in error
+    assert "lab.npz was computed for another map (room); run `locplan field` on wide" in error
     error = check_refusal(run("field", room, *option, "--stride", "0.3"))
-    assert "--stride is not read with a computed field" in error
+    assert "--stride has no effect with a computed field" in error
 
 
 def test_field_option_rejects_field_of_other_lidar(run, room, tmp_path):
     config = FieldConfig(Scan(Lidar(range=3.0, beams=30, model="mine")), stride=1.0)
     locplan.covariance_field(load_map(room), config).save(tmp_path / "lab.npz")
     plan = "plan", room, "--start", "1,2", "--goal", "4,3.5", "--field", tmp_path / "lab.npz"
-    assert "lab.npz is of another lidar (mine, 3 m" in check_refusal(
+    assert "lab.npz was computed for another lidar (mine, 3 m" in check_refusal(
         run(*plan, "--lidar", "turtlebot4")
     )
     code, out, err = run(*plan, "--drives", "0", "--json")

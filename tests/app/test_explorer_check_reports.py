@@ -137,7 +137,7 @@ def test_bad_report_is_refused_in_one_line(checked, tmp_path, run, damage, fault
     [
         (("lab.yaml", "--check", "report"), "--check names the map itself"),
         ((), "name a map, or with --check the folder"),
-        (("--check", "report", "--lidar", "lds-01"), "--lidar is not read with --check"),
+        (("--check", "report", "--lidar", "lds-01"), "--lidar has no effect with --check"),
         (("--check", "nowhere"), "nowhere: has no check.json"),
     ],
 )

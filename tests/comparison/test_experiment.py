@@ -458,7 +458,7 @@ def test_the_command_line_goes_on_where_it_was(tmp_path, monkeypatch, capsys, sm
     one = tmp_path / "rooms.yaml", "-o", tmp_path / "out", "--queries", "none.csv"
     for option in ("--seed", "--min-distance"):
         code, _, err = run(*one, option, 3)
-        assert (code, f"{option} is not read with --queries" in err) == (2, True)
+        assert (code, f"{option} has no effect with --queries" in err) == (2, True)
 
 
 LIDAR = Lidar(range=4.0, range_sigma=0.01, beams=60, model="mine")

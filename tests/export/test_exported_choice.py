@@ -207,7 +207,7 @@ def test_the_command_exports_a_choice(run, tmp_path, driven):
     )
     run(*line, "path", "-o", tmp_path / "path.csv")
     np.testing.assert_allclose(Path.load(tmp_path / "path.csv").xy, taking(driven, AWARE).path.xy)
-    words = "--lidar is not read with --choice"
+    words = "--lidar has no effect with --choice"
     assert words in check_refusal(run(*line, "path", "--lidar", "turtlebot4"))
     assert "--choice is for --to" in check_refusal(run(*line, "nav2-speed"))
 

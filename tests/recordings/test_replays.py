@@ -297,11 +297,11 @@ def test_the_command_replays_a_drive(files, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["--start", "1,2", "--goal", "2,2"], "--start is not read with --recording"),
-        (["--field", "scan"], "--field is not read with --recording"),
-        (["--weight", "3"], "--weight is not read with --recording"),
-        (["--lidar", "rplidar-a1"], "--lidar is not read with --recording"),
-        (["--set", "outliers=0.1"], "outliers is not read with --recording"),
+        (["--start", "1,2", "--goal", "2,2"], "--start has no effect with --recording"),
+        (["--field", "scan"], "--field has no effect with --recording"),
+        (["--weight", "3"], "--weight has no effect with --recording"),
+        (["--lidar", "rplidar-a1"], "--lidar has no effect with --recording"),
+        (["--set", "outliers=0.1"], "outliers has no effect with --recording"),
     ],
 )
 def test_options_that_a_replay_does_not_read_are_refused(files, monkeypatch, capsys, given, said):

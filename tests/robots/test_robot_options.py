@@ -165,10 +165,10 @@ def test_a_robots_file_is_not_written_over(run, hall):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (("--set", "range=8"), "--set range is not read with --recording"),
-        (("--set", "outliers=0.1"), "--set outliers is not read with --recording"),
-        (("--set", "turn_bias=0"), "--set turn_bias is not read with --recording"),
-        (("--lidar", "tim571"), "--lidar is not read with --recording, whose lidar is taken"),
+        (("--set", "range=8"), "--set range has no effect with --recording"),
+        (("--set", "outliers=0.1"), "--set outliers has no effect with --recording"),
+        (("--set", "turn_bias=0"), "--set turn_bias has no effect with --recording"),
+        (("--lidar", "tim571"), "--lidar has no effect with --recording, which sets the lidar"),
     ],
 )
 def test_a_recorded_drive_has_its_own_lidar_and_noise(run, hall, given, said):

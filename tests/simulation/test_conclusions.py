@@ -211,11 +211,11 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ((), "give one of --path, --start with --goal, --random, and --recording"),
+        ((), "pass one of --path, --start and --goal, --random, or --recording"),
         (("--start", "2,3"), "--start and --goal belong together"),
         (("--start", "2,3", "--random", "3"), "belong together"),
         (("--goal", "2,3", "--path", "a.csv"), "belong together"),
-        ((*ENDS, "--random", "3"), "give one of --path"),
+        ((*ENDS, "--random", "3"), "pass one of --path"),
         ((*ENDS, "--set", "alpha9=1"), "a robot has no setting 'alpha9'; it has footprint,"),
         ((*ENDS, "--set", "alpha1"), "--set must be NAME=VALUE, such as alpha1=0.05"),
         ((*ENDS, "--set", "alpha1=often"), "alpha1 must be at least 0"),
@@ -226,9 +226,9 @@ def test_what_is_simulated_is_not_written_over(run, map_file, tmp_path):
         ((*ENDS, "--weight", "-1"), "weight"),
         (("--start", "0,0.1", "--goal", "6,9"), "start"),
         (("--path", "none.csv"), "none.csv: there is no such file"),
-        (("--path", "a.csv", "--weight", "3"), "--weight is not read with --path"),
-        (("--path", "a.csv", "--stride", "1"), "--stride is not read with --path"),
-        ((*ENDS, "--min-distance", "3"), "--min-distance is not read without --random"),
+        (("--path", "a.csv", "--weight", "3"), "--weight has no effect with --path"),
+        (("--path", "a.csv", "--stride", "1"), "--stride has no effect with --path"),
+        ((*ENDS, "--min-distance", "3"), "--min-distance has no effect without --random"),
     ],
 )
 def test_wrong_requests_end_in_one_line(run, map_file, tmp_path, arguments, reason):

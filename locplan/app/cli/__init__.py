@@ -1,4 +1,4 @@
-"""The command line, which reads options, calls the library, and prints results."""
+"""The command line: reads options, calls the library, and prints results."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from locplan.errors import LocplanError, one_line
 
 __all__ = ["COMMANDS", "main"]
 MIN_COLUMNS = 20
-"""Width that a narrower terminal counts as [characters]: tables vanish, and help never ends."""
+"""Minimum terminal width [characters]: on narrower ones tables vanish and the help never ends."""
 
 
 def main() -> None:
@@ -47,50 +47,54 @@ def main() -> None:
 
 
 def _report_os_error(error: OSError) -> int:
-    """The exit code after a failure of the system, which is said unless nobody listens."""
+    """Report an error of the operating system unless the output is closed; return the code."""
     if isinstance(error, BrokenPipeError):
         sys.stdout = sys.stderr = None
         return SYSTEM_ERROR
     subject = "the output" if error.filename is None else os.fsdecode(error.filename)
     code = _complain(f"error: {subject}: {error.strerror or error}", SYSTEM_ERROR)
     sys.stdout = None
-    end_if_supervised(code)  # no thread in the background outlives the output
+    end_if_supervised(code)  # background threads must not outlive the output
     return code
 
 
 def _flush() -> None:
+    """Write out buffered output, so that a full disk is reported as an error."""
     for stream in filter(None, (sys.stdout, sys.stderr)):
         stream.flush()
 
 
 def _mend_environment() -> None:
-    """Replace what the environment asks for and no command can do."""
+    """Replace settings of the environment that would make commands fail."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ² or ∫ shows ?
-    os.environ["MPLBACKEND"] = "agg"  # a notebook names its own, which may not be installed here
+    os.environ["MPLBACKEND"] = "agg"  # a notebook sets its own, which may not be installed here
     columns = shutil.get_terminal_size().columns
     if "COLUMNS" in os.environ or columns < MIN_COLUMNS:
         os.environ["COLUMNS"] = str(max(MIN_COLUMNS, columns))
 
 
 def _check_none_is_empty(tokens: list[str]) -> None:
-    """Raise a LocplanError if an argument is empty, which as a path would be the folder here."""
+    """Raise a LocplanError if an argument is empty: as a path it would be the current folder."""
     for before, token in zip(["", *tokens], tokens, strict=False):
         name, equals, value = token.partition("=")
         if equals and name.startswith("--") and not value.strip():
-            raise LocplanError(f"{name} is empty; give it a value, or leave it out")
+            raise LocplanError(f"{name} is empty; add a value or remove the option")
         if not token.strip():
-            subject = before if before.startswith("-") else "an argument"
-            raise LocplanError(f"{subject} is empty; give it a value, or leave it out")
+            is_option = before.startswith("-")
+            subject, kind = (before, "option") if is_option else ("an argument", "argument")
+            raise LocplanError(f"{subject} is empty; add a value or remove the {kind}")
 
 
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
+    """Print each warning of locplan as one line on stderr; log those of other libraries."""
+
     def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
         if category.__module__.startswith("locplan."):
             _complain(f"warning: {translate_options(str(message))}", 0)
-        else:  # that of a library says nothing to users
+        else:  # users can do nothing about warnings of other libraries
             logging.getLogger("locplan.app.cli").debug("%s: %s", category.__name__, message)
 
     with warnings.catch_warnings():
@@ -100,15 +104,16 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 def _format_fault(error: Exception) -> str:
-    """What a user is to read of an error."""
+    """Return the text of an error for the user."""
     if isinstance(error, CycloptsError):
-        return f"{_format_usage_error(error)} (--help shows how)"
+        return f"{_format_usage_error(error)} (see --help)"
     if isinstance(error, MemoryError):
-        return "the memory does not suffice; give less at a time"
+        return "out of memory; try a smaller map or fewer threads"
     return translate_options(str(error))
 
 
 def _format_usage_error(error: CycloptsError) -> str:
+    """Return one line about wrong options or arguments."""
     if isinstance(error, UnusedCliTokensError):
         return _describe_unexpected(error.unused_tokens or ())
     if isinstance(error, MissingArgumentError) and (argument := error.argument):
@@ -121,7 +126,7 @@ def _format_usage_error(error: CycloptsError) -> str:
 
 
 def _describe_choices(error: CoercionError) -> str:
-    """The line about a value that is none of an option's choices; empty where it has none."""
+    """Return a line that lists an option's choices; empty if the option has none."""
     if not (error.argument and error.token):
         return ""
     choices = error.argument.get_choices(force=True) or ()
@@ -133,19 +138,21 @@ def _describe_choices(error: CoercionError) -> str:
 
 
 def _describe_unexpected(tokens: Sequence[str]) -> str:
+    """Return a line about arguments that the command does not take."""
     numbers = all(re.fullmatch(r"-?[\d.]+", token) for token in tokens)
     remedy = "; write positions as X,Y with a comma" if numbers else ""
-    return f"unexpected: {' '.join(map(_shorten, tokens))}{remedy}"
+    return f"unexpected argument: {' '.join(map(_shorten, tokens))}{remedy}"
 
 
 def _shorten(word: str) -> str:
-    """A word as it is unless it is too long."""
+    """Return a word, shortened in the middle if it is very long."""
     return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
 
 
 def _complain(line: str, code: int, *notes: str) -> int:
+    """Print a line and notes on stderr, and return the exit code."""
     try:
         print(f"locplan: {one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)
-    except OSError:  # a full disk: the exit code alone says it
+    except OSError:  # the disk is full: only the exit code reports the error
         sys.stderr = None
     return code

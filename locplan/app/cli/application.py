@@ -44,7 +44,7 @@ COMMANDS = {
     "field": "Hand over",
     "cache": "Upkeep",
 }
-"""The heading of each command in the help. Its module in this package has its name."""
+"""Heading of each command in the help. The command's module in this package has its name."""
 
 
 WORDS = {
@@ -52,11 +52,11 @@ WORDS = {
     "e": "uncertainty of a match with the map: sqrt(det(covariance)) [m² rad]",
     "J": "cost of a path: length + weight * degenerate metres (∫u ds) [m]",
 }
-"""Meaning of the words that help explains."""
+"""Words that the help of a command can explain."""
 
 
 def command(*examples: str, words: str = "") -> Callable[[Callable[..., int | None]], App]:
-    """Return a decorator that makes a function a command, with examples and words for its help."""
+    """Return a decorator that turns a function into a command with examples in its help."""
     explained = [f"  {word}  {WORDS[word]}" for word in words]
 
     def decorate(function: Callable[..., int | None]) -> App:
@@ -71,7 +71,7 @@ def command(*examples: str, words: str = "") -> Callable[[Callable[..., int | No
 
 
 def wrap_example(words: str) -> str:
-    """Return a command as it is typed in a shell; a long one continues after a backslash.
+    """Return a command for a shell, with a backslash at the end of each line but the last.
 
     >>> print(wrap_example("info lab.yaml"))
       locplan info lab.yaml
@@ -88,9 +88,9 @@ def wrap_example(words: str) -> str:
 
 
 def read_summary(name: str) -> str:
-    """Return the first paragraph of a command's docstring, without an import of its module.
+    """Return the first paragraph of a command's docstring without importing its module.
 
-    The imports of all commands would take most of the time of `locplan --help`.
+    Importing all commands would take most of the time of `locplan --help`.
     """
     module = sys.modules.get(f"locplan.app.cli.{name}")
     if module:
@@ -101,22 +101,22 @@ def read_summary(name: str) -> str:
     return " ".join("".join(docstrings).partition("\n\n")[0].split())
 
 
-OPTIONS = Group("Options", sort_key=0)
-ROBOT = Group("Robot", sort_key=1)
-COMPUTATION = Group("Computation", sort_key=2)
-OUTPUT = Group("Output", sort_key=3)
-"""The headings of the options in a help, in their order."""
+OPTIONS = Group("Options", sort_key=10)
+ROBOT = Group("Robot", sort_key=11)
+COMPUTATION = Group("Computation", sort_key=12)
+OUTPUT = Group("Output", sort_key=13)
+"""Headings of the options in the help, in their order."""
 
 
 def format_default(value: Any) -> str | None:
-    """Return a default for the help; None for an option that is off, or has no value."""
+    """Return a default for the help; None if an option is off or has no value."""
     if value is None or value is False or value == ():
         return None
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def make_application(*names: str) -> App:
-    """The command line with these commands, all of them by default."""
+    """Return the command line with some commands; without names, list all but import none."""
     app = App(
         name="locplan",
         help="Plan paths along which a robot with a 2D lidar can still localize itself.",
@@ -126,9 +126,9 @@ def make_application(*names: str) -> App:
         help_format="plaintext",
         help_formatter=FilledFormatter(),
         help_epilogue=(
-            f"The exit code is 0 for a result, {SYSTEM_ERROR} if the system fails, {WRONG_INPUT}"
-            f" for wrong input, {LIMIT_EXCEEDED} if a limit of check is exceeded,"
-            f" {INTERRUPTED} after Ctrl-C, and {TERMINATED} after SIGTERM."
+            f"Exit codes: 0 success, {SYSTEM_ERROR} system error, {WRONG_INPUT} wrong input,"
+            f" {LIMIT_EXCEEDED} limit of check --fail-if exceeded, {INTERRUPTED} Ctrl-C,"
+            f" {TERMINATED} SIGTERM."
         ),
         group_parameters=OPTIONS,
         default_parameter=Parameter(
@@ -143,15 +143,15 @@ def make_application(*names: str) -> App:
     headings = {title: Group(title, sort_key=n) for n, title in enumerate(titles)}
     for n, (name, title) in enumerate(COMMANDS.items()):
         if name in (names or COMMANDS):
-            # Without names the commands are only listed, so that none is imported.
-            place: Any = {"name": name, "group": headings[title], "sort_key": n}
+            group: Any = headings[title]
             if names:
-                app.command(f"locplan.app.cli.{name}:{name}", **place)
+                source = f"locplan.app.cli.{name}:{name}"
+                app.command(source, name=name, group=group, sort_key=n)
             else:
-                app.command(App(help=read_summary(name), **place))
-    flags = (Group("Help", sort_key=len(headings)),)
+                app.command(App(help=read_summary(name), name=name, group=group, sort_key=n))
+    flags = (Group("Help", sort_key=20),)
     app.register_install_completion_command(
-        INSTALL_COMPLETION, help="Install the completion of commands and options for your shell."
+        INSTALL_COMPLETION, help="Install completion for your shell."
     )
     for flag in (*app.help_flags, *app.version_flags, INSTALL_COMPLETION):
         app[flag].group = flags
@@ -159,9 +159,9 @@ def make_application(*names: str) -> App:
 
 
 def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
-    """Run the command that is named, and import no other; return its exit code and its run."""
+    """Run a command without importing the others; return its exit code and its run."""
     first = next((token for token in tokens if not token.startswith("-")), "")
-    completing = INSTALL_COMPLETION in tokens  # which needs all commands
+    completing = INSTALL_COMPLETION in tokens  # completion needs all commands
     app = make_application(*(COMMANDS if completing else {first} & COMMANDS.keys()))
     app.meta.suppress_keyboard_interrupt = False
 
@@ -178,7 +178,7 @@ def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
             Show the log on stderr.
         """
         with _log_on_stderr(verbose):
-            command = app(tokens)  # with its options, or what a function has returned
+            command = app(tokens)  # a callable with its options, or the exit code
             return cast("int | None", command() if callable(command) else command)
 
     with running(RunRecord("", {})) as run:
@@ -189,10 +189,10 @@ def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
 def _record(
     run: RunRecord, _: object, commands: tuple[str, ...], arguments: ArgumentCollection
 ) -> None:
-    """Let folders of results have what was typed for each option, but those for the output."""
+    """Note the options as typed for run.yaml, except those of the output."""
     arguments_by_name = {argument.names[0]: argument for argument in arguments}
     if "--output" not in arguments_by_name:
-        return  # it writes no results, or those of a page
+        return  # such as cache, which writes no results
     run.command = commands[0]
     entered = {name: argument for name, argument in arguments_by_name.items() if argument.tokens}
     settings = {
@@ -207,12 +207,12 @@ def _record(
 
 
 def _names_a_file(kind: Any) -> bool:
-    """Whether an option's type has paths in it."""
+    """Return True if an option's type contains paths."""
     return kind is Path or any(map(_names_a_file, get_args(kind)))
 
 
 def _setting_from_argument(argument: Argument) -> Setting:
-    """What was typed for an option."""
+    """Return an option's value as typed."""
     texts = [token.value for token in argument.tokens]
     if argument.hint is bool and texts == [""]:
         return True
@@ -221,8 +221,9 @@ def _setting_from_argument(argument: Argument) -> Setting:
 
 @contextmanager
 def _log_on_stderr(is_verbose: bool) -> Iterator[None]:
+    """Show the log on stderr if the command is verbose."""
     log, libraries = logging.getLogger("locplan"), logging.getLogger()
-    # Without any handler Python itself shows what libraries warn of.
+    # Without a handler, Python prints the warnings of other libraries.
     handler = logging.StreamHandler() if is_verbose else logging.NullHandler()
     handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
     before = log.level
@@ -237,9 +238,9 @@ def _log_on_stderr(is_verbose: bool) -> Iterator[None]:
 
 
 class FilledFormatter(DefaultFormatter):
-    """The usual help, without the line ends and indents that texts have in the source.
+    """Help formatter that joins the lines that paragraphs have in the source.
 
-    Lines of examples stay as they are.
+    Examples keep their lines.
     """
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
@@ -249,13 +250,13 @@ class FilledFormatter(DefaultFormatter):
         super().__call__(console, options, panel)
 
     def render_description(self, console: Console, options: ConsoleOptions, text: Any) -> None:
-        """Write what a command does."""
+        """Write the description of a command."""
         _fill_paragraphs(text)
         super().render_description(console, options, text)
 
 
 def _fill_paragraphs(description: Any) -> None:
-    """Join the lines of each paragraph of a text of cyclopts', which adds choices behind it."""
+    """Join the lines of each paragraph of a description, in place."""
     text = getattr(description, "primary_renderable", None)
     if text is not None:
         paragraphs = text.plain.split("\n\n")

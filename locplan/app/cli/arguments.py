@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 def make_parser(
     parse: Callable[[str, str], Any], metavar: str, *, is_repeatable: bool = False
 ) -> Parameter:
-    """Return a parameter whose texts a function parses, which takes the option's name and a text.
+    """Return a parameter that parses texts with a function of the option's name and the text.
 
-    A repeatable option gives a tuple.
+    A repeatable option returns a tuple.
     """
 
     def convert(_: object, tokens: Sequence[Token]) -> Any:
@@ -45,12 +45,12 @@ def make_parser(
 
 
 def show_default(read: Callable[[], object]) -> Parameter:
-    """Return a parameter whose help shows a default of the library, which is read only then."""
+    """Return a parameter that reads its default from the library only when the help is shown."""
     return Parameter(show_default=lambda _: format_default(read()))
 
 
 def make_validator(check: Callable[[Any], object]) -> Parameter:
-    """Return a parameter whose values, each of several, a function checks before any work."""
+    """Return a parameter that checks each value with a function before the command runs."""
 
     def validate(_: object, values: Any) -> None:
         for value in values if isinstance(values, (list, tuple)) else [values]:
@@ -89,7 +89,7 @@ def parse_numbers(name: str, text: str, count: int | None = None) -> tuple[float
         if is_in_range and count in (None, len(values)):
             return values
     amount = f"{count} numbers" if count else "numbers"
-    raise LocplanError(f"{name} must be {amount} with commas between, not {short_repr(text)}")
+    raise LocplanError(f"{name} must be {amount} separated by commas, not {short_repr(text)}")
 
 
 def parse_shift(name: str, text: str) -> tuple[float, float, float]:
@@ -117,7 +117,7 @@ def parse_settings(
 
 
 def keep_map(path: Path) -> None:
-    """Let no result be written over a map that is read."""
+    """Protect the files of a map that is read from being overwritten by results."""
     from locplan.maps.files import source_files
 
     for file in source_files(path):
@@ -125,22 +125,22 @@ def keep_map(path: Path) -> None:
 
 
 def refuse(reason: str, **options: object) -> None:
-    """Raise a ConfigError if an option was given that is not read.
+    """Raise a ConfigError if an option was given that the command ignores.
 
     Parameters
     ----------
     reason : str
-        When it is not read, such as "without --random".
+        When it is ignored, such as "without --random".
     **options
         The values of options by their names in Python.
     """
     for name, value in options.items():
         if value is not None and value is not False and value != ():
-            raise ConfigError(f"--{name.replace('_', '-')} is not read {reason}; leave it out")
+            raise ConfigError(f"--{name.replace('_', '-')} has no effect {reason}; remove it")
 
 
 def _convert_count(_: object, tokens: Sequence[Token]) -> int:
-    """Return a whole number, which cyclopts would round."""
+    """Return a whole number; raise a LocplanError for fractions, which cyclopts would round."""
     token = tokens[-1]
     with suppress(ValueError, OverflowError):
         number = float(token.value)
@@ -151,13 +151,13 @@ def _convert_count(_: object, tokens: Sequence[Token]) -> int:
 
 INTEGER = Parameter(converter=_convert_count)
 Integer = Annotated[int, INTEGER]
-"""A whole number whose range the library checks."""
+"""Whole number whose range the library checks."""
 INPUT = make_validator(protect_input)
-"""Of a file that is read: no result is written over it."""
+"""Parameter of a file that is read: no result overwrites it."""
 MAP = Parameter("MAP"), make_validator(keep_map)
 
 MapFile = Annotated[Path, *MAP]
-"""A map, which is a positional argument."""
+"""Map as a positional argument."""
 MapFiles = Annotated[list[Path], *MAP]
 Position = Annotated[tuple[float, float] | None, make_parser(parse_position, "X,Y")]
 Pose = Annotated[Any, make_parser(parse_pose, "X,Y[,DEG]")]
@@ -172,13 +172,13 @@ InputFiles = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="FILE")]
 InputFolders = Annotated[tuple[Path, ...], INPUT, Parameter(metavar="FOLDER")]
 Count = Annotated[int, INTEGER, Parameter(validator=Number(gte=1, lte=100_000))]
 PairCount = Annotated[int, INTEGER, Parameter(validator=Number(gte=2, lte=100_000))]
-"""A number of objects of which there must be two at least."""
+"""Number of objects of which there must be at least two."""
 Switch = Annotated[bool, Parameter(negative=())]
 
 
 PlannerTexts = Annotated[tuple[str, ...], Parameter(metavar="NAME|FILE")]
 _FUNCTION = re.compile(r"(?P<file>.+\.py)(:(?P<name>[^:]*)(:(?P<options>.*))?)?", re.DOTALL)
-"""A function in a file, such as my.py:plan or my.py:plan:step=2."""
+"""Pattern of a function in a file, such as my.py:plan or my.py:plan:step=2."""
 
 
 def parse_planners(texts: Sequence[str]) -> list[locplan.comparison.planners.PlannerSpec]:
@@ -196,7 +196,7 @@ def _load_planner(text: str) -> locplan.comparison.planners.PlannerSpec:
     file, name = Path(function["file"]), function["name"] or ""
     if not name.isidentifier():
         example = f"--planner {file}:plan"
-        raise ConfigError(f"{text}: name a function f(costs, start, goal), such as {example}")
+        raise ConfigError(f"{text}: add the function f(costs, start, goal), such as {example}")
     protect_input(file)
     code = load_function(file, name)
     options = parse_options(text, function["options"] or "")
@@ -206,22 +206,22 @@ def _load_planner(text: str) -> locplan.comparison.planners.PlannerSpec:
 
 
 def load_function(file: Path, name: str) -> Callable[..., Any]:
-    """Return a function of a Python file; its folder's modules can be imported as well."""
+    """Return a function of a Python file, which may import modules of its folder."""
     source = read_text(file)
     sys.path.insert(0, str(file.absolute().parent))
     try:
-        # Under this name no module can be imported, so that workers get the code itself.
+        # No module can be imported by this name, so workers receive the code itself.
         values = runpy.run_path(str(file), run_name="planner of the command line")
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
-        raise LocplanError(one_line(f"{file}: cannot be run ({reason}); correct it")) from None
+        raise LocplanError(one_line(f"{file}: cannot be run ({reason}); fix the code")) from None
     if not inspect.isfunction(values.get(name)):
         names = [
             key for key, value in values.items()
             if inspect.isfunction(value) and value.__code__.co_filename == str(file)
         ]  # fmt: skip
-        function_text = f"it has {', '.join(names)}" if names else "it has none"
-        raise ConfigError(f"{file}: there is no function {short_repr(name)}; {function_text}")
+        function_text = f"use one of {', '.join(names)}" if names else "the file defines none"
+        raise ConfigError(f"{file}: has no function {short_repr(name)}; {function_text}")
     function: Any = values[name]
     if not hasattr(function, "version"):  # a comparison runs an edited planner again
         function.version = hashlib.sha256(source.encode()).hexdigest()[:8]
@@ -229,7 +229,7 @@ def load_function(file: Path, name: str) -> Callable[..., Any]:
 
 
 def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
-    """Return paths by the names of their files, with the folder's if two files have one name."""
+    """Return paths by file name; files of the same name get the name of their folder in front."""
     from locplan._support.checks import make_printable
 
     stems = [file.stem for file in files]
@@ -238,12 +238,12 @@ def read_paths(files: Sequence[Path]) -> dict[str, locplan.Path]:
         is_repeated = stems.count(stem) > 1
         name = make_printable(f"{file.absolute().parent.name}/{stem}" if is_repeated else stem)
         if name in paths:
-            raise LocplanError(f"two --path files are called {name}; rename one")
+            raise LocplanError(f"two --path files have the name {name}; rename one")
         paths[name] = locplan.Path.load(file)
     return paths
 
 
 def check_ends(start: object, goal: object) -> None:
-    """Raise a ConfigError if only one end of a path was given."""
+    """Raise a ConfigError if only one of start and goal was given."""
     if (start is None) != (goal is None):
-        raise ConfigError("--start and --goal belong together; give both or none")
+        raise ConfigError("--start and --goal belong together; pass both or neither")

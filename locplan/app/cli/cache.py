@@ -1,4 +1,4 @@
-"""The command that lists and clears cached fields and checks."""
+"""The command `cache`: list and clear cached results."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Days = Annotated[float, Parameter(metavar="DAYS", validator=Number(gte=0))]
 
 @command("cache list", "cache clear --older-than 30", "cache path")
 def cache() -> None:
-    """List, clear or find the fields and trajectories computed before."""
+    """List or clear cached results, or print their folder."""
 
 
-cache.default_command = None  # alone it shows its help
+cache.default_command = None  # without a subcommand, show the help
 
 
 @cache.command(name="list")
 def list_entries(*, json: Switch = False) -> None:
-    """List the cached results, the last used first.
+    """List cached results, the most recently used first.
 
     Parameters
     ----------
@@ -43,18 +43,18 @@ def list_entries(*, json: Switch = False) -> None:
 
 @cache.command
 def clear(*, older_than: Days = 0.0) -> None:
-    """Remove cached results, except those that are being computed.
+    """Remove cached results that are not being computed.
 
     Parameters
     ----------
     older_than
-        Days for which a removed result was not used.
+        Remove only results unused for this many days.
     """
     from locplan._support.tables import format_bytes
     from locplan.field.cache import cache_folder, clear_cache
 
     removed, busy = clear_cache(cache_folder(None), older_than)
-    busy_text = f"; being computed, and kept: {len(busy)}" if busy else ""
+    busy_text = f"; kept {len(busy)} that are being computed" if busy else ""
     print(
         f"removed {len(removed)},"
         f" {format_bytes(sum(cached_result.size for cached_result in removed))}{busy_text}"
@@ -63,7 +63,7 @@ def clear(*, older_than: Days = 0.0) -> None:
 
 @cache.command
 def path() -> None:
-    """Print the folder of the cached results."""
+    """Print the cache folder."""
     from locplan.field.cache import cache_folder
 
     print(cache_folder(None))

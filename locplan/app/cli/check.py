@@ -1,4 +1,4 @@
-"""The command that finds where a robot fails on a map, and the fix that helps most."""
+"""The command `check`: find where a robot gets lost on a map, and the best fix."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def parse_limit(_: str, text: str) -> Limit:
-    """Return the limit of a text such as "lost > 5%"."""
+    """Return the limit for a text such as "lost > 5%"."""
     from locplan.advice import limits
 
     return limits.Limit.parse(text)
@@ -55,9 +55,9 @@ def check(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> int:
-    """Find where a robot gets lost on a map, and the fix that helps most.
+    """Find where a robot gets lost on a map, and the best fix.
 
-    Simulates the robot along routes, and each applicable fix on the same routes.
+    Simulates the robot along routes, then each applicable fix on the same routes.
     Takes one to two minutes.
 
     Parameters
@@ -65,11 +65,11 @@ def check(
     map_file
         Map YAML, folder with one, or built-in map.
     stations
-        Stations (CSV of name,x,y) or queries that routes join.
+        Stations (CSV of name,x,y) or queries for the routes.
     effort
         Amount of simulated drives.
     fail_if
-        Limit, such as "lost > 5%", beyond which the exit code is 4.
+        Exit with 4 if this limit is exceeded, such as "lost > 5%". Repeatable.
     """
     from locplan.advice.check_result import Check
     from locplan.simulation.amcl_parameters import check_tunable
@@ -102,6 +102,6 @@ def check(
 
 
 def _print_finding(finding: str) -> None:
-    """Print a finding as it comes, if somebody sees the progress."""
+    """Print a finding while the check runs, if stderr is a terminal."""
     if sys.stderr.isatty():
         print(one_line(finding), file=sys.stderr, flush=True)

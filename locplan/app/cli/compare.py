@@ -1,4 +1,4 @@
-"""The command that compares planners."""
+"""The command `compare`: compare planners over maps and queries."""
 
 from __future__ import annotations
 
@@ -78,47 +78,47 @@ def compare(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> None:
-    """Run planners side by side, and report which one is best, where and by how much.
+    """Compare planners on the same queries, and report the best one.
 
     Parameters
     ----------
     maps
         Map YAML files, folders with one, MovingAI maps, or built-in maps.
     planner
-        BITstar:time_limit=2, my.py:plan or one of `locplan info`. Repeatable.
+        Planner of `locplan info`, or a function such as my.py:plan. Repeatable.
     baseline
-        Planner that the others are compared with.
+        Planner to compare the others with.
     queries
         Queries (CSV), stations (CSV of name,x,y) or MovingAI .scen.
     random
-        Number of random queries on each map.
+        Number of random queries per map.
     min_distance
         Minimum distance from start to goal, in metres.
     seeds
-        Number of runs of a planner with random numbers.
+        Number of runs of a randomized planner.
     weight
-        Detour that a degenerate metre is worth, in metres. Repeatable.
+        Detour that avoiding a degenerate metre is worth, in metres. Repeatable.
     zones
-        Zones of all maps (GeoJSON) or a keepout mask (map YAML).
+        Zones (GeoJSON) or a keepout mask (map YAML) for all maps.
     ranges
-        Ranges of the lidar to compare, in metres.
+        Lidar ranges to compare, in metres.
     time_limit
-        Time of OMPL's planners, in seconds. [default: 5]
+        Time limit of OMPL planners, in seconds. [default: 5]
     patience
-        Time until a planner is stopped, in seconds.
+        Time after which a run is killed, in seconds.
     memory
-        Maximum memory of a run, in GB.
+        Memory limit of a run, in GB.
     workers
-        Number of runs at a time. [default: all cores]
+        Number of parallel runs. [default: all cores]
     """
     from locplan.comparison.planners import make_specs
     from locplan.comparison.result import Comparison
     from locplan.comparison.settings import Execution, RandomQueries
 
     if output.output is None:
-        raise ConfigError("name the folder for the results with --output")
+        raise ConfigError("name a folder for the results with --output")
     if queries is not None and random is not None:
-        raise ConfigError("--random and --queries exclude each other; leave one out")
+        raise ConfigError("--random and --queries exclude each other; remove one")
     if queries is not None:
         refuse("with --queries", min_distance=min_distance, seed=seed != SEED)
     random_queries = RandomQueries(
@@ -132,7 +132,7 @@ def compare(
         [config] if ranges is None else [with_range(config, lidar_range) for lidar_range in ranges]
     )
     output.check(Comparison.files)
-    with progress_bar("runs", "runs") as progress:
+    with progress_bar("comparing", "runs") as progress:
         execution = Execution(
             workers=workers,
             time_limit=time_limit,

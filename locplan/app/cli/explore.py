@@ -1,4 +1,4 @@
-"""The command that opens the explorer."""
+"""The command `explore`: open the explorer in a browser."""
 
 from __future__ import annotations
 
@@ -62,15 +62,14 @@ def explore(
 ) -> None:
     """Explore a map in the browser: drag start and goal, draw walls and zones.
 
-    Serves the page to this machine alone. The page writes only into the output folder.
-    Ctrl-C ends it.
+    Only this machine can open the page. The page writes only into --output. Stop with Ctrl-C.
 
     Parameters
     ----------
     map_file
-        Map YAML, folder with one, or built-in map. Leave it out with --check.
+        Map YAML, folder with one, or built-in map. Not needed with --check.
     check
-        Folder that `locplan check -o` wrote: shows weak spots, routes and fixes.
+        Folder of `locplan check -o`. Shows its weak spots, routes and fixes.
     start
         Initial start, in metres.
     goal
@@ -78,20 +77,20 @@ def explore(
     via
         Initial waypoint, in metres. Repeatable.
     weight
-        Detour that a degenerate metre is worth, in metres.
+        Detour that avoiding a degenerate metre is worth, in metres.
     zones
-        Zones (GeoJSON) or a keepout mask (map YAML) to begin with.
+        Initial zones (GeoJSON) or keepout mask (map YAML).
     port
-        Port of the page, 0 for any free one.
+        Port of the page. [default: any free port]
     no_browser
-        Open no browser.
+        Do not open a browser.
     """
     from locplan.app.explorer.explorer import check_installed, open_explorer
     from locplan.app.explorer.scene import Opening
     from locplan.app.explorer.sites import zones_as_changes
     from locplan.field.config import COARSE_STRIDE
 
-    refuse("by explore", json=output.json)
+    refuse("in explore", json=output.json)
     check_installed()
     report = _read_report(check, map_file, robot)
     page_map = report.map_file if report else map_file
@@ -117,9 +116,9 @@ def explore(
     )
     with working("opening the page"):
         page = open_explorer(grid, opening, port=port)
-    browse = "the page opens in your browser, or open the address above; Ctrl-C ends it"
+    browse = "the page opens in your browser. If not, open the address above. Stop with Ctrl-C"
     if no_browser:
-        browse = "open the address above in a browser on this machine; Ctrl-C ends the page"
+        browse = "open the address above in a browser on this machine. Stop with Ctrl-C"
     with page:
         print(page.address, flush=True)
         print(f"locplan: {browse}", file=sys.stderr, flush=True)
@@ -131,15 +130,15 @@ def explore(
 def _read_report(
     folder: Path | None, map_file: Path | None, robot: RobotOptions
 ) -> CheckReport | None:
-    """Return the report that the page opens on, if one was named."""
+    """Return the report of --check, if given; raise a ConfigError without a map."""
     from locplan.app.explorer import check_reports
 
     if folder is None:
         if map_file is None:
-            raise ConfigError("name a map, or with --check the folder that check has written")
+            raise ConfigError("name a map, or pass the folder of a check with --check")
         return None
     if map_file:
-        raise ConfigError("--check names the map itself; leave out one of the two")
-    refuse("with --check, whose robot is taken", robot=robot.robot, lidar=robot.lidar)
-    refuse("with --check, whose robot is taken", set=robot.set)
+        raise ConfigError("a map and --check exclude each other; remove one")
+    refuse("with --check, which sets the robot", robot=robot.robot, lidar=robot.lidar)
+    refuse("with --check, which sets the robot", set=robot.set)
     return check_reports.CheckReport.read(folder)

@@ -1,4 +1,4 @@
-"""The command that exports to navigation stacks."""
+"""The command `export`: write files for navigation stacks."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FormatName = Annotated[str, Parameter(metavar="FORMAT", choices=tuple(FORMATS), 
 
 
 def _options() -> dict[str, dataclasses.Field[Any]]:
-    """Return the options of all formats by their names in Python."""
+    """Return the options of all formats by name in Python."""
     fields = (field for format in FORMATS.values() for field in dataclasses.fields(format.options))
     return {field.name: field for field in fields if "is_option" in field.metadata}
 
@@ -57,12 +57,12 @@ def _flag(field: dataclasses.Field[Any]) -> str:
 
 
 def _words(kind: Any) -> tuple[str, ...]:
-    """Return the words that a type allows, none if it is not `Literal`."""
+    """Return the words of a `Literal` type; empty for other types."""
     return get_args(kind) if get_origin(kind) is Literal else ()
 
 
 def _option_types() -> list[tuple[str, Any, None]]:
-    """Return the names and types of all options of formats; those that are not typed are None."""
+    """Return name, type and default of each option of the formats, as a dataclass needs them."""
     types: dict[str, Any] = {}
     docs: dict[str, str] = {}
     for format in FORMATS.values():
@@ -79,7 +79,7 @@ def _option_types() -> list[tuple[str, Any, None]]:
             show_choices=False,
             show_default=format_default(field.default) or False,
         )
-        # Types that are computed go into no brackets that mypy reads.
+        # mypy rejects computed types in Annotated[...].
         parameters = [parameter, INPUT] if Path in get_args(types[name]) else [parameter]
         kind = Annotated.__class_getitem__((types[name] | None, *parameters))  # type: ignore[attr-defined]
         typed.append((name, kind, None))
@@ -95,7 +95,7 @@ FormatOptions: Any = Parameter(name="*")(
         kw_only=True,
     )
 )
-"""The options of all formats."""
+"""Options of all formats."""
 
 
 @command(
@@ -133,9 +133,9 @@ def export(
     start
         Start of a path to plan and export, in metres.
     goal
-        Goal of this path, in metres.
+        Goal of a path to plan and export, in metres.
     weight
-        Detour that a degenerate metre is worth, in metres.
+        Detour that avoiding a degenerate metre is worth, in metres.
     zones
         Zones (GeoJSON) or a keepout mask (map YAML).
     """
@@ -146,21 +146,23 @@ def export(
     if format.paths == "none":
         for name, value in (("path", path), ("choice", choice), ("start", start)):
             if value:
-                raise ConfigError(f"--{name} is for --to {', '.join(WITH_PATHS)}, not for {to}")
+                raise ConfigError(
+                    f"--{name} has no effect with --to {to}; use --to {', '.join(WITH_PATHS)}"
+                )
     format_options = _read_options(format, options, robot.nav2_files())
     if zones and to == "ros-map":
-        refuse("with --to ros-map, which has u alone", zones=zones)
+        refuse("with --to ros-map, which contains only u", zones=zones)
     grid = locplan.load_map(map_file)
     if choice:
-        refuse("with --choice, which has its own", start=start, weight=weight, zones=zones)
-        refuse("with --choice, which has its own", lidar=robot.lidar)
-        refuse("with --choice, which has its own", field=field.field, set=robot.set)
+        refuse("with --choice, which sets it", start=start, weight=weight, zones=zones)
+        refuse("with --choice, which sets it", lidar=robot.lidar)
+        refuse("with --choice, which sets it", field=field.field, set=robot.set)
         config, make_job = _make_recommendation_job(format, choice, path)
     else:
         config, make_job = _job_of_options(grid, path, start, goal, weight, zones, robot, field)
     n_paths = len(path) + len(choice) + (start is not None)
     if format.paths == "one" and n_paths != 1:
-        raise ConfigError(f"--to {to} needs one --path CSV, or --start and --goal, or --choice")
+        raise ConfigError(f"--to {to} needs one path: pass --path, --start and --goal, or --choice")
     format.check(format_options, n_paths)
     target = output.output or Path(f"{grid.name}-{to}" + "".join(format.suffixes[:1]))
     format.check_target(target, force=output.force)
@@ -177,7 +179,7 @@ def export(
 
 
 MakeJob = Callable[["CovarianceField"], "ExportJob"]
-"""Function that makes the objects to export from a field."""
+"""Function that returns the objects to export for a field."""
 
 
 def _job_of_options(
@@ -190,7 +192,7 @@ def _job_of_options(
     robot: RobotOptions,
     field: FieldOptions,
 ) -> tuple[FieldConfig, MakeJob]:
-    """Return the settings of the field, and the job of the paths that options name."""
+    """Return the field settings and a function that makes the job from the options."""
     from locplan.export import registry
 
     paths, zones = read_paths(path_files), load_zones(zones_file, grid)
@@ -208,16 +210,18 @@ def _job_of_options(
 def _make_recommendation_job(
     format: Format, folders: tuple[Path, ...], path_files: tuple[Path, ...]
 ) -> tuple[FieldConfig, MakeJob]:
-    """Return the settings of the field of choices, and their job."""
+    """Return the field settings and a function that makes the job from saved recommendations."""
     from locplan.export import registry
     from locplan.simulation.recommendations import read_recommendations
 
     takes_several = format.paths == "several" and format.name == "nav2-routes"
     if not takes_several:
-        refuse("with --choice, which has its own", path=path_files)
+        refuse("with --choice, which sets it", path=path_files)
     recommendations = read_recommendations(*folders)
     if len(recommendations) > 1 and not takes_several:
-        raise ConfigError(f"--to {format.name} takes one --choice, not {len(recommendations)}")
+        raise ConfigError(
+            f"--to {format.name} takes one --choice, not {len(recommendations)}; remove the others"
+        )
     paths, first = read_paths(path_files), next(iter(recommendations.values()))
 
     def make_job(computed: CovarianceField) -> ExportJob:
@@ -229,7 +233,7 @@ def _make_recommendation_job(
 
 
 def _read_options(format: Format, options: Any, params: list[Path]) -> Any:
-    """Return the options of a format; a ConfigError if one is not for it."""
+    """Return the options of a format; raise a ConfigError if an option is for other formats."""
     fields = {field.name for field in dataclasses.fields(format.options)}
     values = {name: value for name, value in vars(options).items() if value is not None}
     for name in values:
@@ -240,14 +244,16 @@ def _read_options(format: Format, options: Any, params: list[Path]) -> Any:
                 if name in {field.name for field in dataclasses.fields(other.options)}
             ]
             flag = _flag(_options()[name])
-            raise ConfigError(f"--{flag} is for --to {', '.join(readers)}, not for {format.name}")
+            raise ConfigError(
+                f"--{flag} has no effect with --to {format.name}; it is for {', '.join(readers)}"
+            )
     if "params" in fields:
         values["params"] = tuple(params)
     return format.options(**values)
 
 
 def _plan_path(costs: locplan.Costmap, start: Any, goal: Any) -> locplan.Path:
-    """Return the path between two positions, for a car of the lattice; a ConfigError without."""
+    """Plan the path to export, with the lattice for cars; raise a ConfigError if there is none."""
     is_car = costs.robot is not None and costs.robot.kinematics.turning_radius > 0
     plan = locplan.plan(costs, start, goal, planner="lattice" if is_car else None)
     if plan.path is None:

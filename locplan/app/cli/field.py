@@ -1,4 +1,4 @@
-"""The command that computes the covariance field of maps."""
+"""The command `field`: compute the covariance field of maps."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def field(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> int:
-    """Compute how uncertain a pose match is throughout a map, or several.
+    """Compute how well scans fix the pose in every free cell of a map.
 
-    Writes fields (.npz) or pictures (.png, .pdf, .svg), of several maps into a folder.
+    Writes a field (.npz) or a picture (.png, .pdf, .svg). For several maps, --output is a folder.
 
     Parameters
     ----------
     maps
         Map YAML files, folders with one, or built-in maps.
     picture
-        e, position_std, position_rms, heading_std, ambiguity or entropy.
+        Draw e, position_std, position_rms, heading_std, ambiguity or entropy.
     """
     from locplan._support.saved import to_plain_data
     from locplan.export.batch import field_jobs, field_runs_table, run_field_jobs

@@ -43,17 +43,18 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("locplan.app.cli")
 PAPER = "sad-paper"
-"""Name of the field's settings of Eq. 8-10 as printed."""
+"""Name of the field settings for Eq. 8-10 as printed."""
 
 
 def _keep_robot_file(file: Path) -> None:
+    """Protect a robot's file from being overwritten by results."""
     from locplan.robots.parameters import file_and_robot
 
     protect_input(file_and_robot(file)[0])
 
 
 def _check_lidar(name: str) -> None:
-    """Raise a ConfigError unless a lidar has the name."""
+    """Raise a ConfigError unless a built-in lidar has the name."""
     from locplan.robots.lidar import LIDARS
 
     check_choice("--lidar", name, LIDARS)
@@ -62,7 +63,7 @@ def _check_lidar(name: str) -> None:
 @Parameter(name="*", group=ROBOT)
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions:
-    """The robot of a command."""
+    """Options for the robot of a command."""
 
     robot: Annotated[
         tuple[Path, ...], Parameter(metavar="FILE[:NAMESPACE]"), make_validator(_keep_robot_file)
@@ -74,12 +75,12 @@ class RobotOptions:
     """Setting, such as range=8. See `locplan info --settings`."""
 
     def load(self, lidar: Lidar | None = None, *, is_recorded: bool = False) -> Robot:
-        """Return the robot; the title of a robot from files goes to stderr.
+        """Return the robot, and print the title of a robot from files on stderr.
 
         Parameters
         ----------
         lidar : Lidar, optional
-            The lidar if the options name none, or in any case if it was recorded.
+            Lidar if the options name none. A recorded lidar overrides them.
         is_recorded : bool, default False
             True for the robot of a recording.
         """
@@ -97,11 +98,11 @@ class RobotOptions:
         robot = robot.with_settings(settings)
         from locplan.robots.lidar import LIDARS
 
-        # Ten times the range of the data sheet was hardly meant in metres.
+        # More than ten times the range in the data sheet is probably in another unit.
         if self.lidar and robot.known_lidar.range > 10 * LIDARS[self.lidar].range:
             raise ConfigError(
-                f"--set range must be in metres; the data sheet of {self.lidar} names"
-                f" {LIDARS[self.lidar].range:g}, not {robot.known_lidar.range:g}"
+                f"--set range must be in metres; the data sheet of {self.lidar} says"
+                f" {LIDARS[self.lidar].range:g} m, not {robot.known_lidar.range:g}"
             )
         note_robot(robot.title, robot.digest)
         if self.robot:
@@ -109,7 +110,7 @@ class RobotOptions:
         return robot
 
     def load_recorded(self, recording: Recording, *, is_replayed: bool = True) -> Robot:
-        """Return the robot of a recording, which has the recording's lidar and speed.
+        """Return the robot with the lidar and the speed of a recording.
 
         Parameters
         ----------
@@ -121,13 +122,13 @@ class RobotOptions:
         Raises
         ------
         ConfigError
-            If an option sets what the recording itself has.
+            If an option sets a value that the recording provides.
         """
         self.check_recorded(is_replayed=is_replayed)
         return recording.robot(self.load(recording.lidar, is_recorded=True))
 
     def check_recorded(self, *, is_replayed: bool = True) -> None:
-        """Raise a ConfigError if an option sets what a recording has; called before long work.
+        """Raise a ConfigError if an option sets a value that recordings provide.
 
         Parameters
         ----------
@@ -136,21 +137,21 @@ class RobotOptions:
         """
         from locplan.robots.parts import Disturbances, Odometry
 
-        arguments.refuse("with --recording, whose lidar is taken", lidar=self.lidar)
+        arguments.refuse("with --recording, which sets the lidar", lidar=self.lidar)
         kinds: list[type[Any]] = [locplan.Lidar]
         if is_replayed:
             kinds += [Odometry, Disturbances]
         names = {field.name for kind in kinds for field in dataclasses.fields(kind)}
-        # The filter's start is drawn for recordings as well.
+        # The filter's start is random with recordings, too.
         names -= {"start_sigma", "start_sigma_deg"}
         for name in (text.partition("=")[0] for text in self.set):
             if name in names:
                 raise ConfigError(
-                    f"--set {name} is not read with --recording, which has its own; leave it out"
+                    f"--set {name} has no effect with --recording, which sets it; remove it"
                 )
 
     def load_simulated(self, config: FieldConfig | None = None) -> Robot:
-        """Return the robot with a lidar, that of a field if it names none; warn of bad settings."""
+        """Return the robot, with the lidar of the field if it has none; warn of bad settings."""
         from locplan.field.config import equip_robot
 
         robot = equip_robot(self.load(), config)
@@ -158,7 +159,7 @@ class RobotOptions:
         return robot
 
     def warn(self, robot: Robot) -> None:
-        """Warn of settings of the filter that work badly with the robot's lidar."""
+        """Warn of filter settings that do not suit the robot's lidar."""
         from locplan.robots.nav2 import ParameterWarning
         from locplan.robots.parameters import read_parameters
         from locplan.simulation.amcl_parameters import find_filter_warnings
@@ -181,7 +182,7 @@ class RobotOptions:
         return files[-1] if parameters.node_parameters(node) else None
 
     def nav2_files(self) -> list[Path]:
-        """Return the files of Nav2's parameters among the robot's files."""
+        """Return the Nav2 parameter files among the robot's files."""
         from locplan.robots.parameters import read_parameters
 
         files = []
@@ -202,7 +203,7 @@ FilterMapFile = Annotated[
 
 
 def load_zones(file: Path | None, grid: OccupancyGrid | None = None) -> locplan.Zones:
-    """Return the zones of a file, none without a file; a ConfigError if none is on the map.
+    """Return the zones of a file, empty without a file.
 
     Parameters
     ----------
@@ -210,6 +211,11 @@ def load_zones(file: Path | None, grid: OccupancyGrid | None = None) -> locplan.
         The file, see `Zones.load`.
     grid : OccupancyGrid, optional
         The map.
+
+    Raises
+    ------
+    ConfigError
+        If no zone lies on the map.
     """
     from locplan.maps.zones import check_on_map
 
@@ -223,7 +229,7 @@ def load_zones(file: Path | None, grid: OccupancyGrid | None = None) -> locplan.
 
 
 def print_zones(file: Path | None, zones: locplan.Zones) -> None:
-    """Print which zones of which file count; nothing without a file.
+    """Print the zones and their file; nothing without a file.
 
     Parameters
     ----------
@@ -237,14 +243,14 @@ def print_zones(file: Path | None, zones: locplan.Zones) -> None:
 
 
 def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | None:
-    """Return the filter's map, if it was named; warn of masks and of maps to repair.
+    """Return the filter's map if a file was given; warn of masks and of maps to repair.
 
     Parameters
     ----------
     file : path or None
         The filter's map.
     maps : sequence of path
-        The maps that are driven in.
+        The maps of the simulation.
     """
     from locplan.advice import map_repair
     from locplan.maps.files import MapWarning, find_maps, read_map
@@ -295,12 +301,12 @@ def read_recording(file: Path, *, needs_poses: bool = True) -> Recording:
         text = translate_options(str(error), "recording")
         if text == str(error):
             raise
-        remedy = f"read it with locplan recording {file} first, and its options"
+        remedy = f"run `locplan recording {file}` with its options first"
         raise RecordingError(f"{text}; {remedy}") from None
 
 
 def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording:
-    """Return a recording with its ground truth on a map; a LocplanError unless the map fits."""
+    """Return a recording with its ground truth; raise a LocplanError unless the map fits."""
     from locplan.recordings.map_fit import check_place, fit_to_map
     from locplan.recordings.smoothing import with_ground_truth
 
@@ -315,14 +321,14 @@ def load_recording(file: Path, grid: OccupancyGrid, map_file: Path) -> Recording
         x, y, turn = fit.move
         align = f" --align {x:.3f},{y:.3f},{math.degrees(turn):.2f}" if fit.is_shifted else ""
         raise LocplanError(
-            f"{map_file}: {fit.sentence.rstrip('.')}; find the ground truth with locplan recording"
-            f"{align}"
+            f"{map_file}: {fit.sentence.rstrip('.')}; run `locplan recording{align}` to find the"
+            " ground truth"
         )
     return recording
 
 
 SEED = 1
-"""Seed by default."""
+"""Default seed."""
 Seed = Annotated[
     int,
     Parameter(
@@ -340,14 +346,14 @@ Threads = Annotated[
 
 
 def _default_stride(_: object) -> str:
-    """Return the default for the help, which is read only when the help is shown."""
+    """Return the default stride, read only when the help is shown."""
     return f"{locplan.FieldConfig.stride:g}"
 
 
 @Parameter(name="*", group=COMPUTATION)
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions:
-    """The covariance field of a command."""
+    """Options for the covariance field of a command."""
 
     field: Annotated[str | None, Parameter(metavar="NAME|FILE", show_default="fused or sad")] = None
     """fused, scan, fisher, sad, sad-paper, .json or .npz."""
@@ -359,7 +365,7 @@ class FieldOptions:
     def resolve(self, robot: Robot) -> tuple[Robot, FieldConfig]:
         """Return the robot and the settings of the field.
 
-        A robot without a lidar gets that of a file of settings, if it has one.
+        If the robot has no lidar, it gets the lidar of a settings file.
 
         Parameters
         ----------
@@ -376,8 +382,8 @@ class FieldOptions:
             and dataclasses.replace(lidar, model=robot.lidar.model) != robot.lidar
         ):
             raise ConfigError(
-                f"--field {self.field} is of another lidar ({lidar.title}); compute it with locplan"
-                " field and the options of this robot"
+                f"--field {self.field} was computed for another lidar ({lidar.title}); run"
+                " `locplan field` with this robot's options"
             )
         if self.stride is not None:
             config = dataclasses.replace(config, stride=self.stride)
@@ -405,7 +411,7 @@ class FieldOptions:
         threads: int | None,
         points: NDArray[np.bool_] | None = None,
     ) -> CovarianceField:
-        """Return the field of a map: computed, cached, or read from the file.
+        """Compute the field of a map, or read it from the cache or the file.
 
         Parameters
         ----------
@@ -416,14 +422,15 @@ class FieldOptions:
         threads : int or None
             Number of threads.
         points : (h, w) array of bool, optional
-            Lattice points that suffice; a stride that was set computes all.
+            Lattice points to compute. With --stride, all are computed.
         """
         if self.field is not None and Path(self.field).suffix.lower() == ".npz":
             field = locplan.CovarianceField.load(self.field)
             if field.grid.digest != grid.digest:
                 raise ConfigError(
-                    f"--field {self.field} is of another map ({field.grid.name or 'no name'});"
-                    f" compute it of {grid.name or 'this map'} with locplan field"
+                    f"--field {self.field} was computed for another map"
+                    f" ({field.grid.name or 'no name'}); run `locplan field` on"
+                    f" {grid.name or 'this map'}"
                 )
             return field
         started = time.perf_counter()
@@ -440,12 +447,12 @@ class FieldOptions:
 
 
 def config_by_name(name: str, lidar: Lidar | None) -> FieldConfig:
-    """Return the settings of a field by the name of an estimator.
+    """Return the field settings for the name of an estimator.
 
     Parameters
     ----------
     name : str
-        An estimator, or `PAPER`.
+        Name of an estimator, or `PAPER`.
     lidar : Lidar or None
         The robot's lidar.
     """
@@ -462,13 +469,13 @@ def config_by_name(name: str, lidar: Lidar | None) -> FieldConfig:
         )
     kind: Any = estimator_class(name)
     if kind.casts_rays:
-        assumed = dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
+        assumed = dataclasses.replace(SHORT_LIDAR, model="assumed lidar")
         return locplan.FieldConfig(kind(lidar or assumed))
     return with_lidar(locplan.FieldConfig(kind()), lidar)
 
 
 def with_lidar(config: FieldConfig, lidar: Lidar | None) -> FieldConfig:
-    """Return settings with another lidar, and its number of headings unless they set another."""
+    """Return settings with another lidar, and its number of headings unless one was set."""
     if lidar is None or lidar == getattr(config.estimator, "lidar", None):
         return config
     is_default = config.headings == config.estimator.headings
@@ -498,7 +505,7 @@ Weight = Annotated[
 @Parameter(name="*", group=OUTPUT)
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions:
-    """The output of a command."""
+    """Options for the output of a command."""
 
     output: Annotated[Path | None, Parameter(name=("--output", "-o"), metavar="PATH")] = None
     """Folder or file for the results."""
@@ -508,23 +515,23 @@ class OutputOptions:
     """Print the result as JSON."""
 
     def check(self, files: Results, *further_names: str) -> None:
-        """Raise a LocplanError if the folder cannot take the files; called before long work."""
+        """Raise a LocplanError if the files cannot be written; called before long computations."""
         if self.output:
             files.into(self.output, *further_names, force=self.force)
 
     def finish(
         self, result: Any, *details: Any, saved_details: tuple[Any, ...] | None = None
     ) -> None:
-        """Save a result if a folder or file was named, and print it.
+        """Save a result if --output was given, and print it.
 
         Parameters
         ----------
         result : Result
             The result.
         *details
-            What belongs to it, such as the drives that verify it.
+            Further arguments of `summary` and `report`, such as verifying drives.
         saved_details : tuple, optional
-            What is saved with it instead.
+            Further arguments of `save`. By default the details.
         """
         files = None
         if self.output:
@@ -534,7 +541,7 @@ class OutputOptions:
         self.show(result.summary(*details), result.report(*details), *files or [self.output])
 
     def show(self, values: object, text: object, *files: Path | None) -> None:
-        """Print a result as JSON or as text for people, and the files that were written."""
+        """Print a result as JSON or as text, and list the written files."""
         print(json_files.dumps(values, indent=2) if self.json else text)
         lines = take_written() or [f"wrote {file}" for file in filter(None, files)]
         for line in lines:

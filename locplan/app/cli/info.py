@@ -1,4 +1,4 @@
-"""The command that describes a map."""
+"""The command `info`: describe a map, or list names and settings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from locplan._support.records import Table
 
 COMPARED_LIDARS = "turtlebot3", "turtlebot4", "tim571"
-"""Lidars of short, middle and long range."""
+"""Lidars of short, medium and long range."""
 
 
 @command(
@@ -37,9 +37,9 @@ def info(
     robot: RobotOptions = RobotOptions(),
     output: OutputOptions = OutputOptions(),
 ) -> None:
-    """Describe a map: size, faults, rooms, and places for start and goal.
+    """Describe a map: size, faults, rooms, and suggested starts and goals.
 
-    With a lidar, reports the share of ambiguous places, and safe starts.
+    With a lidar, also reports the share of ambiguous places and safe starting positions.
     Without a map, lists the built-in maps, lidars and planners.
 
     Parameters
@@ -47,9 +47,9 @@ def info(
     map_file
         Map YAML, folder with one, or built-in map.
     lidars
-        Compare the degenerate share of the floor with lidars of short to long range.
+        Compare how much of the floor is degenerate with short- to long-range lidars.
     settings
-        List the robot's settings for --set, with their values.
+        List the settings for --set with their values.
     """
     from locplan._support.drawing import save_figure
     from locplan.planning.figures import info_figure
@@ -93,18 +93,19 @@ def info(
 
 
 def _format_settings(settings_table: Table) -> str:
-    """Return the robot's settings for people: name, unit and value."""
+    """Return a table of the robot's settings: name, unit and value."""
     from locplan._support.tables import format_table
 
     rows = [
         (f"{name} [{unit}]" if unit else name, value)
         for _, name, unit, value, _ in settings_table.rows
     ]
-    return f"{format_table(['setting', 'value'], rows)}\n--json shows the meaning of each setting."
+    table = format_table(["setting", "value"], rows)
+    return f"{table}\nAdd --json to see the meaning of each setting."
 
 
 def _list_names() -> dict[str, list[str]]:
-    """Return the names that commands know: built-in maps, lidars and planners."""
+    """Return the names of the built-in maps, lidars and planners."""
     from locplan.maps.environments import BUILT_IN
     from locplan.planning import registry
     from locplan.robots import lidar
@@ -117,13 +118,13 @@ def _list_names() -> dict[str, list[str]]:
 
 
 def _format_names(names: dict[str, list[str]]) -> str:
-    """Return the names for people, and what to do with them."""
+    """Return a table of the names, and the next commands."""
     from locplan._support.tables import format_table
 
     rows = [(title, ", ".join(values)) for title, values in names.items()]
     return (
         f"{format_table([], rows)}\n"
-        "Options of a planner: --planner BITstar:time_limit=2. A wrong one shows all.\n"
+        "Planner options: --planner BITstar:time_limit=2. An unknown option lists all of them.\n"
         "Next: describe a map, or list the robot's settings:\n"
         "  locplan info two_corridors\n"
         "  locplan info --settings"
@@ -131,7 +132,7 @@ def _format_names(names: dict[str, list[str]]) -> str:
 
 
 def _target(map_file: Path, output: OutputOptions) -> Target | None:
-    """Return the file of a picture, or the folder for a built-in map's files; None for none."""
+    """Return the picture's file, or the folder for a built-in map; None without --output."""
     from locplan.maps.environments import is_built_in
 
     if output.output is None:
@@ -155,12 +156,12 @@ def _target(map_file: Path, output: OutputOptions) -> Target | None:
 
 
 def _ambiguous_places(grid: locplan.OccupancyGrid, robot: locplan.Robot) -> tuple[str, object]:
-    """Return the line about ambiguous places and starts, and the same fit for JSON."""
+    """Return a line about ambiguous places and safe starts, and their values for JSON."""
     from locplan.recordings.ambiguous_places import find_ambiguous_places
 
     try:
         with progress_bar("ambiguous places", "poses") as progress:
             places = find_ambiguous_places(grid, robot, progress=progress)
     except ConfigError as error:  # the robot fits nowhere, or there is no wall
-        return f"ambiguous places: not known, since {error}", None
+        return f"ambiguous places: unknown ({error})", None
     return places.sentence, {"share": places.share, "starts": places.starts.tolist()}

@@ -1,4 +1,4 @@
-"""The command that proposes places for landmarks."""
+"""The command `landmarks`: propose places for poles or boxes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DriveCount = Annotated[Integer | None, show_default(_default_drives)]
 
 @command(
     "landmarks lab.yaml --object pole:0.2 --count 3 --start 2,3 --goal 38,3 -o marked",
-    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2_params.yaml -o marked",
+    "landmarks lab.yaml --object box:0.6,0.3 --path mine.csv --robot nav2.yaml -o marked",
 )
 def landmarks(
     map_file: MapFile,
@@ -53,9 +53,9 @@ def landmarks(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> None:
-    """Propose places for poles or boxes that keep the robot from getting lost.
+    """Propose places for poles or boxes that help the robot to localize.
 
-    Simulates drives without them, with them, and with objects at random places.
+    Simulates drives without objects, with the proposed ones, and with randomly placed ones.
 
     Parameters
     ----------
@@ -66,17 +66,17 @@ def landmarks(
     goal
         Goal of the route, in metres.
     path
-        Path of the robot (CSV of x,y). Repeatable.
+        Path that the robot drives (CSV of x,y). Repeatable.
     places
-        Places (CSV of name,x,y) between all of which the robot drives.
+        Places (CSV of name,x,y). The robot drives between all of them.
     object
         pole:DIAMETER or box:LENGTH,WIDTH, in metres.
     count
         Maximum number of objects.
     zones
-        Zones (GeoJSON) or a keepout mask (map YAML) that objects leave free.
+        Zones (GeoJSON) or a keepout mask (map YAML) without objects.
     drives
-        Number of drives that verify them, 0 for none.
+        Number of verifying drives. 0 simulates nothing.
     """
     from locplan.advice.landmark_objects import parse_object
     from locplan.advice.landmarks import DRIVES, Landmarks, verify_landmarks
@@ -85,7 +85,7 @@ def landmarks(
 
     check_ends(start, goal)
     if bool(path) + (places is not None) + (start is not None) != 1:
-        raise ConfigError("give one of --path, --start with --goal, and --places")
+        raise ConfigError("pass one of --path, --start and --goal, or --places")
     places_by_name = {"start": start, "goal": goal} if start and goal else None
     if places:
         stations = read_stations(places)
@@ -109,7 +109,7 @@ def landmarks(
         )
     verification = None
     if drives:
-        with progress_bar("verifying by drives", "drives") as progress:
+        with progress_bar("verifying", "drives") as progress:
             verification = verify_landmarks(
                 result, drives, seed=seed, threads=threads, progress=progress
             )

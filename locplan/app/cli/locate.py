@@ -1,4 +1,4 @@
-"""The command that finds where on a map scans were taken."""
+"""The command `locate`: find where on a map scans were taken."""
 
 from __future__ import annotations
 
@@ -52,26 +52,26 @@ def locate(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> None:
-    """Find where on the map scans were taken, without their recorded poses.
+    """Find where on a map scans were taken, without using recorded poses.
 
-    Weights of the places show which ones look alike.
+    Lists the best places with weights, which show the places that look alike.
 
     Parameters
     ----------
     map_file
         Map YAML, folder with one, or built-in map.
     scan
-        Number of the scan, from 0 on. Locates all scans by default.
+        Index of the scan, from 0. [default: all scans]
     at
-        Time of the scan after the first one, in seconds.
+        Time of the scan since the first one, in seconds.
     every
-        Step between the scans that are located. [default: 1]
+        Locate every n-th scan. [default: 1]
     near_path
-        Path (CSV of x,y) near which places count. All do by default.
+        Path (CSV of x,y) that the places must be near. [default: no limit]
     within
         Maximum distance from the path, in metres.
     count
-        Maximum number of places.
+        Maximum number of places per scan.
     """
     from locplan.recordings.location import COUNT, WITHIN, LocatedDrive, locate_drive
     from locplan.recordings.map_fit import check_place
@@ -89,7 +89,7 @@ def locate(
     grid = locplan.load_map(map_file)
     drive = read_recording(recording, needs_poses=False)
     scans = _select_scans(drive, scan, at, every or 1)
-    with working("looking around at all places of the map"):
+    with working("simulating scans all over the map"):
         database = ScanDatabase(grid, scans.lidar)
         _ = database.everywhere
         check_place(drive, grid, database=database)
@@ -113,17 +113,17 @@ def _select_scans(
     """Return the recording of one scan, or of every n-th one."""
     if seconds is not None:
         if recording.times is None:
-            raise ConfigError("the recording has no times; choose by --scan")
+            raise ConfigError("the recording has no times; use --scan instead of --at")
         after = recording.times - recording.times[0]
         if not 0 <= seconds <= after[-1]:
             raise ConfigError(
-                f"--at must lie within the recording's {after[-1]:.4g} s, not be {seconds:g}"
+                f"--at must be from 0 to {after[-1]:.4g} s (the last scan), not {seconds:g}"
             )
         scan = int(abs(after - seconds).argmin())
     if scan is None:
         return recording.subsample(scan_step)
     if scan >= len(recording):
         raise ConfigError(
-            f"--scan must be below the recording's {len(recording)} scans, not {scan}"
+            f"--scan must be from 0 to {len(recording) - 1} (the last scan), not {scan}"
         )
     return recording[scan : scan + 1]

@@ -1,4 +1,4 @@
-"""The command that recommends a path, or computes the Pareto front."""
+"""The command `plan`: recommend a path, or compute the Pareto front."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 import locplan
 from locplan._support.progress import later_progress_bar, working
-from locplan._support.runs import format_argument, get_command_line as typed_words
+from locplan._support.runs import format_argument, get_command_line
 from locplan.app.cli.application import command
 from locplan.app.cli.arguments import (
     InputFile,
@@ -46,13 +46,13 @@ if TYPE_CHECKING:
     from locplan.simulation.problem import RecommendationSettings
 
 HALF = 0.5
-"""Share of failing drives from which the cause matters more than the path."""
+"""Share of failed drives above which `plan` suggests `check`."""
 MAX_DRIVES = 1024
-"""Maximum number of confirming drives that `plan` simulates."""
+"""Maximum number of confirming drives that `plan` suggests."""
 ROBOT_OPTIONS = "--robot", "--lidar", "--set", "--filter-map"
 Error = Literal["rmse", "lost", "goal-error", "heading"]
 FRONT_TIME = 30.0
-"""Time that the search for a front may take [s]."""
+"""Time limit of the search for a front [s]."""
 
 
 def _settings() -> type[RecommendationSettings]:
@@ -101,39 +101,39 @@ def plan(
 ) -> None:
     """Recommend a path along which the robot can localize.
 
-    Simulates candidates until one is better than the shortest path.
-    Without a lidar, plans the shortest and the localizability-aware path.
+    Simulates candidate paths until one is better than the shortest path.
+    Without a lidar, plans the shortest and the localizability-aware path only.
 
     Parameters
     ----------
     map_file
         Map YAML, folder with one, or built-in map.
     start
-        Start, in metres and degrees.
+        Start pose, in metres and degrees.
     goal
-        Goal, in metres and degrees.
+        Goal pose, in metres and degrees.
     via
-        Place to visit on the way. Repeatable.
+        Waypoint, in metres and degrees. Repeatable.
     planner
-        BITstar:time_limit=2, my.py:plan or one of `locplan info`. Repeatable.
+        Planner of `locplan info`, or a function such as my.py:plan. Repeatable.
     path
         Further candidate (CSV of x,y). Repeatable.
     weight
-        Detour that a degenerate metre is worth, in metres.
+        Detour that avoiding a degenerate metre is worth, in metres.
     longest
-        Maximum length, in shortest paths.
+        Maximum length, as a multiple of the shortest path.
     max_e
-        Maximum e of the cells that a path enters, in m² rad.
+        Maximum e of a cell on the path, in m² rad.
     budget
         Maximum degenerate metres (∫u ds) of a path.
     front
         Compute the Pareto front of length and degeneracy instead.
     drives
-        Maximum number of confirming drives, 0 for none.
+        Maximum number of confirming drives. 0 simulates nothing.
     thorough
         Simulate 40 closed-loop drives instead of 16.
     minimise
-        Error: rmse, lost, goal-error or heading.
+        Error to minimise: rmse, lost, goal-error or heading.
     zones
         Zones (GeoJSON) or a keepout mask (map YAML).
     """
@@ -160,19 +160,21 @@ def plan(
     if simulated.outline and budget is not None:
         radius = simulated.outline.inscribed_radius
         print(
-            f"with a budget the robot counts as the circle of {radius:.3g} m within its outline",
+            f"--budget plans for a circular robot of radius {radius:.3g} m, inside the footprint",
             file=sys.stderr,
         )
     candidates: dict[str, locplan.Path | Planner] = {**read_paths(path)}
     for name, candidate in _parse_planners(planner, seed, via, max_e, budget).items():
         if name in candidates:
-            raise ConfigError(f"a --path file has the name of a --planner, {name}; rename it")
+            raise ConfigError(
+                f"a --path file and a --planner are both named {name}; rename the file"
+            )
         candidates[name] = candidate
     output.check(locplan.Recommendation.files, "history.png")
     grid = locplan.load_map(map_file)
     polygons = load_zones(zones, grid)
     settings = _settings()
-    with later_progress_bar("driving the candidates", "drives") as progress:
+    with later_progress_bar("simulating the candidates", "drives") as progress:
         recommendation = locplan.recommend_path(
             grid,
             start,
@@ -208,9 +210,9 @@ def plan(
 def _parse_planners(
     texts: tuple[str, ...], seed: int, via: Any, max_e: float | None, budget: float | None
 ) -> dict[str, Planner]:
-    """Return planners by their labels, if they keep the limits that are set.
+    """Return planners by label; raise a ConfigError if one ignores a limit.
 
-    Planners with random numbers have the seed unless they have their own.
+    Randomized planners get the seed unless their options set one.
     """
     from locplan.planning.requests import has_option, make_planner, with_options
 
@@ -228,36 +230,33 @@ def _parse_planners(
 def _suggest_next_step(
     recommendation: locplan.Recommendation, map_file: str, output: OutputOptions
 ) -> tuple[str, ...]:
-    """Return what to do next, and the commands for it; empty if there is nothing to do."""
-    words, map_word, recommended = (
-        typed_words(),
-        format_argument(map_file),
-        recommendation.recommended_candidate,
-    )
+    """Return the next step and its commands; empty if nothing is left to do."""
+    words, map_word = get_command_line(), format_argument(map_file)
+    recommended = recommendation.recommended_candidate
     robot_words = [word for word in words if word.partition("=")[0] in ROBOT_OPTIONS]
     if recommended is None:
         info_command = shlex.join(["locplan", "info", map_word])
-        return "see the rooms of the map, and what misleads in it:", info_command
+        return "list the rooms and the faults of the map:", info_command
     if recommendation.judgement is None:
         simulate = shlex.join([*words, "--lidar=turtlebot4"])
         has_lidar = recommendation.robot.lidar is not None
-        return () if has_lidar else ("simulate the paths with your lidar, such as:", simulate)
+        return () if has_lidar else ("simulate the paths with your lidar, for example:", simulate)
     if recommendation.is_tuning_first:
         tune = shlex.join(["locplan", "tune", map_word, *robot_words, "-o", "tuned"])
         plan_again = shlex.join([*words, "--robot=tuned/nav2_params.yaml"])
-        return "tune the filter, then plan with its settings:", tune, plan_again
+        return "tune the filter, then plan with the tuned settings:", tune, plan_again
     statistics, arrivals = recommended.driven, recommended.arrivals
     is_lost = statistics is not None and statistics.lost_rate.value >= HALF
     if is_lost or (arrivals is not None and arrivals.arrival_rate.value <= HALF):
         check = shlex.join(["locplan", "check", map_word, *robot_words])
-        return "find why the robot fails, and what helps most:", check
+        return "find out why the robot fails, and which fix helps most:", check
     if recommendation.is_undecided:
         other_words = [word for word in words if word.partition("=")[0] != "--drives"]
         drives = min(2 * recommendation.settings.drives, MAX_DRIVES)
         return "simulate more drives:", shlex.join([*other_words, f"--drives={drives}"])
     if output.output is None:
         save = shlex.join([*words, "-o", "planned"])
-        return "save the path, its picture and all candidates:", save
+        return "save the path, a picture and all candidates:", save
     if recommendation.best:
         export = ["--to", "nav2-keepout", f"--choice={output.output}", "-o", "mask"]
         files = [word for word in robot_words if word.startswith("--robot=")]
@@ -276,12 +275,12 @@ def _find_front(
     threads: int | None,
     output: OutputOptions,
 ) -> None:
-    """Compute the Pareto front of length and degeneracy, and show where it bends."""
+    """Compute and show the Pareto front of length and degeneracy."""
     from locplan.field.summary import describe_field
     from locplan.planning.plans import check_ends
 
     if len(start) > 2 or len(goal) > 2:
-        raise ConfigError("--front has no headings; give --start and --goal as X,Y")
+        raise ConfigError("--front ignores headings; write --start and --goal as X,Y")
     on_map, config = field.resolve(robot.load())
     grid = locplan.load_map(map_file)
     zones = load_zones(zones_file, grid)

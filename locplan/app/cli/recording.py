@@ -1,4 +1,4 @@
-"""The command that reads a recorded drive once, for the other commands."""
+"""The command `recording`: read a recorded drive for the other commands."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ def recording(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> None:
-    """Read a recorded drive once: topics, faults, noise, and on a map the ground truth.
+    """Read a recorded drive: topics, faults, noise, and the ground truth on a map.
 
-    Other commands take the written drive.npz as --recording.
-    Into a folder, writes the poses for evo, a picture and the robot with its noise as well.
+    Other commands read the written drive.npz with --recording.
+    If --output is a folder, also writes poses for evo, a picture and the robot with its noise.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ def recording(
     map_file
         Map YAML, folder with one, or built-in map.
     every
-        Step between the scans that are read.
+        Read every n-th scan.
     start
-        Pose at the first scan. [default: anywhere on the map]
+        Pose at the first scan. [default: search the whole map]
     scan_topic
         Topic of the scans, if a bag has several.
     odom_topic
@@ -79,20 +79,20 @@ def recording(
     map_frame
         Frame of the poses. [default: map]
     base_frame
-        Frame of the robot. [default: that of its odometry]
+        Frame of the robot. [default: from the odometry]
     range_limits
-        Limits of ranges that are returns, in metres.
+        Minimum and maximum range of valid returns, in metres.
     mount
         Pose of the lidar on the robot, in metres and degrees.
     align
-        Turn of the poses about the map's origin, and shift after it.
+        Shift of the poses after a turn about the map's origin.
     """
     from locplan.recordings.files import read_recording
     from locplan.recordings.logs import Topics
     from locplan.recordings.study import recording_output, study_recording
 
     if start is not None and len(start) != 3:
-        raise ConfigError("--start needs a heading: X,Y,DEG")
+        raise ConfigError("--start needs a heading; write X,Y,DEG")
     if map_file is None:
         refuse("without a map", start=start)
     robot.check_recorded(is_replayed=False)
@@ -132,4 +132,4 @@ def recording(
         name = output.output if output.output.suffix else output.output / "drive.npz"
         files = [f"--robot={file}" for file in robot.robot]
         words = ["locplan", "check", str(map_file), f"--recording={name}", *files]
-        print(f"\nNext: find what helps the robot most:\n  {shlex.join(words)}")
+        print(f"\nNext: find the fix that helps the robot most:\n  {shlex.join(words)}")

@@ -1,4 +1,4 @@
-"""The command that repairs a map for the robot's filter."""
+"""The command `repair`: repair a map for the robot's filter."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def repair(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> None:
-    """Repair a map for the robot's filter, and simulate drives that show the gain.
+    """Repair a map for the robot's filter, and simulate drives to measure the gain.
 
-    Hollows solid walls and erases specks. The map for planning stays as it is.
+    Hollows solid walls and erases specks. Keep using the original map for planning.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def repair(
     paths
         Number of random shortest paths.
     drives
-        Number of drives along each path, with each map.
+        Number of drives per path and map.
     """
     from locplan.advice.map_repair import DRIVES, PATHS, RepairedMap, check_concerned
     from locplan.maps.files import read_map

@@ -1,4 +1,4 @@
-"""The command that simulates drives along paths, or replays a recording."""
+"""The command `simulate`: simulate drives along paths, or replay a recording."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def simulate(
     recording: RecordingFile = None,
     weight: Weight = None,
     drives: DriveCount = None,
-    closed: PairCount | None = None,
+    closed_loop: PairCount | None = None,
     replan: float | None = None,
     robot: RobotOptions = RobotOptions(),
     filter_map: FilterMapFile = None,
@@ -79,32 +79,32 @@ def simulate(
     threads: Threads = None,
     output: OutputOptions = OutputOptions(),
 ) -> None:
-    """Simulate drives with the robot's filter: its error, and how often it gets lost.
+    """Simulate drives with the robot's filter, and report its error and how often it gets lost.
 
-    With a recording, replays the filter on its odometry and scans instead.
+    With --recording, replays the filter on the recorded odometry and scans instead.
 
     Parameters
     ----------
     maps
         Map YAML files, folders with one, or built-in maps.
     start
-        Start of the shortest and the aware path, in metres.
+        Start of the shortest and the localizability-aware path, in metres.
     goal
         Goal of both paths, in metres.
     path
-        Path to drive (CSV of x,y). Repeatable.
+        Path to simulate (CSV of x,y). Repeatable.
     random
-        Number of random queries on each map, instead of a start.
+        Number of random queries per map, instead of --start and --goal.
     min_distance
         Minimum distance of random queries, in metres.
     weight
-        Detour that a degenerate metre is worth, in metres.
+        Detour that avoiding a degenerate metre is worth, in metres.
     drives
         Number of drives per path, or of replays.
-    closed
-        Number of further closed-loop drives along each path.
+    closed_loop
+        Number of additional closed-loop drives per path.
     replan
-        Time between plans of closed-loop drives, in seconds.
+        Replanning interval of closed-loop drives, in seconds.
     """
     from locplan.field.config import equip_robot
     from locplan.maps.files import find_maps
@@ -120,21 +120,23 @@ def simulate(
     check_ends(start, goal)
     has_one_kind = bool(path) + (start is not None) + (random is not None) == 1
     if recording is None and not has_one_kind:
-        raise ConfigError("give one of --path, --start with --goal, --random, and --recording")
+        raise ConfigError(
+            "name the paths with one of --path, --start and --goal, --random, or --recording"
+        )
     if random is None:
         refuse("without --random", min_distance=min_distance)
-    if closed is None:
-        refuse("without --closed", replan=replan)
+    if closed_loop is None:
+        refuse("without --closed-loop", replan=replan)
     if path and recording is None:
-        refuse("with --path: no path is planned", weight=weight, stride=field.stride)
+        refuse("with --path, which needs no plan", weight=weight, stride=field.stride)
     files = find_maps(*maps)
     if recording and len(files) > 1:
-        raise ConfigError(f"a recording is of one map: name one of these {len(files)}")
+        raise ConfigError(f"a recording needs one map; name one of these {len(files)}")
     if random is None and len(files) > 1:
-        raise ConfigError(f"one path is of one map: name one of these {len(files)}, or --random")
+        raise ConfigError(f"a path needs one map; name one of these {len(files)}, or use --random")
     if recording:
         refuse("with --recording", start=start, goal=goal, path=path, random=random, weight=weight)
-        refuse("with --recording", closed=closed, field=field.field, stride=field.stride)
+        refuse("with --recording", closed_loop=closed_loop, field=field.field, stride=field.stride)
         return _replay(recording, files[0], drives, robot, filter_map, seed, threads, output)
     simulated, config = field.resolve(robot.load())
     is_assumed = simulated.lidar is None
@@ -148,7 +150,7 @@ def simulate(
         return locplan.Costmap.from_field(computed, robot=simulated, weight=weight)
 
     if random is not None:
-        refuse("with --random", closed=closed)
+        refuse("with --random", closed_loop=closed_loop)
         distance = MIN_DISTANCE if min_distance is None else min_distance
         check_random(random, seed, distance)
         kind = RoutesOnMaps
@@ -171,13 +173,13 @@ def simulate(
                     )
                 )
         return output.finish(kind(tuple(routes)))
-    output.check(Simulation.files, *["arrivals.csv"] * bool(closed))
+    output.check(Simulation.files, *["arrivals.csv"] * bool(closed_loop))
     (grid,) = grids
     paths = read_paths(path)
     path_costs: locplan.Costmap | None = None
     if start and goal:
         if start == goal:
-            raise ConfigError("start and goal are one place; a drive needs a way between two")
+            raise ConfigError("--start and --goal are the same position; choose two positions")
         plans.check_ends(locplan.Costmap.blank(grid, robot=simulated), start, goal)
         path_costs = costmap(grid)
         aware_and_shortest = plan_with_shortest(path_costs, start, goal)
@@ -185,7 +187,12 @@ def simulate(
             name: plan.path for name, plan in aware_and_shortest.items() if plan.path is not None
         }
     if not paths:
-        return output.show({"status": "unreachable"}, "unreachable: no path leads to the goal")
+        return output.show(
+            {"status": "unreachable"}, "unreachable: no path leads from start to goal"
+        )
+    closed_loop_settings = None
+    if closed_loop:
+        closed_loop_settings = ClosedLoopSettings(drives=closed_loop, replan=replan)
     with progress_bar("simulating", "drives") as progress:
         result = simulations.simulate(
             grid,
@@ -193,15 +200,15 @@ def simulate(
             simulated,
             costs=path_costs,
             drives=drives or DEFAULT_DRIVES,
-            closed=ClosedLoopSettings(drives=closed, replan=replan) if closed else None,
+            closed=closed_loop_settings,
             filter_map=filter_grid,
             seed=seed,
             threads=threads,
             progress=progress,
         )
     if is_assumed:
-        assumed = f"{simulated.known_lidar.title}; name yours with --lidar"
-        print(f"robot: no lidar named, one assumed: {assumed}", file=sys.stderr)
+        title = simulated.known_lidar.title
+        print(f"robot: assumed lidar {title}; name yours with --lidar", file=sys.stderr)
     output.finish(result)
 
 

@@ -1,4 +1,4 @@
-"""The command that tunes AMCL's settings by simulated drives and recordings."""
+"""The command `tune`: tune AMCL with simulated drives or recordings."""
 
 from __future__ import annotations
 
@@ -66,8 +66,7 @@ def tune(
 ) -> None:
     """Find AMCL settings that localize the robot better, and write them for Nav2.
 
-    Simulates the presets and your settings along random paths.
-    Recordings decide: settings that they contradict are not written.
+    Simulates your settings and others along random paths, or replays recordings with them.
 
     Parameters
     ----------
@@ -76,7 +75,7 @@ def tune(
     paths
         Number of random paths.
     drives
-        Number of drives per path, or of replays.
+        Number of drives per path, or of replays per recording.
     """
     from locplan.advice import tuning
     from locplan.advice.tuning import Tuning, tune_on_drive
@@ -110,8 +109,8 @@ def tune(
         robot.check_recorded()
         if len(maps) not in (1, len(recording)):
             raise ConfigError(
-                "give one map for all recordings, or one for each in their order:"
-                f" {len(recording)} recordings, {len(maps)} maps"
+                f"there are {len(recording)} recordings and {len(maps)} maps; name one map for all"
+                " recordings, or one per recording in the same order"
             )
         map_files = maps * (len(recording) // len(maps))
         grids = [locplan.load_map(file) for file in map_files]

@@ -1,4 +1,4 @@
-"""Messages of the library in the words of the command line: options as they are typed."""
+"""Messages of the library with options as typed in place of Python's keywords."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ KEYWORD = re.compile(
     r"(?<!in Python )(?<![\w:.\-/'\"=,<{])([a-z]+(?:_[a-z]+)*)"
     r"(?:=('[^']*'|\"[^\"]*\"|\([^()]*\)|[\w./-]*)|\b(?!['\":(=.]))"
 )
-"""A keyword of Python, with the value behind it if there is one."""
+"""Pattern of a keyword in Python, with the value after it if there is one."""
 
 
 def translate_options(text: str, command: str = "") -> str:
     """Return a message with options of a command in place of Python's keywords.
 
-    Of a word without a value only one with an underscore is taken for a keyword.
+    A word without a value is replaced only if it has an underscore.
 
     Parameters
     ----------
     text : str
         The message.
     command : str, default ""
-        The command; by default the one that runs.
+        The command. By default the running one.
     """
-    # The options of a planner are typed with --planner, and as in Python.
+    # Options of a planner are typed as in Python, after --planner.
     if text.startswith("planner '") or not re.search(r"[a-z]=|[a-z]_[a-z]", text):
         return text
     metavars = _list_options(command)
