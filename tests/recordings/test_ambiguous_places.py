@@ -140,4 +140,4 @@ def test_info_says_why_nothing_is_known_of_ambiguous_places(run, tmp_path):
     save_map(OccupancyGrid(np.full((40, 40), FREE, np.uint8), 0.1), tmp_path / "open.yaml")
     code, out, _ = run("info", tmp_path / "open.yaml", "--set", "range=8")
     assert code == 0
-    assert "ambiguous places: not known, since open has no occupied cell" in out
+    assert "ambiguous places: unknown (open has no occupied cell" in out

@@ -461,18 +461,18 @@ def test_the_command_takes_the_scan_at_a_time_near_a_path(run, tmp_path):
     assert code == 0
     assert about["recorded"]["x"] == pytest.approx(drive.poses[40, 0])
     assert about["recorded"]["distance"] < 0.3
-    assert "--at must lie within the recording's" in check_refusal(run(*ask, "--at", 1e6))
+    assert "--at must be from 0 to" in check_refusal(run(*ask, "--at", 1e6))
     assert "--every has no effect with --scan" in check_refusal(
         run(*ask, "--scan", 1, "--every", 2)
     )
     assert "--every has no effect with --at" in check_refusal(run(*ask, "--at", 1, "--every", 2))
     assert "--at has no effect with --scan" in check_refusal(run(*ask, "--scan", 1, "--at", 2))
     assert "--within has no effect without --near-path" in check_refusal(run(*ask, "--within", 2))
-    assert "--scan must be below the recording's" in check_refusal(run(*ask, "--scan", 99999))
+    assert "--scan must be from 0 to" in check_refusal(run(*ask, "--scan", 99999))
     assert "name a recording with --recording" in check_refusal(run("locate", MAP))
     replace(drive, times=None).save(tmp_path / "untimed.npz")
     untimed = "locate", MAP, "--recording", tmp_path / "untimed.npz", "--at", 3
-    assert "the recording has no times; choose by --scan" in check_refusal(run(*untimed))
+    assert "the recording has no times; use --scan instead of --at" in check_refusal(run(*untimed))
 
 
 @pytest.mark.long

@@ -331,7 +331,7 @@ def test_a_map_that_does_not_fit_is_told_before_the_replay(files, monkeypatch, c
     code, _, err = run(monkeypatch, capsys, *command)
     assert code == 2
     assert "seems shifted" in err
-    assert "find the ground truth with locplan recording --align " in err
+    assert "run `locplan recording --align " in err
 
 
 def test_odometry_that_stands_still_is_refused(grid, drive):

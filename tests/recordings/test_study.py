@@ -191,7 +191,7 @@ def test_other_commands_point_to_options_of_recording(run, files):
         writer.scan(BEGIN, LIDAR, np.ones(90), topic="/front")
         writer.scan(BEGIN, LIDAR, np.ones(90), topic="/rear")
     error = check_refusal(run("simulate", files / "room.yaml", "--recording", bag))
-    assert "choose one with --scan-topic /front; read it with locplan recording" in error
+    assert "choose one with --scan-topic /front; run `locplan recording" in error
 
 
 @pytest.mark.parametrize(
