@@ -237,7 +237,7 @@ class Result(Pictured):
 
         Parameters
         ----------
-        *about, **more
+        *related, **details
             What belongs to it, such as the drives that verify it.
         """
         return to_plain_data(self)
@@ -253,7 +253,7 @@ class Result(Pictured):
         ----------
         folder : path
             Folder of the results, which need not exist.
-        *about
+        *related
             What `summary` takes.
         force : bool, default False
             True overwrites files of the same names and removes other results; other files stay.
@@ -275,7 +275,7 @@ class Result(Pictured):
         ----------
         folder : path
             The folder.
-        *about
+        *related
             What `summary` takes.
         """
         kind = self.files.kind

@@ -142,7 +142,7 @@ class Check(Result):
 
         Parameters
         ----------
-        *about, **more
+        *related, **details
             What `save` takes, of which it says nothing.
         """
         from locplan.advice.next_step import next_action
@@ -216,7 +216,7 @@ class Check(Result):
         ----------
         folder : path
             Folder of the results, which need not exist.
-        *about
+        *related
             The folder that the commands name, by default this one, and the user's parameters of
             Nav2, of which a copy is changed.
         force : bool, default False
@@ -251,7 +251,7 @@ class Check(Result):
         ----------
         folder : path, optional
             The folder that its files are in.
-        *about
+        *related
             The user's parameters of Nav2, of which a copy was changed.
         """
         from locplan.advice.text import check_report

@@ -168,7 +168,7 @@ class Tuning(Result):
 
         Parameters
         ----------
-        *about, **more
+        *related, **details
             What `save` takes, which the numbers do not have.
         """
         maps = [{"name": grid.name, "digest": grid.digest} for grid in self.grids]
@@ -553,7 +553,7 @@ def tune_on_drive(
         Number of replays of the whole drive, 2 to 100,000.
     filter_map : OccupancyGrid, optional
         The filter's map in the same frame, if it differs from `grid`.
-    others, seed, threads, progress
+    further_parameters, seed, threads, progress
         See `locplan.advice.tuning.tune`.
 
     Returns

@@ -272,7 +272,7 @@ def sad_distribution(
     >>> cells = np.full((9, 9), 254, np.uint8)
     >>> cells[:, 6] = 0
     >>> from locplan.field import SearchWindow
-    >>> window = SearchWindow(half_width=1, step=1, half_rotation_deg=0).on(resolution=1.0)
+    >>> window = SearchWindow(half_width=1, step=1, half_rotation_deg=0).to_lattice(resolution=1.0)
     >>> sad_distribution(cells, 4, 4, 2, window)[:, :, 0]
     array([[ 254,  254,  254],
            [   0,    0,    0],

@@ -86,7 +86,7 @@ def plan(
         Positions in the world [m], with a heading [rad] where the planner's `space` has one.
     planner : str, function or Planner, optional
         One of `names`; a function ``f(costs, start, goal, **options)`` that returns a `Path`, a
-        `Plan` or a `Found`; or an object such as ``planners.AnyAngle(accuracy="high")``.
+        `Plan` or a `PlannerResult`; or an object such as ``planners.AnyAngle(accuracy="high")``.
         By default "lattice" if the robot of the costmap has an outline or a turning radius,
         otherwise "any-angle". If a planner ignores the outline or the turning radius, the plan's
         note says so.

@@ -98,7 +98,7 @@ class Planner(Protocol):
 
         Returns
         -------
-        Found
+        PlannerResult
             The path from start to goal, whose ends may be off by 1.5 cells; or the reason why
             there is none.
         """

@@ -31,7 +31,7 @@ from locplan.robots.robot import Robot
 
 PlannerFunction: TypeAlias = Callable[..., Plan | Path | PlannerResult]
 """A function ``f(costs, start, goal, **options)`` that returns a path, an (n, 2) or (n, 3) array of
-its positions, a `Found` or a `Plan`."""
+its positions, a `PlannerResult` or a `Plan`."""
 AnyPlanner: TypeAlias = str | Planner | PlannerFunction
 """A planner as a caller may give it."""
 

@@ -54,7 +54,7 @@ class Recording:
     Recording(2 scans of 3 beams, 0.5 m)
     >>> drive.ranges[1].tolist()
     [2.0, 0.5, inf]
-    >>> drive.moved(1.0, 0.0, 0.0).poses[:, 0].tolist()
+    >>> drive.move(1.0, 0.0, 0.0).poses[:, 0].tolist()
     [1.0, 1.5]
     """
 

@@ -133,7 +133,7 @@ class RecordingReport(Result):
             A file .npz, which gets the recording with its ground truth alone; or a folder, which
             gets drive.npz, recording.json, and with a map poses.csv, poses.tum (time, x, y, z,
             quaternion, as evo reads them), recording.png and robot.yaml.
-        *about
+        *related
             Nothing: the report is complete.
         force : bool, default False
             True also replaces files that locplan did not write.

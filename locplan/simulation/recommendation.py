@@ -686,7 +686,7 @@ class Recommendation(Result, Stored):
 
         Parameters
         ----------
-        *about, **more
+        *related, **details
             What `save` takes, of which it says nothing.
         """
         if not self.candidates:

@@ -644,7 +644,7 @@ def test_drives_that_nothing_can_be_tuned_on_are_refused(grid, drive):
 @pytest.mark.long
 def test_sparse_scans_are_a_warning(grid, drive):
     own = Amcl(min_particles=20, max_particles=20)
-    tuned = tune_on_drive(drive.every(5), grid, robot=Robot(filter=own), drives=2)
+    tuned = tune_on_drive(drive.subsample(5), grid, robot=Robot(filter=own), drives=2)
     assert "every 0.5 m for lack of scans" in tuned.notes[0]
     assert tuned.report().startswith("note: the filter updated every 0.5 m")
 

@@ -86,7 +86,7 @@ def peak_words_per_second():
 @pytest.mark.parametrize("name", MAPS)
 def test_kernel_beside_opencv(benchmark, name):
     grid, config = load(name), FieldConfig()
-    window = config.estimator.window.on(grid.resolution)
+    window = config.estimator.window.to_lattice(grid.resolution)
     radius = config.estimator.template_radius(grid.resolution, grid.shape)
     rows, cols = lattice_tile(grid, config, seed=1)
     compared = np.random.default_rng(2).integers(len(rows), size=3)

@@ -195,7 +195,7 @@ def program():
 @pytest.mark.parametrize("rotation", [60, 0])
 def test_distributions_show_every_plane_of_the_window(program, rotation):
     config = FieldConfig(Sad(window=SearchWindow(half_rotation_deg=rotation)))
-    window = config.estimator.window.on(0.1)
+    window = config.estimator.window.to_lattice(0.1)
     shape = 21, 21, len(window.angles)
     mismatch = np.arange(np.prod(shape), dtype=float).reshape(shape)
     figure = program.distribution_figure({"here": mismatch}, window)

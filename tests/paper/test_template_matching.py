@@ -34,7 +34,7 @@ def test_sad_distribution_equals_the_plain_loops():
             )
         )
     )
-    window = config.estimator.window.on(0.05)
+    window = config.estimator.window.to_lattice(0.05)
     for row, col in ((15, 19), (0, 0), (30, 5)):
         expected = oracles.sad.mismatch_counts(cells, row, col, 7, 2, 3, window.angles)
         result = sad_distribution(cells, row, col, 7, window)
@@ -71,7 +71,7 @@ def test_disc_is_symmetric_and_touches_its_radius(radius):
 
 def test_mismatch_is_zero_at_zero_lag():
     cells = random_rooms((60, 60), seed=2)
-    window = FieldConfig(Sad(window=SearchWindow(half_width=0.4))).estimator.window.on(0.1)
+    window = FieldConfig(Sad(window=SearchWindow(half_width=0.4))).estimator.window.to_lattice(0.1)
     assert sad_distribution(cells, 30, 30, 12, window)[2, 2, 6] == 0
 
 

@@ -46,7 +46,7 @@ PLANNER = '''
 from dataclasses import dataclass
 
 from locplan.planning.path import Path
-from locplan.planning.protocol import Found
+from locplan.planning.protocol import PlannerResult
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Straight:
     def prepare(self): ...
 
     def solve(self, costs, start, goal):
-        return Found(Path([start, goal]))
+        return PlannerResult(Path([start, goal]))
 '''
 FORMAT = '''
 from dataclasses import dataclass
@@ -128,7 +128,7 @@ NEW_LINES = [
         "from locplan.planning.protocol",
         "from locplan.planning.straight import Straight\n",
     ),
-    ("planning/registry.py", '    "grid":', '    "straight": Entry(Straight, None),\n'),
+    ("planning/registry.py", '    "grid":', '    "straight": PlannerEntry(Straight, None),\n'),
     # export format
     (
         "export/formats.py",
@@ -165,7 +165,7 @@ NEW_LINES = [
     # column
     (
         "comparison/result.py",
-        '    Column("sentence", value=lambda each: each.cost',
+        '    Column("sentence", value=lambda standing: standing.cost',
         '    Column("solved_runs", "", "solved", 0, value=lambda each: each.summary.solved),\n',
     ),
     (
@@ -179,13 +179,13 @@ USE_ALL = """
 import numpy as np
 import locplan
 from locplan.comparison.result import STANDINGS
-from locplan.comparison.runs import run_of
+from locplan.comparison.runs import run_from_plan
 from locplan.comparison.statistics import RUN_COLUMNS, Task
 from locplan.field.config import FieldConfig
 from locplan.field.sad import Gaussian
 from locplan.planning.metrics import LidarShare, lidars_table
 from locplan.robots.presets import amcl_presets, describe_preset
-from locplan.simulation.race import DRIVEN
+from locplan.simulation.race import CANDIDATE_COLUMNS
 
 grid = locplan.load_map("bay.yaml")
 costs = locplan.Costmap.blank(grid, robot=0.1)
@@ -195,9 +195,9 @@ assert plan.path.length == 1
 assert plan.metrics.corners == 0, plan.path.xy
 assert "corners" in plan.table().names
 assert "corners" in [column.name for column in RUN_COLUMNS]
-assert "corners" in [column.name for column in DRIVEN]
+assert "corners" in [column.name for column in CANDIDATE_COLUMNS]
 assert "solved_runs" in [column.name for column in STANDINGS]
-run = run_of(Task("bay", "none", "ab", 4.0, "straight", 1), plan)
+run = run_from_plan(Task("bay", "none", "ab", 4.0, "straight", 1), plan)
 assert run.measure("corners") == 0
 
 assert amcl_presets(locplan.robots.Amcl())["keen"].z_hit == 0.8

@@ -66,7 +66,7 @@ def test_objects_name_themselves_in_short_with_units(grid, field, costs, plan):
         locplan.planning.plan_field(costs, ENDS[1]): "CostToGo(two_corridors, to 38,3 m",
         drives: "Simulation(two_corridors, a: Drives(2 of 2.00 m, median error ",
         Simulator(grid): "Simulator(two_corridors, lidar, 6 m, 360°; radius 0.2 m, margin 0.05 m; ",
-        locplan.export.recommended_ways.recommended_ways(
+        locplan.export.recommended_ways.make_recommended_ways(
             costs, {"a": plan.path}
         ): "RecommendedWays(1 of 1 ",
         locplan.Footprint([(0.5, 0.2), (0.5, -0.2), (-0.3, 0.0)]): "Footprint(3 corners, radii ",
@@ -166,7 +166,7 @@ def test_a_field_is_a_dataset_of_xarray(grid, field):
         ),
         (lambda g, f, c: locplan.planning.plan_field(g, ENDS[0]), "costs must be a Costmap"),
         (lambda g, f, c: locplan.pareto_front(f, *ENDS), "costs must be a Costmap"),
-        (lambda g, f, c: Costmap.from_field(g), "grid must be an OccupancyGrid"),
+        (lambda g, f, c: Costmap.from_field(g), "field must be a CovarianceField"),
         (lambda g, f, c: Costmap.from_field(c), "field must be a CovarianceField"),
         (lambda g, f, c: Costmap.from_density("lab.yaml", 1), "grid must be an OccupancyGrid"),
         (lambda g, f, c: Costmap.blank(f), "grid must be an OccupancyGrid"),

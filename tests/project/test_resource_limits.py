@@ -164,7 +164,7 @@ def test_warnings_of_libraries_are_not_shown_but_logged(run, room, monkeypatch):
     def noisy(*_, **__):
         np.float64(1e308) * 10
 
-    monkeypatch.setattr("locplan.app.cli.groups.Output.show", noisy)
+    monkeypatch.setattr("locplan.app.cli.groups.OutputOptions.show", noisy)
     code, _, err = run("field", room)
     assert (code, err) == (0, "")
     code, _, err = run("-v", "field", room)

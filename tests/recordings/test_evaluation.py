@@ -40,7 +40,7 @@ def drive():
 
 @pytest.fixture(scope="module")
 def found(office, drive):
-    return evaluate_drive(drive.every(6), office)
+    return evaluate_drive(drive.subsample(6), office)
 
 
 def test_posteriors_are_those_of_the_plain_loops():
@@ -74,24 +74,24 @@ def test_posteriors_are_those_of_the_plain_loops():
 
 
 def test_scans_fix_the_pose_where_they_were_taken(office, drive):
-    matches = match_scans(drive.every(10), office)
+    matches = match_scans(drive.subsample(10), office)
     assert matches.is_matched.all()
     off = np.hypot(*matches.best[:, :2].T)
     assert np.median(off) <= 0.1
     assert (off < 3 * np.maximum(matches.position_std, 0.1)).mean() > 0.9
     assert np.degrees(np.abs(matches.best[:, 2])).max() <= 2
     with pytest.raises(RecordingError, match="no scan with enough returns was taken on this map"):
-        match_scans(drive.every(50).moved(500.0, 0.0, 0.0), office)
+        match_scans(drive.subsample(50).move(500.0, 0.0, 0.0), office)
 
 
 @pytest.mark.parametrize("yaw", [math.pi / 2, -0.7])
 def test_a_turned_world_turns_the_posterior(office, drive, yaw):
-    few = drive.every(40)
+    few = drive.subsample(40)
     plain = match_scans(few, office)
     turned_grid = OccupancyGrid(
         office.cells, office.resolution, (*_turned(office.origin, yaw), yaw)
     )
-    turned = match_scans(few.moved(0.0, 0.0, yaw), turned_grid)
+    turned = match_scans(few.move(0.0, 0.0, yaw), turned_grid)
     cos, sin = math.cos(yaw), math.sin(yaw)
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(turned.covariance, turn @ plain.covariance @ turn.T, atol=2e-3)
@@ -130,7 +130,7 @@ def test_fields_predict_what_the_scans_of_a_drive_say(found):
 
 
 def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
-    some = drive.every(8)
+    some = drive.subsample(8)
     ranges = some.ranges.copy()
     crowd = np.arange(len(ranges)) < 12
     ranges[np.ix_(crowd, np.arange(40, 110))] = 0.7  # people all around
@@ -155,7 +155,7 @@ def test_scans_that_saw_what_is_not_on_the_map_are_set_apart(office, drive):
 
 def test_returns_that_scatter_about_walls_are_no_people(office, drive):
     """On coarse cells, at long range and in plants many miss the walls, but few by far."""
-    some = drive.every(8)
+    some = drive.subsample(8)
     ranges = some.ranges.copy()
     ranges[::4] += np.random.default_rng(2).normal(0.0, 0.17, ranges[::4].shape)
     scattered = dataclasses.replace(some, ranges=np.abs(ranges))
@@ -201,9 +201,9 @@ def test_intervals_are_over_stretches_of_the_drive(found):
 
 def test_drives_that_cannot_be_compared_are_refused(office, drive):
     with pytest.raises(RecordingError, match="the drive has 8 scans, too few: 10 are"):
-        evaluate_drive(drive.every(50), office)
+        evaluate_drive(drive.subsample(50), office)
     with pytest.raises(RecordingError, match="no scan with enough returns"):
-        evaluate_drive(drive.every(25).moved(0.0, 500.0, 0.0), office)
+        evaluate_drive(drive.subsample(25).move(0.0, 500.0, 0.0), office)
     with pytest.raises(ConfigError, match="recording must be a Recording"):
         evaluate_drive("drive.npz", office)
 
@@ -257,7 +257,7 @@ def made_up(stds, directions, blocks):
 
 
 def test_scans_far_from_each_other_are_dots(office, drive):
-    apart = evaluate_drive(drive.every(24), office, estimators={"scan": Scan(drive.lidar)})
+    apart = evaluate_drive(drive.subsample(24), office, estimators={"scan": Scan(drive.lidar)})
     axes = drive_figure(apart).axes[0]
     lines = [each for each in axes.collections if isinstance(each, LineCollection)][-1]
     ends = np.array([path.vertices for path in lines.get_paths()])

@@ -331,7 +331,7 @@ def test_a_drive_is_located_scan_by_scan(located, office):
 
 
 def test_threads_change_nothing(located, office):
-    again = locate_drive(located.recording.every(3), office, threads=2)
+    again = locate_drive(located.recording.subsample(3), office, threads=2)
     np.testing.assert_array_equal(again.poses, located.poses[::3])
 
 
@@ -346,7 +346,7 @@ def test_scans_without_enough_returns_are_left_out(located, office):
 
 
 def test_poses_of_another_frame_are_noticed(located, office):
-    found = replace(located, recording=located.recording.moved(3.0, 1.0, 0.5))
+    found = replace(located, recording=located.recording.move(3.0, 1.0, 0.5))
     assert "hardly agree with the map" in found.sentence
 
 

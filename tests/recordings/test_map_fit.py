@@ -55,7 +55,7 @@ def test_a_drive_fits_its_own_map(small, grid):
     "move", sample_cases([(-7.0, 40.0, 2.2), (1.3, -0.6, 0.0), (0.0, 0.0, math.pi / 2)])
 )
 def test_shifts_and_turns_are_found(small, grid, move):
-    moved = small.moved(*move)
+    moved = small.move(*move)
     fit = fit_to_map(moved, grid)
     check_found(fit, moved, small)
     assert fit.sentence.startswith(f"The map seems shifted: {fit.share:.0%} of the beams end")
@@ -69,12 +69,12 @@ def test_the_maps_own_yaw_counts(small, grid, coarse_fit):
     turned = OccupancyGrid(
         grid.cells, grid.resolution, (cos * x - sin * y, sin * x + cos * y, yaw + 0.6)
     )
-    assert fit_to_map(small.moved(0.0, 0.0, 0.6), turned).fits
-    check_found(fit_to_map(small, turned), small, small.moved(0.0, 0.0, 0.6))
+    assert fit_to_map(small.move(0.0, 0.0, 0.6), turned).fits
+    check_found(fit_to_map(small, turned), small, small.move(0.0, 0.0, 0.6))
 
 
 def test_a_small_shift_is_told_although_many_beams_end_near_walls(small, grid):
-    moved = small.moved(0.12, 0.0, 0.0)
+    moved = small.move(0.12, 0.0, 0.0)
     fit = fit_to_map(moved, grid)
     assert fit.share >= 0.6
     check_found(fit, moved, small)
@@ -114,7 +114,7 @@ def test_a_lidar_that_is_upside_down_is_told(small, grid, coarse_fit):
 @pytest.mark.long
 def test_progress_counts_the_turns_of_the_search(small, grid, coarse_fit):
     seen: list[tuple[int, int]] = []
-    fit_to_map(small.moved(3.0, 0.0, 0.0), grid, progress=lambda *each: seen.append(each))
+    fit_to_map(small.move(3.0, 0.0, 0.0), grid, progress=lambda *each: seen.append(each))
     total = seen[0][1]
     assert total % 4 == 0  # so that quarter turns are among them
     assert seen == [(n + 1, total) for n in range(total)]
@@ -143,7 +143,7 @@ def without_poses(recording: Recording) -> Recording:
 
 def test_check_place_accepts_recording_of_map(small, grid):
     check_place(small, grid)
-    check_place(small.moved(5.0, -3.0, 1.0), grid)
+    check_place(small.move(5.0, -3.0, 1.0), grid)
     check_place(replace(small, odometry=None), grid)
 
 

@@ -166,7 +166,7 @@ def test_a_turned_map_gives_the_same_errors_in_the_world(grid, drive, replayed):
 
 def test_odometry_may_be_in_any_frame(grid, drive, replayed):
     # The filter updates by the distance along x or y of odometry: a quarter turn keeps both.
-    turned = dataclasses.replace(drive, poses=drive.odometry).moved(5.0, 1.0, math.pi / 2)
+    turned = dataclasses.replace(drive, poses=drive.odometry).move(5.0, 1.0, math.pi / 2)
     found = replay(
         dataclasses.replace(drive, odometry=turned.poses), grid, robot=Robot(filter=SHARP), runs=6
     )
@@ -219,7 +219,7 @@ def test_a_filter_that_hardly_resamples_is_not_judged(grid, drive):
 
 def test_sparse_scans_are_noted(grid, drive, replayed):
     assert replayed.notes == ()
-    sparse = replay(drive.every(8), grid, robot=Robot(filter=SHARP), runs=2)
+    sparse = replay(drive.subsample(8), grid, robot=Robot(filter=SHARP), runs=2)
     assert "every 0.8 m for lack of scans, in place of every 0.25 m" in sparse.notes[0]
     # They come first, and nothing is said of losses, which are the log's own.
     first, *rest = sparse.report().splitlines()
@@ -228,7 +228,7 @@ def test_sparse_scans_are_noted(grid, drive, replayed):
     assert "overconfident" not in sparse.report()
     often = dataclasses.replace(SHARP, update_min_d=0.05)  # no log is sparse for this alone
     assert replay(drive, grid, robot=Robot(filter=often), runs=2).notes == ()
-    holds = replay(drive.every(4), grid, robot=Robot(filter=SHARP), runs=2)
+    holds = replay(drive.subsample(4), grid, robot=Robot(filter=SHARP), runs=2)
     first = holds.report().splitlines()[0]
     assert first.startswith(f"It was never {OFF}, although the filter updated")
     assert holds.report().count("for lack of scans") == 1

@@ -552,7 +552,7 @@ def test_the_report_names_what_is_not_to_be_trusted_and_how_odometry_errs(found)
 
 
 def test_a_short_drive_does_not_tell_the_drifts_of_odometry(drive, found):
-    noise = fit_odometry_noise(found.of(drive), ROBOT.amcl)
+    noise = fit_odometry_noise(found.replace_poses(drive), ROBOT.amcl)
     assert any("too short to tell the drifts" in note for note in noise.notes)
     assert not any("drift" in name for name in noise.settings())
     assert "distance_bias" in noise.settings()
