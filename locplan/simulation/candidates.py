@@ -98,13 +98,16 @@ def rebuild_costmap(cost_summary: Mapping[str, Any], field: CovarianceField) -> 
         raise ConfigError(
             f"the choice is of another map, {cost_summary['map']['name'] or 'unnamed'}"
         )
-    names = "weight", "law", "criterion", "headings"
-    cost_options = {
-        name: cost_summary[name] for name in names if cost_summary.get(name) is not None
-    }
-    if "zones" in cost_summary:
-        cost_options["zones"] = Zones.from_json(cost_summary["zones"])
-    return Costmap.from_field(field, robot=cost_summary["robot_radius"], **cost_options)
+    zones = Zones.from_json(cost_summary["zones"]) if "zones" in cost_summary else None
+    return Costmap.from_field(
+        field,
+        weight=cost_summary.get("weight"),
+        robot=cost_summary["robot_radius"],
+        law=cost_summary.get("law") or "logarithmic",
+        criterion=cost_summary.get("criterion"),
+        headings=cost_summary.get("headings") or "mean",
+        zones=zones,
+    )
 
 
 def make_candidate_costmap(
@@ -246,8 +249,16 @@ class SearchRegion(PlanningArea):
     def whole_map(self) -> SearchRegion:
         """The whole map, on which a path may be of any length."""
         costs = self.costs
-        same: Any = {"window": np.s_[:, :], "problem": self.problem, "longest": math.inf}
-        return SearchRegion(costs.grid, costs.u, self.robot, self.accepted, costs, **same)
+        return SearchRegion(
+            costs.grid,
+            costs.u,
+            self.robot,
+            self.accepted,
+            costs,
+            window=np.s_[:, :],
+            problem=self.problem,
+            longest=math.inf,
+        )
 
     @property
     def requested_weights(self) -> list[float]:

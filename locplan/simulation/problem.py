@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from locplan.planning.requests import make_planner
 from locplan.planning.results import Plan
 from locplan.planning.robot_fit import needs_lattice
 from locplan.robots.amcl import Amcl
+from locplan.robots.parts import Footprint
 from locplan.robots.presets import SAFE, with_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import CLOSED_DRIVES
@@ -247,7 +248,13 @@ class PlanningProblem:
         """
         places = check_ends(self.blank, self.start, self.goal, self.settings.via, space=space)
         problem = self._with_places(places)
-        make_planner(None, **problem._make_limits(limited=True))
+        make_planner(
+            None,
+            via=problem.settings.via,
+            max_e=problem.settings.max_e,
+            budget=problem.settings.budget,
+            footprint=problem._outline,
+        )
         if (
             self.user_costmap is not None
             and self.settings.is_limited
@@ -266,16 +273,14 @@ class PlanningProblem:
         if self.user_costmap:
             return self.user_costmap, None
 
-        settings, radius = self.settings, self.robot.radius
-        cost_options: dict[str, Any] = {
-            "weight": settings.weight,
-            "criterion": settings.criterion,
-            "robot": radius,
-            "zones": self.zones,
-        }
-
         def make_costmap(field: CovarianceField) -> Costmap:
-            return Costmap.from_field(field, **cost_options)
+            return Costmap.from_field(
+                field,
+                weight=self.settings.weight,
+                criterion=self.settings.criterion,
+                robot=self.robot.radius,
+                zones=self.zones,
+            )
 
         if not self.config.estimator.casts_rays or self.config.stride != FieldConfig.stride:
             field = self.compute(self.grid)
@@ -295,8 +300,16 @@ class PlanningProblem:
         """The plan of least cost over the waypoints, for the outline; without limits of e or u
         unless it is to be limited."""
         problem, costs, planner = self._adapt_planner(costs, planner)
+        max_e, budget = problem._get_limits(limited)
         return plan(
-            costs, problem.start, problem.goal, planner=planner, **problem._make_limits(limited)
+            costs,
+            problem.start,
+            problem.goal,
+            planner=planner,
+            via=problem.settings.via,
+            max_e=max_e,
+            budget=budget,
+            footprint=problem._outline,
         )
 
     def shortest(self, costs: Costmap) -> Path | None:
@@ -311,15 +324,26 @@ class PlanningProblem:
         """The aware plan, within all limits if it is to be limited, and the shortest one."""
         planner = planner if self.settings.budget is None else None
         problem, costs, planner = self._adapt_planner(costs, planner)
-        limits = problem._make_limits(limited)
-        return plan_with_shortest(costs, problem.start, problem.goal, planner=planner, **limits)
+        max_e, budget = problem._get_limits(limited)
+        return plan_with_shortest(
+            costs,
+            problem.start,
+            problem.goal,
+            planner=planner,
+            via=problem.settings.via,
+            max_e=max_e,
+            budget=budget,
+            footprint=problem._outline,
+        )
 
-    def _make_limits(self, limited: bool) -> dict[str, Any]:
-        settings = self.settings
-        # With a budget the robot counts as the circle within its outline.
-        outline = self.robot.outline if settings.budget is None else None
-        limits: dict[str, Any] = {"via": settings.via, "footprint": outline}
-        return limits | ({"max_e": settings.max_e, "budget": settings.budget} if limited else {})
+    def _get_limits(self, limited: bool) -> tuple[float | None, float | None]:
+        """Return the maximum of e and the budget; None and None if plans are not limited."""
+        return (self.settings.max_e, self.settings.budget) if limited else (None, None)
+
+    @property
+    def _outline(self) -> Footprint | None:
+        """The robot's outline; None with a budget, which takes the circle within the outline."""
+        return self.robot.outline if self.settings.budget is None else None
 
     def find_violated_limit(self, path: Path, costs: Costmap) -> str:
         """Which limit a path does not keep; empty if it keeps all."""

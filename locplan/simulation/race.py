@@ -514,8 +514,9 @@ class CandidateRunner:
         numbers = race_result.drives[:RIVAL_DRIVES]
         base = self._simulator
         robot = dataclasses.replace(base.robot, filter=rival)
-        same: Any = {"filter_map": base.filter_map, "seed": base.seed, "threads": base.threads}
-        simulator = Simulator(base.grid, robot, **same)
+        simulator = Simulator(
+            base.grid, robot, filter_map=base.filter_map, seed=base.seed, threads=base.threads
+        )
         (drives,) = self._drive(simulator, [0], numbers)
         errors = self._score_drives(drives)
         ratio = estimate_geometric_mean(np.exp(errors - self._log_errors(0, numbers)))

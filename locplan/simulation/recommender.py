@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,13 @@ from locplan.simulation.problem import (
     RecommendationSettings,
     check_settings,
 )
-from locplan.simulation.race import Candidate, CandidateRunner, run_race
+from locplan.simulation.race import (
+    Candidate,
+    CandidateRunner,
+    DriveStatistics,
+    RaceResult,
+    run_race,
+)
 from locplan.simulation.recommendation import Recommendation
 from locplan.simulation.simulator import Simulator
 from locplan.simulation.worlds import check_filter_map, summarize_filter_map
@@ -181,7 +188,7 @@ def recommend_path(
     check_threads(threads)
     shortest = problem.plan_least_cost(problem.blank, limited=False)
     if shortest.path is None:
-        return _make_recommendation(problem, seed, shortest, user_costmap)
+        return _make_recommendation(problem, seed, user_costmap, failed_plan=shortest)
     if reason := _find_reason_not_driven(problem, space):
         return _recommend_untested(problem, user_candidates, shortest, seed, reason)
     if problem.start == problem.goal and not settings.via:
@@ -208,7 +215,7 @@ def _recommend_by_drives(
     if settings.is_limited:
         within = problem.plan_least_cost(costs.for_shortest)
         if within.path is None:
-            return _make_recommendation(problem, simulator.seed, within, costs)
+            return _make_recommendation(problem, simulator.seed, costs, failed_plan=within)
         shortest = within.path
     region = SearchRegion.around_path(costs, shortest, problem)
     paths, left_out = generate_candidates(region, user_candidates)
@@ -232,14 +239,22 @@ def _recommend_by_drives(
     arrivals = runner.drive_closed_loop(race_result)
     candidates = tuple(
         Candidate(
-            *(name, path, path_metrics(costs, path), runner.summarize_drives(n, race_result)),
+            name,
+            path,
+            path_metrics(costs, path),
+            runner.summarize_drives(n, race_result),
             arrivals=arrivals.get(n),
         )
         for n, (name, path) in enumerate(paths.items())
     )
-    parts = {"candidates": candidates, "left_out": left_out, "judgement": race_result}
     return _make_recommendation(
-        problem, simulator.seed, None, costs, rival=runner.drive_rival(race_result), **parts
+        problem,
+        simulator.seed,
+        costs,
+        candidates=candidates,
+        left_out=left_out,
+        judgement=race_result,
+        rival=runner.drive_rival(race_result),
     )
 
 
@@ -280,13 +295,16 @@ def _find_reason_not_driven(problem: PlanningProblem, space: str) -> str:
 def _make_recommendation(
     problem: PlanningProblem,
     seed: int,
-    failed_plan: Plan | None,
     costs: Costmap | None,
-    **parts: Any,
+    *,
+    failed_plan: Plan | None = None,
+    candidates: tuple[Candidate, ...] = (),
+    note: str = "",
+    left_out: Mapping[str, str] | None = None,
+    judgement: RaceResult | None = None,
+    rival: DriveStatistics | None = None,
 ) -> Recommendation:
-    """A choice of some parts; without a path it has the status of a plan that has none."""
-    if failed_plan is not None:
-        parts |= {"status": failed_plan.status, "note": failed_plan.note}
+    """Make a recommendation; without a path it has the status and the note of the failed plan."""
     return Recommendation(
         about={
             **summarize_costs(costs or problem.blank),
@@ -296,9 +314,14 @@ def _make_recommendation(
         goal=problem.goal,
         settings=problem.settings,
         robot=problem.robot,
+        candidates=candidates,
         seed=seed,
+        status=failed_plan.status if failed_plan else "solved",
+        note=failed_plan.note if failed_plan else note,
+        left_out=left_out or {},
+        judgement=judgement,
+        rival=rival,
         costs=costs,
-        **{"candidates": (), "status": "solved", **parts},
     )
 
 
@@ -330,18 +353,23 @@ def _recommend_untested(
     )
     last = plans[next(reversed(plans))]
     if last.path is None:
-        return _make_recommendation(problem, seed, last, costs, left_out=left_out)
+        return _make_recommendation(problem, seed, costs, failed_plan=last, left_out=left_out)
     candidates = []
     for name, path in paths.items():
-        details: dict[str, Any] = {}
+        candidate = Candidate(name, path, path_metrics(costs, path))
         if field is not None:
-            details["deviation"] = compute_path_deviation(path, field)
+            deviation = compute_path_deviation(path, field)
+            candidate = dataclasses.replace(candidate, deviation=deviation)
         if candidate_plan := plans.get(name):
-            details |= {"planner": candidate_plan.planner, "history": candidate_plan.history}
-            details["note"] = _format_plan_note(candidate_plan)
-        candidates.append(Candidate(name, path, path_metrics(costs, path), **details))
+            candidate = dataclasses.replace(
+                candidate,
+                planner=candidate_plan.planner,
+                history=candidate_plan.history,
+                note=_format_plan_note(candidate_plan),
+            )
+        candidates.append(candidate)
     return _make_recommendation(
-        problem, seed, None, costs, note=reason, candidates=tuple(candidates), left_out=left_out
+        problem, seed, costs, note=reason, candidates=tuple(candidates), left_out=left_out
     )
 
 
