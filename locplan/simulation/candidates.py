@@ -278,7 +278,7 @@ class SearchRegion(PlanningArea):
             return format_failure(result)
         if path.length > self.longest:
             ratio = self.problem.settings.longest
-            return f"{path.length:.1f} m, more than {ratio:g} times the shortest"
+            return f"{path.length:.1f} m, more than {ratio:g} times the shortest path"
         return self.problem.find_violated_limit(path, costs) or path
 
     def plan_aware(self, weight: float) -> Path | str:
@@ -317,7 +317,7 @@ def generate_candidates(
         if isinstance(path, str):
             left_out[name] = path
         elif twin := find_twin(path, {**accepted, **user_paths}, 0.1, 0.0):
-            left_out[name] = f"the same path as {short_repr(twin)}"
+            left_out[name] = f"same path as {short_repr(twin)}"
         elif twin := find_twin(path, _drop_paths(accepted, INFLATED), *limits):
             left_out[name] = f"nearly the same path as {short_repr(twin)}"
         else:

@@ -34,9 +34,9 @@ DEFAULT_DRIVES = 100
 LOST = 1.0
 """Error of the position above which a robot is lost at any time of a drive, and off at the end
 where the drive ends [m]."""
-OFF = f"off by more than {LOST:g} m"
+OFF: str = f"off by more than {LOST:g} m"
 """The definition of lost in sentences."""
-OFF_SHORT = f"off by > {LOST:g} m"
+OFF_SHORT: str = f"off by > {LOST:g} m"
 """The definition of lost in figures and headings of tables."""
 FLOOR = 1e-6
 """Mean square error that is added, so that no drive without error decides alone [m^2, rad^2]."""

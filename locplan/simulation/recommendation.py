@@ -26,6 +26,7 @@ from locplan.robots.presets import SAFE, describe_preset
 from locplan.robots.robot import Robot
 from locplan.simulation.arrivals import FOLLOWER, WORLD, Arrivals
 from locplan.simulation.candidates import config_from_costs, make_candidate_costmap, rebuild_costmap
+from locplan.simulation.drives import OFF_SHORT
 from locplan.simulation.problem import SAFE_AMCL, RecommendationSettings
 from locplan.simulation.race import (
     CANDIDATE_COLUMNS,
@@ -52,83 +53,90 @@ if TYPE_CHECKING:
 
 MOSTLY_LOST = 0.5
 """Share of lost drives from which a path, or a filter, is no remedy."""
-SLIGHT = 0.02
+SMALL_GAIN = 0.02
 """Difference of the errors below which a recommended path gains little [m]."""
 
 NO_PATH = {
     "unreachable": "The goal is unreachable: {note}.",
     "infeasible": "No path keeps the limits: {note}.",
-    "timeout": "Time is up before a path is found: {note}.",
-    "not found": "No path is found: {note}.",
+    "timeout": "Time was up before a path was found: {note}.",
+    "not found": "No path was found: {note}.",
 }
-"""Answers without a path, by the choice's status."""
+"""Answers without a path, by the status of the recommendation."""
 UNTESTED = (
-    "Untested: the {name} path is {length} long ({u:.1f} m degenerate), the shortest path"
-    " {shortest} ({shortest_u:.1f} m)."
+    "Untested: take the {name} path ({length}). It has {u:.1f} degenerate metres, the shortest path"
+    " ({shortest}) has {shortest_u:.1f}."
 )
-UNTESTED_SHORTEST = "Untested: the shortest path is {shortest} long."
+UNTESTED_SHORTEST = "Untested: take the shortest path ({shortest})."
 
-TAKE_BETTER = "Take the {kind}: {lengths}, with {change}."
+TAKE_BETTER = "Take the {kind} ({length}): {change} than on the shortest path, {extra_length}."
 TAKE_LESS_LOST = (
-    "Take the {kind}: {lengths}. {lost} of {n} robots get lost; on the shortest path,"
-    " {shortest_lost} of {n}."
+    "Take the {kind} ({length}): the robot gets lost in {lost} of {n} drives, on the shortest path"
+    " in {shortest_lost} of {n}. It is {extra_length}."
 )
-TAKE_UNDECIDED = "Take the {kind}, undecided after {n} drives: {lengths}, with {change}."
-KEEP_ALONE = "Take the shortest path: {shortest}. No other path is a candidate."
-KEEP_LEADER = "Take the shortest path: {shortest}. No other path beats it in {n} drives."
+TAKE_UNDECIDED = (
+    "Take the {kind} ({length}), undecided after {n} drives: {change} than on the shortest path,"
+    " {extra_length}."
+)
+KEEP_ALONE = "Take the shortest path ({shortest}). There is no other candidate."
+KEEP_LEADER = (
+    "Take the shortest path ({shortest}). No other candidate was better in up to {n} drives each."
+)
 KEEP_EQUAL = (
-    "Take the shortest path: {shortest}. The best other path ({length}) makes no difference:"
+    "Take the shortest path ({shortest}). The best other candidate ({length}) makes no difference:"
     " {change}."
 )
-KEEP_BEST = "Take the shortest path: {shortest}. The best other path ({length}) has {change}."
+KEEP_BEST = (
+    "Take the shortest path ({shortest}). The best other candidate ({length}) is worse: {change}."
+)
 KEEP_SMALL_GAIN = (
-    "Take the shortest path: {shortest}. The best other path ({length}) gains too little: {change}."
+    "Take the shortest path ({shortest}). The best other candidate ({length}) gains too little:"
+    " {change}."
 )
 KEEP_MORE_LOST = (
-    "Take the shortest path: {shortest}. On the best other path ({length}), with {change}, more"
-    " robots get lost."
+    "Take the shortest path ({shortest}). The best other candidate ({length}) has {change}, but the"
+    " robot gets lost more often."
 )
 KEEP_FEWER_REACH = (
-    "Take the shortest path: {shortest}. On the best other path ({length}), with {change}, fewer"
-    " robots reach the goal."
+    "Take the shortest path ({shortest}). The best other candidate ({length}) has {change}, but the"
+    " robot reaches the goal less often."
 )
 KEEP_UNDECIDED = (
-    "Take the shortest path: {shortest}. After {n} drives the best other path ({length}) is"
-    " undecided: {change}."
+    "Take the shortest path ({shortest}). The best other candidate ({length}) is undecided after"
+    " {n} drives: {change}."
 )
 KEEP_TIME_UP = (
-    "Take the shortest path: {shortest}. Time was up after {n} drives, with the best other path"
-    " ({length}) undecided: {change}."
+    "Take the shortest path ({shortest}). Time was up after {n} drives. The best other candidate"
+    " ({length}) is undecided: {change}."
 )
 
-REACHED = "In closed loop, {count} of {n} robots reach the goal."
+REACHED = "In closed loop, the robot reaches the goal in {count} of {n} drives."
 REACHED_BOTH = (
-    "In closed loop, {count} of {n} robots reach the goal; on {other}, {other_count} of {n}."
+    "In closed loop, the robot reaches the goal in {count} of {n} drives on the {path}, and in"
+    " {other_count} of {n} on the {other_path}."
 )
 FEWER_REACH = (
-    "But fewer robots reach the goal in closed loop: {count} of {n}; on {other}, {other_count} of"
-    " {n}."
+    "But in closed loop, the robot reaches the goal less often: in {count} of {n} drives on the"
+    " {path}, and in {other_count} of {n} on the {other_path}."
 )
 FAULTS = {
-    FOLLOWER: "Robots that fail even with perfect localization: {count}. Check the footprint and"
+    FOLLOWER: "Drives that fail even with perfect localization: {count}. Check the footprint and"
     " the narrow passages.",
-    WORLD: "Robots without a way to the goal in their worlds: {count}.",
+    WORLD: "Drives without a way to the goal in their simulated world: {count}.",
 }
-TUNE_FIRST = "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change}."
-TUNE_BEFORE_DETOUR = (
-    "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change}, and a"
-    " smaller error than the {kind} without tuning."
+TUNE_FIRST = (
+    "Tune the filter first: with {settings}, the shortest path ({shortest}) has {change} than with"
+    " the current settings."
 )
-UNTUNED = "With the filter as it is, {answer}"
+TUNE_BEFORE_DETOUR = TUNE_FIRST + " That is also less error than on the {kind} without tuning."
+UNTUNED = "Without tuning, {answer}"
 TUNING_FAILS = (
-    "Tuning alone does not help: with {settings}, {lost} of {n} robots get lost on the shortest"
-    " path."
+    "Tuning alone does not help: with {settings}, the robot gets lost in {lost} of {n} drives on"
+    " the shortest path."
 )
-BLIND = "The lidar sees too little on {share:.0f} % of the shortest path."
-STILL_LOST = (
-    "At least half of the robots still get lost: a check of the map and the robot finds the cause."
-)
-LITTLE = "The gain is under 2 cm, and no robot gets lost on the shortest path either."
+BLIND = "The lidar sees too few walls on {share:.0f} % of the shortest path."
+STILL_LOST = "The robot still gets lost in at least half of the drives. Run `locplan check`."
+LITTLE = "The gain is less than 2 cm, and the robot never gets lost on the shortest path either."
 
 
 @dataclass(frozen=True)
@@ -176,28 +184,28 @@ def format_answer(decision: Decision) -> str:
     if shortest is None or leader is None:
         return NO_PATH[decision.status].format(note=decision.note or "the planner gives no reason")
     judgement, recommended = decision.judgement, decision.recommended_candidate
-    values = {
+    values: dict[str, object] = {
         "name": leader.name,
         "kind": _describe_kind(leader, shortest),
         "length": format_length(leader),
         "shortest": format_length(shortest),
-        "lengths": _compare_lengths(leader, shortest),
+        "extra_length": _format_extra_length(leader, shortest),
         "u": leader.metrics.integrated_u,
         "shortest_u": shortest.metrics.integrated_u,
     }
     if judgement is None:
         template = UNTESTED_SHORTEST if recommended is shortest else UNTESTED
-        return template.format(**values)
+        return template.format_map(values)
     values["n"] = len(judgement.drives)
     values["change"] = format_change(judgement.ratio, decision.settings.minimise)
     if leader.driven and shortest.driven:
         values["lost"] = int(leader.driven.lost.sum())
         values["shortest_lost"] = int(shortest.driven.lost.sum())
-    return _choose_template(decision).format(**values)
+    return _choose_template(decision).format_map(values)
 
 
 def _choose_template(decision: Decision) -> str:
-    """The template of the verdict on candidates that were driven."""
+    """Return the template of the verdict on the leader of the race."""
     judgement, settings = decision.judgement, decision.settings
     assert judgement is not None
     verdict, ratio = judgement.verdict, judgement.ratio
@@ -223,17 +231,19 @@ def _choose_template(decision: Decision) -> str:
 
 
 def _describe_kind(candidate: Candidate, shortest: Candidate) -> str:
-    """What a candidate is called beside the shortest path; a user's may be shorter."""
+    """Return the noun for a candidate by its length; paths of users may be shorter."""
     extra = candidate.path.length - shortest.path.length
     if abs(extra) < 0.05:
         return "other path"
     return "detour" if extra > 0 else "shorter path"
 
 
-def _compare_lengths(candidate: Candidate, shortest: Candidate) -> str:
-    if abs(candidate.path.length - shortest.path.length) < 0.05:
-        return f"{format_length(candidate)}, as long as the shortest path"
-    return f"{format_length(candidate)} instead of {format_length(shortest)}"
+def _format_extra_length(candidate: Candidate, shortest: Candidate) -> str:
+    """Return how much longer or shorter a candidate is than the shortest path, in words."""
+    extra = candidate.path.length - shortest.path.length
+    if abs(extra) < 0.05:
+        return "equally long"
+    return f"{abs(extra):.1f} m {'longer' if extra > 0 else 'shorter'}"
 
 
 def format_length(candidate: Candidate) -> str:
@@ -266,22 +276,28 @@ def format_share(share: Interval) -> str:
 
 def format_reached(decision: Decision) -> str:
     """Return how many robots reach the goal in closed-loop drives; empty if none was driven."""
-    arrivals = {
-        candidate.name: candidate.arrivals
-        for candidate in decision.candidates
-        if candidate.arrivals
-    }
-    reached = arrivals.pop(
-        decision.recommended_candidate.name if decision.recommended_candidate else "", None
-    )
-    if reached is None:
+    recommended, shortest = decision.recommended_candidate, decision.shortest
+    reached = recommended.arrivals if recommended else None
+    if recommended is None or shortest is None or reached is None:
         return ""
-    values = {"count": reached.count, "n": len(reached.drives)}
-    for other in arrivals.values():
-        name = "the shortest path" if decision.best else "the best other path"
-        template = FEWER_REACH if decision.best and reached.count < other.count else REACHED_BOTH
-        return template.format(other=name, other_count=other.count, **values)
-    return REACHED.format(**values)
+    other_arrivals = [
+        candidate.arrivals
+        for candidate in decision.candidates
+        if candidate.arrivals and candidate is not recommended
+    ]
+    if not other_arrivals:
+        return REACHED.format(count=reached.count, n=len(reached.drives))
+    (other,) = other_arrivals
+    template = FEWER_REACH if decision.best and reached.count < other.count else REACHED_BOTH
+    names = _describe_kind(recommended, shortest), "shortest path"
+    path, other_path = names if decision.best else ("shortest path", "best other candidate")
+    return template.format(
+        count=reached.count,
+        n=len(reached.drives),
+        path=path,
+        other_count=other.count,
+        other_path=other_path,
+    )
 
 
 def list_advice(decision: Decision) -> list[str]:
@@ -298,7 +314,7 @@ def _iterate_advice(decision: Decision) -> Iterator[str]:
         yield STILL_LOST
         yield format_tuning_fails(decision)
     gain = shortest.driven.error.value - recommended.driven.error.value
-    if decision.best and decision.settings.minimise == "rmse" and gain < SLIGHT:
+    if decision.best and decision.settings.minimise == "rmse" and gain < SMALL_GAIN:
         yield "" if shortest.driven.lost.any() else LITTLE
     faults = [
         drive.fault
@@ -331,12 +347,11 @@ def format_tuning_fails(decision: Decision) -> str:
     rival, shortest = decision.rival, decision.shortest
     if rival is None or shortest is None or rival.lost_rate.value < MOSTLY_LOST:
         return ""
-    values = {"lost": int(rival.lost.sum()), "n": len(rival.lost)}
-    share = 100 * shortest.metrics.degenerate_share
-    blind = BLIND.format(share=share) if share >= 100 * MOSTLY_LOST else ""
-    return (
-        f"{TUNING_FAILS.format(settings=name_tuned_settings(decision), **values)} {blind}".rstrip()
+    sentence = TUNING_FAILS.format(
+        settings=name_tuned_settings(decision), lost=int(rival.lost.sum()), n=len(rival.lost)
     )
+    share = 100 * shortest.metrics.degenerate_share
+    return f"{sentence} {BLIND.format(share=share)}" if share >= 100 * MOSTLY_LOST else sentence
 
 
 def compare_tuning(decision: Decision) -> Verdict | None:
@@ -388,9 +403,11 @@ def list_answer(decision: Decision) -> list[str]:
     return [line for line in lines if line]
 
 
+INTERVAL_NOTE = f"[low, high]: 95 % interval; lost: {OFF_SHORT} at some time"
+"""Explains the columns of the drives."""
 RACE_NOTE = (
-    f"~: driven in the race alone, {ROUNDS[0]} to {ROUNDS[1]} times; the error is scaled by the"
-    " shortest path's in the same drives"
+    f"~: eliminated after {ROUNDS[0]} or {ROUNDS[1]} drives; the error is estimated from the ratio"
+    " to the shortest path in the same drives"
 )
 """Explains the mark of errors that are scaled."""
 
@@ -437,7 +454,8 @@ def list_notes(decision: Decision) -> list[str]:
     starts = {
         candidate.driven.numbers.start for candidate in decision.candidates if candidate.driven
     }
-    notes = [RACE_NOTE] if len(starts) > 1 else []
+    notes = [INTERVAL_NOTE] if starts else []
+    notes += [RACE_NOTE] if len(starts) > 1 else []
     if decision.rival is not None:
         notes.append(f"tuned: {name_tuned_settings(decision)}")
     return notes
@@ -622,7 +640,7 @@ class Recommendation(Result, Stored):
         """Which drives and which robot are shown, in words."""
         if self.judgement is None:
             return ""
-        return f"Open-loop drives of {self.robot.title}; seed {self.seed}"
+        return f"Open-loop drives with {self.robot.title}; seed {self.seed}"
 
     @property
     def config(self) -> FieldConfig:
@@ -700,11 +718,11 @@ class Recommendation(Result, Stored):
         names: dict[str, list[str]] = {}
         for name, reason in self.left_out.items():
             names.setdefault(reason, []).append(name)
-        notes += [f"left out: {', '.join(group)}: {reason}" for reason, group in names.items()]
+        notes += [f"left out ({reason}): {'; '.join(group)}" for reason, group in names.items()]
         if self.costs is not None and self.costs.note:
             notes.append(self.costs.note)
         if self.costs is not None and not self.costs.has_weak_spots:
-            notes.append("no weak spot for this lidar: u is 0 throughout the map")
+            notes.append("this lidar has no weak spot on the map: u is 0 throughout")
         return "\n".join([*wrap_lines(self.answer), "", *evidence, *wrap_lines(notes)])
 
     def _write(self, folder: File, *related: Any) -> None:

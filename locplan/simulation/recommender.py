@@ -281,14 +281,12 @@ def _find_reason_not_driven(problem: PlanningProblem, space: str) -> str:
     """Why nothing is driven; empty if candidates are."""
     radius = problem.robot.kinematics.turning_radius
     if not problem.by_lattice and (radius or space not in ("R2", LATTICE)):
-        paths_text = (
-            "Paths of a turning radius within a budget" if radius else "Paths with headings"
-        )
+        paths_text = "Paths with a turning radius and a budget" if radius else "Paths with headings"
         return f"{paths_text} are not simulated yet."
     if problem.robot.lidar is None:
         return "Name the robot's lidar to simulate the paths: --lidar NAME, in Python Robot(NAME)."
     if not problem.settings.drives:
-        return "No drive is simulated, as drives=0 asks."
+        return "Nothing was simulated, because drives is 0."
     return ""
 
 
