@@ -112,12 +112,12 @@ KEEP_TIME_UP = (
 
 REACHED = "In closed loop, the robot reaches the goal in {count} of {n} drives."
 REACHED_BOTH = (
-    "In closed loop, the robot reaches the goal in {count} of {n} drives on the {path}, and in"
-    " {other_count} of {n} on the {other_path}."
+    "In closed loop, the robot reaches the goal in {count} of {n} drives, on the {other_path} in"
+    " {other_count} of {n}."
 )
 FEWER_REACH = (
-    "But in closed loop, the robot reaches the goal less often: in {count} of {n} drives on the"
-    " {path}, and in {other_count} of {n} on the {other_path}."
+    "But in closed loop, fewer drives reach the goal: {count} of {n}, on the {other_path}"
+    " {other_count} of {n}."
 )
 FAULTS = {
     FOLLOWER: "Drives that fail even with perfect localization: {count}. Check the footprint and"
@@ -276,9 +276,9 @@ def format_share(share: Interval) -> str:
 
 def format_reached(decision: Decision) -> str:
     """Return how many robots reach the goal in closed-loop drives; empty if none was driven."""
-    recommended, shortest = decision.recommended_candidate, decision.shortest
+    recommended = decision.recommended_candidate
     reached = recommended.arrivals if recommended else None
-    if recommended is None or shortest is None or reached is None:
+    if reached is None:
         return ""
     other_arrivals = [
         candidate.arrivals
@@ -289,14 +289,11 @@ def format_reached(decision: Decision) -> str:
         return REACHED.format(count=reached.count, n=len(reached.drives))
     (other,) = other_arrivals
     template = FEWER_REACH if decision.best and reached.count < other.count else REACHED_BOTH
-    names = _describe_kind(recommended, shortest), "shortest path"
-    path, other_path = names if decision.best else ("shortest path", "best other candidate")
     return template.format(
         count=reached.count,
         n=len(reached.drives),
-        path=path,
         other_count=other.count,
-        other_path=other_path,
+        other_path="shortest path" if decision.best else "best other candidate",
     )
 
 

@@ -286,7 +286,7 @@ def _find_reason_not_driven(problem: PlanningProblem, space: str) -> str:
     if problem.robot.lidar is None:
         return "Name the robot's lidar to simulate the paths: --lidar NAME, in Python Robot(NAME)."
     if not problem.settings.drives:
-        return "Nothing was simulated, because drives is 0."
+        return "Nothing was simulated, because of drives=0."
     return ""
 
 

@@ -156,11 +156,10 @@ def test_tuning_is_not_advised_if_it_fails(tmp_path, driven):
     choice = dataclasses.replace(choice, rival=rival, candidates=tuple(halls))
     count = len(choice.rival.lost)
     assert choice.advice[:2] == [
-        "At least half of the robots still get lost: a check of the map and the robot finds the"
-        " cause.",
+        "The robot still gets lost in at least half of the drives. Run `locplan check`.",
         "Tuning alone does not help: with safe settings (update_min_d 0.1, update_min_a 0.1),"
-        f" {count} of {count} robots get lost on the shortest path."
-        " The lidar sees too little on 80 % of the shortest path.",
+        f" the robot gets lost in {count} of {count} drives on the shortest path."
+        " The lidar sees too few walls on 80 % of the shortest path.",
     ]
     exported(tmp_path / "m", choice)
     assert "first" not in (tmp_path / "m/README.md").read_text().lower()

@@ -204,7 +204,7 @@ def test_what_choices_bring_is_told_for_all_queries(made):
     shortest = made[0].recommendation.shortest
     assert far["error_shortest"] == pytest.approx(shortest.driven.error.value)
     text = " ".join(made.report().split())
-    assert f"two_corridors 3 of 3 {made.left} " in text
+    assert f"two_corridors 3 of 3 {made.n_detours} " in text
     assert f"{made.error_ratio.value:.2f}" in text
     assert f"{made.lost[0]:.0%} -> {made.lost[1]:.0%}" in text
 

@@ -244,7 +244,7 @@ def test_choose_races_requested_paths_of_any_length(grid, costs, fielded):
     requested = {"winding", "front 5", "aware, weight 8", "aware, weight 40"}
     assert requested <= {*names_of(found), *found.left_out}
     for name in requested & {*found.left_out}:
-        assert "the same path as" in found.left_out[name]
+        assert "same path as" in found.left_out[name]
     lengths = {each.name: each.path.length for each in found.candidates}
     assert lengths["aware, weight 40"] > lengths["shortest"]
 
@@ -260,7 +260,7 @@ PLANNED = {
 @pytest.mark.parametrize(
     ("longest", "reason"),
     [
-        (1.5, r"(nearly )?the same path as '[a-z ]+'"),
+        (1.5, r"(nearly the )?same path as '[a-z ]+'"),
         pytest.param(1.0, r"\d+\.\d m, more than 1 times the shortest", marks=pytest.mark.long),
     ],
 )
@@ -344,7 +344,7 @@ def test_a_candidate_without_a_path_is_left_out(grid, costs):
     found = recommend(grid, START, GOAL, costs=costs, candidates={"none": no_path}, **QUICK)
     assert "none" not in names_of(found)
     assert "no path joins" in found.left_out["none"]
-    assert "left out: none: no path joins" in found.report()
+    assert "left out (no path joins" in found.report()
 
 
 @pytest.mark.usefixtures("one_steered_drive")
@@ -355,7 +355,7 @@ def test_user_path_replaces_planned_twin(grid, costs, choice):
     found = recommend(grid, START, GOAL, costs=costs, candidates=own, **QUICK)
     assert "mine" in names_of(found)
     assert "clear of walls" not in names_of(found)
-    assert found.left_out["clear of walls"] == "the same path as 'mine'"
+    assert found.left_out["clear of walls"] == "same path as 'mine'"
 
 
 def crosses(zones, grid, xy) -> bool:
@@ -466,17 +466,21 @@ def test_a_path_that_is_clearly_better_is_taken(better):
     ratio = math.exp(np.mean(chosen.log_error - shortest.log_error))
     assert chosen.ratio.value == pytest.approx(ratio)
     assert chosen.ratio.high < 1
-    lengths = f"{better.path.length:.1f} m instead of {better.shortest.path.length:.1f} m"
+    longer = f"{better.path.length - better.shortest.path.length:.1f} m longer"
     less = [f"{100 * (1 - end):.0f}" for end in chosen.ratio]
     change = f"{less[0]} % [{less[2]}, {less[1]}] less localization error"
-    assert better.sentence == f"Take the detour: {lengths}, with {change}."
+    assert better.sentence == (
+        f"Take the detour ({better.path.length:.1f} m): {change} than on the shortest"
+        f" path, {longer}."
+    )
     assert (
         better.report().splitlines()[:2] == better.answer == [better.sentence, better.reached_text]
     )
 
 
 LESS, MORE = (0.5, 0.4, 0.6), (1.5, 1.2, 1.8)
-KEPT = "Take the shortest path: 27.9 m. "
+KEPT = "Take the shortest path (27.9 m). "
+OTHER = KEPT + "The best other candidate (37.3 m) "
 
 
 def lengths_of(choice, *lengths):
@@ -512,62 +516,59 @@ def judged_as(
     [
         (
             *("better", LESS, {}),
-            "Take the detour: 37.3 m instead of 27.9 m, with 50 % [40, 60] less localization"
-            " error.",
+            "Take the detour (37.3 m): 50 % [40, 60] less localization error than on the shortest"
+            " path, 9.4 m longer.",
         ),
         (
             *("better", LESS, {"lengths": (27.9, 27.92), "minimise": "heading"}),
-            "Take the other path: 27.9 m, as long as the shortest path, with 50 % [40, 60] less"
-            " heading error.",
+            "Take the other path (27.9 m): 50 % [40, 60] less heading error than on the shortest"
+            " path, equally long.",
         ),
         (
             *("better", LESS, {"lengths": (27.9, 26.0), "minimise": "goal-error"}),
-            "Take the shorter path: 26.0 m instead of 27.9 m, with 50 % [40, 60] less localization"
-            " error at the goal.",
+            "Take the shorter path (26.0 m): 50 % [40, 60] less localization error at the goal than"
+            " on the shortest path, 1.9 m shorter.",
         ),
         (
             *("better", (0.8, 0.5, 1.3), {}),
-            "Take the detour: 37.3 m instead of 27.9 m. 0 of 8 robots get lost; on the shortest"
-            " path, 5 of 8.",
+            "Take the detour (37.3 m): the robot gets lost in 0 of 8 drives, on the shortest path"
+            " in 5 of 8. It is 9.4 m longer.",
         ),
         (
             *("undecided", LESS, {"bold": True}),
-            "Take the detour, undecided after 8 drives: 37.3 m instead of 27.9 m, with"
-            " 50 % [40, 60] less localization error.",
+            "Take the detour (37.3 m), undecided after 8 drives: 50 % [40, 60] less localization"
+            " error than on the shortest path, 9.4 m longer.",
         ),
         (
             *("undecided", (0.9, 0.7, 1.2), {}),
-            KEPT + "After 8 drives the best other path (37.3 m) is undecided: 10 % [-20, 30] less"
-            " localization error.",
+            OTHER + "is undecided after 8 drives: 10 % [-20, 30] less localization error.",
         ),
         (
             *("undecided", (0.9, 0.7, 1.2), {"time_limit": 1.0, "drives": 64}),
-            KEPT + "Time was up after 8 drives, with the best other path (37.3 m) undecided:"
+            KEPT + "Time was up after 8 drives. The best other candidate (37.3 m) is undecided:"
             " 10 % [-20, 30] less localization error.",
         ),
         (
             *("no difference", (1.0, 0.9, 1.1), {"bold": True}),
-            KEPT + "The best other path (37.3 m) makes no difference: 0 % [-10, 10] less"
-            " localization error.",
+            OTHER + "makes no difference: 0 % [-10, 10] less localization error.",
         ),
         (
             *("worse", MORE, {"bold": True}),
-            KEPT + "The best other path (37.3 m) has 50 % [20, 80] more localization error.",
+            OTHER + "is worse: 50 % [20, 80] more localization error.",
         ),
         (
             *("better", (0.95, 0.92, 0.98), {}),
-            KEPT + "The best other path (37.3 m) gains too little: 5 % [2, 8] less localization"
-            " error.",
+            OTHER + "gains too little: 5 % [2, 8] less localization error.",
         ),
         (
             *("better", LESS, {"more_lost": True}),
-            KEPT + "On the best other path (37.3 m), with 50 % [40, 60] less localization error,"
-            " more robots get lost.",
+            OTHER + "has 50 % [40, 60] less localization error, but the robot gets lost more"
+            " often.",
         ),
         (
             *("better", LESS, {"arriving_count": 13}),
-            KEPT + "On the best other path (37.3 m), with 50 % [40, 60] less localization error,"
-            " fewer robots reach the goal.",
+            OTHER + "has 50 % [40, 60] less localization error, but the robot reaches the goal less"
+            " often.",
         ),
     ],
 )
@@ -589,9 +590,9 @@ def test_choice_sentence_follows_verdict(better, verdict, ratio, more, sentence)
 def test_choice_sentence_without_leader(better):
     judgement = dataclasses.replace(better.judgement, leader=0)
     choice = lengths_of(dataclasses.replace(better, judgement=judgement), 27.9)
-    assert choice.sentence == f"{KEPT}No other path beats it in 8 drives."
+    assert choice.sentence == f"{KEPT}No other candidate was better in up to 8 drives each."
     alone = dataclasses.replace(choice, candidates=choice.candidates[:1])
-    assert alone.sentence == f"{KEPT}No other path is a candidate."
+    assert alone.sentence == f"{KEPT}There is no other candidate."
 
 
 @pytest.mark.parametrize(
@@ -599,8 +600,8 @@ def test_choice_sentence_without_leader(better):
     [
         ("unreachable", "The goal is unreachable: a wall."),
         ("infeasible", "No path keeps the limits: a wall."),
-        ("timeout", "Time is up before a path is found: a wall."),
-        ("not found", "No path is found: a wall."),
+        ("timeout", "Time was up before a path was found: a wall."),
+        ("not found", "No path was found: a wall."),
     ],
 )
 def test_choice_sentence_without_path(better, status, sentence):
@@ -671,7 +672,7 @@ def test_settings_that_gain_more_than_paths_are_named(corridors):
     advice = found.advice[0]
     assert advice.startswith("Tune the filter first: with AMCL's alpha1 0.02")
     assert found.is_tuning_first
-    assert found.report().replace("\n", " ").startswith(f"{advice} With the filter as it is, take")
+    assert found.report().replace("\n", " ").startswith(f"{advice} Without tuning, take")
     assert advice in found.figure().get_suptitle().replace("\n", " ")
     same = recommend(corridors.grid, *ends, robot, costs=corridors, drives=8, rival=noisy)
     assert same.rival is None
@@ -706,7 +707,7 @@ def test_choice_tunes_first_if_that_gains_more(better, gain, lost, is_first):
     assert choice.is_tuning_first == is_first
     assert choice.answer[0].startswith("Tune the filter first" if is_first else "Take the detour")
     assert ("safe settings (update_min_d 0.1, update_min_a 0.1)" in choice.answer[0]) == is_first
-    assert ("a smaller error than the detour without tuning" in choice.answer[0]) == is_first
+    assert ("That is also less error than on the detour" in choice.answer[0]) == is_first
     assert "shortest, tuned" in choice.report()
 
 
@@ -752,7 +753,7 @@ def test_without_a_lidar_the_aware_path_is_given_beside_the_shortest(corridors):
     assert found.path is found.candidates[1].path
     assert found.candidates[1].metrics.integrated_u < found.shortest.metrics.integrated_u
     assert found.verdict == ""
-    assert found.sentence.startswith("Untested: the localizability-aware path is ")
+    assert found.sentence.startswith("Untested: take the localizability-aware path (")
     assert "--lidar" in found.answer[1]
     labels = [each.get_text() for each in found.figure().legends[0].get_texts()]
     assert sum(each.startswith("untested: localizability-aware") for each in labels) == 1
@@ -935,7 +936,7 @@ def test_the_command_writes_paths_tables_and_a_picture(run, box, tmp_path):
     assert sum(line.startswith("> ") for line in lines) == 1
     text = " ".join(out.split())
     settings = "AMCL's alpha1 0.1, max_particles 100, min_particles 100, outliers 0.1"
-    assert f"drives of lidar, 3 m, 360°; radius 0.2 m, margin 0.05 m; {settings}" in text
+    assert f"drives with lidar, 3 m, 360°; radius 0.2 m, margin 0.05 m; {settings}" in text
     assert max(len(line) for line in lines if not line.startswith(("  locplan ", "wrote "))) <= 110
 
 
@@ -1146,11 +1147,14 @@ def test_what_is_recommended_is_driven_by_a_follower_too(better, corridors, tmp_
     shortest, taken = (better.candidates[n].arrivals for n in driven)
     assert len(shortest.drives) == len(taken.drives) == 16
     assert abs(taken.count - shortest.count) <= 1
-    reached = f"In closed loop, {taken.count} of 16 robots reach the goal; on the shortest path,"
+    fewer = f"But in closed loop, fewer drives reach the goal: {taken.count} of 16, on the shortest"
+    as_many = f"In closed loop, the robot reaches the goal in {taken.count} of 16 drives, on the"
     is_fewer = taken.count < shortest.count
-    assert better.reached_text.startswith("But fewer" if is_fewer else reached)
-    assert better.reached_text.endswith(f"on the shortest path, {shortest.count} of 16.")
-    assert with_arrivals(better, 12, taken.count).reached_text == f"{reached} 12 of 16."
+    assert better.reached_text.startswith(fewer if is_fewer else as_many)
+    assert better.reached_text.endswith(f" {shortest.count} of 16.")
+    assert with_arrivals(better, 12, taken.count).reached_text == (
+        f"{as_many} shortest path in 12 of 16."
+    )
     assert " ".join(better.reached_text.split()) in " ".join(better.report().split())
     assert better.summary()["reached_text"] == better.reached_text
     paths = {better.recommended_name: better.path, "shortest": better.shortest.path}
@@ -1172,7 +1176,7 @@ def test_choice_names_fewer_robots_that_reach_goal(better):
     fewer = with_arrivals(better, 16, 14).answer
     assert fewer[0].startswith("Take the detour")
     assert fewer[1] == (
-        "But fewer robots reach the goal in closed loop: 14 of 16; on the shortest path, 16 of 16."
+        "But in closed loop, fewer drives reach the goal: 14 of 16, on the shortest path 16 of 16."
     )
 
 
@@ -1199,7 +1203,10 @@ def test_where_the_shortest_is_taken_it_is_said_how_many_arrive(choice):
     steered = [each for each in choice.candidates if each.arrivals]
     assert steered == [choice.shortest]
     count = choice.shortest.arrivals.count
-    assert choice.reached_text == f"In closed loop, {count} of 16 robots reach the goal."
+    assert (
+        choice.reached_text
+        == f"In closed loop, the robot reaches the goal in {count} of 16 drives."
+    )
 
 
 def test_report_errors_agree_with_ratios(better):
@@ -1232,7 +1239,7 @@ def test_a_path_by_which_fewer_robots_arrive_is_not_recommended(better, shortest
     choice = with_arrivals(better, shortest, leader)
     assert (choice.best > 0) == taken
     assert f"{leader} of 16" in choice.reached_text
-    assert ("fewer robots reach the goal" in choice.sentence) == (not taken)
+    assert ("reaches the goal less often" in choice.sentence) == (not taken)
     assert choice.sentence.startswith("Take the shortest path") == (not taken)
 
 
