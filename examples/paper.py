@@ -26,18 +26,18 @@ from matplotlib.patches import Rectangle, Wedge
 import locplan
 from locplan import CovarianceField
 from locplan._support.drawing import BLUE, ERROR_COLOURS, MAP_COLOURS, Picture, save_figure
-from locplan.field import OffsetLattice, Sad, position_axes, sampled_covariances, scalar
+from locplan.field import OffsetLattice, Sad, position_axes, sample_covariances, scalar
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
-from locplan.maps.figures import downsample, draw_cells, draw_map, map_size
+from locplan.maps.figures import compute_figure_size, downsample, draw_cells, draw_map
 from locplan.paper import template_matching
 from locplan.paper.claims import (
     PLACES,
-    Slide,
+    TemplateSlide,
+    compare_models_along_strips,
     compute_claim_shares,
-    maps_of_places,
-    mismatch_at,
-    one_dimensional,
-    share_smaller_with_range,
+    compute_place_mismatch,
+    compute_share_smaller_with_range,
+    draw_place_maps,
 )
 
 Floats = np.ndarray
@@ -68,7 +68,7 @@ def main(
     columns = [(p, reach, noise) for p in presets for reach in RANGES for noise in NOISES]
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    maps = maps_of_places(resolution=resolution)
+    maps = draw_place_maps(resolution=resolution)
     sections = []
     for name, caption, figure in figures(maps, presets):
         save_figure(figure, target / name, dpi=100)
@@ -78,7 +78,9 @@ def main(
         )
     page = PAGE.format(
         figures="\n".join(sections),
-        models=table(("model", *(slide.title for slide in one_dimensional())), models()),
+        models=table(
+            ("model", *(slide.title for slide in compare_models_along_strips())), models()
+        ),
         claims=table(
             ("claim", *(column_title(*column) for column in columns)),
             claims(columns, resolution, seeds),
@@ -105,7 +107,7 @@ def draw_place(folder: str, map_file: str, at: str) -> None:
         "distribution": distribution_figure(mismatch, estimator.lattice(grid.resolution)),
     }
     for axis in ("x", "y", "theta"):
-        curves = template_matching.along_axis(grid, x, y, axis, estimator)
+        curves = template_matching.compare_models_along_axis(grid, x, y, axis, estimator)
         drawn[f"models_{axis}"] = models_figure(*curves, axis, title)
     for name, figure in drawn.items():
         save_figure(figure, target / f"{name}.png", dpi=100)
@@ -119,11 +121,11 @@ def figures(
     yield (
         "figs_04-11_models.png",
         "Figs. 4-11: the seven models in one dimension. Templates of 6 m x 6 m slide by 9 m.",
-        slides_figure(one_dimensional()),
+        slides_figure(compare_models_along_strips()),
     )
     window = Sad().lattice(maps["places"].resolution)
     for place in PLACES:
-        mismatch = mismatch_at(maps, place, Sad())
+        mismatch = compute_place_mismatch(maps, place, Sad())
         yield (
             f"figs_18-28_{place}.png",
             f"Figs. 18-28: correlation at {place} over x-y, x-θ and y-θ; 0 is a perfect match.",
@@ -175,12 +177,12 @@ def labelled(figure: Figure, name: str) -> Figure:
 
 def models() -> Iterator[tuple[str, ...]]:
     """For each model, what it does in each of the three slides."""
-    slides = one_dimensional()
+    slides = compare_models_along_strips()
     for model in slides[0].curves:
         yield (model, *(said(slide, model) for slide in slides))
 
 
-def said(slide: Slide, model: str) -> str:
+def said(slide: TemplateSlide, model: str) -> str:
     undefined = np.isnan(slide.curves[model]).mean()
     peaks = slide.peaks(model)
     if undefined == 1:
@@ -205,7 +207,7 @@ def claims(
     for preset, reach, noise in columns:
         found = [
             compute_claim_shares(
-                maps_of_places(resolution=resolution, boundary_noise=noise, seed=seed),
+                draw_place_maps(resolution=resolution, boundary_noise=noise, seed=seed),
                 PRESETS[preset](range=reach),
             )
             for seed in range(seeds if noise else 1)
@@ -222,9 +224,10 @@ def larger_template(columns: list[tuple[str, float, float]], resolution: float) 
         if reach == RANGES[1]:
             yield "–"
             continue
-        maps = maps_of_places(resolution=resolution, boundary_noise=noise)
+        maps = draw_place_maps(resolution=resolution, boundary_noise=noise)
         shares = [
-            share_smaller_with_range(grid, PRESETS[preset](), RANGES[1]) for grid in maps.values()
+            compute_share_smaller_with_range(grid, PRESETS[preset](), RANGES[1])
+            for grid in maps.values()
         ]
         yield f"{min(shares):.0%}"
 
@@ -237,8 +240,8 @@ def table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
     return "<table>\n" + "\n".join(lines) + "\n</table>"
 
 
-def slides_figure(slides: Sequence[Slide]) -> Figure:
-    """Draw slides of `locplan.paper.one_dimensional` side by side (Figs. 4-11).
+def slides_figure(slides: Sequence[TemplateSlide]) -> Figure:
+    """Draw slides of `locplan.paper.compare_models_along_strips` side by side (Figs. 4-11).
 
     Each is a template and a map above the curves of the seven models.
     """
@@ -278,7 +281,7 @@ def draw_ellipses(
 ) -> None:
     """Draw the map with error ellipses, first eigenvectors and heading wedges at sampled poses."""
     draw_map(axes, field.grid)
-    xy, covariance = sampled_covariances(field, spacing)
+    xy, covariance = sample_covariances(field, spacing)
     if not len(xy):
         return
     major, minor, direction = position_axes(covariance)
@@ -329,7 +332,7 @@ def e_figure(fields: Mapping[str, CovarianceField]) -> Figure:
 
 def _side_by_side(fields: Mapping[str, CovarianceField]) -> tuple[Figure, list[Axes]]:
     """Figure and Axes for maps of one size, one above the other where that shows them larger."""
-    width, height = map_size(next(iter(fields.values())).grid)
+    width, height = compute_figure_size(next(iter(fields.values())).grid)
     shape = (len(fields), 1) if 1.4 * width > height else (1, len(fields))
     figure = Picture(figsize=(width * shape[1], height * shape[0]), layout="constrained")
     return figure, figure.subplots(*shape, squeeze=False).ravel().tolist()
@@ -405,7 +408,7 @@ def _label(axis: str) -> str:
     return "turn θ [°]" if axis == "θ" else f"shift {axis} [m]"
 
 
-def _draw_strip(axes: Axes, slide: Slide) -> None:
+def _draw_strip(axes: Axes, slide: TemplateSlide) -> None:
     """Draw the strip of map, and the template above it where its slide begins."""
     length = slide.shift[-1] / (len(slide.shift) - 1) if len(slide.shift) > 1 else 1.0
     for levels, bottom in ((slide.strip, 0.0), (slide.template, 7.0)):

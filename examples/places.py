@@ -30,7 +30,7 @@ from locplan._support.kernels.likelihood import NOWHERE, LikelihoodField, ScanLa
 from locplan._support.kernels.posterior import score_scan
 from locplan._support.poses import find_window
 from locplan.field import equip_robot, scalar
-from locplan.field.scan import likelihood_field
+from locplan.field.scan import make_likelihood_field
 from locplan.field.summary import select_spaced_positions
 from locplan.maps import OCCUPIED
 from locplan.planning import Costmap, plan_field
@@ -176,7 +176,7 @@ def matched(simulator: Simulator, cells: Ints, scans: int) -> Floats:
     resolution = simulator.grid.resolution
     step = max(1, round(MATCH_STEP / resolution))
     half_steps = round(MATCH_WINDOW / (step * resolution))
-    field = likelihood_field(
+    field = make_likelihood_field(
         simulator.grid.cells, resolution, step, half_steps, sigma_hit=0.1, z_rand=0.05
     )
     angles = np.linspace(-np.pi / 3, np.pi / 3, 61)
@@ -309,7 +309,7 @@ def predictions(
         near = np.zeros(config.lattice_points(grid).shape, bool)
         near[tuple(points.T)] = True
         field = locplan.covariance_field(grid, config, points=near)
-        covariance = field.mean_covariance[tuple(points.T)]
+        covariance = field.average_headings[tuple(points.T)]
         for each in ("e", "position_std", "heading_std"):
             found[Predictor(name, each)] = scalar(covariance, each)
     config = next(iter(fields.values()))

@@ -29,8 +29,11 @@ AROUND = 4.0
 
 def main(folder: str = "solid_walls", map_file: str | Path = "") -> None:
     solid = locplan.load_map(map_file) if map_file else racks()
-    check = locplan.maps.solidity(solid)
-    print(f"a wrong pose wins: {check.wins:.0%} of scans, hollowed {check.wins_hollowed:.0%}")
+    check = locplan.maps.measure_solidity(solid)
+    print(
+        f"a wrong pose wins: {check.wins:.0%} of scans, hollowed"
+        f" {check.hollowed_wrong_pose_share:.0%}"
+    )
     drive, field = scans(solid), Field(solid)
     chosen, wrong = misleading(drive, field)
     on_robot, true = drive.ends_on_robot()[chosen], drive.poses[chosen]

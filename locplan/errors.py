@@ -5,9 +5,9 @@ MAX_MESSAGE = 1000
 
 
 class LocplanError(Exception):
-    """Bad input: one line that says what was wrong, where, and what to do about it.
+    """Error about bad input: one line with the fault, its place and the remedy.
 
-    Whatever the values and the names of files in it, the message is one line that can be printed.
+    The message is always one printable line, even if values or file names in it are not.
 
     Parameters
     ----------
@@ -16,31 +16,31 @@ class LocplanError(Exception):
     """
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(one_line(message))
+        super().__init__(format_one_line(message))
 
 
 class MapError(LocplanError):
-    """A map file, or the arrays of an occupancy grid, cannot be used."""
+    """An unusable map file or array of an occupancy grid."""
 
 
 class ConfigError(LocplanError):
-    """A setting is out of its range, or does not fit the map."""
+    """A setting that is out of its range or does not fit the map."""
 
 
 class FieldError(LocplanError):
-    """A covariance field cannot be made, stored or read, or does not belong to the map."""
+    """A covariance field that cannot be computed, stored or read, or belongs to another map."""
 
 
 class RecordingError(LocplanError):
-    """A recorded drive cannot be read, or holds nothing that can be used."""
+    """A recorded drive that cannot be read or holds nothing usable."""
 
 
 class PoseError(LocplanError):
-    """A start or a goal lies where the robot cannot stand."""
+    """A start or a goal that the robot cannot occupy."""
 
 
-def one_line(text: str) -> str:
-    """Text in one line of limited length; what cannot be printed becomes "?"."""
+def format_one_line(text: str) -> str:
+    """Return a text as one line of limited length; unprintable characters become "?"."""
     if len(text) > MAX_MESSAGE:
         text = f"{text[: MAX_MESSAGE - 150]} ... {text[-140:]}"
     return "".join(c if c.isprintable() else "?" for c in text)

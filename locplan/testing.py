@@ -53,7 +53,7 @@ def check_filter(filter: Filter) -> None:
 
 
 def _make_true_poses() -> Floats:
-    """Poses (n, 3) of a straight drive."""
+    """Return the poses (n, 3) of a straight drive."""
     poses = np.zeros((STEPS, 3))
     poses[:, :2] = (1.5, 1.8)
     poses[:, 0] += AHEAD * np.arange(STEPS)
@@ -61,7 +61,7 @@ def _make_true_poses() -> Floats:
 
 
 def _estimate_drive(filter: Filter) -> Floats:
-    """The filter's poses (n, 3) along the drive, each checked."""
+    """Return the filter's poses (n, 3) along the drive, after checking each of them."""
     cells = np.full((40, 60), FREE)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     grid = OccupancyGrid(cells, 0.1, name="room")
@@ -70,7 +70,7 @@ def _estimate_drive(filter: Filter) -> Floats:
     estimates = []
     for pose in truth:
         tracker.motion(np.add(pose, (7.0, -3.0, 0.0)))  # odometry has a frame of its own
-        tracker.scan(_scan(pose, lidar))
+        tracker.scan(_simulate_scan(pose, lidar))
         estimate, covariance = np.asarray(tracker.estimate()), np.asarray(tracker.covariance())
         if estimate.shape != (3,) or not np.isfinite(estimate).all():
             raise LocplanError("estimate() must be x, y, heading, three finite numbers")
@@ -85,8 +85,8 @@ def _estimate_drive(filter: Filter) -> Floats:
     return np.array(estimates)
 
 
-def _scan(pose: Floats, lidar: Lidar) -> Singles:
-    """Distances to the walls of the room, (beams,) [m]."""
+def _simulate_scan(pose: Floats, lidar: Lidar) -> Singles:
+    """Compute the distances to the walls of the room, (beams,) [m]."""
     cos, sin = np.cos(lidar.angles + pose[2]), np.sin(lidar.angles + pose[2])
     with np.errstate(divide="ignore"):
         across = np.where(cos > 0, 5.9 - pose[0], 0.1 - pose[0]) / cos

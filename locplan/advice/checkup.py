@@ -133,7 +133,7 @@ def check(
         for part, (name, size) in zip(stages, SHARES.items(), strict=True)
     }
     map_faults = faults(grid, source)
-    map_faults.refuse_mask()
+    map_faults.check_is_no_mask()
     report_finding(in_short.format_faults(map_faults))
     reading, paths = _read_map_and_plan_routes(
         grid, source, robot, stations, EFFORTS[effort].routes, seed

@@ -27,7 +27,14 @@ from locplan._support.kernels.arrays import Floats
 from locplan.advice.landmark_objects import place_outline
 from locplan.advice.landmarks import EXPECTED, PAYING_SHARE, Landmarks, Verification
 from locplan.advice.weak_spots import sample_path
-from locplan.maps.figures import crop_map, downsample, draw_cells, draw_map, drawn_size, map_size
+from locplan.maps.figures import (
+    compute_drawing_size,
+    compute_figure_size,
+    crop_map,
+    downsample,
+    draw_cells,
+    draw_map,
+)
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import (
     along_norm,
@@ -232,7 +239,7 @@ def check_figure(check: Check) -> Figure:
         The result of `locplan.check`.
     """
     part = crop_to_free(check.site.world)
-    figure = Picture(figsize=map_size(part), layout="constrained")
+    figure = Picture(figsize=compute_figure_size(part), layout="constrained")
     axes = figure.subplots()
     draw_map(axes, part)
     for spot in check.spots:
@@ -307,7 +314,7 @@ def _make_panels(
 
     The lines of its title, `title_lines`, are broken where they are too wide.
     """
-    wide, high = drawn_size(grid)
+    wide, high = compute_drawing_size(grid)
     # Ratio of a map's height to its width up to which two maps stand above each other.
     columns = 1 if high <= 0.9 * wide else 2
     rows = 2 // columns
@@ -464,7 +471,7 @@ def repair_figure(repaired_map: RepairedMap) -> Figure:
     repaired_map : RepairedMap
         What `locplan.repair` returned.
     """
-    width, height = map_size(repaired_map.grid)
+    width, height = compute_figure_size(repaired_map.grid)
     figure = Picture(figsize=(2 * width, height), layout="constrained")
     pair = figure.subplots(1, 2, sharex=True, sharey=True)
     titled_maps = {"as it is": repaired_map.grid, "for the filter": repaired_map.filter_map}

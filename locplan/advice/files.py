@@ -51,7 +51,7 @@ def as_files(params: Params) -> list[Folder]:
 
 def has_amcl(params: Sequence[Folder]) -> bool:
     """True if one of the user's parameter files is that of AMCL."""
-    return bool(read_parameters(*params).node_parameters("amcl"))
+    return bool(read_parameters(*params).read_node_parameters("amcl"))
 
 
 def write_files(folder: Folder, check: Check, params: Params) -> None:

@@ -47,7 +47,7 @@ class Passages:
     ) -> None:
         self.grid, self.shape = grid, shape
         self.open = {
-            radius: grid.free & ~grid.closer_than(radius - 1e-9)
+            radius: grid.free & ~grid.cells_near_walls(radius - 1e-9)
             for radius in sorted({robot_radius, robot_radius + clearance})
         }
 

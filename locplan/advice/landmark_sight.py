@@ -14,7 +14,7 @@ from locplan._support.checks import check_memory
 from locplan._support.kernels.arrays import Floats, Ints, Singles
 from locplan._support.poses import Poses, compute_travel_distances
 from locplan.advice.landmark_objects import Shape
-from locplan.field.beams import surface_normals
+from locplan.field.beams import find_surface_normals
 from locplan.maps.grid import OccupancyGrid, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.path import Path
@@ -207,7 +207,7 @@ class Sight:
         rays, resolution = self.route_views.rays, self.grid.resolution
         count, occupied = len(rays.first), self.grid.cells == OCCUPIED
         self._hits_of_map = np.zeros((count, rays.beams, 4), np.float32)
-        surfaces = Surfaces(empty_squares(occupied), surface_normals(occupied), resolution)
+        surfaces = Surfaces(empty_squares(occupied), find_surface_normals(occupied), resolution)
         cast_map_hits(surfaces, rays, self._hits_of_map)
         self.candidate_poses = np.ascontiguousarray(
             np.column_stack([self.places[:, [1, 0]] * resolution, self.places[:, 2]])

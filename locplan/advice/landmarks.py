@@ -46,7 +46,7 @@ from locplan.errors import ConfigError, LocplanError
 from locplan.field.config import equip_robot
 from locplan.maps.files import save_map
 from locplan.maps.grid import OccupancyGrid, check_grid
-from locplan.maps.zones import Zones, check_zones
+from locplan.maps.zones import Zones, normalize_zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.metrics import crosses_no_go
 from locplan.planning.path import Path
@@ -477,7 +477,7 @@ def place_landmarks(
     threads = check_threads(threads)
     if (paths is None) == (places is None):
         raise ConfigError("give either paths or places")
-    zones = check_zones(zones)
+    zones = normalize_zones(zones)
     routes = parse_routes(grid, paths, places, robot.radius, zones)
     search = _prepare_search(grid, kind, routes, robot, zones, threads)
     place_numbers, curve = search.run(count, progress)

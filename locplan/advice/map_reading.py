@@ -35,7 +35,7 @@ class MapReading:
         corrected, reasons = with_corrected_thresholds(grid, source), []
         if source is None or corrected is grid:
             return cls(grid)
-        free, occupied = source.meant_thresholds
+        free, occupied = source.corrected_thresholds
         if source.has_dark_walls:
             reasons.append(f"occupied_thresh {occupied:g}, so that dark greys are walls")
         if source.has_free_grey:

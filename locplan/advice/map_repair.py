@@ -19,7 +19,7 @@ from locplan.export.servers import write_filter_map
 from locplan.field.config import equip_robot
 from locplan.maps.files import MapSource, corrected_yaml
 from locplan.maps.grid import OccupancyGrid
-from locplan.maps.map_faults import MapFaults, faults, solidity
+from locplan.maps.map_faults import MapFaults, faults, measure_solidity
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -157,7 +157,7 @@ def repair_report(mended: RepairedMap) -> str:
         lines.append(CONCERNED)
     world, planning_map = "as it is", "the map as it is"
     if mended.source is not None:
-        free, occupied = mended.source.meant_thresholds
+        free, occupied = mended.source.corrected_thresholds
         planning_map = f"map.yaml, which has free_thresh {free:g} and occupied_thresh {occupied:g}"
         world = "as its greys are meant"
         if np.array_equal(*(grid.cells == OCCUPIED for grid in (mended.grid, mended.filter_map))):
@@ -234,7 +234,7 @@ def repair(
     check_drives(drives)
     check_integer("paths", paths, 1, 1000)
     robot, map_faults = equip_robot(robot), faults(grid, source)
-    map_faults.refuse_mask()
+    map_faults.check_is_no_mask()
     mended, world = map_faults.repaired_map, map_faults.corrected_map
     file = None if world == grid else source
     if mended == grid:
@@ -297,7 +297,7 @@ def check_concerned(parameters: FilePath | None) -> None:
     parameters : path, optional
         File of Nav2's parameters; without it AMCL has its defaults, and is concerned.
     """
-    if read_parameters(parameters).node_parameters("amcl").get("laser_model_type") == "beam":
+    if read_parameters(parameters).read_node_parameters("amcl").get("laser_model_type") == "beam":
         raise ConfigError(
             f"{parameters}: not concerned: AMCL's beam model casts rays, which end at the first"
             " black cell, so that the inside of walls does not mislead it"
@@ -312,7 +312,7 @@ def format_solid_wall_warning(grid: OccupancyGrid) -> str | None:
     grid : OccupancyGrid
         The filter's map.
     """
-    if not solidity(grid).is_solid:
+    if not measure_solidity(grid).is_solid:
         return None
     return (
         f"{grid.name or 'the map'}: walls are black inside, so that AMCL's particles gain by"

@@ -19,7 +19,7 @@ from locplan._support.records import Column, Table
 from locplan._support.saved import to_plain_data
 from locplan.advice.trials import is_futile
 from locplan.robots.amcl import Amcl
-from locplan.robots.presets import PRECISE, amcl_presets, describe_preset
+from locplan.robots.presets import PRECISE, describe_preset, list_applicable_presets
 from locplan.simulation.drives import OFF, Drives, rate_column
 from locplan.simulation.levels import NO_FAULT
 from locplan.simulation.verdict import BETTER, WORSE, DriveSet, Verdict, compare_drives
@@ -120,7 +120,7 @@ class PresetChoice:
     @property
     def settings(self) -> Amcl:
         """The settings to use."""
-        return amcl_presets(self.user_settings).get(self.name, self.user_settings)
+        return list_applicable_presets(self.user_settings).get(self.name, self.user_settings)
 
     @property
     def is_preset(self) -> bool:
@@ -311,7 +311,7 @@ class _PresetTrial:
         drives_all: bool,
         progress: ProgressCallback | None,
     ) -> None:
-        self.presets = amcl_presets(user_settings)
+        self.presets = list_applicable_presets(user_settings)
         self.objections = dict[str, str]()
         self._settings = {USER_SETTINGS: user_settings, **self.presets}
         self._base_cases = [case for case in cases if case.is_usual]

@@ -377,7 +377,7 @@ def _group_covariances(field: CovarianceField, labels: NDArray[np.int32]) -> dic
     order = np.argsort(owner[rows, cols], kind="stable")
     rows, cols = rows[order], cols[order]
     label_values, starts = np.unique(owner[rows, cols], return_index=True)
-    parts = np.split(field.mean_covariance[rows, cols], starts[1:])
+    parts = np.split(field.average_headings[rows, cols], starts[1:])
     return dict(zip(label_values.tolist(), parts, strict=True)) if label_values.size else {}
 
 

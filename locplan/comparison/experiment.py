@@ -43,7 +43,7 @@ from locplan.field.config import FieldConfig, config_from_settings
 from locplan.field.estimator import Estimator
 from locplan.field.fisher import Fused
 from locplan.maps.grid import OccupancyGrid
-from locplan.maps.zones import Zones, check_on_map, check_zones
+from locplan.maps.zones import Zones, check_zones_on_map, normalize_zones
 from locplan.planning.costmap import Costmap
 from locplan.planning.layers import check_weight
 from locplan.planning.named_maps import name_maps
@@ -137,12 +137,12 @@ def compare(
     began = datetime.now(UTC).astimezone()
     limits: Any = {"memory": execution.memory, "patience": execution.patience}
     radius = (robot or Robot()).radius
-    zones = check_zones(zones)
+    zones = normalize_zones(zones)
     make_case = partial(Case, robot_radius=radius, field_of=execution.field_of, zones=zones)
     maps_by_name = name_maps(maps, read_benchmark_map)
     for name, map_or_costmap in maps_by_name.items():
         if isinstance(map_or_costmap, OccupancyGrid):
-            check_on_map(zones, map_or_costmap)
+            check_zones_on_map(zones, map_or_costmap)
         elif zones:
             raise ConfigError(
                 f"map {short_repr(name)} is a costmap with its own zones; leave zones out"

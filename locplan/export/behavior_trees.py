@@ -76,7 +76,7 @@ def merge_tree(
         if f"<ComputePath{kind}" in text
     }
     merged = merged.with_values("bt_navigator", tree_parameters)
-    server = merged.node_parameters(node := "smoother_server")
+    server = merged.read_node_parameters(node := "smoother_server")
     names = merged.names(node, "smoother_plugins", [SMOOTHER] if server else [])
     if planner.any_angle and SMOOTHER not in names:
         smoother: dict[str, Any] = {"plugin": "nav2_smoother::SimpleSmoother", "tolerance": 1e-10}

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from locplan._support.drawing import FIELD_COLOURS, LIGHT_MAP_COLOURS, PREVIEW_DPI, save_figure
 from locplan.export.route_graph import RouteGraph
 from locplan.maps.figures import (
+    compute_figure_size,
     downsample,
     downsample_map,
     draw_cells,
     draw_map,
     draw_zones,
-    map_axes,
-    map_size,
+    make_map_axes,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.zones import Zones
@@ -65,7 +65,7 @@ def values_figure(
         downsample_map(grid, 1000),
         downsample(values, maximum=True, max_blocks=1000),
     )
-    figure, axes = map_axes(grid)
+    figure, axes = make_map_axes(grid)
     draw_map(axes, grid)
     if (coarse_values >= 0).any():
         masked_values, norm = (
@@ -94,13 +94,13 @@ def routes_figure(costs: Costmap, graph: RouteGraph, title: str) -> Figure:
     title : str
         Title of the figure.
     """
-    figure, axes = map_axes(costs.grid)
+    figure, axes = make_map_axes(costs.grid)
     draw_map(axes, costs.grid)
     axes.images[0].set_cmap(LIGHT_MAP_COLOURS)
     per_metre = graph.cost / np.maximum(graph.length, 1e-9)
     order = np.argsort(per_metre, kind="stable")  # the costliest on top
     order = order[graph.length[order] > 0]
-    width, _ = map_size(costs.grid)
+    width, _ = compute_figure_size(costs.grid)
     # An edge is as wide as a share of the median length, both as drawn; nodes are twice as wide.
     scale = 72 * width / np.ptp(axes.get_xlim())
     line_width = 0.07 * scale * np.median(graph.length) if len(order) else 0.0

@@ -19,7 +19,7 @@ from locplan.export.registry import ExportSummary
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.planning.costmap import Costmap
-from locplan.robots.nav2 import nav2_inflation
+from locplan.robots.nav2 import read_nav2_inflation
 from locplan.robots.parameters import Nav2Parameters
 from locplan.robots.parts import Inflation
 
@@ -86,7 +86,7 @@ class CostmapInflation:
         parameters : Nav2Parameters
             The parameters of Nav2.
         """
-        layer_values = nav2_inflation(parameters)
+        layer_values = read_nav2_inflation(parameters)
         return cls(*layer_values) if layer_values else None
 
     @property
@@ -454,7 +454,7 @@ def keepout_mask(
     if saturated.any():
         middle = costs.grid.position(*_find_middle(saturated))
         conversion = dataclasses.replace(conversion, most_saturated=middle)
-    near = costs.grid.closer_than(costs.robot_radius - 1e-9)
+    near = costs.grid.cells_near_walls(costs.robot_radius - 1e-9)
     values[~passable & costs.grid.free & ~near] = 100  # lethal
     values[costs.zones.cells(costs.grid, "no-go")] = 100
     return values, conversion

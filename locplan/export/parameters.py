@@ -14,8 +14,8 @@ from locplan._support.checks import check_choice
 from locplan._support.reading import ROS_BOOLEANS, ROS_NUMBER, scalar_text
 from locplan.errors import LocplanError
 from locplan.export.masks import PLANNERS, Conversion
-from locplan.robots.nav2 import planner_types
-from locplan.robots.parameter_edits import edited_files
+from locplan.robots.nav2 import read_planner_types
+from locplan.robots.parameter_edits import edit_files
 from locplan.robots.parameters import (
     GLOBAL_COSTMAP,
     LOCAL_COSTMAP,
@@ -71,7 +71,7 @@ def _make_nav2_yaml(before: Nav2Parameters, after: Nav2Parameters) -> tuple[byte
     if path is None:
         return dump_parameters(after.merge_files().content).encode(), False
     try:
-        return edited_files(before, after).get(path) or path.read_bytes(), True
+        return edit_files(before, after).get(path) or path.read_bytes(), True
     except LocplanError:
         return dump_parameters(changed[0].content).encode(), False
 
@@ -244,7 +244,7 @@ class Nav2Robot:
     @property
     def planners(self) -> dict[str, str]:
         """The plugin of each of its planners by name, as it is written from Jazzy on."""
-        types = planner_types(self.parameters)
+        types = read_planner_types(self.parameters)
         return {name: plugin.replace("/", "::") for name, plugin in types.items()}
 
     def planner(self, cells: int) -> str:
@@ -298,7 +298,7 @@ class Nav2Robot:
         """That another speed filter limits the same robot."""
         advice = "both publish limits, and the one that came last counts: merge the masks, or leave"
         for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-            for name, value in self.parameters.node_parameters(costmap).items():
+            for name, value in self.parameters.read_node_parameters(costmap).items():
                 layer, _, last = name.rpartition(".")
                 if last == "plugin" and layer != filter_name and str(value).endswith("SpeedFilter"):
                     costmap_name = costmap.partition("/")[0]
@@ -306,7 +306,7 @@ class Nav2Robot:
 
     def note_larger_radius(self, radius: float) -> Iterator[str]:
         """That it is larger than the robot that lanes were made for."""
-        robot_radius = self.parameters.node_parameters(GLOBAL_COSTMAP).get("robot_radius")
+        robot_radius = self.parameters.read_node_parameters(GLOBAL_COSTMAP).get("robot_radius")
         if (
             isinstance(robot_radius, (int, float))
             and robot_radius > radius + 1e-9
@@ -319,7 +319,7 @@ class Nav2Robot:
 
     def _note_misspelt_plugins(self) -> Iterator[str]:
         """That its planners are written as in another distribution."""
-        server = self.parameters.node_parameters(PLANNER_SERVER)
+        server = self.parameters.read_node_parameters(PLANNER_SERVER)
         for name in self.planners:
             plugin = str(server.get(f"{name}.plugin", ""))
             if "/" in plugin and not self.distribution.slashes:
@@ -354,7 +354,7 @@ def add_planner(
     time for planning; besides others ours gets a name of its own.
     """
     planner, runs = conversion.planner, robot.distribution
-    server, names = merged.node_parameters(PLANNER_SERVER), list(robot.planners)
+    server, names = merged.read_node_parameters(PLANNER_SERVER), list(robot.planners)
     same_type = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     name = same_type[0] if same_type else "Localizability" if names else "GridBased"
     plugin = planner.plugin.replace("::", "/") if runs.slashes else planner.plugin

@@ -132,7 +132,7 @@ def suggest_inflation(
     ]
     if not path_texts:
         return ""
-    server = robot.parameters.node_parameters(PLANNER_SERVER)
+    server = robot.parameters.read_node_parameters(PLANNER_SERVER)
     names = [name for name, plugin in robot.planners.items() if plugin == planner.plugin]
     today = server.get(f"{names[0]}.{planner.parameter}", planner.default) if names else None
     today = planner.default if not isinstance(today, (int, float)) else float(today)
@@ -374,7 +374,7 @@ def _cuts_off_region(costs: Costmap, values: NDArray[np.int8], disc: Bools) -> b
     """True if closed cells cut off a part of the free space."""
     import cv2
 
-    wide = ~costs.grid.closer_than(costs.robot_radius) & costs.grid.free & (values != CLOSED)
+    wide = ~costs.grid.cells_near_walls(costs.robot_radius) & costs.grid.free & (values != CLOSED)
     min_cells = LARGE / costs.grid.resolution**2
 
     def count_regions(cells: Bools) -> int:

@@ -177,7 +177,10 @@ def write_graph(
         **{f"{name}.plugin": f"nav2_route::{name}" for name in plugins},
         "smooth_corners": False,  # arcs would leave the edges, which were checked
     }
-    robot_settings, file = robot.parameters.node_parameters(node := "route_server"), "graph.geojson"
+    robot_settings, file = (
+        robot.parameters.read_node_parameters(node := "route_server"),
+        "graph.geojson",
+    )
     robot_settings.pop("graph_filepath", None)
     merged_settings = (
         Nav2Parameters()

@@ -10,7 +10,7 @@ from locplan.field.sad import Sad
 from locplan.field.scan import Scan
 from locplan.field.search_window import OffsetLattice, SearchWindow
 from locplan.field.store import covariance_field, load_or_compute
-from locplan.field.summary import sampled_covariances
+from locplan.field.summary import sample_covariances
 
 __all__ = [
     "ESTIMATORS",
@@ -28,7 +28,7 @@ __all__ = [
     "load_config",
     "load_or_compute",
     "position_axes",
-    "sampled_covariances",
+    "sample_covariances",
     "save_config",
     "scalar",
 ]

@@ -133,7 +133,7 @@ class LidarEstimator(Estimator):
     @property
     def headings(self) -> int:
         """Default number of headings: 1 where the lidar sees the same in all, otherwise 8."""
-        return 1 if self.lidar.sees_alike_in_all_headings else 8
+        return 1 if self.lidar.is_heading_independent else 8
 
     def beams(self) -> Any:
         """The simulated lidar with the beams that count, in the form that the kernels take."""
@@ -155,7 +155,7 @@ class ComparedBeams:
     """Angle from one beam to the next [deg]."""
     places: Ints
     """Places of the beams on the lattice, 0 and -1 beside the axis, (n,); from 0 on of own ones."""
-    is_own: bool
+    are_lidar_beams: bool
     """Whether they are all of the lidar's own beams."""
 
     @classmethod
@@ -189,13 +189,13 @@ class ComparedBeams:
 
     def angles_and_yaw(self, lidar: Lidar) -> tuple[Floats, float]:
         """Angles of the beams (n,) from an axis, and the axis' angle on the robot [rad]."""
-        if self.is_own:
+        if self.are_lidar_beams:
             return lidar.angles, lidar.mount_yaw
         return np.radians((self.places + 0.5) * self.pitch_deg), 0.0
 
     def nearest_beam_numbers(self, lidar: Lidar) -> Ints:
         """Numbers of the lidar's own beams that are nearest to these, rising."""
-        if self.is_own:
+        if self.are_lidar_beams:
             return self.places
         on_lidar = (self.places + 0.5) * self.pitch_deg - lidar.mount_yaw_deg
         between = np.degrees(lidar.angles[1] - lidar.angles[0])
@@ -204,14 +204,14 @@ class ComparedBeams:
             return np.unique(numbers % lidar.beams)
         return np.unique(np.clip(numbers, 0, lidar.beams - 1))
 
-    def from_axis(self, lidar: Lidar) -> Ints:
+    def compute_symmetry_places(self, lidar: Lidar) -> Ints:
         """Places of the beams from an axis, 1 beside it; beams that a symmetry exchanges have one.
 
         The axis is the middle of own beams, or the robot's. Where a lidar sees all round, quarter
         turns are symmetries, too.
         """
         half_pitches = abs(2 * self.places + 1)
-        if self.is_own:
+        if self.are_lidar_beams:
             half_pitches = abs(2 * self.places + 1 - len(self.places))
         if lidar.sees_all_round:
             quarter = len(self.places) / 2
@@ -219,7 +219,7 @@ class ComparedBeams:
         return (half_pitches // 2).astype(np.int64) + 1
 
 
-def reach_of_beams(lidar: Lidar, resolution: float) -> int:
+def compute_beam_reach(lidar: Lidar, resolution: float) -> int:
     """Maximum distance from the robot's cell to the end of a beam [cells]."""
     lever = math.hypot(lidar.mount_x, lidar.mount_y)
     return math.ceil((lidar.range + lever) / resolution) + 2
@@ -233,7 +233,7 @@ BAND = 1 << 20
 """Number of cells that are processed at once, which bounds the memory."""
 
 
-def surface_normals(occupied: Bools) -> Singles:
+def find_surface_normals(occupied: Bools) -> Singles:
     """Find the unit normal of the surface at each occupied cell, without a sign.
 
     It is the main axis of the structure tensor (Bigün and Granlund, 1987) over the widest window
@@ -258,12 +258,12 @@ def surface_normals(occupied: Bools) -> Singles:
     band = max(2 * NORMAL_REACH, BAND // cols)
     for top in range(0, rows, band):
         bottom, above = min(top + band, rows), max(0, top - NORMAL_REACH)
-        part = _normals(occupied[above : min(rows, bottom + NORMAL_REACH)])
+        part = _compute_normals(occupied[above : min(rows, bottom + NORMAL_REACH)])
         normals[top:bottom] = part[top - above : bottom - above]
     return normals
 
 
-def wall_cells(occupied: Bools) -> Octets:
+def find_wall_cells(occupied: Bools) -> Octets:
     """Mark the occupied cells that have one of their 8 neighbours not occupied.
 
     Parameters
@@ -284,7 +284,7 @@ def wall_cells(occupied: Bools) -> Octets:
     return np.asarray(solid - enclosed)
 
 
-def _normals(occupied: Bools) -> Singles:
+def _compute_normals(occupied: Bools) -> Singles:
     import cv2
 
     edge: Any = {"borderType": cv2.BORDER_REPLICATE}
@@ -295,11 +295,11 @@ def _normals(occupied: Bools) -> Singles:
     # The tensor in whole numbers: its main axis as (cos, sin) of the doubled angle, and its trace.
     tensor = np.stack([(dx - dy) * (dx + dy), 2 * dx * dy, dx**2 + dy**2], axis=-1)
     tensor = _sum_windows(tensor, WIDTHS[0])
-    axis, agreement = _main_axes(tensor[occupied])
+    axis, agreement = _compute_main_axes(tensor[occupied])
     faces = agreement > 1e-3  # a lone post, for one, has no normal
     for width in WIDTHS[1:]:
         tensor = _sum_windows(tensor, width)
-        wider, agreement = _main_axes(tensor[occupied])
+        wider, agreement = _compute_main_axes(tensor[occupied])
         # A wider window may turn the axis by 18 deg; of a straight surface nearly all slopes are on
         # one axis: (l1 - l2) / (l1 + l2) is above 0.8.
         agrees = (axis * wider).sum(axis=1) > math.cos(2 * math.radians(18))
@@ -321,7 +321,7 @@ def _sum_windows(tensor: Floats, width: int) -> Floats:
     return np.asarray(cv2.boxFilter(tensor, -1, (width, width), normalize=False, **edge))
 
 
-def _main_axes(tensors: Floats) -> tuple[Floats, Floats]:
+def _compute_main_axes(tensors: Floats) -> tuple[Floats, Floats]:
     """Unit vectors of the axes' doubled angles, (n, 2), and agreement of the slopes, 0..1."""
     length = np.hypot(tensors[:, 0], tensors[:, 1])
     axes = tensors[:, :2] / np.maximum(length, 1.0)[:, None]

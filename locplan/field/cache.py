@@ -128,7 +128,7 @@ def load_or_compute_result(
                 result = compute(parts if writable else None)
                 if writable and _is_saved(path, result, save):
                     shutil.rmtree(parts, ignore_errors=True)
-                    evict(path.parent, limit, path)
+                    evict_results(path.parent, limit, path)
     with suppress(OSError):  # a read-only cache works without a note of the last use
         os.utime(path)
     return result
@@ -205,7 +205,7 @@ class CacheEntry:
         path : path
             The file or folder within the cache.
         """
-        files = [_status(file) for file in (path, *_files_in(path))]
+        files = [_read_size_and_time(file) for file in (path, *_list_files(path))]
         return cls(path, sum(size for size, _ in files[1:] or files), max(t for _, t in files))
 
     @cached_property
@@ -213,7 +213,7 @@ class CacheEntry:
         """Description of the result or of its parts; empty where there is none that can be read."""
         if self.path.suffix not in (RESULT, PARTS):
             return {}
-        file = max(_files_in(self.path), default=self.path)
+        file = max(_list_files(self.path), default=self.path)
         try:
             metadata = parse_json(str(read_arrays(file, MAX_JSON_BYTES, (TREE_NAME,))[TREE_NAME]))
             return metadata if isinstance(metadata, dict) else {}
@@ -252,7 +252,7 @@ class CacheEntry:
         return value[:200] if isinstance(value, str) else ""
 
 
-def cache_entries(folder: Path) -> list[CacheEntry]:
+def list_cache_entries(folder: Path) -> list[CacheEntry]:
     """All entries of a cache, the last used first.
 
     Parameters
@@ -268,13 +268,13 @@ def cache_entries(folder: Path) -> list[CacheEntry]:
     )
 
 
-def cache_table(cached_results: Sequence[CacheEntry], folder: Path) -> str:
+def format_cache_table(cached_results: Sequence[CacheEntry], folder: Path) -> str:
     """Table of entries with sizes and times of use, and how full the cache is.
 
     Parameters
     ----------
     cached_results : sequence of CacheEntry
-        The entries, see `cache_entries`.
+        The entries, see `list_cache_entries`.
     folder : path
         The folder, see `cache_folder`.
     """
@@ -312,16 +312,16 @@ def clear_cache(folder: Path, days: float = 0.0) -> tuple[list[CacheEntry], list
     """
     removed: list[CacheEntry] = []
     busy: list[CacheEntry] = []
-    for cached_result in cache_entries(folder):
+    for cached_result in list_cache_entries(folder):
         if time.time() - cached_result.used >= days * 86400.0:
             (removed if remove(cached_result.path) else busy).append(cached_result)
     clear_abandoned(folder)
     return removed, busy
 
 
-def evict(folder: Path, limit: int, keep: Path) -> None:
+def evict_results(folder: Path, limit: int, keep: Path) -> None:
     """Remove the least recently used results, but not `keep`, down to the limit [bytes]."""
-    cached_results = cache_entries(folder)
+    cached_results = list_cache_entries(folder)
     total = sum(cached_result.size for cached_result in cached_results)
     for cached_result in reversed(cached_results):
         if total > limit and cached_result.path != keep:
@@ -345,11 +345,11 @@ def remove(path: Path) -> bool:
     return True
 
 
-def _files_in(folder: Path) -> list[Path]:
+def _list_files(folder: Path) -> list[Path]:
     return [Path(at, name) for at, _, names in os.walk(folder) for name in names]
 
 
-def _status(path: Path) -> tuple[int, float]:
+def _read_size_and_time(path: Path) -> tuple[int, float]:
     """Size [bytes] and time of the last change [s] of a file; zeros if it has been removed."""
     try:
         status = path.stat()

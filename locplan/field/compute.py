@@ -18,13 +18,13 @@ from locplan.field import tiles
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import check_halo, check_values, read_halo, rotate_covariance
 from locplan.field.estimator import Estimator, MapPart, Values, is_from_locplan
-from locplan.field.tiles import Chunk, chunk_edge, find_computed_points, iterate_chunks
+from locplan.field.tiles import Chunk, compute_chunk_edge, find_computed_points, iterate_chunks
 from locplan.maps.grid import OccupancyGrid
 
 _Points = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
-def standing_cells(
+def find_standing_cells(
     free: Bools, rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Cells to put a lidar on: each cell, or the nearest free one within `reach` rows and columns.
@@ -92,7 +92,7 @@ def compute_chunks(
         return
     tiles.check_tiles(grid, config)
     running: dict[Future[Values], tuple[Chunk, _Points, MapPart]] = {}
-    waiting = iterate_chunks(missing, chunk_edge(config, grid.resolution))
+    waiting = iterate_chunks(missing, compute_chunk_edge(config, grid.resolution))
     # Threads of this process share what the estimator prepares from the whole map.
     prepared = None if executor else estimator.prepare(grid.cells, grid.resolution)
     tile_memory = estimator.memory(grid.resolution, grid.shape) if prepared is None else 0.0
@@ -148,7 +148,7 @@ def make_map_part(
     stride = config.stride_cells(grid.resolution)
     rows, cols = (index * stride for index in points)
     if config.estimator.casts_rays:
-        rows, cols = standing_cells(grid.free, rows, cols, stride)
+        rows, cols = find_standing_cells(grid.free, rows, cols, stride)
     levels, top, left = grid.cells, 0, 0
     if prepared is None:
         reach = read_halo(config.estimator, grid.resolution, grid.shape)

@@ -31,7 +31,7 @@ from locplan._support.reading import MAX_JSON_BYTES, parse_json, read_text
 from locplan.errors import ConfigError, LocplanError
 from locplan.field.estimator import Estimator, build_settings, dict_from_settings
 from locplan.field.estimators import estimator_class
-from locplan.field.lattice import evaluated_points, stride_cells
+from locplan.field.lattice import select_evaluated_points, stride_cells
 from locplan.field.poses import LatticeCorners
 from locplan.field.sad import PAPER_RANGE, Sad
 from locplan.maps.grid import OccupancyGrid
@@ -131,7 +131,7 @@ class FieldConfig(Settings):
             Poses in the world [m, m, rad]: only the points that `CovarianceField.at` reads there.
         """
         stride = self.stride_cells(grid.resolution)
-        points = evaluated_points(grid.free, stride)
+        points = select_evaluated_points(grid.free, stride)
         if poses is None:
             return points
         xy = parse_poses(poses)[0][:, :2]

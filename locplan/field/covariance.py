@@ -106,7 +106,7 @@ def position_axes(covariance: ArrayLike) -> tuple[Floats, Floats, Floats]:
     return major, minor, 0.5 * np.arctan2(2 * xy, xx - yy)
 
 
-def log_euclidean_means(first: Floats, second: Floats, shares: Floats) -> Floats:
+def compute_log_means(first: Floats, second: Floats, shares: Floats) -> Floats:
     """Mean of each two covariances (..., d, d) in the matrix logarithm; NaN where one is.
 
     The others have the shares (...), from 0 to 1, and the first the rest.
@@ -114,17 +114,19 @@ def log_euclidean_means(first: Floats, second: Floats, shares: Floats) -> Floats
     means = np.full(np.broadcast_shapes(first.shape, second.shape), np.nan)
     is_finite = ~np.isnan(first + second).any(axis=(-2, -1))
     share = shares[is_finite][:, None, None]
-    means[is_finite] = _exp((1 - share) * _log(first[is_finite]) + share * _log(second[is_finite]))
+    means[is_finite] = _exp_matrices(
+        (1 - share) * _log_matrices(first[is_finite]) + share * _log_matrices(second[is_finite])
+    )
     return means
 
 
-def _log(covariances: Floats) -> Floats:
+def _log_matrices(covariances: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariances)
     logs = np.log(np.maximum(values, np.finfo(float).tiny))
     return np.asarray((vectors * logs[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
 
-def _exp(logs: Floats) -> Floats:
+def _exp_matrices(logs: Floats) -> Floats:
     values, vectors = np.linalg.eigh(logs)
     return np.asarray((vectors * np.exp(values)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
 
@@ -138,7 +140,7 @@ def rotate_covariance(covariance: Floats, yaw: float) -> Floats:
     return turn @ covariance @ turn.T
 
 
-def mean_information(covariances: Floats) -> Floats:
+def average_information(covariances: Floats) -> Floats:
     """Inverse of the mean of the inverses of covariances, (..., d, d).
 
     It merges the headings of a robot: information adds up. 1e-12 m^2 or rad^2, far below what any

@@ -103,7 +103,7 @@ class CovarianceField(Pictured, EqualByValue):
 
         There are none unless only some points were asked for; see `load_or_compute`.
         """
-        return lattice.evaluated_points(self.grid.free, self.stride) & ~self.is_evaluated
+        return lattice.select_evaluated_points(self.grid.free, self.stride) & ~self.is_evaluated
 
     @property
     def window(self) -> OffsetLattice:
@@ -141,7 +141,7 @@ class CovarianceField(Pictured, EqualByValue):
             if headings == "mean":
                 is_stored = covariance is self.covariance
                 covariance = (
-                    self.mean_covariance
+                    self.average_headings
                     if is_stored
                     else lattice.merge_headings(covariance, self.is_evaluated)
                 )
@@ -150,7 +150,7 @@ class CovarianceField(Pictured, EqualByValue):
         return values.max(axis=2) if values.ndim == 3 and headings == "worst" else values
 
     @cached_property
-    def mean_covariance(self) -> Floats:
+    def average_headings(self) -> Floats:
         """Covariance of the mean information over the headings, (h, w, d, d)."""
         return lattice.merge_headings(self.covariance, self.is_evaluated)
 
@@ -303,7 +303,7 @@ class CovarianceField(Pictured, EqualByValue):
             If the maps differ in more than their cells.
         """
         check_grid(grid)
-        same = tiles.untouched_points(self.grid, grid, self.config)
+        same = tiles.find_unchanged_points(self.grid, grid, self.config)
         values = tiles.make_empty_values(grid, self.config)
         for name, array in self.values.items():
             values[name][same] = array[same]
@@ -339,7 +339,7 @@ class CovarianceField(Pictured, EqualByValue):
         files.check_readable(self.values, self.grid, self.config)
         if self.lacking.any():
             raise FieldError(f"{self!r} has some of its points only; compute all to save it")
-        metadata = files.describe(self.grid, self.config)
+        metadata = files.make_metadata(self.grid, self.config)
         files.write_field(target, self.values, self.grid, metadata, extra_arrays)
 
     @classmethod

@@ -20,13 +20,13 @@ from locplan._support.kernels.arrays import Floats
 from locplan.field.covariance import DEGENERATE
 from locplan.field.field import CovarianceField
 from locplan.maps.figures import (
-    block_size,
     compute_axes_limits,
+    compute_block_size,
+    compute_figure_size,
     downsample,
     draw_cells,
     draw_map,
-    map_axes,
-    map_size,
+    make_map_axes,
 )
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
@@ -60,7 +60,7 @@ def format_weak_share(field: CovarianceField, values: Any, name: str | None = No
     return f"{share_text} weak ({threshold:.2g}{unit} or more)"
 
 
-def field_cells(
+def read_field_cells(
     field: CovarianceField, values: Floats, *, logarithmic: bool, part: OccupancyGrid | None
 ) -> Floats:
     """Values (h, w) on the field's lattice as `draw_cells` takes them, NaN but in free space.
@@ -69,7 +69,7 @@ def field_cells(
     their middles: large maps are never filled cell by cell.
     """
     visible_map = part or field.grid
-    cells = block_size(visible_map.shape)
+    cells = compute_block_size(visible_map.shape)
     if cells == 1 and visible_map.shape == field.grid.shape:
         return field.on_map(values, logarithmic=logarithmic)
     first = np.round(field.grid.world_to_grid(*visible_map.origin[:2]))
@@ -99,7 +99,7 @@ def field_figure(field: CovarianceField, name: str | None = None) -> Figure:
         one of the field's layers; by default what degeneracy is made of. For several headings,
         that of the mean information is drawn. Deviations are shown in cm and degrees.
     """
-    figure, axes = map_axes(field.grid)
+    figure, axes = make_map_axes(field.grid)
     image = draw_field(axes, field, name)
     field_bar(figure, image, axes, field.quantity(name).axis, shrink=0.9)
     title = f"{field.grid.name or 'map'}: u is about 0 on {field.saturated_share:.0%}"
@@ -126,7 +126,7 @@ def fields_figure(
     """
     columns = max(map(len, rows))
     parts = parts or [next(iter(fields.values())).grid for fields in rows]
-    heights = [height / width for width, height in map(map_size, parts)]
+    heights = [height / width for width, height in map(compute_figure_size, parts)]
     wide = min(3.6, 8.0 / columns)  # of a map, and of all of them together [inch]
     size = wide * columns + 1, sum(wide * height + 0.6 for height in heights)
     figure = Picture(figsize=size, layout="constrained")
@@ -183,14 +183,14 @@ def draw_field(
     name, visible_map = name or field.config.estimator.criterion, part or field.grid
     if read is None:
         values = field.scalar(name, headings="mean")
-        read = field_cells(field, values, logarithmic=name not in field.layers, part=part)
+        read = read_field_cells(field, values, logarithmic=name not in field.layers, part=part)
     draw_map(axes, visible_map)
     values = field.quantity(name).factor * read
-    norm = field_norm(field, name, values)
+    norm = make_colour_norm(field, name, values)
     return draw_cells(axes, visible_map, values, cmap=styles.FIELD_COLOURS, norm=norm)
 
 
-def field_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
+def make_colour_norm(field: CovarianceField, name: str, values: Floats) -> Normalize:
     """The scale of colours of a scalar or layer of a field, as `draw_field` draws it.
 
     It ends at the greatest value, but is never so short that harmless values would look weak.

@@ -39,7 +39,9 @@ MATCHING_KEYS = ("engine", "map_shape", "resolution", "origin", "identity")
 """Entries that fields share if values of one may be values of the other."""
 
 
-def describe(grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False) -> dict[str, Any]:
+def make_metadata(
+    grid: OccupancyGrid, config: FieldConfig, *, cached: bool = False
+) -> dict[str, Any]:
     """Describe a field, fit for JSON.
 
     A FieldError if it is to be cached and nothing tells what decides its values.
@@ -118,7 +120,7 @@ def write_points(
 
 def read_metadata(file: Path) -> dict[str, Any]:
     """Read the description of a field; a LocplanError if it is none."""
-    text = str(_read(file, MAX_JSON_BYTES, TREE_NAME)[TREE_NAME])
+    text = str(_read_array(file, MAX_JSON_BYTES, TREE_NAME)[TREE_NAME])
     try:
         metadata = parse_json(text)
     except ValueError:
@@ -139,7 +141,7 @@ def fill_values(
 
     Only the points `selection` are filled. A FieldError if the arrays in the file do not fit.
     """
-    shapes = tiles.field_shapes(grid, config)
+    shapes = tiles.compute_field_shapes(grid, config)
     lattice = shapes["covariance"][:2]
     limit = 8 * sum(map(math.prod, shapes.values())) + math.prod(lattice) + 10**4
     try:
@@ -172,7 +174,7 @@ def read_values(file: Path, grid: OccupancyGrid, config: FieldConfig) -> Values:
 
 def read_grid(file: Path, metadata: Mapping[str, Any]) -> OccupancyGrid:
     """Read the map that a field belongs to; `metadata` is the field's description."""
-    cells = _read(file, MAX_CELLS, CELLS)[CELLS]
+    cells = _read_array(file, MAX_CELLS, CELLS)[CELLS]
     try:
         return OccupancyGrid(
             cells, metadata["resolution"], tuple(metadata["origin"]), metadata["map"]
@@ -220,7 +222,7 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
             " a name of its own and settings fit for JSON, and register it:"
             f" locplan.field.ESTIMATORS[{estimator.name!r}] = {kind.__qualname__}"
         )
-    for name, shape in tiles.field_shapes(grid, config).items():
+    for name, shape in tiles.compute_field_shapes(grid, config).items():
         if name not in values or values[name].shape != shape:
             raise FieldError(f"the field's {name} must be an array of shape {shape}")
     is_computed, stride = tiles.find_computed_points(values), config.stride_cells(grid.resolution)
@@ -231,7 +233,7 @@ def check_readable(values: Values, grid: OccupancyGrid, config: FieldConfig) -> 
     check_values({name: array[is_computed] for name, array in values.items()}, estimator, part)
 
 
-def _read(file: Path, limit: int, name: str) -> dict[str, Any]:
+def _read_array(file: Path, limit: int, name: str) -> dict[str, Any]:
     """Read one array of a field's file."""
     try:
         arrays = read_arrays(file, limit, (name,))

@@ -17,8 +17,13 @@ import numpy as np
 from locplan._support.checks import check_choice, check_instance, derived_setting, set_frozen_fields
 from locplan._support.kernels.arrays import Floats, Octets, Singles
 from locplan.errors import ConfigError
-from locplan.field.beams import NORMAL_REACH, LidarEstimator, reach_of_beams, surface_normals
-from locplan.field.covariance import log_euclidean_means, position_axes
+from locplan.field.beams import (
+    NORMAL_REACH,
+    LidarEstimator,
+    compute_beam_reach,
+    find_surface_normals,
+)
+from locplan.field.covariance import compute_log_means, position_axes
 from locplan.field.estimator import Estimator, Layer, MapPart, Values
 from locplan.field.scan import Scan
 from locplan.field.search_window import OffsetLattice
@@ -100,7 +105,7 @@ class Fisher(LidarEstimator):
         scaled_information = beam_information * (
             self.temperature / self.sigma(part.resolution) ** 2
         )
-        covariance = self.noise_level * _inverse(scaled_information + prior)
+        covariance = self.noise_level * _invert(scaled_information + prior)
         return {"covariance": covariance[:, part.heading_axis]}
 
     def prepare(self, levels: Octets, resolution: float) -> tuple[Octets, Singles]:
@@ -111,7 +116,7 @@ class Fisher(LidarEstimator):
         from locplan._support.kernels.rays import empty_squares
 
         occupied = levels == OCCUPIED
-        return empty_squares(occupied), surface_normals(occupied)
+        return empty_squares(occupied), find_surface_normals(occupied)
 
     def seconds(self, resolution: float) -> float:
         """Time in proportion to the beams, and a little for the inverse [s].
@@ -121,11 +126,11 @@ class Fisher(LidarEstimator):
         return 1e-5 + 1e-7 * self.beams_compared
 
     def halo(self, resolution: float, map_shape: tuple[int, int]) -> int:
-        reach = reach_of_beams(self.lidar, resolution) + NORMAL_REACH
+        reach = compute_beam_reach(self.lidar, resolution) + NORMAL_REACH
         return min(reach, math.ceil(math.hypot(*map_shape)))
 
 
-def _inverse(information: Floats) -> Floats:
+def _invert(information: Floats) -> Floats:
     """Inverses of matrices (..., d, d); NaN where a matrix holds NaN."""
     unknown = np.isnan(information[..., 0, 0])
     matrices = np.where(unknown[..., None, None], np.eye(information.shape[-1]), information)
@@ -222,7 +227,9 @@ class Fused(Estimator):
         return self.scan.perfect(lattice)
 
     def featureless(self, lattice: OffsetLattice) -> Floats:
-        return self._mean(self.fisher.featureless(lattice), self.scan.featureless(lattice))
+        return self._blend_covariances(
+            self.fisher.featureless(lattice), self.scan.featureless(lattice)
+        )
 
     def q(self, lattice: OffsetLattice) -> Floats:
         """Zero, (d, d): the scan's is within the mean already. See `locplan.field.Estimator.q`."""
@@ -241,15 +248,17 @@ class Fused(Estimator):
         scan_values = self.scan.covariances(replace(part, prepared=of_scan))
         return {
             **scan_values,
-            "covariance": self._mean(fisher_values["covariance"], scan_values["covariance"]),
+            "covariance": self._blend_covariances(
+                fisher_values["covariance"], scan_values["covariance"]
+            ),
         }
 
-    def _mean(self, of_fisher: Floats, of_scan: Floats) -> Floats:
+    def _blend_covariances(self, of_fisher: Floats, of_scan: Floats) -> Floats:
         major, minor, _ = position_axes(of_scan)
         is_round = (ELONGATED - major / minor) / (ELONGATED - ROUND)
         is_small = (LARGE - major) / (LARGE - SMALL)
         of_both = np.clip(np.minimum(is_round, is_small), 0.0, 1.0)
-        return self.noise_level * log_euclidean_means(of_fisher, of_scan, 1 - of_both / 2)
+        return self.noise_level * compute_log_means(of_fisher, of_scan, 1 - of_both / 2)
 
     def prepare(self, levels: Octets, resolution: float) -> tuple[object, object]:
         """Data of a map or a part of it for both estimators.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from locplan._support.checks import usable_cores
 from locplan._support.kernels.arrays import Array, Bools, Floats
-from locplan.field.covariance import mean_information
+from locplan.field.covariance import average_information
 
 
 def stride_cells(stride: float, resolution: float) -> int:
@@ -21,7 +21,7 @@ def stride_cells(stride: float, resolution: float) -> int:
     return max(1, round(stride / resolution))
 
 
-def evaluated_points(free: Bools, stride: int) -> Bools:
+def select_evaluated_points(free: Bools, stride: int) -> Bools:
     """Mask of the lattice points to evaluate, (h, w): each free cell needs one to read from."""
     required = free[::stride, ::stride].copy()
     lonely = free & ~_find_covered_cells(required, free.shape, stride)
@@ -129,17 +129,17 @@ def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
     """
     rows, cols = free.shape
     is_finite = ~np.isnan(values)
-    value = _along_rows(np.where(is_finite, values, 0.0), cols, stride)
-    weight = _along_rows(is_finite.astype(float), cols, stride)
+    value = _interpolate_along_rows(np.where(is_finite, values, 0.0), cols, stride)
+    weight = _interpolate_along_rows(is_finite.astype(float), cols, stride)
     result = np.empty(free.shape)
     # So many cells and their neighbours fit a core's cache.
     block = max(1, (1 << 16) // (stride * cols))
 
     def read(first: int) -> None:
         band = slice(first * stride, min((first + block) * stride, rows))
-        band_values = _between_rows(value, first, block, stride)
+        band_values = _interpolate_between_rows(value, first, block, stride)
         with np.errstate(invalid="ignore"):  # 0 / 0 is NaN where nothing is known
-            band_values /= _between_rows(weight, first, block, stride)
+            band_values /= _interpolate_between_rows(weight, first, block, stride)
         np.copyto(result[band], band_values[: band.stop - band.start])
         np.copyto(result[band], np.nan, where=~free[band])
 
@@ -148,13 +148,13 @@ def read_on_map(values: Floats, free: Bools, stride: int) -> Floats:
     return result
 
 
-def _along_rows(values: Floats, cols: int, stride: int) -> Floats:
+def _interpolate_along_rows(values: Floats, cols: int, stride: int) -> Floats:
     """Values (h, w) interpolated along each row at all columns, (h, cols)."""
-    low, next_one, part = _sides(np.arange(cols), stride, values.shape[1])
+    low, next_one, part = _find_neighbours(np.arange(cols), stride, values.shape[1])
     return np.asarray(values[:, low] * (1 - part) + values[:, next_one] * part)
 
 
-def _between_rows(values: Floats, first: int, count: int, stride: int) -> Floats:
+def _interpolate_between_rows(values: Floats, first: int, count: int, stride: int) -> Floats:
     """Rows from the lattice's row `first` on, `stride` for each of `count`, interpolated."""
     below = values[first : first + count, None]
     above = values[np.minimum(np.arange(first + 1, first + len(below) + 1), len(values) - 1), None]
@@ -169,8 +169,8 @@ def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floa
 
     Where a corner is NaN, the other corners take its weight.
     """
-    left, right, col_part = _sides(cols, stride, values.shape[1])
-    row, above, row_part = _sides(rows, stride, values.shape[0])
+    left, right, col_part = _find_neighbours(cols, stride, values.shape[1])
+    row, above, row_part = _find_neighbours(rows, stride, values.shape[0])
 
     def read(array: Floats) -> Floats:
         lower = array[row, left] * (1 - col_part) + array[row, right] * col_part
@@ -182,7 +182,7 @@ def read_at_cells(values: Floats, stride: int, rows: Array, cols: Array) -> Floa
         return read(np.where(is_finite, values, 0.0)) / read(is_finite.astype(float))
 
 
-def _sides(
+def _find_neighbours(
     cells: Array, stride: int, size: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     """Lattice indices before and after each cell along one axis, and the share of the latter."""
@@ -196,5 +196,5 @@ def merge_headings(covariance: Floats, is_computed: Bools) -> Floats:
     if covariance.ndim == 4:
         return covariance
     result = np.full((*covariance.shape[:2], *covariance.shape[3:]), np.nan)
-    result[is_computed] = mean_information(covariance[is_computed])
+    result[is_computed] = average_information(covariance[is_computed])
     return result

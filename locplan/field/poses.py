@@ -84,7 +84,7 @@ class LatticeCorners:
         index = points[:, 0] * (points[:, 1].max(initial=0) + 1) + points[:, 1]
         _, first, place = np.unique(index, return_index=True, return_inverse=True)
         weight = weight / np.bincount(number, weight, count)[number]
-        return cls(points[first], _sparse(weight, number, place, (count, len(first))))
+        return cls(points[first], _make_sparse_matrix(weight, number, place, (count, len(first))))
 
     def read(self, values: Floats, headings: Floats | None) -> Floats:
         """Return the values at the positions, (n, ...), NaN where there is none.
@@ -135,7 +135,7 @@ class LatticeCorners:
         used, place = np.unique(np.concatenate([before, after]), return_inverse=True)
         weight = np.concatenate([sparse_weights.data * (1 - share), sparse_weights.data * share])
         shape = (self.weights.shape[0], len(used))
-        weights = _sparse(weight, np.tile(sparse_weights.row, 2), place, shape)
+        weights = _make_sparse_matrix(weight, np.tile(sparse_weights.row, 2), place, shape)
         return values.reshape(-1, *values.shape[2:])[used], weights
 
     def _blank_unread(self, values: Floats) -> Floats:
@@ -150,7 +150,7 @@ def _is_free(grid: OccupancyGrid, xy: Floats) -> Bools:
     return np.asarray(inside & grid.free[np.where(inside, rows, 0), np.where(inside, cols, 0)])
 
 
-def _sparse(weight: Floats, rows: Ints, cols: Ints, shape: tuple[int, int]) -> Any:
+def _make_sparse_matrix(weight: Floats, rows: Ints, cols: Ints, shape: tuple[int, int]) -> Any:
     from scipy.sparse import csr_array
 
     return csr_array((weight, (rows, cols)), shape=shape)
@@ -177,7 +177,7 @@ def read_at_poses(field: Any, poses: ArrayLike, name: str | None) -> Any:
     at = tuple(corners.points.T)
     values: dict[str, Floats] = {}
     if name not in field.layers:
-        covariances = field.covariance if headings is not None else field.mean_covariance
+        covariances = field.covariance if headings is not None else field.average_headings
         values["covariance"] = corners.read_covariances(covariances[at], headings)
     for quantity_name in names if name is None else (name,):
         if quantity_name in field.layers:

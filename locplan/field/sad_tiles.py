@@ -19,7 +19,7 @@ from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes, sad, templates
 from locplan.field.kernels.bitplanes import PLANES, SQUARE
 from locplan.field.search_window import OffsetLattice
-from locplan.field.templates import BEHIND, beam_count, beam_of_cell, disc, map_centre
+from locplan.field.templates import BEHIND, count_beams, disc, find_cell_beams, map_centre
 
 
 class CellGroup(NamedTuple):
@@ -53,7 +53,7 @@ class MapLayout:
     levels: Octets
     window: OffsetLattice  # offsets at which the template is compared
     radius: int  # radius of the template disc [cells]
-    disc: templates.Disc  # the disc in squares
+    disc: templates.DiscSquares  # the disc in squares
     first: tuple[int, int]  # row and column of the whole map at which `still` begins
     still: Octets  # strips of the map, (plane, col, row)
     # Strips of the map turned by each heading, (heading, plane, col, row).
@@ -65,7 +65,7 @@ class MapLayout:
     def from_part(cls, part: MapPart, radius: int, window: OffsetLattice) -> MapLayout:
         """Lay out the map and its turned copies."""
         levels = np.array(part.levels, order="C")
-        squares = templates.disc_squares(disc(radius))
+        squares = templates.make_disc_squares(disc(radius))
         diameter = squares.rows * SQUARE
         centre_row, centre_col = map_centre(part.map_shape)
         cos, sin = np.cos(window.angles), np.sin(window.angles)
@@ -110,9 +110,11 @@ class MapLayout:
         """
         unit = math.gcd(self.window.step_cells, SQUARE)
         over = self.part.rows % unit * unit + self.part.cols % unit
-        return [self._group(np.flatnonzero(over == remainder)) for remainder in np.unique(over)]
+        return [
+            self._make_group(np.flatnonzero(over == remainder)) for remainder in np.unique(over)
+        ]
 
-    def _group(self, cells: NDArray[np.intp]) -> CellGroup:
+    def _make_group(self, cells: NDArray[np.intp]) -> CellGroup:
         around, step = self.radius + self.window.reach, self.window.step_cells
         rows, cols = self.part.rows[cells], self.part.cols[cells]
         top, left = int(rows.min()), int(cols.min())
@@ -126,7 +128,7 @@ class MapLayout:
             spacing=math.gcd(step, int(np.gcd.reduce(rows)), int(np.gcd.reduce(cols))),
         )
 
-    def tile(self, group: CellGroup) -> templates.Tile:
+    def tile(self, group: CellGroup) -> templates.TileLayout:
         """The tile of a group of cells."""
         unit = group.unit
         step_units, square_units = self.window.step_cells // unit, SQUARE // unit
@@ -139,14 +141,14 @@ class MapLayout:
         col_words, p = step_units * lanes, group.rows // unit
         further = np.arange(step_units)[:, None] + square_units * np.arange(self.disc.rows + 1)
 
-        sums = self._disc_sums(group)
+        sums = self._compute_disc_sums(group)
         sum_steps, sum_lanes = sums.shape[2:]
         sum_row, sum_col = group.rows // group.spacing, group.cols // group.spacing
         sum_places = (sum_col * sum_steps + sum_row % sum_steps) * sum_lanes + sum_row // sum_steps
 
         strip_rows, strip_plane = self.rotated_strips.shape[3], self.rotated_strips[0, 0].size
         heading = PLANES * strip_plane * np.arange(self.window.angles.size)
-        return templates.Tile(
+        return templates.TileLayout(
             words=words.reshape(-1),
             below=below.reshape(-1),
             disc_sums=sums.reshape(-1),
@@ -167,7 +169,7 @@ class MapLayout:
             disc=self.disc,
         )
 
-    def _disc_sums(self, group: CellGroup) -> Ints:
+    def _compute_disc_sums(self, group: CellGroup) -> Ints:
         """Disc sums of a group of cells at all offsets, (plane, col, row mod step, row div step).
 
         Their rows and columns are as far apart as the cells are.
@@ -182,7 +184,7 @@ class MapLayout:
 
     def sight(self, group: CellGroup) -> templates.SightRays:
         """Rays of the visible templates of a group of cells."""
-        return _rays(self.radius, self.window)._replace(
+        return _make_rays(self.radius, self.window)._replace(
             levels=self.levels,
             rows=self.part.rows[group.cells] - self.part.corner[0],
             cols=self.part.cols[group.cells] - self.part.corner[1],
@@ -190,17 +192,17 @@ class MapLayout:
 
 
 @lru_cache(maxsize=4)
-def _rays(radius: int, window: OffsetLattice) -> templates.SightRays:
+def _make_rays(radius: int, window: OffsetLattice) -> templates.SightRays:
     """Rays of the visible templates of no cells."""
-    angles = 2 * np.pi * np.arange(beam_count(radius)) / beam_count(radius)
+    angles = 2 * np.pi * np.arange(count_beams(radius)) / count_beams(radius)
     offset = 2 * np.arange(-radius, radius + 1, dtype=np.int32)
-    beams = [beam_of_cell(radius, theta).astype(np.int32) for theta in window.angles]
+    beams = [find_cell_beams(radius, theta).astype(np.int32) for theta in window.angles]
     nowhere = np.empty(0, np.int64)
     return templates.SightRays(
         cos=np.cos(angles),
         sin=np.sin(angles),
-        beam=np.array([templates.by_squares(beam) for beam in beams]),
-        distance=templates.by_squares(offset[:, None] ** 2 + offset[None, :] ** 2),
+        beam=np.array([templates.order_by_squares(beam) for beam in beams]),
+        distance=templates.order_by_squares(offset[:, None] ** 2 + offset[None, :] ** 2),
         behind=BEHIND,
         radius=radius,
         levels=np.empty((0, 0), np.uint8),
@@ -209,7 +211,7 @@ def _rays(radius: int, window: OffsetLattice) -> templates.SightRays:
     )
 
 
-def disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
+def find_disc_blocks(radius: int, edge: int) -> tuple[Ints, Ints]:
     """First rows and columns of blocks within a disc, from the disc's own on, (block,) each.
 
     They begin at whole squares and do not overlap. The outer ones, which differ most when the map
@@ -251,7 +253,7 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
     still = np.empty((2, *(size + 1 for size in layout.still.shape[1:])), np.uint16)
     bitplanes.fill_summed_table(layout.still, still)
     table = np.empty((2, *(size + 1 for size in layout.rotated_strips.shape[2:])), np.uint16)
-    laid_out = [_lay_out(layout, group, still, table.shape[2]) for group in groups]
+    laid_out = [_count_group_blocks(layout, group, still, table.shape[2]) for group in groups]
     for k in range(headings):
         bitplanes.fill_summed_table(layout.rotated_strips[k], table)
         corners = layout.lefts[:, k] * table.shape[2] + layout.tops[:, k]
@@ -261,12 +263,12 @@ def find_kept_lines(layout: MapLayout, groups: list[CellGroup], negligible: int)
     return line_masks
 
 
-def _lay_out(
+def _count_group_blocks(
     layout: MapLayout, group: CellGroup, still: Shorts, table_rows: int
-) -> bitplanes.Blocks:
+) -> bitplanes.BlockCounts:
     """The blocks around a group of cells."""
     edges = (32, 16) if layout.radius < 180 else (64, 32)  # [cells], the large ones first
-    places = [disc_blocks(layout.radius, edge) for edge in edges]
+    places = [find_disc_blocks(layout.radius, edge) for edge in edges]
     unit, extra_cells = group.unit, max(0, 2 * layout.radius + 1 - min(edges))
     step_units = layout.window.step_cells // unit
     rows, cols = (span + extra_cells // unit for span in group.spans(unit, layout.window.reach))
@@ -281,7 +283,7 @@ def _lay_out(
         addresses.append(address + n * 2 * plane_stride)
         corners.append(block_cols * table_rows + block_rows)
     p, q = group.rows // unit, group.cols // unit
-    return bitplanes.Blocks(
+    return bitplanes.BlockCounts(
         counts=counts.reshape(-1),
         edges=np.array(edges),
         starts=np.cumsum([0, *(len(block_rows) for block_rows, _ in places)]),

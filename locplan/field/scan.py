@@ -16,7 +16,7 @@ import numpy as np
 from locplan._support.checks import is_number, set_frozen_fields, short_repr
 from locplan._support.kernels.arrays import Floats, Octets
 from locplan.errors import ConfigError
-from locplan.field.beams import LidarEstimator, reach_of_beams, wall_cells
+from locplan.field.beams import LidarEstimator, compute_beam_reach, find_wall_cells
 from locplan.field.estimator import Layer, MapPart, Values
 from locplan.maps.occupancy import OCCUPIED
 from locplan.robots.lidar import MAX_BEAMS
@@ -54,7 +54,7 @@ class Scan(LidarEstimator):
         super().__post_init__()
         if not (is_number(self.z_rand) and 0 < self.z_rand < 1):
             raise ConfigError(f"z_rand must lie between 0 and 1, not {short_repr(self.z_rand)}")
-        set_frozen_fields(self, endpoint_noise=_noise(self.endpoint_noise))
+        set_frozen_fields(self, endpoint_noise=_check_noise(self.endpoint_noise))
 
     def covariances(self, part: MapPart) -> Values:
         """Covariance of the posterior about its mean, times k, and the layers.
@@ -99,7 +99,7 @@ class Scan(LidarEstimator):
         """
         from scipy.special import ndtri
 
-        numbers = self._beams.from_axis(self.lidar)
+        numbers = self._beams.compute_symmetry_places(self.lidar)
         digits = np.arange(MAX_BEAMS.bit_length())
         reversed_digits = numbers[:, None] >> digits & 1
         return np.asarray(ndtri(reversed_digits @ 0.5 ** (digits + 1.0)))
@@ -112,7 +112,7 @@ class Scan(LidarEstimator):
         from locplan._support.kernels.rays import empty_squares
 
         window, law = self.lattice(resolution), (self.sigma(resolution), self.z_rand)
-        likelihood = likelihood_field(
+        likelihood = make_likelihood_field(
             levels, resolution, window.step_cells, window.half_steps, *law
         )
         return ScanMap(empty_squares(levels == OCCUPIED), likelihood)
@@ -125,7 +125,7 @@ class Scan(LidarEstimator):
         shift, growth = self.endpoint_noise
         farthest = float(np.abs(self.pattern).max())
         noise_cells = math.ceil(farthest * (shift + growth * self.lidar.range) / resolution)
-        reach = reach_of_beams(self.lidar, resolution) + noise_cells + offsets + around
+        reach = compute_beam_reach(self.lidar, resolution) + noise_cells + offsets + around
         return min(reach, math.ceil(math.hypot(*map_shape)) + offsets + around)
 
     def seconds(self, resolution: float) -> float:
@@ -148,7 +148,7 @@ class Scan(LidarEstimator):
         return 4 * height * width + 32.0 * reach**2
 
 
-def _noise(noise: object) -> tuple[float, float]:
+def _check_noise(noise: object) -> tuple[float, float]:
     if not (
         isinstance(noise, (tuple, list))
         and len(noise) == 2
@@ -161,7 +161,7 @@ def _noise(noise: object) -> tuple[float, float]:
     return float(noise[0]), float(noise[1])
 
 
-def likelihood_field(
+def make_likelihood_field(
     levels: Octets,
     resolution: float,
     step: int,
@@ -206,7 +206,7 @@ def likelihood_field(
     shape = step, step, height, width
     planes = np.full(math.prod(shape) + kernel.GROUP * width + SHORTS, kernel.TOP, np.uint16)
     laid_out = planes[: math.prod(shape)].reshape(shape)
-    kernel.lay_out(wall_cells(levels == OCCUPIED), costs, reach, margin, laid_out)
+    kernel.lay_out(find_wall_cells(levels == OCCUPIED), costs, reach, margin, laid_out)
     return kernel.LikelihoodField(
         planes,
         first=-margin,

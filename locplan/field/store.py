@@ -28,8 +28,8 @@ from locplan.field import files, tiles
 from locplan.field.cache import (
     RESULT,
     CacheWarning,
-    cache_entries,
     cache_folder,
+    list_cache_entries,
     load_or_compute_result,
 )
 from locplan.field.compute import fill_chunks
@@ -149,7 +149,7 @@ def load_or_compute(
     config = config_from_settings(config)
     required = None if points is None else tiles.find_required_points(grid, config, points)
     try:
-        metadata = files.describe(grid, config, cached=True)
+        metadata = files.make_metadata(grid, config, cached=True)
     except FieldError as error:
         warnings.warn(CacheWarning(f"the field is not cached: {error}"), stacklevel=2)
         return covariance_field(
@@ -201,7 +201,7 @@ def field_path(
     FieldError
         If the field cannot be cached; see `load_or_compute`.
     """
-    key = files.compute_cache_key(files.describe(grid, config, cached=True))
+    key = files.compute_cache_key(files.make_metadata(grid, config, cached=True))
     return cache_folder(cache_dir) / f"{key}{RESULT}"
 
 
@@ -242,7 +242,7 @@ class _CachedField:
         """Write all known values to the field's file."""
         is_computed = tiles.find_computed_points(values)
         files.write_points(
-            path, values, is_computed, self._with_share(is_computed), self.grid.cells
+            path, values, is_computed, self._metadata_with_share(is_computed), self.grid.cells
         )
 
     def load_cached_values(self, path: Path, parts: Path | None) -> tuple[Values, Bools]:
@@ -258,7 +258,7 @@ class _CachedField:
                 self._read_matching_metadata(file)
                 files.fill_values(values, file, self.grid, self.config, self.all_points)
         same = 0
-        for cached_result in cache_entries(path.parent):
+        for cached_result in list_cache_entries(path.parent):
             lacking = due & ~tiles.find_computed_points(values)
             if same == 3 or not lacking.any():
                 break
@@ -270,7 +270,7 @@ class _CachedField:
             with suppress(LocplanError):  # damaged ones are skipped: this is only a shortcut
                 same += 1
                 before = files.read_grid(cached_result.path, cached_result.about)
-                useful = lacking & tiles.untouched_points(before, self.grid, self.config)
+                useful = lacking & tiles.find_unchanged_points(before, self.grid, self.config)
                 if useful.any():
                     files.fill_values(values, cached_result.path, self.grid, self.config, useful)
         return values, due
@@ -286,7 +286,7 @@ class _CachedField:
                     make_folder(parts)
                     file = parts / f"{is_computed.sum():012}{RESULT}"
                     files.write_points(
-                        file, values, is_computed & ~written, self._with_share(is_computed)
+                        file, values, is_computed & ~written, self._metadata_with_share(is_computed)
                     )
                     written = is_computed
                 last = time.monotonic()
@@ -306,7 +306,7 @@ class _CachedField:
             raise FieldError(f"{file}: holds another field")
         return metadata
 
-    def _with_share(self, is_computed: Bools) -> dict[str, Any]:
+    def _metadata_with_share(self, is_computed: Bools) -> dict[str, Any]:
         total = int(self.all_points.sum())
         return self.metadata | {
             "finished_share": float(is_computed.sum() / total) if total else 1.0

@@ -10,7 +10,7 @@ import numpy as np
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan._support.tables import format_table
 from locplan.field.config import FieldConfig
-from locplan.field.covariance import SCALARS, mean_information
+from locplan.field.covariance import SCALARS, average_information
 from locplan.field.field import CovarianceField
 
 SATURATED = 1 / 3
@@ -91,9 +91,9 @@ class FieldSummary:
             field.grid.name,
             field.config,
             int(field.is_evaluated.sum()),
-            position_std=_percentiles(field.scalar("position_std")[field.is_evaluated]),
-            heading_std=_percentiles(field.scalar("heading_std")[field.is_evaluated]),
-            e=_percentiles(field.scalar("e")[field.is_evaluated]),
+            position_std=_compute_percentiles(field.scalar("position_std")[field.is_evaluated]),
+            heading_std=_compute_percentiles(field.scalar("heading_std")[field.is_evaluated]),
+            e=_compute_percentiles(field.scalar("e")[field.is_evaluated]),
             saturated_share=field.saturated_share,
             all_perfect=perfect,
             e_unit=field.e_unit,
@@ -122,7 +122,7 @@ class FieldSummary:
         return text if resolved else f"{text}\n{estimator.remedy}"
 
 
-def _percentiles(values: Floats) -> Percentiles:
+def _compute_percentiles(values: Floats) -> Percentiles:
     percentiles = np.percentile(values, (10, 50, 90)).tolist() if values.size else [math.nan] * 3
     return Percentiles(*percentiles)
 
@@ -151,7 +151,7 @@ def describe_field(field: CovarianceField) -> str:
     return f"{estimator_text}{near_paths}; {map_text}{remedy}"
 
 
-def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, Floats]:
+def sample_covariances(field: CovarianceField, spacing: float) -> tuple[Floats, Floats]:
     """Choose positions of a field with their covariances, far from walls first.
 
     Parameters
@@ -175,7 +175,7 @@ def sampled_covariances(field: CovarianceField, spacing: float) -> tuple[Floats,
     xy = np.stack(field.grid.grid_to_world(i * stride + 0.5, j * stride + 0.5), axis=1)
     indices = select_spaced_positions(xy, clearance[i, j], spacing)
     covariance = field.covariance[i[indices], j[indices]]
-    return xy[indices], mean_information(covariance) if covariance.ndim == 4 else covariance
+    return xy[indices], average_information(covariance) if covariance.ndim == 4 else covariance
 
 
 def select_spaced_positions(xy: Floats, priority: Floats, spacing: float) -> Ints:

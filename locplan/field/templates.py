@@ -50,10 +50,10 @@ def local_map(cells: Octets, row: int, col: int, radius: int) -> Octets:
         Distance from the cell to the square's edges [cells].
     """
     offset = np.arange(-radius, radius + 1)
-    return cells_at(cells, row + offset[:, None], col + offset)
+    return read_levels(cells, row + offset[:, None], col + offset)
 
 
-def rotated_template(cells: Octets, row: int, col: int, radius: int, theta: float) -> Octets:
+def cut_rotated_template(cells: Octets, row: int, col: int, radius: int, theta: float) -> Octets:
     """The square around a cell on the map turned counter-clockwise by `theta` [rad].
 
     The whole map is turned about its centre with nearest-neighbour sampling, and cropped around
@@ -79,7 +79,7 @@ def rotated_template(cells: Octets, row: int, col: int, radius: int, theta: floa
     v, u = (rotated_row + offset)[:, None] - centre_row, rotated_col + offset - centre_col
     source_row = np.floor(cos * v - sin * u + centre_row + 0.5).astype(np.int64)
     source_col = np.floor(sin * v + cos * u + centre_col + 0.5).astype(np.int64)
-    return cells_at(cells, source_row, source_col)
+    return read_levels(cells, source_row, source_col)
 
 
 def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -> Bools:
@@ -99,19 +99,19 @@ def visible_part(cells: Octets, row: int, col: int, radius: int, theta: float) -
     theta : float
         Angle by which the disc is turned [rad].
     """
-    beams = beam_count(radius)
+    beams = count_beams(radius)
     steps = np.arange(1, 2 * radius + 1) / 2
     angles = 2 * np.pi * np.arange(beams) / beams
     rows = row + np.floor(np.sin(angles)[:, None] * steps + 0.5).astype(np.int64)
     cols = col + np.floor(np.cos(angles)[:, None] * steps + 0.5).astype(np.int64)
-    stops = (cells_at(cells, rows, cols) != FREE) & ((rows != row) | (cols != col))
+    stops = (read_levels(cells, rows, cols) != FREE) & ((rows != row) | (cols != col))
     first = np.where(stops.any(axis=1), stops.argmax(axis=1) + 1, 2 * radius)
-    reach = (first + 1 + 2 * BEHIND)[beam_of_cell(radius, theta)]  # [half cells]
+    reach = (first + 1 + 2 * BEHIND)[find_cell_beams(radius, theta)]  # [half cells]
     offset = 2 * np.arange(-radius, radius + 1)
     return disc(radius) & (offset[:, None] ** 2 + offset[None, :] ** 2 <= reach**2)
 
 
-def beam_count(radius: int) -> int:
+def count_beams(radius: int) -> int:
     """Number of rays, so many that one passes every cell at the disc's edge.
 
     Parameters
@@ -122,7 +122,7 @@ def beam_count(radius: int) -> int:
     return max(360, math.ceil(2 * math.pi * radius))
 
 
-def beam_of_cell(radius: int, theta: float) -> Ints:
+def find_cell_beams(radius: int, theta: float) -> Ints:
     """Index of the ray towards each cell of the square, (2r + 1, 2r + 1).
 
     Parameters
@@ -132,7 +132,7 @@ def beam_of_cell(radius: int, theta: float) -> Ints:
     theta : float
         Angle by which the square is turned [rad].
     """
-    beams = beam_count(radius)
+    beams = count_beams(radius)
     offset = np.arange(-radius, radius + 1)
     direction = np.arctan2(offset[:, None], offset[None, :]) - theta
     return np.floor(direction * (beams / (2 * np.pi)) + 0.5).astype(np.int64) % beams
@@ -149,7 +149,7 @@ def map_centre(shape: tuple[int, int]) -> tuple[float, float]:
     return (shape[0] - 1) / 2, (shape[1] - 1) / 2
 
 
-def cells_at(cells: Octets, rows: Ints, cols: Ints) -> Octets:
+def read_levels(cells: Octets, rows: Ints, cols: Ints) -> Octets:
     """Levels of a map at some cells; outside the map is unknown.
 
     Parameters

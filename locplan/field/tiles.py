@@ -16,7 +16,7 @@ from locplan.errors import ConfigError, FieldError
 from locplan.field.config import FieldConfig
 from locplan.field.covariance import read_halo
 from locplan.field.estimator import TILE_CELLS, Values
-from locplan.field.lattice import evaluated_points
+from locplan.field.lattice import select_evaluated_points
 from locplan.maps.grid import OccupancyGrid
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ Chunk = tuple[slice, slice]
 """Rows and columns of a rectangle of the lattice."""
 
 
-def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
+def compute_field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[int, ...]]:
     """Shapes of a field's arrays: lattice rows and columns, headings if several, pose axes."""
     stride = config.stride_cells(grid.resolution)
     points = tuple(-(-size // stride) for size in grid.shape)
@@ -43,7 +43,7 @@ def field_shapes(grid: OccupancyGrid, config: FieldConfig) -> dict[str, tuple[in
 
 def make_empty_values(grid: OccupancyGrid, config: FieldConfig) -> Values:
     """Arrays of a field, filled with NaN; a ConfigError if it takes too much memory."""
-    shapes = field_shapes(grid, config)
+    shapes = compute_field_shapes(grid, config)
     total = 8.0 * sum(math.prod(shape) for shape in shapes.values())
     check_memory("the values of the field", total, "set a larger stride or fewer headings")
     return {name: np.full(shape, np.nan) for name, shape in shapes.items()}
@@ -91,7 +91,7 @@ def find_required_points(
     return points & required
 
 
-def chunk_edge(config: FieldConfig, resolution: float) -> int:
+def compute_chunk_edge(config: FieldConfig, resolution: float) -> int:
     """Edge length of the square tiles that are computed as a whole [lattice points].
 
     A tile takes one thread two seconds at most, roughly, by what the estimator says that a point
@@ -110,7 +110,9 @@ def iterate_chunks(points: Bools, edge: int) -> Iterator[Chunk]:
             yield chunk
 
 
-def untouched_points(before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig) -> Bools:
+def find_unchanged_points(
+    before: OccupancyGrid, after: OccupancyGrid, config: FieldConfig
+) -> Bools:
     """Mark the second map's lattice points whose covariances are those of the first.
 
     Parameters
@@ -144,7 +146,7 @@ def untouched_points(before: OccupancyGrid, after: OccupancyGrid, config: FieldC
     reach = stride + read_halo(config.estimator, after.resolution, after.shape)
     box = [2 * min(reach, max(after.shape)) + 1] * 2
     near = cv2.boxFilter(changed, cv2.CV_32S, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.asarray((near[::stride, ::stride] == 0) & evaluated_points(after.free, stride))
+    return np.asarray((near[::stride, ::stride] == 0) & select_evaluated_points(after.free, stride))
 
 
 def build_dataset(

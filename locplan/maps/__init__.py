@@ -3,7 +3,7 @@
 from locplan.maps import environments
 from locplan.maps.files import MapWarning, find_maps, load_map, read_map, save_map
 from locplan.maps.grid import OccupancyGrid
-from locplan.maps.map_faults import MapFaults, faults, hollow_walls, solidity
+from locplan.maps.map_faults import MapFaults, faults, hollow_walls, measure_solidity
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
 from locplan.maps.zones import Zone, Zones
 
@@ -21,7 +21,7 @@ __all__ = [
     "find_maps",
     "hollow_walls",
     "load_map",
+    "measure_solidity",
     "read_map",
     "save_map",
-    "solidity",
 ]

@@ -55,8 +55,8 @@ _Shape = tuple[str, list[float]]
 
 
 @cache
-def _plan(name: str) -> tuple[list[_Shape], dict[str, tuple[float, float]]]:
-    """The shapes of a plan in the order in which they are drawn, and its named places."""
+def _read_plan(name: str) -> tuple[list[_Shape], dict[str, tuple[float, float]]]:
+    """Read the shapes of a plan, in the order in which they are drawn, and its named places."""
     shapes: list[_Shape] = []
     places: dict[str, tuple[float, float]] = {}
     text = Path(__file__).with_name("plans").joinpath(f"{name}.txt").read_text("utf-8")
@@ -71,13 +71,13 @@ def _plan(name: str) -> tuple[list[_Shape], dict[str, tuple[float, float]]]:
     return shapes, places
 
 
-def names() -> tuple[str, ...]:
-    """Names of the environments that `make` draws."""
+def list_environments() -> tuple[str, ...]:
+    """Return the names of the environments that `make` draws."""
     return BUILT_IN
 
 
 def place_positions(name: str) -> dict[str, tuple[float, float]]:
-    """World positions x, y [m] of the named places of an environment.
+    """Return the world positions x, y [m] of the named places of an environment.
 
     They lie in free space, at least 0.25 m from any wall, and all are reachable from one another at
     that clearance.
@@ -103,7 +103,7 @@ def place_positions(name: str) -> dict[str, tuple[float, float]]:
     (38.0, 3.0)
     """
     check_choice("the environment", name, BUILT_IN)
-    return dict(_plan(name)[1])
+    return dict(_read_plan(name)[1])
 
 
 def make(
@@ -117,9 +117,9 @@ def make(
     ----------
     name : str
         "places": a complex room A, a straight corridor B, a round room C and a corridor D that
-        repeats every 1.6 m. "hall": a hall E of 42 m x 32 m beside small rooms F.
-        "two_corridors": two rooms joined by a short featureless corridor and by a longer
-        irregular one. "office" and "warehouse": larger plans.
+        repeats every 1.6 m. "hall": a hall E of 42 m x 32 m next to small rooms F. "two_corridors":
+        two rooms joined by a short featureless corridor and by a longer irregular one. "office" and
+        "warehouse": larger plans.
     resolution : float, default 0.05
         Edge of a cell [m], 0.01 to 0.1; coarse cells are quicker to compute with.
     boundary_noise : float, default 0.0
@@ -141,7 +141,7 @@ def make(
     """
     check_choice("the environment", name, BUILT_IN)
     check_number("resolution", resolution, _FINEST, _COARSEST)
-    (_, size), *shapes = _plan(name)[0]
+    (_, size), *shapes = _read_plan(name)[0]
     canvas = _Canvas(size, resolution)
     for word, numbers in shapes:
         getattr(canvas, word)(*numbers)
@@ -159,7 +159,7 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
         Probability with which each boundary cell flips, 0 to 1. A boundary cell is an occupied
         one with a free 4-neighbour (it becomes free) or the reverse (it becomes occupied).
     seed : int, default 0
-        Seed of the choice, not negative; others give other cells.
+        Seed of the choice, not negative.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def with_boundary_noise(grid: OccupancyGrid, fraction: float, *, seed: int = 0) 
 
 
 def boundary_cells(grid: OccupancyGrid) -> Bools:
-    """Occupied cells with a free 4-neighbour, and free ones with an occupied one, (H, W).
+    """Mark occupied cells with a free 4-neighbour, and free ones with an occupied one, (H, W).
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def boundary_cells(grid: OccupancyGrid) -> Bools:
 
 
 def _mark_neighbours(mask: Bools) -> Bools:
-    """Cells with a 4-neighbour in the mask."""
+    """Mark the cells with a 4-neighbour in the mask."""
     neighbours = np.zeros_like(mask)
     neighbours[1:] |= mask[:-1]
     neighbours[:-1] |= mask[1:]
@@ -215,7 +215,8 @@ class _Canvas:
         self._free = np.zeros((height, width), bool)
         self._keep_out: list[tuple[float, ...]] = []
 
-    def _window(self, x0: float, y0: float, x1: float, y1: float) -> tuple[slice, slice]:
+    def _box_slices(self, x0: float, y0: float, x1: float, y1: float) -> tuple[slice, slice]:
+        """Return the rows and columns of a box."""
         return (
             slice(*np.searchsorted(self._y, (y0, y1)).tolist()),
             slice(*np.searchsorted(self._x, (x0, x1)).tolist()),
@@ -223,7 +224,7 @@ class _Canvas:
 
     def carve(self, *box: float) -> None:
         """Make a box free."""
-        self._free[self._window(*box)] = True
+        self._free[self._box_slices(*box)] = True
 
     def door(self, *box: float) -> None:
         """Make a box free, and keep furniture away from it."""
@@ -232,12 +233,12 @@ class _Canvas:
 
     def block(self, *box: float) -> None:
         """Put an obstacle into free space."""
-        self._free[self._window(*box)] = False
+        self._free[self._box_slices(*box)] = False
         self._keep_out.append(box)
 
     def disc(self, x: float, y: float, radius: float, *, free: bool = True) -> None:
         """Carve a round room."""
-        window = self._window(x - radius, y - radius, x + radius, y + radius)
+        window = self._box_slices(x - radius, y - radius, x + radius, y + radius)
         dx, dy = self._x[window[1]] - x, self._y[window[0], None] - y
         self._free[window][dx * dx + dy * dy < radius * radius] = free
 
@@ -247,11 +248,11 @@ class _Canvas:
         self._keep_out.append((x - radius, y - radius, x + radius, y + radius))
 
     def polygon(self, *places: float) -> None:
-        """Put a polygonal obstacle into free space, of corners x, y one after the other."""
+        """Put a polygonal obstacle into free space; its corners are x, y in turn."""
         xs, ys = places[::2], places[1::2]
         corners = [*zip(xs, ys, strict=True)]
         box = (min(xs), min(ys), max(xs), max(ys))
-        window = self._window(*box)
+        window = self._box_slices(*box)
         x, y = self._x[window[1]], self._y[window[0], None]
         inside = np.zeros((y.size, x.size), bool)
         for (xa, ya), (xb, yb) in pairwise([*corners, corners[0]]):
@@ -261,7 +262,7 @@ class _Canvas:
         self._keep_out.append(box)
 
     def seed(self, seed: float) -> None:
-        """Begin the random positions of furniture."""
+        """Set the seed of the random furniture."""
         self._random = np.random.default_rng(int(seed))
 
     def room(self, *room: float) -> None:
@@ -270,7 +271,7 @@ class _Canvas:
         self.furnish(*room)
 
     def furnish(self, *room: float) -> None:
-        """Put furniture into a room, whose box is followed by the most pieces and a size.
+        """Put furniture into a room: its box, the maximum number of pieces and their size.
 
         Pieces are of 0.3 m to the size [m]. Positions depend on the seed alone, not on the
         resolution.
@@ -284,7 +285,7 @@ class _Canvas:
             # A piece stands at a wall or clear of it, and clear of all else: nothing is closed off.
             gaps = (x - x0, y - y0, x1 - x - w, y1 - y - h)
             blocked = any(1e-6 < gap < _GAP - 1e-6 for gap in gaps) or min(gaps) < -1e-6
-            if not blocked and not any(_overlap(wide, other) for other in self._keep_out):
+            if not blocked and not any(_boxes_overlap(wide, other) for other in self._keep_out):
                 self.block(x, y, x + w, y + h)
                 left -= 1
                 if left == 0:
@@ -303,10 +304,11 @@ class _Canvas:
 
 
 def _draw_coordinate(rng: np.random.Generator, low: float, high: float) -> float:
-    """Random position: either end, or one between them on a lattice of 0.1 m."""
+    """Draw a position at random: an end, or one between them on a lattice of 0.1 m."""
     end, step = int(rng.integers(4)), int(rng.integers(max(round(10 * (high - low)), 0) + 1))
     return (low, high, low + step / 10, low + step / 10)[end]
 
 
-def _overlap(a: Sequence[float], b: Sequence[float]) -> bool:
+def _boxes_overlap(a: Sequence[float], b: Sequence[float]) -> bool:
+    """True if two boxes are closer than the gap that a robot needs."""
     return a[0] < b[2] - 1e-6 and b[0] < a[2] - 1e-6 and a[1] < b[3] - 1e-6 and b[1] < a[3] - 1e-6

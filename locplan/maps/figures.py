@@ -49,7 +49,7 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
     matplotlib.image.AxesImage
         The image, for a colour bar.
     """
-    cells = block_size(grid.shape) if values.shape[:2] != grid.shape else 1
+    cells = compute_block_size(grid.shape) if values.shape[:2] != grid.shape else 1
     height, width = (size * cells * grid.resolution for size in values.shape[:2])
     x, y, yaw = grid.origin
     clim = options.pop("vmin", None), options.pop("vmax", None)
@@ -71,21 +71,21 @@ def draw_cells(axes: Axes, grid: OccupancyGrid, values: NDArray[Any], **options:
 def downsample(
     values: NDArray[Any], *, maximum: bool = False, max_blocks: int | None = None
 ) -> NDArray[Any]:
-    """The minimum or the maximum of each block of cells; small maps stay as they are.
+    """Return the minimum or the maximum of each block of cells; small maps stay as they are.
 
-    The lowest level is the darkest one, so that walls stay. NaN counts only where a block has
-    nothing else.
+    The minimum keeps walls, because their level is the lowest. A block is NaN only if all its cells
+    are.
 
     Parameters
     ----------
     values : (H, W) array
-        Levels, or other values of cells.
+        Levels or values of cells.
     maximum : bool, default False
         True takes the greatest value of each block.
     max_blocks : int, optional
         Maximum number of blocks along a side; `MAX_DRAWN_CELLS` by default.
     """
-    cells = block_size(values.shape, max_blocks)
+    cells = compute_block_size(values.shape, max_blocks)
     if cells == 1:
         return values
     pick = np.fmax if maximum else np.fmin
@@ -94,7 +94,7 @@ def downsample(
 
 
 def downsample_map(grid: OccupancyGrid, max_blocks: int) -> OccupancyGrid:
-    """The map of the blocks of `downsample`, at most so many along a side; walls stay.
+    """Return the map of the blocks of `downsample`, at most `max_blocks` along a side.
 
     Parameters
     ----------
@@ -105,18 +105,18 @@ def downsample_map(grid: OccupancyGrid, max_blocks: int) -> OccupancyGrid:
     """
     cells, resolution = (
         downsample(grid.cells, max_blocks=max_blocks),
-        grid.resolution * block_size(grid.shape, max_blocks),
+        grid.resolution * compute_block_size(grid.shape, max_blocks),
     )
     return dataclasses.replace(grid, cells=cells, resolution=resolution)
 
 
-def block_size(shape: tuple[int, ...], max_blocks: int | None = None) -> int:
-    """Number of cells along a side of the blocks that large maps are drawn in."""
+def compute_block_size(shape: tuple[int, ...], max_blocks: int | None = None) -> int:
+    """Return the edge of the blocks in which a large map is drawn [cells]."""
     return math.ceil(max(shape[:2]) / (max_blocks or MAX_DRAWN_CELLS))
 
 
-def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
-    """First row, end of the rows, first column and end of the columns with known cells."""
+def find_known_extent(grid: OccupancyGrid) -> tuple[int, int, int, int]:
+    """Return first row, end of the rows, first column and end of the columns with known cells."""
     is_known = grid.cells != UNKNOWN
     if not is_known.any():
         return 0, grid.shape[0], 0, grid.shape[1]
@@ -125,8 +125,8 @@ def known_cells(grid: OccupancyGrid) -> tuple[int, int, int, int]:
 
 
 def compute_axes_limits(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str, Any]:
-    """`xlim` and `ylim` around the known cells, with a margin of a share of their extent [m]."""
-    low, high, left, right = known_cells(grid)
+    """Return `xlim` and `ylim` around the known cells, with a margin [m]."""
+    low, high, left, right = find_known_extent(grid)
     x, y = grid.grid_to_world(np.array([low, low, high, high]), np.array([left, right] * 2))
     margin = share * max(np.ptp(x), np.ptp(y)) + (grid.resolution if share else 0.0)
     ends = [
@@ -136,7 +136,7 @@ def compute_axes_limits(grid: OccupancyGrid, *, share: float = 0.02) -> dict[str
     return dict(zip(("xlim", "ylim"), ends, strict=True))
 
 
-def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
+def make_map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
     """Make an empty figure for one map.
 
     Parameters
@@ -151,12 +151,12 @@ def map_axes(grid: OccupancyGrid) -> tuple[Picture, Axes]:
     axes : matplotlib.axes.Axes
         Its only Axes.
     """
-    figure = Picture(figsize=map_size(grid), layout="constrained")
+    figure = Picture(figsize=compute_figure_size(grid), layout="constrained")
     return figure, figure.add_subplot()
 
 
-def map_size(grid: OccupancyGrid) -> tuple[float, float]:
-    """Figure size for the known part of a map with a colour bar at its side.
+def compute_figure_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Return the size of a figure of the known part of a map with a colour bar next to it.
 
     Parameters
     ----------
@@ -168,12 +168,12 @@ def map_size(grid: OccupancyGrid) -> tuple[float, float]:
     (width, height)
         The size of the figure [inch].
     """
-    width, height = drawn_size(grid)
+    width, height = compute_drawing_size(grid)
     return max(width, 5.0) + 1.6, max(height, 2.0) + 0.8
 
 
-def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
-    """Size at which the known part of a map is drawn.
+def compute_drawing_size(grid: OccupancyGrid) -> tuple[float, float]:
+    """Return the size at which the known part of a map is drawn.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
     (width, height)
         The size without margins [inch], at most 7.6 each.
     """
-    low, high, left, right = known_cells(grid)
+    low, high, left, right = find_known_extent(grid)
     height, width = high - low, right - left
     cos, sin = abs(np.cos(grid.origin[2])), abs(np.sin(grid.origin[2]))
     height, width = sin * width + cos * height, cos * width + sin * height
@@ -194,15 +194,15 @@ def drawn_size(grid: OccupancyGrid) -> tuple[float, float]:
 
 
 class Polyline(Protocol):
-    """A path of which only the positions matter here."""
+    """A path; only its positions are read here."""
 
     @property
     def xy(self) -> Floats:
-        """World positions, (n, 2) [m]."""
+        """World positions (n, 2) [m]."""
 
 
 def crop_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
-    """Cut the part of a map around some paths out of it.
+    """Return the part of a map around some paths.
 
     Parameters
     ----------
@@ -214,8 +214,8 @@ def crop_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
     Returns
     -------
     OccupancyGrid
-        The part, with a margin as far as the map reaches; the map itself where all paths are
-        beside it.
+        The part with a margin, cut off at the edge of the map; the whole map if all paths are
+        outside it.
     """
     at = np.concatenate([path.xy for path in paths])
     rows, cols = grid.world_to_grid(*at.T)
@@ -229,7 +229,7 @@ def crop_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
 
 
 def zoom_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
-    """Cut the part of a map around some paths out of it, where that is small.
+    """Return the part of a map around some paths, if it is small.
 
     Parameters
     ----------
@@ -241,15 +241,15 @@ def zoom_map(grid: OccupancyGrid, paths: Sequence[Polyline]) -> OccupancyGrid:
     Returns
     -------
     OccupancyGrid
-        The part as `crop_map` has it if it is below 0.6 of the map's extent, else the map.
+        The result of `crop_map` if it is below 0.6 of the map's extent, otherwise the map.
     """
     part = crop_map(grid, paths) if paths else grid
     return part if is_small(grid, part) else grid
 
 
 def is_small(grid: OccupancyGrid, part: OccupancyGrid) -> bool:
-    """Whether a part is so small that a picture of the map would hardly show what is in it."""
-    ends = map(known_cells, (part, grid))
+    """True if a part is too small to be visible in a picture of the whole map."""
+    ends = map(find_known_extent, (part, grid))
     part_size, grid_size = (max(high - low, right - left) for low, high, left, right in ends)
     return part_size < 0.6 * grid_size
 
@@ -262,7 +262,7 @@ def map_figure(grid: OccupancyGrid) -> Figure:
     grid : OccupancyGrid
         The map.
     """
-    figure, axes = map_axes(grid)
+    figure, axes = make_map_axes(grid)
     draw_map(axes, grid)
     axes.set_title(grid.name or "map", fontsize="medium")
     return figure
@@ -271,21 +271,21 @@ def map_figure(grid: OccupancyGrid) -> Figure:
 def draw_map(axes: Axes, grid: OccupancyGrid) -> None:
     """Draw the map in world coordinates: walls black, unknown space grey, free space white.
 
-    The inside of what is solid is grey, too, and only its rim black.
+    The inside of thick walls is also grey; only their rim is black.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        The Axes to draw on; its limits become those of the map [m].
+        The Axes to draw on; its limits are set to the extent of the map [m].
     grid : OccupancyGrid
         The map.
     """
-    draw_cells(axes, grid, shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
+    draw_cells(axes, grid, compute_shades(grid), cmap=styles.MAP_COLOURS, vmin=0, vmax=3)
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", **compute_axes_limits(grid))
 
 
 def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
-    """Draw the zones that overlap a map: no-go ones hatched, the others as outlines.
+    """Draw the zones that overlap a map: no-go zones hatched, all others as outlines.
 
     Parameters
     ----------
@@ -305,7 +305,10 @@ def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
     for kind in KINDS:
         if not zones.cells(drawn, kind).any():
             continue
-        rings = [Outline([*ring, ring[0]], closed=True) for ring in _outlines(zones, kind, drawn)]
+        rings = [
+            Outline([*ring, ring[0]], closed=True)
+            for ring in _find_zone_outlines(zones, kind, drawn)
+        ]
         style, label = styles.ZONE_STYLES[kind], {"prefer": "preferred"}.get(kind, kind)
         around = styles.outline(style["linewidth"] + 1.6) if kind != "no-go" else []
         outlines = Outline.make_compound_path(*rings)
@@ -314,8 +317,8 @@ def draw_zones(axes: Axes, zones: Zones, grid: OccupancyGrid) -> list[Patch]:
     return handles
 
 
-def _outlines(zones: Zones, kind: ZoneKind, grid: OccupancyGrid) -> list[Floats]:
-    """Outlines of the zones of a kind; no-go ones, of which a mask has many, are joined."""
+def _find_zone_outlines(zones: Zones, kind: ZoneKind, grid: OccupancyGrid) -> list[Floats]:
+    """Return the outlines of the zones of a kind; no-go zones, often many, are joined."""
     if kind != "no-go":
         return [zone.polygon for zone in zones if zone.kind == kind]
     import cv2
@@ -327,8 +330,10 @@ def _outlines(zones: Zones, kind: ZoneKind, grid: OccupancyGrid) -> list[Floats]
     return [np.column_stack(grid.grid_to_world(*ring.T)) for ring in corners]
 
 
-def shades(grid: OccupancyGrid) -> Octets:
-    """What `MAP_COLOURS` has a colour for, of each cell or block: 0 is a wall, or a solid's rim."""
+def compute_shades(grid: OccupancyGrid) -> Octets:
+    """Return the index into `MAP_COLOURS` of each cell or block; 0 is a wall, or a thick wall's
+    rim.
+    """
     import cv2
 
     levels = np.asarray(downsample(grid.cells) // UNKNOWN)
@@ -346,7 +351,7 @@ def faults_figure(faults: MapFaults) -> Figure:
     faults : MapFaults
         What `locplan.maps.faults` has found.
     """
-    figure, axes = map_axes(faults.grid)
+    figure, axes = make_map_axes(faults.grid)
     draw_map(axes, faults.grid)
     tints = to_rgba_array(["black", styles.VERMILION], [0.0, 0.8])
     colours = np.round(255 * tints).astype(np.uint8)

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = (".pgm", ".png", ".bmp", ".pbm")
-IMAGE = re.compile(
+IMAGE_SIGNATURE = re.compile(
     rb"P[1-6]\s|\x89PNG|BM.{4}\0|\xff\xd8\xff|GIF8|II\*\0|MM\0\*|RIFF.{4}WEBP", re.DOTALL
 )
 """First bytes of PGM, PNG, BMP, JPEG, GIF, TIFF and WebP."""
@@ -61,11 +61,11 @@ occupied_thresh: 0.65
 free_thresh: 0.196"""
 
 
-def check_no_image(file: Path) -> None:
+def check_is_no_image(file: Path) -> None:
     """Raise a MapError if a map's file is an image; its note is a YAML to save with the image."""
     try:
         with open_file(file) as content:
-            is_image = IMAGE.match(content.read(16)) is not None
+            is_image = IMAGE_SIGNATURE.match(content.read(16)) is not None
     except (OSError, ValueError):
         return  # what is wrong is said where the file is read
     if not is_image:
@@ -75,13 +75,13 @@ def check_no_image(file: Path) -> None:
         raise make_map_error(file, "is an image, not a map's YAML", f"give {yaml.name} next to it")
     remedy = f"save these lines as {yaml.name} next to it, with your resolution in metres per pixel"
     error = make_map_error(file, "is an image, not a map's YAML", remedy)
-    error.add_note(HEADER.format(name=_yaml_text(make_printable(file.name))))
+    error.add_note(HEADER.format(name=_quote_for_yaml(make_printable(file.name))))
     raise error
 
 
-def missing_image(file: Path, image: str) -> MapError:
-    """Return the error of a YAML whose image is not there, with the line that names it."""
-    line = _line_of_image(file)
+def make_missing_image_error(file: Path, image: str) -> MapError:
+    """Return the error about a YAML whose image does not exist, with the line of its name."""
+    line = _find_image_line(file)
     line_text = "" if line is None else f"line {line}, "
     name = re.split(r"[/\\]", image)[-1]
     names = [name, *(file.stem + suffix for suffix in SUFFIXES)]
@@ -90,7 +90,9 @@ def missing_image(file: Path, image: str) -> MapError:
     ]
     near = near or _find_similar_images(file.parent, name)
     if near:
-        remedy = f"{short_repr(near[0])} lies next to the YAML: write image: {_yaml_text(near[0])}"
+        remedy = (
+            f"{short_repr(near[0])} lies next to the YAML: write image: {_quote_for_yaml(near[0])}"
+        )
     else:
         remedy = "put the image next to the YAML, and write its name there"
     return make_map_error(
@@ -99,7 +101,7 @@ def missing_image(file: Path, image: str) -> MapError:
 
 
 def _find_similar_images(folder: Path, name: str) -> list[str]:
-    """Return the folder's images of a name in another case, or with another suffix."""
+    """Return the folder's images whose names differ only in case or suffix."""
     try:
         names = sorted(os.listdir(folder))
     except OSError:
@@ -109,7 +111,8 @@ def _find_similar_images(folder: Path, name: str) -> list[str]:
     return [filename for filename in images if Path(filename).stem.lower() == stem]
 
 
-def _line_of_image(file: Path) -> int | None:
+def _find_image_line(file: Path) -> int | None:
+    """Return the number of the line that names the image, or None."""
     try:
         with open_file(file) as content:
             lines = content.read(2**16).splitlines()
@@ -119,8 +122,8 @@ def _line_of_image(file: Path) -> int | None:
     return next(numbers, None)
 
 
-def _yaml_text(name: str) -> str:
-    """Return a name as YAML reads it: in quotes unless it is plain."""
+def _quote_for_yaml(name: str) -> str:
+    """Return a name for a YAML file, in quotes unless it is plain."""
     return name if re.fullmatch(r"[\w][\w.-]*", name) else "'" + name.replace("'", "''") + "'"
 
 
@@ -130,8 +133,8 @@ YamlValue = str | list[str] | None
 """An entry of a map's YAML as text or texts; None is null."""
 
 
-class Header(NamedTuple):
-    """The entries of a map's YAML, as `read_header` checks them."""
+class MapHeader(NamedTuple):
+    """The checked entries of a map's YAML."""
 
     image: str
     resolution: float
@@ -142,7 +145,7 @@ class Header(NamedTuple):
     mode: str
 
 
-def read_header(file: Path) -> Header:
+def read_header(file: Path) -> MapHeader:
     """Read the entries of a map's YAML; a missing or a wrong one is a MapError."""
     yaml_values = {"negate": "0", "mode": "trinary"} | _read_yaml_values(file)
     image, origin, mode = yaml_values.get("image"), yaml_values.get("origin"), yaml_values["mode"]
@@ -171,12 +174,12 @@ def read_header(file: Path) -> Header:
             unit = "is it metres? " if key == "resolution" and 0 < resolution < math.inf else ""
             raise make_map_error(file, fault, f"{unit}write e.g. {key}: {example}")
     name, (x, y, yaw) = os.path.expanduser(str(image)), place
-    return Header(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
+    return MapHeader(name, resolution, (x, y, yaw), bool(negate), occupied, free, str(mode))
 
 
 def _read_yaml_values(file: Path) -> dict[str, YamlValue]:
-    """Read the top level of a map YAML, as nodes only: no tag is obeyed, no alias expanded."""
-    check_no_image(file)
+    """Read the top level of a map YAML without obeying tags or expanding aliases."""
+    check_is_no_image(file)
     content = read_content(file, MAX_YAML_BYTES, "give a map YAML, which is a few lines")
     remedy = "write lines such as image: map.pgm"
     root = compose_yaml(file, content, remedy)
@@ -184,17 +187,17 @@ def _read_yaml_values(file: Path) -> dict[str, YamlValue]:
         raise make_map_error(file, "holds no keys", remedy)
     yaml_values: dict[str, YamlValue] = {}
     for key, value in root.value:
-        name = "".join(_node_text(key) or "")
+        name = "".join(_read_node_text(key) or "")
         if name in yaml_values:
             raise make_map_error(
                 file, f"{_format_yaml_value(name)} occurs twice", "keep one of the two"
             )
-        yaml_values[name] = _node_text(value)
+        yaml_values[name] = _read_node_text(value)
     return yaml_values
 
 
-def _node_text(node: Any) -> YamlValue:
-    """Text of a scalar, or the texts of a sequence; ... stands for anything else."""
+def _read_node_text(node: Any) -> YamlValue:
+    """Return the text of a scalar, or the texts of a sequence; ... for any other node."""
     if node.tag == "tag:yaml.org,2002:null":
         return None
     if node.id == "scalar" and node.tag in SCALAR_TAGS:
@@ -205,7 +208,7 @@ def _node_text(node: Any) -> YamlValue:
 
 
 def _parse_number(yaml_value: YamlValue) -> float:
-    """Number in a text (also 5e-2, which PyYAML takes for a string), or else NaN."""
+    """Return the number in a text (also 5e-2, a string for PyYAML), or NaN."""
     try:
         return float(yaml_value) if isinstance(yaml_value, str) else math.nan
     except ValueError:
@@ -213,6 +216,7 @@ def _parse_number(yaml_value: YamlValue) -> float:
 
 
 def _format_yaml_value(yaml_value: YamlValue) -> str:
+    """Return a value of a YAML for messages."""
     text = f"[{', '.join(yaml_value[:4])}]" if isinstance(yaml_value, list) else yaml_value
     return "missing" if text is None else short_repr(text)
 
@@ -225,7 +229,7 @@ ROWS = 256
 
 @dataclass(frozen=True)
 class MapSource:
-    """The entries of a map's YAML, and how many pixels they make what; made by `read_map`."""
+    """The entries of a map's YAML, with counts of its pixels; made by `read_map`."""
 
     file: str
     """Name of the YAML file."""
@@ -260,7 +264,7 @@ class MapSource:
 
     @property
     def has_dark_walls(self) -> bool:
-        """True if dark greys that are read as unknown seem to be walls, being as many as these."""
+        """True if dark greys that are read as unknown are as many as the walls."""
         return self.mode == "trinary" and self.dark_unknown > self.occupied / 2
 
     @property
@@ -269,9 +273,10 @@ class MapSource:
         return self.saver_grey_free > 0.01 * self.pixels
 
     @property
-    def meant_thresholds(self) -> tuple[float, float]:
-        """The thresholds, free and occupied, by which dark greys that seem to be walls are such,
-        and map_saver's grey is unknown."""
+    def corrected_thresholds(self) -> tuple[float, float]:
+        """Thresholds, free and occupied, by which dark grey walls are occupied and map_saver's grey
+        is unknown.
+        """
         below_grey = self.has_free_grey or self.has_dark_walls
         free = min(self.free_thresh, 0.196 if below_grey else 1.0)
         return free, DARK if self.has_dark_walls else self.occupied_thresh
@@ -280,13 +285,13 @@ class MapSource:
     def from_pixels(
         cls,
         file: str,
-        header: Header,
+        header: MapHeader,
         pixels: Array,
         opaque: Bools | None,
         occupancy: Singles,
         levels: Octets,
     ) -> MapSource:
-        """The source of a map, from its pixels, and the occupancy and level of each value.
+        """Count a map's pixels, from the occupancy and level of each pixel value.
 
         Parameters
         ----------
@@ -330,7 +335,7 @@ class MapSource:
 
 
 def _count_pixel_values(pixels: Array, opaque: Bools | None, values: int) -> Ints:
-    """Number of the pixels that are seen of each value, (values,)."""
+    """Count the opaque pixels of each value, (values,)."""
     counts = np.zeros(values, np.int64)
     for rows in range(0, len(pixels), ROWS):  # bincount takes 8 bytes for each pixel
         band = slice(rows, rows + ROWS)
@@ -341,7 +346,7 @@ def _count_pixel_values(pixels: Array, opaque: Bools | None, values: int) -> Int
 
 
 def _count_costmap_pixels(counts: Ints, levels: Octets) -> int:
-    """Number of pixels of a costmap's lethal and inscribed costs that are read as free."""
+    """Count pixels of a costmap's lethal and inscribed costs that are read as free."""
     obstacle_counts = counts[253:255]
     is_costmap = (levels[253:255] == FREE).all() and (obstacle_counts > 0.01 * counts.sum()).all()
     return int(obstacle_counts.sum()) if is_costmap else 0
@@ -350,7 +355,7 @@ def _count_costmap_pixels(counts: Ints, levels: Octets) -> int:
 def _count_wall_pixels(
     dark: Bools, counts: Ints, pixels: Array, opaque: Bools | None, resolution: float
 ) -> int:
-    """Number of pixels of dark values, or 0 if most lie in areas too wide for walls."""
+    """Count the pixels of dark values; 0 if most lie in areas too wide for walls."""
     import cv2
 
     count = int(counts[dark].sum())
@@ -367,6 +372,7 @@ def _count_wall_pixels(
 
 
 def _is_in_range(values: Array, low: float, high: float) -> Bools:
+    """True for values from low to high."""
     return np.asarray((values >= low) & (values <= high))
 
 
@@ -377,8 +383,9 @@ PIXELS_PER_BYTE = 8300  # deflate's best is 1032 to 1, with eight 1-bit pixels i
 
 
 def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
-    """Read the grey values, the mask of opaque ones if others are transparent, and whether values
-    were rescaled to span all of uint8 or uint16; the top row comes first."""
+    """Read grey values (top row first), the mask of opaque pixels, and whether values were
+    rescaled.
+    """
     content = read_content(file, MAX_IMAGE_BYTES, "correct image: in the YAML")
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow's, about animation and palettes
@@ -389,16 +396,16 @@ def read_pixels(file: Path) -> tuple[Array, Bools | None, bool]:
                     raise ValueError(f"more pixels than its bytes can hold, or than {max_pixels}")
                 image.verify()  # checks PNG checksums, as decoding does not; uses up the image
             with _open_image(content) as image:
-                return *_decode(image), OTHER_RANGE.match(content) is not None
+                return *_decode_image(image), OTHER_RANGE.match(content) is not None
     except Exception as error:  # decoders raise almost anything on damaged files
         fault = f"is no intact PGM, PBM, PNG or BMP image ({extract_reason(error)})"
         raise make_map_error(file, fault, "export it again") from error
 
 
 def _open_image(content: bytes) -> ImageFile.ImageFile:
-    """Open an image, of which only the header is read yet.
+    """Open an image and read only its header.
 
-    Image.open would apply a limit of Pillow's own, which the process may have changed or lifted.
+    Image.open would apply Pillow's limit, which the process may have changed or lifted.
     """
     from PIL import Image
 
@@ -411,8 +418,8 @@ def _open_image(content: bytes) -> ImageFile.ImageFile:
     raise ValueError("its first bytes are those of none of them")
 
 
-def _decode(image: Image.Image) -> tuple[Array, Bools | None]:
-    """Decode some rows at a time: Pillow's conversions and copies take ten bytes a pixel."""
+def _decode_image(image: Image.Image) -> tuple[Array, Bools | None]:
+    """Decode an image a few rows at a time, because Pillow's conversions take ten bytes a pixel."""
     tops = range(0, image.height, ROWS)
     boxes = [(0, top, image.width, min(top + ROWS, image.height)) for top in tops]
     pixels, opaque = zip(*(_decode_rows(image.crop(box)) for box in boxes), strict=True)
@@ -420,6 +427,7 @@ def _decode(image: Image.Image) -> tuple[Array, Bools | None]:
 
 
 def _decode_rows(image: Image.Image) -> tuple[Array, Bools | None]:
+    """Decode the rows of an image at once."""
     if image.mode in ("I", "I;16"):
         pixels = np.asarray(image).astype(np.uint16)
         return pixels, pixels != image.info.get("transparency", -1)
@@ -447,8 +455,8 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
     ----------
     path : path
         The YAML file, a folder with a single map in it, or the name of a built-in map
-        (`locplan.maps.environments.names`), with cells of 0.05 m. A path that exists wins over a
-        built-in name. The image may have 2^28 pixels.
+        (`locplan.maps.environments.list_environments`), with cells of 0.05 m. A path that exists
+        wins over a built-in name. The image may have 2^28 pixels.
 
     Raises
     ------
@@ -484,7 +492,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyGrid:
 
 
 def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource | None]:
-    """Read a map as `load_map` does, without its warning, and tell how its pixels were read.
+    """Read a map as `load_map` does, without its warning, and count its pixels.
 
     Parameters
     ----------
@@ -494,8 +502,7 @@ def read_map(path: str | os.PathLike[str]) -> tuple[OccupancyGrid, MapSource | N
     Returns
     -------
     grid, source : OccupancyGrid, MapSource or None
-        The map, and the entries of the YAML with the number of pixels that they make what; None
-        for a built-in map, which has no file.
+        The map, and the entries of the YAML with counts of the pixels; None for a built-in map.
 
     Raises
     ------
@@ -542,57 +549,60 @@ def read_mask(path: str | os.PathLike[str]) -> OccupancyGrid:
 
 
 def with_corrected_thresholds(grid: OccupancyGrid, source: MapSource | None) -> OccupancyGrid:
-    """The map with dark greys read as walls, and map_saver's grey as unknown, if it is not so.
+    """Return the map with dark grey walls as occupied and map_saver's grey as unknown.
 
     Parameters
     ----------
     grid : OccupancyGrid
-        The map as its file says.
+        The map as read from its file.
     source : MapSource or None
         How it was read; without it the map stays.
     """
-    if source is None or source.meant_thresholds == (source.free_thresh, source.occupied_thresh):
+    if source is None or source.corrected_thresholds == (
+        source.free_thresh,
+        source.occupied_thresh,
+    ):
         return grid
-    file, (free, occupied) = Path(source.file), source.meant_thresholds
+    file, (free, occupied) = Path(source.file), source.corrected_thresholds
     header = read_header(file)._replace(free_thresh=free, occupied_thresh=occupied)
     return replace(_read_with_header(file, header)[0], name=grid.name)
 
 
 def corrected_yaml(source: MapSource, overrides: Mapping[str, object] | None = None) -> str:
-    """A map's YAML with the thresholds of `as_meant`; the image is named in full.
+    """Return a map's YAML with `MapSource.corrected_thresholds` and the image's full path.
 
     Parameters
     ----------
     source : MapSource
         How the map was read.
     overrides : mapping of str to object, optional
-        Further entries that are to be other ones.
+        Entries to replace.
     """
-    file, (free, occupied) = Path(source.file), source.meant_thresholds
+    file, (free, occupied) = Path(source.file), source.corrected_thresholds
     header = read_header(file)._replace(free_thresh=free, occupied_thresh=occupied)
     image = str((file.parent / header.image).resolve())
     return _format_header(header._replace(image=image), overrides or {})
 
 
-def _format_header(header: Header, overrides: Mapping[str, object]) -> str:
-    """A map's YAML, with some entries other ones."""
+def _format_header(header: MapHeader, overrides: Mapping[str, object]) -> str:
+    """Return a map's YAML, with some entries replaced."""
     # ROS 1 does not read true and false.
     yaml_values = header._asdict() | {"negate": int(header.negate), **overrides}
     return dump_yaml(yaml_values, default_flow_style=None, sort_keys=True, width=math.inf)
 
 
-def _read_with_header(file: Path, header: Header) -> tuple[OccupancyGrid, MapSource]:
-    """The map of a file's image under some header, and how its pixels were read."""
+def _read_with_header(file: Path, header: MapHeader) -> tuple[OccupancyGrid, MapSource]:
+    """Read a map's image under a given header, and count its pixels."""
     image = file.parent / header.image
     if not os.path.lexists(image):
-        raise missing_image(file, header.image)
+        raise make_missing_image_error(file, header.image)
     pixels, opaque, rescaled = read_pixels(image)
     raw = header.mode == "raw"
     if raw and (pixels.dtype != np.uint8 or rescaled):
         raise make_map_error(
             image, "has not 8 bits a pixel, as mode raw needs", "save it as 8-bit grey"
         )
-    occupancy, levels = _meaning_of_values(header, int(np.iinfo(pixels.dtype).max))
+    occupancy, levels = _classify_pixel_values(header, int(np.iinfo(pixels.dtype).max))
     cells = np.empty(pixels.shape, np.uint8)
     for rows in range(0, len(cells), ROWS):  # an index takes 8 bytes for each pixel
         cells[rows : rows + ROWS] = levels[pixels[rows : rows + ROWS]]
@@ -606,7 +616,7 @@ def _read_with_header(file: Path, header: Header) -> tuple[OccupancyGrid, MapSou
 
 
 def map_name_from_file(map_file: Path) -> str:
-    """Name of the map in a file: the file's stem, or for a map.yaml its folder's name.
+    """Return the name of the map in a file: its stem, or for a map.yaml its folder's name.
 
     Parameters
     ----------
@@ -618,10 +628,11 @@ def map_name_from_file(map_file: Path) -> str:
     )
 
 
-def source_files(path: Path) -> list[Path]:
-    """Files that a map, or the maps in a folder, are read from, as far as they are known.
+def list_source_files(path: Path) -> list[Path]:
+    """List the files from which a map, or the maps in a folder, are read.
 
-    Those of the other maps beside a map file count, too: a picture is easily given their name.
+    The files of all maps in the folder of a map file count, because a picture may get the same
+    name.
 
     Parameters
     ----------
@@ -631,7 +642,7 @@ def source_files(path: Path) -> list[Path]:
     if is_built_in(path):
         return []
     neighbour_files = [] if os.path.isdir(path) else sorted(path.parent.glob("*.y*ml"))
-    maps = [*find_maps(path), *(file for file in neighbour_files if _names_an_image(file))]
+    maps = [*find_maps(path), *(file for file in neighbour_files if _has_image_entry(file))]
     return [*maps, *(image for file in maps if (image := _find_image(file)))]
 
 
@@ -640,8 +651,8 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
 
     The name of a built-in map is listed as it is.
 
-    Subfolders count, too, but not what was exported there. A folder without any is listed itself,
-    so that `load_map` reports it. The order is that of the arguments, in a folder by name.
+    Subfolders count, except for exported files. A folder without a map is listed itself, so that
+    `load_map` reports it. The order is that of the arguments, in a folder by name.
 
     Parameters
     ----------
@@ -659,7 +670,7 @@ def find_maps(*paths: str | os.PathLike[str]) -> list[Path]:
         if os.path.isdir(path):
             exported = {file.parent for file in path.rglob("export.json")} - {path}
             files = [file for file in files if file.parent not in exported]
-            files = [file for file in files if _names_an_image(file)] or [path]
+            files = [file for file in files if _has_image_entry(file)] or [path]
         map_files += files
     return list(dict.fromkeys(map_files))
 
@@ -672,7 +683,7 @@ def save_map(
     image_format: Literal["pgm", "png"] = "pgm",
     negate: bool = False,
 ) -> None:
-    """Write a map_server YAML (.yaml), with its image beside it under the same stem.
+    """Write a map_server YAML (.yaml) and its image, with the same stem, in the same folder.
 
     `load_map` reads the same grid again. Either both files are replaced or neither.
 
@@ -686,7 +697,7 @@ def save_map(
         "trinary", which every stack reads; "scale", in which unknown cells are transparent, so
         that it needs png; or "raw", in which pixels are per cent.
     image_format : str, default "pgm"
-        "pgm", or "png", which is smaller.
+        "pgm" or "png"; PNG files are smaller.
     negate : bool, default False
         Whether white is occupied, which few maps have; it has no effect in mode "raw".
 
@@ -708,7 +719,7 @@ def save_map(
     image = file.with_suffix(f".{image_format}")
     # Readers disagree on what negate does to raw values, so that it is never set there.
     negate = bool(negate) and mode != "raw"
-    header = Header(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
+    header = MapHeader(image.name, grid.resolution, grid.origin, negate, 0.65, 0.196, mode)
     try:
         _replace_map_files(file, _format_header(header, {}), image, _render_image(grid, header))
     except (OSError, ValueError) as error:
@@ -718,8 +729,10 @@ def save_map(
         ) from error
 
 
-def _meaning_of_values(header: Header, top: int) -> tuple[Singles, Octets]:
-    """Occupancy and level of each pixel value 0..top; above 1 there is none, in mode raw."""
+def _classify_pixel_values(header: MapHeader, top: int) -> tuple[Singles, Octets]:
+    """Return occupancy and level of each pixel value from 0 to `top`; in mode raw the occupancy has
+    no upper limit.
+    """
     raw = header.mode == "raw"
     occupancy = np.arange(top + 1, dtype=np.float32) / np.float32(100 if raw else top)
     if not (raw or header.negate):
@@ -731,7 +744,8 @@ def _meaning_of_values(header: Header, top: int) -> tuple[Singles, Octets]:
     return occupancy, level
 
 
-def _render_image(grid: OccupancyGrid, header: Header) -> Image.Image:
+def _render_image(grid: OccupancyGrid, header: MapHeader) -> Image.Image:
+    """Return the image of a map."""
     from PIL import Image
 
     values = {"trinary": (254, 205, 0), "scale": (255, 205, 0), "raw": (0, 255, 100)}
@@ -745,7 +759,7 @@ def _render_image(grid: OccupancyGrid, header: Header) -> Image.Image:
 
 
 def _replace_map_files(file: Path, text: str, image: Path, picture: Image.Image) -> None:
-    """Replace both files or neither, and leave no other file behind."""
+    """Replace both files or neither, without leaving temporary files."""
     with temporary_folder(file.parent) as staging:
         new = staging / NEW
         new.mkdir()
@@ -757,13 +771,15 @@ def _replace_map_files(file: Path, text: str, image: Path, picture: Image.Image)
 
 
 def _find_image(file: Path) -> Path | None:
+    """Return the image that a YAML names, if it exists."""
     try:
         return file.parent / read_header(file).image
     except MapError:
         return None
 
 
-def _names_an_image(file: Path) -> bool:
+def _has_image_entry(file: Path) -> bool:
+    """True if a YAML file names an image."""
     try:
         with open_file(file) as content:
             return bool(re.search(rb"(?m)^\s*image\s*:", content.read(MAX_YAML_BYTES)))

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_SHORT = 12  # greatest distance that `closer_than` finds without the clearance [cells]
+_SHORT = 12  # greatest distance that `cells_near_walls` finds without the clearance [cells]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,8 +143,8 @@ class OccupancyGrid(Pictured):
         Raises
         ------
         MapError
-            If a value is out of its range, or 0 and 1 or numbers with a decimal point are given
-            that could mean one thing or the other.
+            If a value is out of its range, or the values may be either per cent or probabilities:
+            only 0 and 1, or numbers with a decimal point.
         """
         return cls(
             levels_from_occupancy(occupancy, probabilities=probabilities), resolution, origin, name
@@ -159,12 +159,12 @@ class OccupancyGrid(Pictured):
         message : nav_msgs/OccupancyGrid
             The message, as rclpy or rosbags gives it; any object with its fields will do.
         name : str, default ""
-            Name of the map in tables and titles, which the message has not.
+            Name of the map in tables and titles; a message has no name.
 
         Raises
         ------
         MapError
-            If it is no such message, or holds other values than -1 to 100.
+            If it is no such message, or a value is outside -1 to 100.
         """
         values, resolution, origin = parse_grid_message(message)
         return cls.from_occupancy(values, resolution, origin, name)
@@ -179,7 +179,7 @@ class OccupancyGrid(Pictured):
         )
 
     def __eq__(self, other: object) -> bool:
-        """Return whether the other grid is the same map; its name does not count."""
+        """True if the other grid is the same map; its name does not count."""
         return isinstance(other, OccupancyGrid) and self.digest == other.digest
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -205,7 +205,7 @@ class OccupancyGrid(Pictured):
     def clearance(self) -> Floats:
         """Distance from each cell's centre to the nearest occupied cell's edge, (H, W) [m].
 
-        Zero in occupied cells, infinite where the map has none. Unknown space is no wall.
+        Zero in occupied cells, infinite if the map has no occupied cell. Unknown space is no wall.
         """
         import cv2
 
@@ -225,8 +225,8 @@ class OccupancyGrid(Pictured):
         np.rint(np.square(clearance, out=clearance), out=clearance)
         return np.multiply(np.sqrt(clearance, out=clearance), self.resolution / 2, out=clearance)
 
-    def closer_than(self, distance: float) -> Bools:
-        """Mask of the cells whose `clearance` is below a distance, (H, W).
+    def cells_near_walls(self, distance: float) -> Bools:
+        """Return the mask of the cells whose `clearance` is below a distance, (H, W).
 
         Short distances take a fraction of the clearance's time.
 
@@ -274,7 +274,7 @@ class OccupancyGrid(Pictured):
         return (cos * dy - sin * dx) / self.resolution, (cos * dx + sin * dy) / self.resolution
 
     def grid_to_world(self, row: ArrayLike, col: ArrayLike) -> tuple[Floats, Floats]:
-        """Convert continuous (row, col) to world coordinates, as `world_to_grid` backwards.
+        """Convert continuous (row, col) to world coordinates, the inverse of `world_to_grid`.
 
         Parameters
         ----------
@@ -318,7 +318,7 @@ class OccupancyGrid(Pictured):
     @overload
     def position(self, row: Ints, col: Ints) -> Floats: ...
     def position(self, row: Any, col: Any) -> Any:
-        """Return the world positions of the centres of cells, as `cell` backwards.
+        """Return the world positions of the centres of cells, the inverse of `cell`.
 
         Parameters
         ----------
@@ -345,7 +345,7 @@ class OccupancyGrid(Pictured):
         return replace(self, cells=self.cells[rows, cols], origin=(x, y, self.origin[2]))
 
     def contains(self, row: Any, col: Any) -> Any:
-        """True if (row, col) is a cell of the grid; an array of bool of arrays.
+        """True if (row, col) is a cell of the grid; for arrays, an array of bool.
 
         Parameters
         ----------
@@ -368,7 +368,7 @@ def check_grid(grid: object) -> None:
     Parameters
     ----------
     grid : object
-        What a function was given for a map.
+        The argument to check.
     """
     checks.check_instance("grid", grid, OccupancyGrid, "read a file with locplan.load_map")
 
@@ -388,7 +388,7 @@ def extent_text(grid: OccupancyGrid) -> str:
 
 
 def world_to_map_frame(grid: OccupancyGrid, poses: Floats) -> Floats:
-    """Poses along a map's columns and rows from its origin on, (n, 3) [m, m, rad].
+    """Return poses along a map's columns and rows from its origin, (n, 3) [m, m, rad].
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 RANGE, BEAMS, SIGMA, OUTLIERS = 3.5, 60, 0.02, 0.1
 """Range [m] and beams of the lidar of the check, deviation of a range [m], share of outliers."""
-SCANS, POSES, TRIES, MAX_SCORED_CELLS = 80, 1500, 600, 2**22
+SCANS, POSES, MAX_POSITIONS, MAX_SCORED_CELLS = 80, 1500, 600, 2**22
 """Numbers of the scans, of the wrong poses of each, of the places that are tried for them, and of
 the cells up to which a map is scored as a whole."""
 NEAREST, FARTHEST, MAX_TURN = 0.5, 3.0, 20.0
@@ -37,17 +37,17 @@ SIGMA_HIT, Z_RAND, MAX_DISTANCE = 0.2, 0.5, 2.0
 """Nav2's defaults of AMCL's likelihood field."""
 AROUND = FARTHEST + RANGE + 1.0
 """Distance around a scan's place that its fits depend on [m]."""
-DEPTH = 0.5
+MISLEADING_DEPTH = 0.5
 """Depth from which on black behind a surface misleads a filter [m]."""
 
 
 @dataclass(frozen=True)
-class Solidity:
-    """What the inside of a map's walls does to scans."""
+class WallSolidity:
+    """Effect of the inside of a map's walls on scans."""
 
     wins: float
     """Share of noisy scans that some wrong pose fits better than the true one, 0..1."""
-    wins_hollowed: float
+    hollowed_wrong_pose_share: float
     """The same with the walls hollowed."""
     depth: float
     """Share of the walls' surface with over 0.5 m of black behind it, 0..1."""
@@ -55,16 +55,16 @@ class Solidity:
     @property
     def misleads(self) -> bool:
         """True if wrong poses win a fifth of the scans, and hollowing at least halves that."""
-        return self.wins >= 0.2 and self.wins_hollowed <= self.wins / 2
+        return self.wins >= 0.2 and self.hollowed_wrong_pose_share <= self.wins / 2
 
     @property
     def is_solid(self) -> bool:
-        """True if walls mislead because they are deep: not smeared or inflated ones."""
+        """True if walls mislead because they are deep, and are not just smeared or inflated."""
         return self.misleads and self.depth >= 0.15
 
 
 def hollow_walls(grid: OccupancyGrid) -> OccupancyGrid:
-    """The map with the inside of its walls unknown: each cell whose 8 neighbours are occupied.
+    """Return the map with the inside of its walls unknown: cells whose 8 neighbours are occupied.
 
     A filter needs the surfaces only. Inside of black a particle explains every beam; in unknown
     space it explains none, and no path leads there. A rim of one cell stays.
@@ -81,11 +81,11 @@ def hollow_walls(grid: OccupancyGrid) -> OccupancyGrid:
     [[0, 0, 0], [0, 127, 0], [0, 0, 0]]
     """
     check_grid(grid)
-    return replace(grid, cells=np.where(inside_of_walls(grid), np.uint8(UNKNOWN), grid.cells))
+    return replace(grid, cells=np.where(find_wall_interiors(grid), np.uint8(UNKNOWN), grid.cells))
 
 
-def inside_of_walls(grid: OccupancyGrid) -> Bools:
-    """The occupied cells whose 8 neighbours are occupied, (H, W); outside the map none is."""
+def find_wall_interiors(grid: OccupancyGrid) -> Bools:
+    """Mark the occupied cells whose 8 neighbours are occupied, (H, W); beyond the map none is."""
     import cv2
 
     occupied = (grid.cells == OCCUPIED).view(np.uint8)
@@ -95,12 +95,12 @@ def inside_of_walls(grid: OccupancyGrid) -> Bools:
     return np.asarray(inner.view(np.bool_))
 
 
-def solidity(grid: OccupancyGrid) -> Solidity:
-    """Whether the inside of a map's walls misleads a filter, by scans that are simulated.
+def measure_solidity(grid: OccupancyGrid) -> WallSolidity:
+    """Measure by simulated scans if the inside of a map's walls misleads a filter.
 
     Each of 80 noisy scans of a lidar of 3.5 m is compared with 1,500 poses 0.5 to 3 m and up to
-    20 deg off, by the score of AMCL's likelihood field. The longer the lidar reaches, the less a
-    check would show; filters get lost all the same.
+    20 deg off, by the score of AMCL's likelihood field. A longer range would hide the effect,
+    although filters still get lost.
 
     Parameters
     ----------
@@ -111,14 +111,15 @@ def solidity(grid: OccupancyGrid) -> Solidity:
 
 
 @lru_cache(32)  # of the maps that are equal by value; the check takes tenths of a second
-def _compute_solidity(grid: OccupancyGrid) -> Solidity:
+def _compute_solidity(grid: OccupancyGrid) -> WallSolidity:
+    """Compute the solidity of a map's walls, see `measure_solidity`."""
     from locplan._support.kernels.walls import surface_depths
 
-    deep = int(DEPTH / grid.resolution) + 1
+    deep = int(MISLEADING_DEPTH / grid.resolution) + 1
     faces, deep_faces = surface_depths(grid.cells, FREE, OCCUPIED, deep)
-    inside = inside_of_walls(grid)
+    inside = find_wall_interiors(grid)
     if not inside.any():
-        return Solidity(0.0, 0.0, 0.0)
+        return WallSolidity(0.0, 0.0, 0.0)
     wins, count, moves = np.zeros(2), 0, _draw_wrong_moves(grid.resolution)
     before, window_scores = (slice(0), slice(0)), [np.empty((0, 0), np.float32)]
     for around, pose, ends in _simulate_scans(grid):
@@ -132,18 +133,18 @@ def _compute_solidity(grid: OccupancyGrid) -> Solidity:
             np.float64(CLEARANCE)
         ):
             continue
-        wins += [_wrong_pose_wins(layer, ends, pose, moves) for layer in window_scores]
+        wins += [_fits_wrong_pose_better(layer, ends, pose, moves) for layer in window_scores]
         count += 1
         if count == SCANS:
             break
     if count < SCANS / 4:  # hardly any place shows a wall to a lidar
         wins[:] = 0.0
     as_is, mended = (wins / max(count, 1)).tolist()
-    return Solidity(as_is, mended, deep_faces / max(faces, 1))
+    return WallSolidity(as_is, mended, deep_faces / max(faces, 1))
 
 
-def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats) -> bool:
-    """Whether a scan fits better after one of the moves than at its true pose."""
+def _fits_wrong_pose_better(scores: Singles, ends: Floats, pose: Floats, moves: Floats) -> bool:
+    """True if a scan fits better after one of the moves than at its true pose."""
     from locplan._support.kernels.particles import BeamScores, add_scores
 
     # Cells of the window in the ring, counted from its corner.
@@ -156,7 +157,7 @@ def _wrong_pose_wins(scores: Singles, ends: Floats, pose: Floats, moves: Floats)
 
 
 def _draw_wrong_moves(resolution: float) -> Floats:
-    """From the true pose to wrong ones: columns, rows [cells] and turn [rad], (POSES, 3)."""
+    """Draw moves from the true pose to wrong ones, (POSES, 3) [cells, cells, rad]."""
     random = np.random.default_rng(1)
     distance = random.uniform(NEAREST, FARTHEST, POSES) / resolution
     bearing = random.uniform(-np.pi, np.pi, POSES)
@@ -165,7 +166,7 @@ def _draw_wrong_moves(resolution: float) -> Floats:
 
 
 def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], Floats, Floats]]:
-    """Noisy scans of which a third of the beams return, with the part of the map around each.
+    """Yield the map window around each simulated scan, its pose and its ends.
 
     Poses (row, column, heading) are within the part [cells, cells, rad], ends are ahead and to the
     left of the robot [cells].
@@ -179,7 +180,7 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
     noise = BeamDisturbances(OUTLIERS, 0.2, np.radians(20.0), 0.5, 2.0)
     before, squares = (slice(0), slice(0)), np.empty((0, 0), np.uint8)
     for row, col in _draw_positions(grid, random):
-        window, pose = _window(grid, row, col, RANGE), np.empty(3)
+        window, pose = _select_window(grid, row, col, RANGE), np.empty(3)
         first = window[0].start, window[1].start
         pose[:] = row - first[0], col - first[1], random.uniform(-np.pi, np.pi)
         ends = np.empty((BEAMS, 2))
@@ -188,7 +189,7 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
         measure_ends(random, squares, grid.resolution, pose, lidar, noise, ends)
         if np.isfinite(ends[:, 0]).sum() < BEAMS / 3:
             continue
-        around = _window(grid, row, col, AROUND)
+        around = _select_window(grid, row, col, AROUND)
         pose[:2] += first[0] - around[0].start, first[1] - around[1].start
         yield around, pose, ends
 
@@ -196,15 +197,17 @@ def _simulate_scans(grid: OccupancyGrid) -> Iterator[tuple[tuple[slice, slice], 
 def _draw_positions(
     grid: OccupancyGrid, random: np.random.Generator
 ) -> Iterator[tuple[float, float]]:
-    """Positions in free cells, drawn at random [cells]; fewer than TRIES where few are free."""
-    positions = random.random((100 * TRIES, 2)) * grid.shape
+    """Yield random positions in free cells [cells]; fewer than MAX_POSITIONS if few are free."""
+    positions = random.random((100 * MAX_POSITIONS, 2)) * grid.shape
     rows, cols = positions.astype(np.int64).T
-    for row, col in positions[grid.cells[rows, cols] == FREE][:TRIES]:
+    for row, col in positions[grid.cells[rows, cols] == FREE][:MAX_POSITIONS]:
         yield float(row), float(col)
 
 
-def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[slice, slice]:
-    """Rows and columns around a position [cells], as far as so many metres, or the whole map.
+def _select_window(
+    grid: OccupancyGrid, row: float, col: float, reach: float
+) -> tuple[slice, slice]:
+    """Return rows and columns within `reach` metres of a position [cells], or the whole map.
 
     The whole of a map costs less than the windows of all scans, unless it is large.
     """
@@ -219,7 +222,7 @@ def _window(grid: OccupancyGrid, row: float, col: float, reach: float) -> tuple[
 
 
 def _score_cells(occupied: Octets, resolution: float) -> Singles:
-    """What a beam adds that ends in each cell, in a ring for all outside."""
+    """Return the score of a beam that ends in each cell, with a ring for all outside."""
     import cv2
 
     distance = np.full(occupied.shape, MAX_DISTANCE, np.float32)
@@ -230,7 +233,7 @@ def _score_cells(occupied: Octets, resolution: float) -> Singles:
 
 
 def _score_distance(distance: Singles | np.float64) -> Singles:
-    """The cube of a beam's likelihood at a distance from a wall [m], as AMCL adds it."""
+    """Return the cube of a beam's likelihood at a distance from a wall [m], as AMCL adds it."""
     hit = (1 - Z_RAND) * np.exp(-(distance**2) / (2 * SIGMA_HIT**2))
     return np.asarray((hit + Z_RAND / RANGE) ** 3, np.float32)
 
@@ -248,7 +251,7 @@ whose unknown space seems painted black. Real ones have .54 to .85; of the other
 
 @dataclass(frozen=True)
 class MapFault:
-    """Something of a map that misleads."""
+    """A fault of a map that misleads a robot or its user."""
 
     kind: str
     """What it is: "mask", "costmap", "thresholds", "cells", "coarse cells", "open boundary", "solid
@@ -268,7 +271,7 @@ class MapFault:
 
     @property
     def place_text(self) -> str:
-        """The largest places in words, the middle of each and its size [m]; else empty."""
+        """The largest places as text, with the middle and size of each [m]; empty without any."""
         place_texts = [
             f"{(left + right) / 2:.1f},{(low + top) / 2:.1f}"
             f" ({right - left:.1f} x {top - low:.1f} m)"
@@ -279,19 +282,19 @@ class MapFault:
 
     @property
     def sentence(self) -> str:
-        """All of it in one sentence, without a full stop."""
+        """The whole fault in one sentence, without a full stop."""
         message = f"{self.what}, at {self.place_text}" if self.boxes else self.what
         return "; ".join(clause for clause in (message, self.costs, self.mend) if clause)
 
 
 def _make_fault(kind: str, sentence: str, *, is_certain: bool = False) -> MapFault:
-    """A fault whose sentence ends in what to do, or in what it means."""
+    """Make a fault from a sentence that ends in the remedy."""
     message, _, mend = sentence.rpartition("; ")
     return MapFault(kind, message or mend, mend if message else "", sure=is_certain)
 
 
 def find_threshold_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
-    """What the file's entries and pixels make of the map."""
+    """Find faults of the thresholds and of the values of pixels."""
     free, occupied = source.free_thresh, source.occupied_thresh
     if source.light_free > MIN_SHARE * source.pixels:
         lower = 0.196 if free > 0.196 else 0.15
@@ -333,7 +336,7 @@ def find_threshold_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[Ma
 
 
 def find_mask_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFault]:
-    """What tells of a mask for a costmap filter, which is no map to drive in.
+    """Find signs that the map is a mask for a costmap filter.
 
     Parameters
     ----------
@@ -345,7 +348,7 @@ def find_mask_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFaul
     Yields
     ------
     MapFault
-        One fault at most, where a name or two other signs say so.
+        At most one fault, if the name or two further signs indicate a mask.
     """
     signs = []
     words = " ".join(re.findall(r"[a-z]+", f"{grid.name} {Path(source.image).name}".lower()))
@@ -369,7 +372,7 @@ def find_mask_faults(grid: OccupancyGrid, source: MapSource) -> Iterator[MapFaul
 
 
 def find_cell_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
-    """What the cells themselves tell."""
+    """Find faults of the cells."""
     import cv2
 
     cells = grid.cells
@@ -418,7 +421,7 @@ def find_cell_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
 
 
 def find_origin_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
-    """What is unusual about the origin's yaw."""
+    """Find an unusual yaw of the origin."""
     yaw = grid.origin[2]
     if abs(yaw) > 2 * math.pi:
         yield _make_fault(
@@ -433,7 +436,7 @@ def find_origin_faults(grid: OccupancyGrid) -> Iterator[MapFault]:
 
 
 def find_specks(grid: OccupancyGrid) -> Bools:
-    """The cells of specks: up to 3 that touch each other, and else only free ones, (H, W)."""
+    """Mark the specks: groups of up to 3 occupied cells surrounded by free space, (H, W)."""
     import cv2
 
     is_speck = np.zeros(grid.shape, np.bool_)
@@ -442,7 +445,7 @@ def find_specks(grid: OccupancyGrid) -> Bools:
         around = grid.cells[first : top + ROWS + SPECK + 1]
         occupied = (around == OCCUPIED).view(np.uint8)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
-        floats = np.bincount(labels[_dilate_unknown(around)], minlength=count) == 0
+        floats = np.bincount(labels[_find_cells_near_unknown(around)], minlength=count) == 0
         small = floats & (stats[:, cv2.CC_STAT_AREA] <= SPECK)
         small[0] = False
         band_rows = slice(top - first, top - first + ROWS)
@@ -450,8 +453,8 @@ def find_specks(grid: OccupancyGrid) -> Bools:
     return is_speck
 
 
-def _dilate_unknown(cells: Octets) -> Bools:
-    """The cells that have a neighbour of unknown, or are that."""
+def _find_cells_near_unknown(cells: Octets) -> Bools:
+    """Mark the cells that are unknown or have an unknown neighbour."""
     import cv2
 
     unknown = ((cells != OCCUPIED) & (cells != FREE)).view(np.uint8)
@@ -461,7 +464,7 @@ def _dilate_unknown(cells: Octets) -> Bools:
 def find_bounding_boxes(
     grid: OccupancyGrid, cells: Bools, gap: float = 0.5
 ) -> tuple[tuple[float, float, float, float], ...]:
-    """Boxes around the places of some cells, as `MapFault` has them.
+    """Return boxes around groups of cells, in the form of `MapFault.boxes`.
 
     Parameters
     ----------
@@ -491,9 +494,9 @@ def find_bounding_boxes(
 
 
 def find_painted_unknown(grid: OccupancyGrid) -> Iterator[MapFault]:
-    """What tells of unknown space that was painted black."""
+    """Find unknown space that was painted black."""
     unknown = np.count_nonzero(~grid.free & (grid.cells != OCCUPIED)) / grid.cells.size
-    inside = float(inside_of_walls(grid).mean())
+    inside = float(find_wall_interiors(grid).mean())
     if unknown <= NO_UNKNOWN and inside >= PAINTED:
         yield MapFault(
             "painted unknown",
@@ -503,18 +506,19 @@ def find_painted_unknown(grid: OccupancyGrid) -> Iterator[MapFault]:
         )
 
 
-def find_wall_faults(grid: OccupancyGrid, wall_solidity: Solidity) -> Iterator[MapFault]:
-    """What the walls do to a particle filter."""
+def find_wall_faults(grid: OccupancyGrid, wall_solidity: WallSolidity) -> Iterator[MapFault]:
+    """Find walls that mislead a particle filter."""
     if wall_solidity.misleads:
         yield MapFault(
             "solid walls" if wall_solidity.is_solid else "thick walls",
             f"walls are black inside: a wrong pose explains {wall_solidity.wins:.0%} of noisy"
             " scans better"
-            f" than the true one, and {wall_solidity.wins_hollowed:.0%} with hollow walls",
+            f" than the true one, and {wall_solidity.hollowed_wrong_pose_share:.0%} with hollow"
+            " walls",
             "give AMCL, of ROS 1 or 2, the map that locplan repair writes, and plan on this one"
             if wall_solidity.is_solid
-            else f"hardly any is over {DEPTH:g} m deep, so that they may be smeared or inflated,"
-            " and hollowing may harm; draw the walls from a recorded drive",
+            else f"hardly any is over {MISLEADING_DEPTH:g} m deep, so that they may be smeared or"
+            " inflated, and hollowing may harm; draw the walls from a recorded drive",
             "on such maps Nav2's default filter loses most drives"
             if wall_solidity.is_solid
             else "",
@@ -533,7 +537,7 @@ def find_wall_faults(grid: OccupancyGrid, wall_solidity: Solidity) -> Iterator[M
 
 
 def _count_specks(grid: OccupancyGrid, limit: float) -> int:
-    """Number of specks; that of their cells where it is no more than a limit."""
+    """Count the specks, or their cells if these are no more than a limit."""
     import cv2
 
     specks = find_specks(grid)
@@ -545,7 +549,7 @@ def _count_specks(grid: OccupancyGrid, limit: float) -> int:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MapFaults(Result):
-    """What of a map misleads; made by `faults`."""
+    """The faults of a map; made by `find_faults`."""
 
     files: ClassVar[Results] = Results("faults", ("faults.json", "faults.png", "faults.csv"))
 
@@ -568,44 +572,44 @@ class MapFaults(Result):
 
     @property
     def is_solid(self) -> bool:
-        """True if walls are black inside so that a filter gets lost, and hollowing mends it."""
+        """True if walls are black inside so that a filter gets lost, and hollowing them helps."""
         return any(fault.kind == "solid walls" for fault in self)
 
     @cached_property
     def cells(self) -> Bools:
-        """The cells that walls black inside, painted unknown space and specks concern, (H, W)."""
+        """Cells of walls black inside, of painted unknown space and of specks, (H, W)."""
         is_faulty, kinds = (
             np.zeros(self.corrected_map.shape, np.bool_),
             {fault.kind for fault in self},
         )
         if kinds & {"solid walls", "thick walls", "painted unknown"}:
-            is_faulty |= inside_of_walls(self.corrected_map)
+            is_faulty |= find_wall_interiors(self.corrected_map)
         if "specks" in kinds:
             is_faulty |= self.specks
         return is_faulty
 
     @cached_property
     def specks(self) -> Bools:
-        """The cells of up to 3 that touch each other, and else only free ones, (H, W)."""
+        """Cells of specks, (H, W), see `find_specks`."""
         return find_specks(self.corrected_map)
 
     @property
     def repaired_map(self) -> OccupancyGrid:
-        """The map for a filter: as its file is meant, without specks, solid walls hollowed."""
+        """The map for a filter: thresholds corrected, specks removed, solid walls hollowed."""
         grid, kinds = self.corrected_map, {fault.kind for fault in self}
         if "specks" in kinds:
             grid = replace(grid, cells=np.where(self.specks, np.uint8(FREE), grid.cells))
         # Where beams end deep in the walls the truth lies inside, and hollowing may harm.
         return hollow_walls(grid) if self.is_solid and "deep walls" not in kinds else grid
 
-    def refuse_mask(self) -> None:
-        """Raise a ConfigError if what was given for a map is a mask for a costmap filter."""
+    def check_is_no_mask(self) -> None:
+        """Raise a ConfigError if the map is a mask for a costmap filter."""
         for fault in self:
             if fault.kind == "mask":
                 raise ConfigError(f"{self.grid.name or 'the map'}: {fault.sentence}")
 
     def summary(self) -> dict[str, object]:
-        """The faults, fit for JSON."""
+        """Return the faults as plain data for JSON."""
         return {
             "map": {"name": self.grid.name, "digest": self.grid.digest},
             "faults": [
@@ -615,7 +619,7 @@ class MapFaults(Result):
         }
 
     def table(self) -> Table:
-        """The faults, a row each."""
+        """Return a table with one row per fault."""
         titles = {
             "kind": "fault",
             "what": "what",
@@ -633,12 +637,12 @@ class MapFaults(Result):
         return faults_figure(self)
 
     def report(self) -> str:
-        """A sentence for each fault."""
-        return faults_report(self)
+        """Return one sentence per fault."""
+        return format_faults(self)
 
 
-def faults_report(faults: MapFaults) -> str:
-    """A sentence for each fault."""
+def format_faults(faults: MapFaults) -> str:
+    """Return one sentence per fault."""
     if not faults.faults:
         return f"{faults.grid.name or 'the map'}: no fault that the map alone shows"
     return "\n".join(f"{fault.kind}: {fault.sentence}" for fault in faults)
@@ -687,7 +691,7 @@ def faults(grid: OccupancyGrid, source: MapSource | None = None) -> MapFaults:
         ()
         if is_mask
         else (
-            *find_wall_faults(corrected_map, solidity(corrected_map)),
+            *find_wall_faults(corrected_map, measure_solidity(corrected_map)),
             *find_painted_unknown(corrected_map),
         )
     )

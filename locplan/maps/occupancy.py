@@ -33,7 +33,7 @@ def levels_from_occupancy(occupancy: ArrayLike, *, probabilities: bool) -> Octet
 
 
 def _per_cent_from_probabilities(values: NDArray[Any]) -> Floats:
-    """Per cent of probabilities, NaN where they are NaN."""
+    """Return probabilities in per cent; NaN stays NaN."""
     if not np.issubdtype(values.dtype, np.number) or np.iscomplexobj(values):
         raise MapError(f"probabilities must be numbers, not of type {values.dtype}")
     wrong = values[(values < 0) | (values > 1)]
@@ -45,6 +45,7 @@ def _per_cent_from_probabilities(values: NDArray[Any]) -> Floats:
 
 
 def _check_per_cent(values: NDArray[Any]) -> NDArray[Any]:
+    """Return values after checking that they are -1 to 100."""
     if not np.issubdtype(values.dtype, np.integer):
         raise MapError(
             f"occupancy of type {values.dtype} is ambiguous: say probabilities=True for 0.0 to 1.0,"
@@ -65,7 +66,7 @@ def _check_per_cent(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def parse_grid_message(message: Any) -> tuple[NDArray[Any], float, tuple[float, float, float]]:
-    """Values (H, W), resolution [m] and origin (x, y, yaw) of a nav_msgs/OccupancyGrid."""
+    """Return values (H, W), resolution [m] and origin (x, y, yaw) of a nav_msgs/OccupancyGrid."""
     try:
         metadata, pose = message.info, message.info.origin
         values = np.asarray(message.data, np.int64).reshape(

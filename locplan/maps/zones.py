@@ -1,4 +1,4 @@
-"""Zones of a site: where the robot may not go, goes slowly, or goes by preference."""
+"""Zones of a site: closed to the robot, slow, or preferred."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ZoneKind = Literal["no-go", "slow", "prefer"]
 KINDS: tuple[ZoneKind, ...] = get_args(ZoneKind)
 FILE = "zones.geojson"
 """Name of the file of zones in the folder of an export."""
-OUTSIDE = 1.0
+OUTSIDE_COST = 1.0
 """Cost per metre outside the preferred zones, on top of those of the length and of u."""
 MAX_ZONES, MAX_CORNERS, MAX_ALL_CORNERS = 25_000, 1000, 100_000
 """Maximum number of zones, of the corners of one, and of all corners."""
@@ -60,7 +60,7 @@ class Zone(EqualByValue):
     polygon : (n, 2) array
         Corners of the outline in the map frame [m], 3 to 1000; the first one is not repeated.
     percent : float, optional
-        Share of the top speed in a slow zone, 1 to 100 [%]; other zones have none.
+        Share of the top speed in a slow zone, 1 to 100 [%]; only slow zones have it.
 
     Raises
     ------
@@ -101,14 +101,14 @@ class Zone(EqualByValue):
         self.polygon.setflags(write=False)
 
     def to_json(self) -> dict[str, Any]:
-        """The zone as a feature of GeoJSON."""
+        """Return the zone as a feature of GeoJSON."""
         percent = {"percent": self.percent} if self.kind == "slow" else {}
         ring = self.polygon.tolist()
         return make_feature("Polygon", [[*ring, ring[0]]], {"kind": self.kind} | percent)
 
     @classmethod
     def from_json(cls, geojson: Any) -> Zone:
-        """The zone of a feature of GeoJSON.
+        """Read a zone from a feature of GeoJSON.
 
         Parameters
         ----------
@@ -142,10 +142,11 @@ class Zones:
     """The zones of a site, in the map frame.
 
     A cell of a map belongs to a zone if they overlap. No-go zones therefore block each cell that
-    they reach into, however thin they are, and no path that keeps to the other cells crosses them.
+    they reach into, however thin they are, and no path through the remaining cells crosses them.
 
     In the density of a costmap, 1 + weight * u, the cells of no-go zones are infinite. If there are
-    preferred zones, every other cell has 1 more. Slow zones change no path; they limit the speed.
+    preferred zones, 1 is added to every cell outside them. Slow zones change no path; they limit
+    the speed.
 
     Parameters
     ----------
@@ -206,7 +207,7 @@ class Zones:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Zones:
-        """Read zones that `save` or a page wrote, or a keepout mask of Nav2.
+        """Read zones that `save` or the explorer wrote, or a keepout mask of Nav2.
 
         Parameters
         ----------
@@ -236,12 +237,12 @@ class Zones:
     def from_mask(cls, mask: OccupancyGrid) -> Zones:
         """Return the occupied cells of a mask as no-go zones, exactly.
 
-        Each zone is a rectangle of cells. The mask may have other cells than the map.
+        Each zone is a rectangle of cells. The mask's cells may differ from the map's.
 
         Parameters
         ----------
         mask : OccupancyGrid
-            The mask, whose occupied cells are closed; the others are open.
+            The mask, whose occupied cells are closed; all others are open.
 
         Raises
         ------
@@ -261,7 +262,7 @@ class Zones:
 
     @classmethod
     def from_json(cls, geojson: Any) -> Zones:
-        """The zones of a FeatureCollection of GeoJSON.
+        """Read the zones of a GeoJSON FeatureCollection.
 
         Parameters
         ----------
@@ -290,12 +291,12 @@ class Zones:
         return cls(zones)
 
     def to_json(self) -> dict[str, Any]:
-        """The zones as a FeatureCollection of GeoJSON."""
+        """Return the zones as a GeoJSON FeatureCollection."""
         return {"type": "FeatureCollection", "features": [zone.to_json() for zone in self]}
 
     @cached_property
     def text(self) -> str:
-        """Text of the file: equal for equal zones, with a line for each."""
+        """Text of the file, one line per zone; equal for equal zones."""
         lines = ",\n".join(json.dumps(zone.to_json(), allow_nan=False) for zone in self)
         return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
 
@@ -324,7 +325,7 @@ class Zones:
 
     @cached_property
     def no_go_zones(self) -> Zones:
-        """The no-go zones alone."""
+        """The no-go zones only."""
         return Zones([zone for zone in self if zone.kind == "no-go"])
 
     def has(self, kind: ZoneKind) -> bool:
@@ -338,7 +339,7 @@ class Zones:
         return any(zone.kind == kind for zone in self)
 
     def cells(self, grid: OccupancyGrid, kind: ZoneKind) -> Bools:
-        """Mask of the cells that zones of a kind overlap, (H, W), read-only.
+        """Return the mask of the cells that zones of a kind overlap, (H, W), read-only.
 
         Parameters
         ----------
@@ -347,7 +348,7 @@ class Zones:
         kind : str
             "no-go", "slow" or "prefer".
         """
-        return _cells(self, kind, grid.shape, grid.resolution, grid.origin)
+        return _find_zone_cells(self, kind, grid.shape, grid.resolution, grid.origin)
 
     def charge(self, grid: OccupancyGrid) -> Floats | float:
         """Cost per metre of each cell for the zones, (H, W): 1 outside the preferred ones.
@@ -357,15 +358,19 @@ class Zones:
         grid : OccupancyGrid
             The map. Without a preferred zone the cost is 0.
         """
-        return np.where(self.cells(grid, "prefer"), 0.0, OUTSIDE) if self.max_charge else 0.0
+        return (
+            np.where(self.cells(grid, "prefer"), 0.0, OUTSIDE_COST)
+            if self.max_cost_per_metre
+            else 0.0
+        )
 
     @property
-    def max_charge(self) -> float:
+    def max_cost_per_metre(self) -> float:
         """Largest cost per metre for the zones: 1 with preferred zones, otherwise 0."""
-        return OUTSIDE if self.has("prefer") else 0.0
+        return OUTSIDE_COST if self.has("prefer") else 0.0
 
     def speed_limit(self, grid: OccupancyGrid) -> Floats:
-        """Share of the top speed in each cell, (H, W) [%]: the least of the slow zones there.
+        """Return the share of the top speed in each cell, (H, W) [%]: the least of its slow zones.
 
         Parameters
         ----------
@@ -375,33 +380,34 @@ class Zones:
         limit = np.full(grid.shape, 100.0)
         for zone in self:
             if zone.kind == "slow":
-                window, inside = _overlap(zone.polygon, grid)
+                window, inside = _find_overlap(zone.polygon, grid)
                 limit[window][inside] = np.minimum(limit[window][inside], zone.percent or 100.0)
         return limit
 
 
 @lru_cache(maxsize=8)
-def _cells(
+def _find_zone_cells(
     zones: Zones,
     kind: ZoneKind,
     shape: tuple[int, int],
     resolution: float,
     origin: tuple[float, float, float],
 ) -> Bools:
+    """Mark the cells that zones of a kind overlap, (H, W)."""
     blank = OccupancyGrid(np.zeros(shape, np.uint8), resolution, origin)
     mask = np.zeros(shape, bool)
     for zone in zones:
         if zone.kind == kind:
-            window, inside = _overlap(zone.polygon, blank)
+            window, inside = _find_overlap(zone.polygon, blank)
             mask[window] |= inside
     mask.setflags(write=False)
     return mask
 
 
-def _overlap(polygon: Floats, grid: OccupancyGrid) -> tuple[tuple[slice, slice], Bools]:
-    """The part of a map around a polygon, and the mask of its cells that the polygon overlaps.
+def _find_overlap(polygon: Floats, grid: OccupancyGrid) -> tuple[tuple[slice, slice], Bools]:
+    """Return the window of a map around a polygon, and the mask of its cells that overlap it.
 
-    A cell overlaps it if an edge passes through the cell, or else if the cell's centre is inside.
+    A cell overlaps it if an edge passes through the cell or the cell's centre is inside.
     """
     corners = np.column_stack(grid.world_to_grid(*polygon.T)).round(DIGITS)
     size = np.array(grid.shape)
@@ -409,14 +415,14 @@ def _overlap(polygon: Floats, grid: OccupancyGrid) -> tuple[tuple[slice, slice],
     high = np.clip(np.ceil(corners.max(axis=0)), low, size).astype(np.int64)
     window = slice(low[0], high[0]), slice(low[1], high[1])
     shape, ends = high - low, np.roll(corners, -1, axis=0)
-    inside = _centres_inside(corners - low, ends - low, shape)
+    inside = _find_inner_cells(corners - low, ends - low, shape)
     rows, cols = _find_crossed_cells(corners - low, ends - low, shape)
     inside[rows, cols] = True
     return window, inside
 
 
-def _centres_inside(starts: Floats, ends: Floats, shape: Ints) -> Bools:
-    """Mask of the cells whose centres the edges wind around."""
+def _find_inner_cells(starts: Floats, ends: Floats, shape: Ints) -> Bools:
+    """Mark the cells whose centres lie inside the polygon."""
     rows, columns = int(shape[0]), int(shape[1])
     lowest, highest = np.minimum(starts[:, 0], ends[:, 0]), np.maximum(starts[:, 0], ends[:, 0])
     # An edge crosses the rows of centres from its lower end on, up to but not at its upper one.
@@ -433,7 +439,7 @@ def _centres_inside(starts: Floats, ends: Floats, shape: Ints) -> Bools:
 
 
 def _find_crossed_cells(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints, Ints]:
-    """Rows and columns of the cells that edges pass through; an edge between cells crosses none."""
+    """Find rows and columns of the cells that edges pass through, not just touch."""
     is_between = ((starts == ends) & (starts == np.floor(starts))).any(axis=1)
     if is_between.all():  # as of the rectangles of a mask, which may be thousands
         nowhere = np.empty(0, np.int64)
@@ -460,7 +466,7 @@ def _find_crossed_cells(starts: Floats, ends: Floats, shape: Ints) -> tuple[Ints
 
 
 def _split_rectangles(mask: Bools) -> list[tuple[int, int, int, int]]:
-    """First row and column of rectangles that make up a mask, and those after their last ones."""
+    """Split a mask into rectangles: first row and column, and the row and column after the last."""
     edges = np.diff(np.pad(mask, ((0, 1), (1, 1))).astype(np.int8), axis=1)
     open_runs: dict[tuple[int, int], int] = {}
     rectangles: list[tuple[int, int, int, int]] = []
@@ -475,20 +481,25 @@ def _split_rectangles(mask: Bools) -> list[tuple[int, int, int, int]]:
 
 
 def _read_member(geojson: Any, name: str) -> Any:
+    """Return a member of a GeoJSON object, or None."""
     return geojson.get(name) if isinstance(geojson, Mapping) else None
 
 
 def _is_closed(ring: Any) -> bool:
+    """True if a ring ends where it begins."""
     return isinstance(ring, list) and len(ring) > 1 and ring[0] == ring[-1]
 
 
 def _check_polygon(polygon: ArrayLike) -> Floats:
-    """The corners of a polygon, (n, 2), read-only; a ConfigError if they enclose no area."""
+    """Return the corners of a polygon, (n, 2), read-only; a ConfigError if they enclose no area."""
     corners = _parse_corners(polygon)
     if len(corners) > MAX_CORNERS:
         raise ConfigError(f"has {len(corners):,} corners; draw at most {MAX_CORNERS:,}")
     ahead = np.roll(corners, -1, axis=0)
-    if len(corners) < 3 or not abs(_cross(corners - corners[0], ahead - corners[0]).sum()) > 0:
+    if (
+        len(corners) < 3
+        or not abs(_cross_product(corners - corners[0], ahead - corners[0]).sum()) > 0
+    ):
         raise ConfigError("encloses no area; draw at least three corners that are not in a line")
     if len(corners) > 3 and (crossing := _find_crossing(corners, ahead)) is not None:
         x, y = crossing
@@ -498,10 +509,10 @@ def _check_polygon(polygon: ArrayLike) -> Floats:
 
 
 def _parse_corners(polygon: Any) -> Floats:
-    """The corners as numbers, (n, 2); a ConfigError if they are none."""
+    """Return the corners as numbers, (n, 2); a ConfigError if they are not numbers."""
     if isinstance(polygon, np.ndarray):
         if polygon.ndim == 2 and polygon.shape[1] == 2 and polygon.dtype.kind in "iuf":
-            corners = polygon.astype(np.float64) + 0.0  # 0 is -0, too
+            corners = polygon.astype(np.float64) + 0.0  # turns -0 into 0
             if (np.abs(corners) <= FARTHEST).all():
                 return corners
         raise ConfigError(
@@ -521,14 +532,17 @@ def _parse_corners(polygon: Any) -> Floats:
     return np.array([[float(value) for value in corner[:2]] for corner in polygon]) + 0.0
 
 
-def _cross(first: Floats, second: Floats) -> Floats:
+def _cross_product(first: Floats, second: Floats) -> Floats:
+    """Return the cross products of vectors (..., 2)."""
     return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
 
 
 def _find_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
-    """A place where two edges of an outline cross, not only touch; None without any."""
+    """Return a point at which two edges of an outline cross, or None."""
     steps = ends - starts
-    begin, end = (_cross(steps[:, None], xy[None] - starts[:, None]) for xy in (starts, ends))
+    begin, end = (
+        _cross_product(steps[:, None], xy[None] - starts[:, None]) for xy in (starts, ends)
+    )
     is_across = begin * end < 0
     pairs = np.argwhere(np.triu(is_across & is_across.T))
     if not len(pairs):
@@ -539,7 +553,7 @@ def _find_crossing(starts: Floats, ends: Floats) -> tuple[float, float] | None:
     return x, y
 
 
-def check_on_map(zones: Zones, grid: OccupancyGrid) -> None:
+def check_zones_on_map(zones: Zones, grid: OccupancyGrid) -> None:
     """Raise a ConfigError if there are zones, but none overlaps the map.
 
     Parameters
@@ -556,8 +570,8 @@ def check_on_map(zones: Zones, grid: OccupancyGrid) -> None:
         )
 
 
-def check_zones(zones: Zones | None) -> Zones:
-    """Return the zones, or empty ones for None; raise a ConfigError if they are no Zones.
+def normalize_zones(zones: Zones | None) -> Zones:
+    """Return the zones, or empty ones for None; a ConfigError for any other type.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 """The paper's experiments on built-in maps, and its claims about places."""
 
-from locplan.paper.claims import one_dimensional
+from locplan.paper.claims import compare_models_along_strips
 
-__all__ = ["one_dimensional"]
+__all__ = ["compare_models_along_strips"]

@@ -19,7 +19,7 @@ from locplan.field.sad import Sad
 from locplan.maps import environments
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE, OCCUPIED, UNKNOWN
-from locplan.paper.template_matching import DIFFERENCES, mismatch, slide_along_x
+from locplan.paper.template_matching import DIFFERENCES, compare_models_along_strip, mismatch
 
 PLACES = {"A": "places", "B": "places", "C": "places", "D": "places", "E": "hall"}
 """The environment in which each of the paper's places lies, see `environments.landmarks`."""
@@ -39,7 +39,7 @@ _HEIGHT = 6.0  # height of templates and strips [m]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Slide:
+class TemplateSlide:
     """A template slid along a strip of map (Figs. 4-11)."""
 
     title: str
@@ -56,7 +56,7 @@ class Slide:
     def __repr__(self) -> str:
         return f"Slide({self.title}, {len(self.shift)} shifts)"
 
-    def constant_until(self, model: str, shift: float) -> bool:
+    def is_constant_until(self, model: str, shift: float) -> bool:
         """Return whether a model is defined, and constant, from no shift up to some shift.
 
         Parameters
@@ -83,7 +83,7 @@ class Slide:
         return np.asarray(self.shift[values == np.nanmax(values)])
 
 
-def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
+def compare_models_along_strips(resolution: float = 0.05) -> tuple[TemplateSlide, ...]:
     """Compare the seven models in one dimension (Figs. 4-11).
 
     Templates of 6 m x 6 m, free or half free and half occupied, are slid by 9 m along strips of
@@ -101,14 +101,14 @@ def one_dimensional(resolution: float = 0.05) -> tuple[Slide, ...]:
     """
     slides = []
     for title, room, parts in _STRIPS:
-        template, strip = (_side_by_side(widths, resolution) for widths in (room, parts))
-        curves = slide_along_x(template, strip)
+        template, strip = (_make_strip(widths, resolution) for widths in (room, parts))
+        curves = compare_models_along_strip(template, strip)
         shift = np.arange(len(curves["SAD"]), dtype=np.float64) * resolution
-        slides.append(Slide(title, template, strip, shift, curves))
+        slides.append(TemplateSlide(title, template, strip, shift, curves))
     return tuple(slides)
 
 
-def _side_by_side(parts: tuple[tuple[int, float], ...], resolution: float) -> Octets:
+def _make_strip(parts: tuple[tuple[int, float], ...], resolution: float) -> Octets:
     levels = [np.full(round(width / resolution), level, np.uint8) for level, width in parts]
     return np.tile(np.concatenate(levels), (round(_HEIGHT / resolution), 1))
 
@@ -148,7 +148,7 @@ CLAIMS: dict[str, ClaimTest] = {
 """The paper's claims about its places (Figs. 29-32), as tests on the covariances there."""
 
 
-def maps_of_places(
+def draw_place_maps(
     *, resolution: float = 0.05, boundary_noise: float = 0.0, seed: int = 0
 ) -> dict[str, OccupancyGrid]:
     """Draw the maps that the places lie in, by name.
@@ -167,13 +167,13 @@ def maps_of_places(
     return {name: make(name, seed=seed) for name in dict.fromkeys(PLACES.values())}
 
 
-def mismatch_at(maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad) -> Floats:
+def compute_place_mismatch(maps: Mapping[str, OccupancyGrid], place: str, estimator: Sad) -> Floats:
     """Mismatch at one of the places at every offset of the window, (dx, dy, theta) [m^2].
 
     Parameters
     ----------
     maps : mapping of str to OccupancyGrid
-        The maps, from `maps_of_places`.
+        The maps, from `draw_place_maps`.
     place : str
         The place, "A" to "E".
     estimator : Sad
@@ -191,7 +191,7 @@ def compute_place_covariances(
     Parameters
     ----------
     maps : mapping of str to OccupancyGrid
-        The maps, from `maps_of_places`.
+        The maps, from `draw_place_maps`.
     estimator : Sad
         The estimator of the covariances; `Sad.paper` is that of the claims.
     around : float, default 0.4
@@ -209,7 +209,7 @@ def compute_place_covariances(
     for place, name in PLACES.items():
         x, y = environments.place_positions(name)[place]
         rows, cols = np.floor(maps[name].world_to_grid(x + dx, y + dy)).astype(np.int64)
-        covariances[place] = _covariances(maps[name], rows, cols, estimator)
+        covariances[place] = _compute_covariances(maps[name], rows, cols, estimator)
     return covariances
 
 
@@ -227,7 +227,7 @@ def compute_claim_shares(
     return {claim: float(holds(covariances).mean()) for claim, holds in CLAIMS.items()}
 
 
-def share_smaller_with_range(
+def compute_share_smaller_with_range(
     grid: OccupancyGrid, estimator: Sad, longer: float = 8.0, *, spacing: float = 1.0
 ) -> float:
     """Share of poses where e is not greater with a longer range, 0..1.
@@ -249,12 +249,12 @@ def share_smaller_with_range(
     rows, cols = np.nonzero(is_sampled & grid.free)
     estimators = estimator, replace(estimator, range=longer)
     shorter, further = (
-        scalar(_covariances(grid, rows, cols, ranged_estimator), "e")
+        scalar(_compute_covariances(grid, rows, cols, ranged_estimator), "e")
         for ranged_estimator in estimators
     )
     return float(np.mean(further <= shorter * (1 + 1e-9)))
 
 
-def _covariances(grid: OccupancyGrid, rows: Ints, cols: Ints, estimator: Sad) -> Floats:
+def _compute_covariances(grid: OccupancyGrid, rows: Ints, cols: Ints, estimator: Sad) -> Floats:
     part = MapPart.from_map(grid.cells, rows, cols, grid.resolution)
     return estimator.covariances(part)["covariance"]

@@ -22,7 +22,7 @@ from locplan._support.kernels.arrays import Floats, Ints, Octets
 from locplan.errors import ConfigError, MapError, PoseError
 from locplan.field.sad import Sad
 from locplan.field.search_window import OffsetLattice
-from locplan.field.templates import disc, local_map, rotated_template, visible_part
+from locplan.field.templates import cut_rotated_template, disc, local_map, visible_part
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import FREE
 
@@ -150,7 +150,7 @@ def similarities(template: ArrayLike, levels: ArrayLike) -> dict[str, float]:
     return {name: model(t, m) for name, model in MODELS.items()}
 
 
-def slide_along_x(template: Octets, cells: Octets) -> dict[str, Floats]:
+def compare_models_along_strip(template: Octets, cells: Octets) -> dict[str, Floats]:
     """Compute the seven models for a template slid along a strip of map.
 
     Parameters
@@ -173,10 +173,12 @@ def slide_along_x(template: Octets, cells: Octets) -> dict[str, Floats]:
     (height, width), (map_height, map_width) = template.shape, cells.shape
     if height != map_height or width > map_width:
         raise MapError(f"a template {template.shape} cannot slide along a map {cells.shape}")
-    return _curves((template, cells[:, k : k + width]) for k in range(map_width - width + 1))
+    return _compute_curves(
+        (template, cells[:, k : k + width]) for k in range(map_width - width + 1)
+    )
 
 
-def along_axis(
+def compare_models_along_axis(
     grid: OccupancyGrid, x: float, y: float, axis: str, estimator: Sad
 ) -> tuple[Floats, dict[str, Floats]]:
     """Compute the seven models for the disc around a position, moved along one axis of the map.
@@ -204,7 +206,7 @@ def along_axis(
     LocplanError
         If the position is not in free space, or the window has no such axis.
     """
-    row, col, radius = _disc_at(grid, x, y, estimator)
+    row, col, radius = _find_disc(grid, x, y, estimator)
     window = estimator.lattice(grid.resolution)
     if axis not in ("x", "y", "theta")[: window.dimension]:
         raise ConfigError(
@@ -215,14 +217,14 @@ def along_axis(
     if axis == "theta":
         turns = round(estimator.window.half_rotation_deg)
         angles = np.radians(np.arange(-turns, turns + 1, dtype=np.float64))
-        return angles, _curves(
-            (rotated_template(grid.cells, row, col, radius, angle)[mask], unmoved)
+        return angles, _compute_curves(
+            (cut_rotated_template(grid.cells, row, col, radius, angle)[mask], unmoved)
             for angle in angles
         )
     reach = window.reach
     cells = np.arange(-reach, reach + 1, dtype=np.float64)
     direction = (0, 1) if axis == "x" else (1, 0)
-    return cells * grid.resolution, _curves(
+    return cells * grid.resolution, _compute_curves(
         (
             unmoved,
             local_map(grid.cells, row + k * direction[0], col + k * direction[1], radius)[mask],
@@ -231,7 +233,7 @@ def along_axis(
     )
 
 
-def _curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Floats]:
+def _compute_curves(pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> dict[str, Floats]:
     rows = [similarities(template, levels) for template, levels in pairs]
     return {name: np.array([row[name] for row in rows]) for name in MODELS}
 
@@ -241,7 +243,7 @@ def _normalise(value: float, template: NDArray[Any], levels: NDArray[Any]) -> fl
     return value / norms if norms > 0 else math.nan
 
 
-def sad_distribution(
+def compute_sad_distribution(
     cells: Octets, row: int, col: int, radius: int, window: OffsetLattice, *, visible: bool = False
 ) -> Ints:
     """Compute the sums of absolute differences over the search window at one cell (Eq. 2).
@@ -286,7 +288,7 @@ def sad_distribution(
     shifts = (window.reach + window.cells).tolist()
     mismatch = np.empty((len(shifts), len(shifts), len(window.angles)), np.int64)
     for k, theta in enumerate(window.angles):
-        template = rotated_template(cells, row, col, radius, theta)
+        template = cut_rotated_template(cells, row, col, radius, theta)
         if visible:
             mask = visible_part(cells, row, col, radius, theta).astype(np.uint8)
         for j, dy in enumerate(shifts):
@@ -311,21 +313,21 @@ def mismatch(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> Floats:
     Returns
     -------
     (dx, dy, theta) array of float64
-        `sad_distribution` in m^2: 1 m^2 of free cells on occupied ones is 1.
+        `compute_sad_distribution` in m^2: 1 m^2 of free cells on occupied ones is 1.
 
     Raises
     ------
     PoseError
         If the position is not in free space.
     """
-    row, col, radius = _disc_at(grid, x, y, estimator)
+    row, col, radius = _find_disc(grid, x, y, estimator)
     window = estimator.lattice(grid.resolution)
     visible = estimator.template == "visible"
-    sums = sad_distribution(grid.cells, row, col, radius, window, visible=visible)
+    sums = compute_sad_distribution(grid.cells, row, col, radius, window, visible=visible)
     return sums * np.float64(grid.resolution**2 / FREE)
 
 
-def _disc_at(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> tuple[int, int, int]:
+def _find_disc(grid: OccupancyGrid, x: float, y: float, estimator: Sad) -> tuple[int, int, int]:
     """Row and column of the cell at a position, and the template's radius [cells]."""
     row, col = grid.cell((x, y))
     if not (grid.contains(row, col) and grid.free[row, col]):

@@ -19,7 +19,7 @@ from locplan.errors import ConfigError, FieldError
 from locplan.field.beams import LidarEstimator
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid, check_grid
-from locplan.maps.zones import Zones, check_zones
+from locplan.maps.zones import Zones, normalize_zones
 from locplan.planning.layers import (
     LAYERS,
     MAX_DENSITY,
@@ -196,7 +196,7 @@ class Costmap(CostLayers, Persistent):
         check_choice("headings", headings, ("mean", "worst"))
         settings = CostSettings(law, criterion, headings, field.config, not field.lacking.any())
         u, e = degeneracy(field, criterion, law, headings)
-        zones = check_zones(zones)
+        zones = normalize_zones(zones)
         density = with_zones(compute_density(u, weight), grid, zones)
         return cls(
             grid=grid,
@@ -263,7 +263,11 @@ class Costmap(CostLayers, Persistent):
         of_e = (
             np.full(grid.shape, np.nan) if e is None else copy_checked_layer("e", e, grid, math.inf)
         )
-        zones, radius, robot_model = check_zones(zones), planning_radius(robot), whole_robot(robot)
+        zones, radius, robot_model = (
+            normalize_zones(zones),
+            planning_radius(robot),
+            whole_robot(robot),
+        )
         density = block_near_walls(
             with_zones(compute_density(of_u, weight), grid, zones), grid, radius
         )
@@ -310,7 +314,7 @@ class Costmap(CostLayers, Persistent):
                 f"density must lie in 1..{MAX_DENSITY:g} everywhere, or be inf to block"
             )
         values[~grid.free] = np.inf
-        zones = check_zones(zones)
+        zones = normalize_zones(zones)
         values = block_near_walls(with_zones(values, grid, zones), grid, planning_radius(robot))
         nothing = np.broadcast_to(np.nan, grid.shape)
         radius, robot_model = planning_radius(robot), whole_robot(robot)
@@ -339,7 +343,7 @@ class Costmap(CostLayers, Persistent):
             The zones, of which the no-go ones count: preferred ones do not make paths shorter.
         """
         check_grid(grid)
-        closed = check_zones(zones).no_go_zones
+        closed = normalize_zones(zones).no_go_zones
         return cls.from_density(grid, np.ones(grid.shape), robot=robot, zones=closed)
 
     def with_weight(self, weight: float) -> Costmap:

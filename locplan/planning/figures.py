@@ -40,16 +40,16 @@ from locplan.field.figures import (
     format_weak_share,
 )
 from locplan.maps.figures import (
-    block_size,
     compute_axes_limits,
+    compute_block_size,
+    compute_figure_size,
     downsample,
     downsample_map,
     draw_cells,
     draw_map,
     draw_zones,
     is_small,
-    map_axes,
-    map_size,
+    make_map_axes,
     zoom_map,
 )
 from locplan.maps.grid import OccupancyGrid
@@ -91,7 +91,7 @@ def info_figure(description: MapInfo) -> Figure:
     description : MapInfo
         The description of the map, from `locplan.planning.describe_map`.
     """
-    figure, axes = map_axes(description.grid)
+    figure, axes = make_map_axes(description.grid)
     draw_map(axes, description.grid)
     colours = (
         styles.SKY,
@@ -425,7 +425,9 @@ def plan_figure(costs: Costmap, field: CovarianceField, plans: Mapping[str, Plan
     config = field.config
     of_field = costs.settings is not None and costs.settings.config == config
     plain = config.headings == 1 and config.estimator.criterion == "e"
-    is_whole_map = part is costs.grid and block_size(part.shape) == 1 and costs.grid == field.grid
+    is_whole_map = (
+        part is costs.grid and compute_block_size(part.shape) == 1 and costs.grid == field.grid
+    )
     read = costs.e if of_field and plain and is_whole_map else None  # they are the same
     image = draw_field(upper, field, part=part, read=read)
     draw_inset(upper, costs.grid, part, paths)
@@ -470,7 +472,7 @@ def _map_and_plot(
     The last value is the part of the map to draw: the surroundings of the paths if they are small.
     """
     part = zoom_map(grid, paths)
-    wide, high = map_size(part)
+    wide, high = compute_figure_size(part)
     figure = Picture(figsize=(wide, high + height + 0.2), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(high, height))
     return figure, upper, lower, part
@@ -610,7 +612,7 @@ def path_check_figure(check: PathCheck) -> Figure:
         The check of the path.
     """
     part = zoom_map(check.grid, [check.path])
-    figure, axes = map_axes(part)
+    figure, axes = make_map_axes(part)
     draw_map(axes, part)
     draw_inset(axes, check.grid, part, [check.path])
     size = check.outline.circumscribed_radius
@@ -640,7 +642,7 @@ def _draw_outline(
 
 def _make_degeneracy_figure(costs: Costmap, title: str, part: OccupancyGrid) -> tuple[Figure, Axes]:
     """Make a figure of the degeneracy u of a part of a costmap's map, with its zones."""
-    figure, axes = map_axes(part)
+    figure, axes = make_map_axes(part)
     draw_map(axes, part)
     if handles := draw_zones(axes, costs.zones, part):
         figure.key(handles, ncols=3)

@@ -182,7 +182,7 @@ class CostLayers(Pictured):
     @property
     def max_excess(self) -> float:
         """Largest finite `density` beyond 1 that weight and zones allow; NaN without a weight."""
-        return self.weight + self.zones.max_charge
+        return self.weight + self.zones.max_cost_per_metre
 
     @property
     def e_unit(self) -> str:
@@ -388,7 +388,7 @@ def compute_density(u: Floats, weight: float) -> Floats:
 
 def with_zones(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
     """The density with the cost of zones: infinite in no-go ones, 1 more outside preferred ones."""
-    if zones.max_charge:
+    if zones.max_cost_per_metre:
         density += zones.charge(grid)
     if zones.has("no-go"):
         np.copyto(density, np.inf, where=zones.cells(grid, "no-go"))
@@ -424,7 +424,7 @@ def copy_checked_layer(name: str, layer: ArrayLike, grid: OccupancyGrid, highest
 def block_near_walls(density: Array, grid: OccupancyGrid, robot_radius: float) -> Array:
     """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
     density = density if density.flags.writeable else density.copy()
-    np.copyto(density, np.inf, where=grid.closer_than(robot_radius - 1e-9))
+    np.copyto(density, np.inf, where=grid.cells_near_walls(robot_radius - 1e-9))
     return make_readonly(density)
 
 

@@ -119,7 +119,7 @@ class LimitedPlanner(PlannerWrapper):
                 gave_up = planner_result
             if planner_result.path is None:
                 continue
-            collision = self.outline.first_collision(costs.grid, planner_result.path)
+            collision = self.outline.find_first_collision(costs.grid, planner_result.path)
             if collision is None:
                 clear = (
                     dataclasses.replace(planner_result, note=wider)

@@ -187,7 +187,7 @@ class MapInfo(Pictured):
             Start and goal, such as one of `pairs`.
         """
         name = self.grid.name or "MAP"
-        file_name = name if name in environments.names() else f"{name}.yaml"
+        file_name = name if name in environments.list_environments() else f"{name}.yaml"
         file = self.source.file if self.source else file_name
         radius = f" --set footprint={self.robot_radius:g} --set margin=0"
         return (

@@ -218,7 +218,7 @@ def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFaul
     tight = _turning_radii(poses) < kinematics.turning_radius * (1 - TIGHT)
     backward = (_ahead(poses) < -0.5) & (not kinematics.reverse)
     faults = [
-        *_stretches("collision", make_outline(robot).collisions(grid, poses), drive_path),
+        *_stretches("collision", make_outline(robot).find_collisions(grid, poses), drive_path),
         *_stretches("tight turn", np.flatnonzero(tight), drive_path),
         *_stretches("reverse", np.flatnonzero(backward), drive_path),
     ]
@@ -275,7 +275,7 @@ def _clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
         return math.inf
 
     def meets(by: float) -> bool:
-        return grow_outline(outline.vertices, by).first_collision(grid, poses) is not None
+        return grow_outline(outline.vertices, by).find_first_collision(grid, poses) is not None
 
     doubled = itertools.accumulate(itertools.repeat(2.0), lambda by, two: by * two, initial=0.1)
     high = next(by for by in doubled if by > 1e6 or meets(by))

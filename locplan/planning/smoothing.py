@@ -115,7 +115,7 @@ class Smoother:
         world_path = self._in_world(improved_poses)
         if (
             self._outline
-            and self._outline.first_collision(self._costs.grid, world_path) is not None
+            and self._outline.find_first_collision(self._costs.grid, world_path) is not None
         ):
             return path
         return world_path

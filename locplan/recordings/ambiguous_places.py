@@ -157,7 +157,7 @@ def find_ambiguous_places(
     workers = check_threads(threads)
     database = checked_database(grid, lidar, robot.radius, None).everywhere
     positions = select_spaced_places(spacing, database.fits, grid.resolution)
-    count = 1 if lidar.sees_alike_in_all_headings else HEADINGS
+    count = 1 if lidar.is_heading_independent else HEADINGS
     headings = np.arange(count, dtype=np.float64) * (2 * math.pi / count)
     poses = np.column_stack(
         [np.repeat(positions, count, axis=0), np.tile(headings, len(positions))]

@@ -227,7 +227,7 @@ def at_walls(grid: OccupancyGrid) -> tuple[float, NDArray[np.bool_]]:
     # A cell's worth is lost by the map's and the end's own rounding, another one by the wall's
     # thickness in a map of many scans; and 0.1 m is three deviations of a lidar's noise.
     distance = max(2 * grid.resolution, 0.1)
-    return distance, grid.closer_than(distance)
+    return distance, grid.cells_near_walls(distance)
 
 
 def look_up_cells(

@@ -17,7 +17,7 @@ from locplan._support.poses import (
     wrap_angles,
 )
 from locplan.errors import RecordingError
-from locplan.field.scan import Scan, likelihood_field
+from locplan.field.scan import Scan, make_likelihood_field
 from locplan.field.search_window import SearchWindow
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE, OCCUPIED
@@ -175,7 +175,7 @@ def _score_motions(
     from locplan._support.kernels.posterior import score_scan
 
     low = outline.min(axis=0) - CELL
-    field = likelihood_field(
+    field = make_likelihood_field(
         _draw_scan_map(outline, is_joined, low), CELL, 1, HALF_STEPS, SIGMA, ANYWHERE
     )
     position = (motion[:2] - low) / CELL

@@ -20,7 +20,7 @@ from locplan._support.drawing import FIELD_COLOURS, Picture, draw_number, label_
 from locplan._support.kernels.arrays import Bools, Floats
 from locplan._support.poses import compute_travel_distances, ends_in_map
 from locplan.field.covariance import position_axes
-from locplan.maps.figures import crop_map, draw_map, map_size, zoom_map
+from locplan.maps.figures import compute_figure_size, crop_map, draw_map, zoom_map
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.figures import along_norm, draw_along_bar, draw_coloured_line, draw_inset
 from locplan.planning.path import Path
@@ -96,7 +96,7 @@ def _make_drive_axes(
     """A figure with the map around a drive's poses, and axes for what changes along it."""
     drive_paths = [Path(poses[:, :2])]
     part = crop_map(grid, drive_paths)
-    width, height = map_size(part)
+    width, height = compute_figure_size(part)
     figure = Picture(figsize=(width, height + 3.0), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
@@ -310,7 +310,7 @@ def locate_figure(location: Location, *, recorded: ArrayLike | None = None) -> F
         Another pose x, y, heading to show, such as the recorded one [m, m, rad]; none by default.
     """
     grid, best = location.grid, location.best
-    width, height = map_size(grid)
+    width, height = compute_figure_size(grid)
     on_robot = location.lidar.ends_on_robot(location.ranges[None].astype(np.float32))
     ends = ends_in_map(on_robot, np.array([best.pose]))[0]
     end_distances = np.hypot(*(ends - np.array(best.pose[:2])).T)
@@ -461,7 +461,7 @@ def located_drive_figure(located_drive: LocatedDrive) -> Figure:
 
 def _make_map_axes(grid: OccupancyGrid, extra_height: float) -> tuple[Picture, Axes]:
     """A figure with Axes on which the map is drawn, so much higher than it [inch]."""
-    width, height = map_size(grid)
+    width, height = compute_figure_size(grid)
     figure = Picture(figsize=(width, height + extra_height), layout="constrained")
     axes = figure.add_subplot()
     draw_map(axes, grid)

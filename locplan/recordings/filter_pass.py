@@ -18,7 +18,7 @@ from locplan._support.intervals import make_generator
 from locplan._support.kernels.arrays import Floats, Singles
 from locplan._support.output import replacing
 from locplan._support.progress import ProgressCallback
-from locplan.field.beams import wall_cells
+from locplan.field.beams import find_wall_cells
 from locplan.maps.grid import OccupancyGrid
 from locplan.maps.occupancy import OCCUPIED
 from locplan.recordings.matching import ScanDatabase, ScanOnMap
@@ -54,7 +54,7 @@ class Walls:
 
         from locplan._support.kernels.particles import BeamScores
 
-        is_clear = 1 - wall_cells(self.grid.cells == OCCUPIED)
+        is_clear = 1 - find_wall_cells(self.grid.cells == OCCUPIED)
         distances = cv2.distanceTransform(is_clear, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         distances = np.minimum(distances * self.grid.resolution, FAR_FROM_WALLS)
         distances = np.pad(distances, 1, constant_values=FAR_FROM_WALLS).astype(np.float32)

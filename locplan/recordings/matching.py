@@ -25,7 +25,7 @@ from locplan._support.kernels.arrays import Bools, Floats, Ints, Octets, Singles
 from locplan._support.poses import ends_in_map, make_rotation_matrix, wrap_angles
 from locplan._support.progress import ProgressCallback
 from locplan.errors import ConfigError
-from locplan.field.beams import wall_cells
+from locplan.field.beams import find_wall_cells
 from locplan.field.scan import Scan
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import OCCUPIED
@@ -147,7 +147,7 @@ def loss_tables(grid: OccupancyGrid, matching: Matching, fits: Bools) -> Any:
 
     sigmas, resolution = matching.sigmas(grid.resolution), grid.resolution
     margin = math.ceil(4 * sigmas[0] / resolution) + 2
-    clear = 1 - np.pad(wall_cells(grid.cells == OCCUPIED), margin)
+    clear = 1 - np.pad(find_wall_cells(grid.cells == OCCUPIED), margin)
     height, width = clear.shape
     levels = _losses_of_squares(sigmas, matching.z_rand, resolution, math.hypot(height, width))
     far = levels.shape[1] - 1
@@ -419,7 +419,7 @@ def reachable(grid: OccupancyGrid, robot_radius: float) -> Bools:
     """Mask of the free cells where the robot fits, (H, W), without small regions of them."""
     import cv2
 
-    fits = (grid.free & ~grid.closer_than(robot_radius - 1e-9)).astype(np.uint8)
+    fits = (grid.free & ~grid.cells_near_walls(robot_radius - 1e-9)).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=4)
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0

@@ -236,9 +236,9 @@ class Amcl(Settings):
         random : numpy.random.Generator
             The only source of random numbers.
         """
-        from locplan.robots.particles import Particles
+        from locplan.robots.particles import ParticleFilter
 
-        return Particles(self, grid, lidar, pose, deviation, random)
+        return ParticleFilter(self, grid, lidar, pose, deviation, random)
 
     def reach(self, lidar: Lidar) -> float:
         """Range beyond which a beam counts as without a return [m].

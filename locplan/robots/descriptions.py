@@ -48,7 +48,7 @@ class _UnknownFrame(Exception):
     """A pose in a file is relative to a frame that the file does not have."""
 
 
-class Links:
+class RobotLinks:
     """The links of a description, and their poses."""
 
     def __init__(self, root: Element, file: Path) -> None:
@@ -72,9 +72,9 @@ class Links:
                 frame, model = _find_reference_frame(sensor), self._parents.get(carrier)
                 if frame and model is not None:
                     return compose_transforms(
-                        self._on_base(model, _frame_in_model(model, frame)), pose
+                        self._pose_on_base(model, _frame_pose_in_model(model, frame)), pose
                     )
-                return compose_transforms(self._on_robot(carrier), pose)
+                return compose_transforms(self._pose_on_robot(carrier), pose)
             if carrier.tag == "gazebo" and (name := carrier.get("reference")):
                 return compose_transforms(self._pose_from_joints(name), pose)
         except _UnknownFrame as frame_name:
@@ -84,12 +84,12 @@ class Links:
     def pose_of_link(self, link: Element) -> Floats:
         """Return the pose of a link on the base link; with a warning if the file lacks it."""
         try:
-            return self._on_robot(link)
+            return self._pose_on_robot(link)
         except _UnknownFrame as frame_name:
             self._warn_of_frame(frame_name)
             return IDENTITY
 
-    def scanner_links(self) -> list[Element]:
+    def find_scanner_links(self) -> list[Element]:
         """List the links that are named as a scanner's frame; of a chain of them the last."""
         links: dict[str, Element] = {}
         for link in self.root.iter("link"):
@@ -104,17 +104,17 @@ class Links:
     def _warn_of_frame(self, name: _UnknownFrame) -> None:
         self.warn(f"has no pose of {short_repr(str(name))}, which carries the lidar")
 
-    def _on_robot(self, link: Element) -> Floats:
+    def _pose_on_robot(self, link: Element) -> Floats:
         """Return the pose of a link of a URDF or SDF on the base link."""
         model = self._parents.get(link)
         if model is not None and model.tag == "model":
-            return self._on_base(model, _pose_in_model(model, link))
+            return self._pose_on_base(model, _pose_in_model(model, link))
         return self._pose_from_joints(link.get("name") or "")
 
-    def _on_base(self, model: Element, pose: Floats) -> Floats:
+    def _pose_on_base(self, model: Element, pose: Floats) -> Floats:
         """Return a pose in an SDF model on the base link, or in the outermost model without one."""
         while True:
-            links = {_last_part(link.get("name")): link for link in model.findall("link")}
+            links = {_strip_scope(link.get("name")): link for link in model.findall("link")}
             for base in BASES:
                 if base in links:
                     return compose_transforms(
@@ -137,7 +137,7 @@ class Links:
             poses[name] = pose
             joint = self._joints.get(name)
             if joint is None:
-                bases = [link_name for link_name in poses if _last_part(link_name) in BASES]
+                bases = [link_name for link_name in poses if _strip_scope(link_name) in BASES]
                 return poses[bases[-1] if bases else name]
             pose, name = (
                 compose_transforms(_read_joint_origin(joint), pose),
@@ -156,14 +156,16 @@ def _pose_in_model(model: Element, part: Element, depth: int = 0) -> Floats:
     default = {"frame": part.get("attached_to"), "joint": part.findtext("child")}.get(part.tag)
     frame = (_find_reference_frame(part) or default or "").strip()
     if frame:
-        pose = compose_transforms(_frame_in_model(model, frame, depth + 1), pose)
+        pose = compose_transforms(_frame_pose_in_model(model, frame, depth + 1), pose)
     placed = part.get("placement_frame") if part.tag == "model" else None
     if placed:
-        pose = compose_transforms(pose, invert_transforms(_frame_in_model(part, placed, depth + 1)))
+        pose = compose_transforms(
+            pose, invert_transforms(_frame_pose_in_model(part, placed, depth + 1))
+        )
     return pose
 
 
-def _frame_in_model(model: Element, name: str, depth: int = 0) -> Floats:
+def _frame_pose_in_model(model: Element, name: str, depth: int = 0) -> Floats:
     """Return the pose of a frame in an SDF model by its name, such as base_link or arm::hand."""
     if name == "__model__":
         return IDENTITY
@@ -173,7 +175,7 @@ def _frame_in_model(model: Element, name: str, depth: int = 0) -> Floats:
             if part.get("name") == first:
                 pose = _pose_in_model(model, part, depth)
                 return (
-                    compose_transforms(pose, _frame_in_model(part, inner, depth + 1))
+                    compose_transforms(pose, _frame_pose_in_model(part, inner, depth + 1))
                     if inner
                     else pose
                 )
@@ -191,7 +193,7 @@ def _find_joint_link(joint: Element, role: str) -> str:
     return "" if link is None else link.get("link") or ""
 
 
-def _last_part(name: str | None) -> str:
+def _strip_scope(name: str | None) -> str:
     return (name or "").rpartition("/")[2]
 
 
@@ -201,7 +203,7 @@ def _read_joint_origin(joint: Element) -> Floats:
     attributes = {} if origin is None else origin.attrib
     texts = [attributes.get(name) or "0 0 0" for name in ("xyz", "rpy")]
     subject = f"the origin of joint {short_repr(joint.get('name'))}"
-    return _transform(_parse_six_numbers(" ".join(texts), subject))
+    return _make_transform(_parse_six_numbers(" ".join(texts), subject))
 
 
 def _parse_pose(part: Element, subject: str) -> Floats:
@@ -218,7 +220,7 @@ def _parse_pose(part: Element, subject: str) -> Floats:
     values = _parse_six_numbers(text, subject)
     if pose.get("degrees") in ("true", "1"):
         values = (*values[:3], *map(math.radians, values[3:]))
-    return _transform(values)
+    return _make_transform(values)
 
 
 def _parse_six_numbers(text: str, subject: str) -> tuple[float, ...]:
@@ -229,7 +231,7 @@ def _parse_six_numbers(text: str, subject: str) -> tuple[float, ...]:
     return values
 
 
-def _transform(pose: tuple[float, ...]) -> Floats:
+def _make_transform(pose: tuple[float, ...]) -> Floats:
     """Return the transform of x, y, z, roll, pitch, yaw [m, rad]."""
     place = np.array([[*pose[:3], 0.0, 0.0, 0.0, 1.0]])
     for axis in (2, 1, 0):  # the yaw first, about the axes of what it has turned
@@ -245,7 +247,7 @@ SENSOR_TYPES = ("ray", "gpu_ray", "lidar", "gpu_lidar")
 """Types of lidars in all versions of Gazebo."""
 
 
-class Mount(NamedTuple):
+class LidarMount(NamedTuple):
     """Pose of a lidar on the robot."""
 
     x: float
@@ -254,7 +256,7 @@ class Mount(NamedTuple):
     upside_down: bool
 
 
-def lidar_in(file: Path, lidar: Lidar | None = None) -> Lidar:
+def read_lidar(file: Path, lidar: Lidar | None = None) -> Lidar:
     """Return the lidar that a file describes, with its mount; or a known lidar with that mount.
 
     Parameters
@@ -271,14 +273,14 @@ def lidar_in(file: Path, lidar: Lidar | None = None) -> Lidar:
                 "parameters name no lidar, their ranges only limit one; name a lidar of"
                 " locplan.robots.LIDARS, or give the robot's URDF or SDF"
             )
-        tree = Links(_root(file), file)
-        sensors = _planar_sensors(tree.root)
+        tree = RobotLinks(_read_root(file), file)
+        sensors = _find_planar_sensors(tree.root)
         if lidar is None:
-            return _lidar_of_sensor(_only_sensor(sensors, tree.root), tree)
+            return _lidar_from_sensor(_find_only_sensor(sensors, tree.root), tree)
         return _with_mount(lidar, sensors, tree)
 
 
-def _only_sensor(sensors: list[Element], root: Element) -> Element:
+def _find_only_sensor(sensors: list[Element], root: Element) -> Element:
     if len(sensors) == 1:
         return sensors[0]
     if sensors:
@@ -292,15 +294,15 @@ def _only_sensor(sensors: list[Element], root: Element) -> Element:
     raise ConfigError("has no planar lidar; name the robot's, such as lidar='turtlebot4'")
 
 
-def _with_mount(lidar: Lidar, sensors: list[Element], tree: Links) -> Lidar:
+def _with_mount(lidar: Lidar, sensors: list[Element], tree: RobotLinks) -> Lidar:
     """Return the lidar with the mount of the file's only sensor or scanner's frame."""
     if lidar.mount_x or lidar.mount_y or lidar.mount_yaw_deg:
         return lidar
     if len(sensors) == 1:
-        described = _lidar_of_sensor(sensors[0], tree)
+        described = _lidar_from_sensor(sensors[0], tree)
         mounts = ("mount_x", "mount_y", "mount_yaw_deg")
         return dataclasses.replace(lidar, **{name: getattr(described, name) for name in mounts})
-    links = [] if sensors else tree.scanner_links()
+    links = [] if sensors else tree.find_scanner_links()
     if len(links) == 1:
         mount = _mount_from_pose(tree.pose_of_link(links[0]))
         yaw = math.degrees(mount.yaw)
@@ -314,12 +316,12 @@ def _with_mount(lidar: Lidar, sensors: list[Element], tree: Links) -> Lidar:
     return lidar
 
 
-def _planar_sensors(root: Element) -> list[Element]:
+def _find_planar_sensors(root: Element) -> list[Element]:
     sensors = [sensor for sensor in root.iter("sensor") if sensor.get("type") in SENSOR_TYPES]
     return [sensor for sensor in sensors if _read_number(sensor, ".//vertical/samples", 1.0) <= 1]
 
 
-def _lidar_of_sensor(sensor: Element, tree: Links) -> Lidar:
+def _lidar_from_sensor(sensor: Element, tree: RobotLinks) -> Lidar:
     value = partial(_read_number, sensor)
     first, last = value(".//horizontal/min_angle"), value(".//horizontal/max_angle")
     beams = int(value(".//horizontal/samples") * value(".//horizontal/resolution", 1.0))
@@ -345,16 +347,16 @@ def _lidar_of_sensor(sensor: Element, tree: Links) -> Lidar:
     return dataclasses.replace(lidar, beams=beams)
 
 
-def _mount_from_pose(pose: Floats) -> Mount:
+def _mount_from_pose(pose: Floats) -> LidarMount:
     """Return the mount that a pose is; a ConfigError if the lidar is tilted."""
     up = float(compute_uprightness(pose)[0])
     if abs(up) < math.cos(math.radians(10)):
         raise ConfigError("its lidar is tilted; locplan supports horizontal lidars only")
     x, y, yaw = project_to_plane(pose)[0].tolist()
-    return Mount(round(x, 9), round(y, 9), round(yaw, 9), up < 0)
+    return LidarMount(round(x, 9), round(y, 9), round(yaw, 9), up < 0)
 
 
-def _root(file: Path) -> Element:
+def _read_root(file: Path) -> Element:
     from xml.etree import ElementTree
 
     try:
@@ -363,7 +365,7 @@ def _root(file: Path) -> Element:
         raise ConfigError(f"cannot be read ({error.strerror or error})") from None
     if b"<!ENTITY" in content:
         raise ConfigError("is no robot's description; name a URDF or SDF file")
-    begin = _declaration(content)
+    begin = _find_declaration(content)
     try:
         root = ElementTree.fromstring(content[begin:])
     except ElementTree.ParseError as error:
@@ -372,11 +374,11 @@ def _root(file: Path) -> Element:
     except (ValueError, LookupError):  # of an encoding that Python does not know
         raise ConfigError("is no XML; name a URDF or SDF file") from None
     if root.tag == "launch":
-        raise ConfigError(_launch_fault(root))
+        raise ConfigError(_describe_launch_file(root))
     return root
 
 
-def _launch_fault(launch: Element) -> str:
+def _describe_launch_file(launch: Element) -> str:
     nodes = [*launch.iter("node"), *launch.iter("include")]
     ros1 = any(node.get("type") or "$(find " in (node.get("file") or "") for node in nodes)
     if ros1:
@@ -387,7 +389,7 @@ def _launch_fault(launch: Element) -> str:
     return "is a launch file; give the YAML of parameters or the URDF that it names"
 
 
-def _declaration(content: bytes) -> int:
+def _find_declaration(content: bytes) -> int:
     """Return where the XML declaration begins, if only comments and blanks stand before it.
 
     Such a file is not well-formed, but Gazebo and many parsers read it.

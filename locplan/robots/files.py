@@ -14,21 +14,21 @@ from locplan._support.checks import check_file_path, short_repr, suggestion
 from locplan._support.reading import check_stamp, read_content
 from locplan.errors import ConfigError
 from locplan.robots.amcl import Amcl, NamedFilter
-from locplan.robots.descriptions import SUFFIXES as DESCRIPTIONS, lidar_in
+from locplan.robots.descriptions import SUFFIXES as DESCRIPTIONS, read_lidar
 from locplan.robots.lidar import Lidar
 from locplan.robots.nav2 import (
     ParameterWarning,
+    list_parameter_notes,
     name_file_in_errors,
-    parameter_notes,
     read_settings,
 )
 from locplan.robots.parameters import (
     MAX_BYTES,
     PARAMETERS,
     ParameterFile,
-    file_and_robot,
+    parse_yaml_values,
     resolve_parameters,
-    values_in,
+    split_robot_name,
 )
 from locplan.robots.parts import Disturbances, Footprint, Inflation, Kinematics, Odometry
 
@@ -77,14 +77,14 @@ def read_parts(
             if at + 1 < len(paths) and isinstance(contents[at + 1], tuple):
                 continue
             now = read_settings(resolve_parameters(*zip(*nav2, strict=True)), planner)
-            content, before = _changes(before, now), now
+            content, before = _find_changed_settings(before, now), now
         with name_file_in_errors(path):
-            parts = _with_settings(parts, content)
+            parts = _update_parts(parts, content)
         yield path, parts
     if planner is not None and not nav2:
         raise ConfigError(f"no file has the planner {short_repr(planner)}; give Nav2's parameters")
     if nav2:
-        for note in parameter_notes(resolve_parameters(*zip(*nav2, strict=True)), planner):
+        for note in list_parameter_notes(resolve_parameters(*zip(*nav2, strict=True)), planner):
             warnings.warn(ParameterWarning(note), stacklevel=3)
 
 
@@ -95,9 +95,9 @@ def _read_robot_file(
     file = check_file_path("a robot's file", path)
     suffix = file.suffix.lower()
     if suffix in DESCRIPTIONS:
-        return {"lidar": lidar_in(file, lidar)}
-    file, robot = file_and_robot(path)
-    content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+        return {"lidar": read_lidar(file, lidar)}
+    file, robot = split_robot_name(path)
+    content = parse_yaml_values(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
     if isinstance(content.get("robot"), dict) and not _has_nodes(content["robot"]):
         if "version" in content:  # older files have settings of a field besides
             check_stamp(path, content, "robot", VERSION)
@@ -119,13 +119,13 @@ def _has_nodes(content: Mapping[str, Any]) -> bool:
     )
 
 
-def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+def _find_changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
     """Settings that are new or others, of parts in which they have names one by one."""
     changes: dict[str, Any] = {}
     for name, value in after.items():
         earlier = before.get(name)
         if isinstance(value, Mapping) and isinstance(earlier, Mapping):
-            value = _changes(earlier, value)
+            value = _find_changed_settings(earlier, value)
             if not value:
                 continue
         elif name in before and value == earlier:
@@ -134,7 +134,7 @@ def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, A
     return changes
 
 
-def _with_settings(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+def _update_parts(parts: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
     """Parts of a robot with other settings; those that have no value stay as they are."""
     changed = dict(parts)
     for name, value in settings.items():
@@ -156,7 +156,8 @@ def build_parts(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Parts of a robot that plain data describe."""
     _check_settings(settings)
     parts = {
-        name: _part(name, value) if name in PARTS else value for name, value in settings.items()
+        name: _build_part(name, value) if name in PARTS else value
+        for name, value in settings.items()
     }
     if "footprint" in parts:
         parts["footprint"] = footprint_from_corners(parts["footprint"])
@@ -176,7 +177,7 @@ def _is_named_filter(name: str, value: Mapping[str, Any]) -> bool:
     return name == "filter" and value.keys() == {"title", "settings"}
 
 
-def _part(name: str, value: Any) -> Any:
+def _build_part(name: str, value: Any) -> Any:
     kind = PARTS[name]
     if value is None or isinstance(value, str):
         return value  # no such part, or the name of a lidar

@@ -260,9 +260,9 @@ class Lidar(Settings):
         ParameterWarning
             If the file does not say where the link of the sensor is.
         """
-        from locplan.robots.descriptions import lidar_in
+        from locplan.robots.descriptions import read_lidar
 
-        return lidar_in(check_file_path("a robot's description", path))
+        return read_lidar(check_file_path("a robot's description", path))
 
     @property
     def title(self) -> str:
@@ -299,7 +299,7 @@ class Lidar(Settings):
         return self.field_of_view_deg == 360
 
     @property
-    def sees_alike_in_all_headings(self) -> bool:
+    def is_heading_independent(self) -> bool:
         """True if what the lidar sees at a place does not depend on the robot's heading.
 
         Where a feature lies between two beams is neglected.

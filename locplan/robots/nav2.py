@@ -16,7 +16,7 @@ import numpy as np
 
 from locplan._support.checks import check_number, check_positive, short_repr
 from locplan._support.reading import read_text
-from locplan.errors import ConfigError, LocplanError, one_line
+from locplan.errors import ConfigError, LocplanError, format_one_line
 from locplan.robots.amcl import (
     DIFFERENTIAL,
     MODELS,
@@ -56,12 +56,12 @@ class CostmapLayer(NamedTuple):
     container: str = ""
     """Name of the PluginContainerLayer that holds it, if one does."""
 
-    def is_a(self, kind: str) -> bool:
+    def is_active(self, kind: str) -> bool:
         """True if the layer is not disabled and its type has this name."""
         return self.enabled is not False and self.plugin.rpartition("::")[2] == kind
 
 
-def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[CostmapLayer]:
+def list_costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[CostmapLayer]:
     """Return the layers of a costmap, those in containers included; none without the costmap.
 
     Parameters
@@ -71,7 +71,7 @@ def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[CostmapLaye
     costmap : str
         Name of the costmap's node.
     """
-    costmap_parameters = parameters.node_parameters(costmap)
+    costmap_parameters = parameters.read_node_parameters(costmap)
     is_named = any(not section.is_shared for _, section in parameters.entries(costmap))
     if "plugins" not in costmap_parameters and not is_named:
         return []
@@ -91,13 +91,13 @@ def costmap_layers(parameters: Nav2Parameters, costmap: str) -> list[CostmapLaye
     layers = []
     for outer in map(layer, names):
         layers.append(outer)
-        if outer.is_a("PluginContainerLayer"):
+        if outer.is_active("PluginContainerLayer"):
             inner = parameters.names(costmap, f"{outer.name}.plugins")
             layers += [layer(f"{outer.name}.{name}", outer.name) for name in inner]
     return layers
 
 
-def inflating_layer(parameters: Nav2Parameters) -> str | None:
+def find_inflating_layer(parameters: Nav2Parameters) -> str | None:
     """Return the name of the layer that inflates the global costmap's walls, or None.
 
     Layers update the costs in their order, so that a layer inflates only the layers before it. A
@@ -108,27 +108,27 @@ def inflating_layer(parameters: Nav2Parameters) -> str | None:
     parameters : Nav2Parameters
         The parameters.
     """
-    layers = costmap_layers(parameters, GLOBAL_COSTMAP)
+    layers = list_costmap_layers(parameters, GLOBAL_COSTMAP)
     for at, layer in enumerate(layers):
-        if layer.is_a("InflationLayer") and not _misses_walls(layers, at):
+        if layer.is_active("InflationLayer") and not _lacks_walls(layers, at):
             return layer.name
     return None
 
 
-def _misses_walls(layers: list[CostmapLayer], at: int) -> bool:
+def _lacks_walls(layers: list[CostmapLayer], at: int) -> bool:
     """True if the map's layer is not before a layer, or not in its container.
 
     Outside of containers, a costmap without a StaticLayer may have walls of a layer of another
     type.
     """
     container = layers[at].container
-    walls = [n for n, layer in enumerate(layers) if layer.is_a("StaticLayer")]
+    walls = [n for n, layer in enumerate(layers) if layer.is_active("StaticLayer")]
     if container:
         return not any(n < at and layers[n].container == container for n in walls)
     return bool(walls) and min(walls) > at
 
 
-def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
+def list_layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """Yield sentences on layers that Nav2 refuses, and on layers that inflate no walls.
 
     Parameters
@@ -136,7 +136,7 @@ def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
     parameters : Nav2Parameters
         The parameters.
     """
-    layers = costmap_layers(parameters, GLOBAL_COSTMAP)
+    layers = list_costmap_layers(parameters, GLOBAL_COSTMAP)
     if missing := [costmap_layer.name for costmap_layer in layers if not costmap_layer.plugin]:
         plugin_names = ", ".join(
             costmap_layer.name for costmap_layer in layers if not costmap_layer.container
@@ -147,9 +147,9 @@ def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
             f" {'has' if len(missing) == 1 else 'have'} no plugin type; add it, or list just Nav2's"
             " default layers"
         )
-    inflating = inflating_layer(parameters)
+    inflating = find_inflating_layer(parameters)
     for layer in layers:
-        if inflating is not None or not layer.is_a("InflationLayer"):
+        if inflating is not None or not layer.is_active("InflationLayer"):
             continue
         if layer.container:
             yield (
@@ -163,7 +163,7 @@ def layer_notes(parameters: Nav2Parameters) -> Iterator[str]:
             )
 
 
-def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
+def list_zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """Yield sentences on keepout and speed filters, whose zones are not known.
 
     The masks that locplan exports are none.
@@ -179,7 +179,7 @@ def zone_notes(parameters: Nav2Parameters) -> Iterator[str]:
     }
     reported = set()
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        costmap_parameters = parameters.node_parameters(costmap)
+        costmap_parameters = parameters.read_node_parameters(costmap)
         for name in (
             name
             for key in ("filters", "plugins")
@@ -219,7 +219,7 @@ DEFAULT_LATTICE = "0.5m_turning_radius/ackermann/output.json"
 MAX_LATTICE_BYTES = 2**24
 
 
-def planner_types(parameters: Nav2Parameters) -> dict[str, str]:
+def read_planner_types(parameters: Nav2Parameters) -> dict[str, str]:
     """Return the plugin types of the planners by name, as the files have them.
 
     As in Nav2, GridBased is the only planner if `planner_plugins` is missing, and then needs no
@@ -230,7 +230,7 @@ def planner_types(parameters: Nav2Parameters) -> dict[str, str]:
     parameters : Nav2Parameters
         The parameters.
     """
-    server = parameters.node_parameters(PLANNER_SERVER)
+    server = parameters.read_node_parameters(PLANNER_SERVER)
     has_default = any(name.startswith(f"{DEFAULT_PLANNER}.") for name in server)
     default = (DEFAULT_PLANNER,) if has_default and "planner_plugins" not in server else ()
     names = parameters.names(PLANNER_SERVER, "planner_plugins", default)
@@ -238,7 +238,7 @@ def planner_types(parameters: Nav2Parameters) -> dict[str, str]:
     return {name: str(server.get(f"{name}.plugin", missing)) for name in names}
 
 
-def planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
+def read_planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
     """Return the drives of the planners by name; None is that of a planner without motion model.
 
     Parameters
@@ -251,10 +251,12 @@ def planner_drives(parameters: Nav2Parameters) -> dict[str, Kinematics | None]:
     ConfigError
         If a turning radius is out of its range.
     """
-    return {name: _drive(parameters, name) for name in planner_types(parameters)}
+    return {name: _read_drive(parameters, name) for name in read_planner_types(parameters)}
 
 
-def planner_in_use(parameters: Nav2Parameters, requested_name: str | None = None) -> str | None:
+def find_active_planner(
+    parameters: Nav2Parameters, requested_name: str | None = None
+) -> str | None:
     """Return the planner that the user names, else GridBased, else the first one; None without any.
 
     Parameters
@@ -269,7 +271,7 @@ def planner_in_use(parameters: Nav2Parameters, requested_name: str | None = None
     ConfigError
         If there is no planner of this name.
     """
-    names = [*planner_types(parameters)]
+    names = [*read_planner_types(parameters)]
     if requested_name is not None and requested_name not in names:
         planner_list = f"its planners are {', '.join(names)}" if names else "they list no planner"
         raise ConfigError(
@@ -293,7 +295,7 @@ def describe_drive(drive: Kinematics) -> str:
     return f"car-like with a turning radius of {drive.turning_radius:g} m{reverse}"
 
 
-def unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
+def find_unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
     """Return the lattice file of a planner if its motion model is not known, else None.
 
     Parameters
@@ -303,31 +305,34 @@ def unread_lattice(parameters: Nav2Parameters, planner: str) -> str | None:
     planner : str
         The planner's name.
     """
-    is_lattice = _kind(parameters.node_parameters(PLANNER_SERVER), planner) == "SmacPlannerLattice"
+    is_lattice = (
+        _planner_class_name(parameters.read_node_parameters(PLANNER_SERVER), planner)
+        == "SmacPlannerLattice"
+    )
     return (
-        _lattice_path(parameters, planner)
-        if is_lattice and not _lattice(parameters, planner)
+        _read_lattice_path(parameters, planner)
+        if is_lattice and not _read_lattice(parameters, planner)
         else None
     )
 
 
-def _kind(server_parameters: dict[str, Any], planner: str) -> str:
+def _planner_class_name(server_parameters: dict[str, Any], planner: str) -> str:
     """Type of a planner, of both spellings, without its package."""
     return (
         str(server_parameters.get(f"{planner}.plugin", "")).replace("/", "::").rpartition("::")[2]
     )
 
 
-def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
-    server_parameters = parameters.node_parameters(PLANNER_SERVER)
-    kind = _kind(server_parameters, planner)
+def _read_drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
+    server_parameters = parameters.read_node_parameters(PLANNER_SERVER)
+    kind = _planner_class_name(server_parameters, planner)
     if kind in ("SmacPlannerHybrid", "SmacPlanner"):  # the latter up to foxy
         model = server_parameters.get(f"{planner}.motion_model_for_search", "DUBIN")
         if model in ("DUBIN", "REEDS_SHEPP"):  # the latter drives in reverse, too
             radius = server_parameters.get(f"{planner}.minimum_turning_radius", 0.4)
             reverse = model == "REEDS_SHEPP"
             return Kinematics(drive="car-like", turning_radius=radius, reverse=reverse)
-    if kind == "SmacPlannerLattice" and (lattice := _lattice(parameters, planner)):
+    if kind == "SmacPlannerLattice" and (lattice := _read_lattice(parameters, planner)):
         model, radius = lattice
         if model == "ackermann":
             reverse = server_parameters.get(f"{planner}.allow_reverse_expansion") is True
@@ -336,17 +341,17 @@ def _drive(parameters: Nav2Parameters, planner: str) -> Kinematics | None:
     return None
 
 
-def _lattice_path(parameters: Nav2Parameters, planner: str) -> str:
+def _read_lattice_path(parameters: Nav2Parameters, planner: str) -> str:
     return str(
-        parameters.node_parameters(PLANNER_SERVER).get(
+        parameters.read_node_parameters(PLANNER_SERVER).get(
             f"{planner}.lattice_filepath", DEFAULT_LATTICE
         )
     )
 
 
-def _lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
+def _read_lattice(parameters: Nav2Parameters, planner: str) -> tuple[str, float] | None:
     """Motion model and turning radius of a lattice planner's file, or those in the file's name."""
-    text = _lattice_path(parameters, planner)
+    text = _read_lattice_path(parameters, planner)
     value = parameters.values(PLANNER_SERVER).get(f"{planner}.lattice_filepath")
     file = parameters.files[value.file].path if value else None
     folder = file.parent if file else Path()
@@ -383,10 +388,10 @@ def read_amcl(path: str | os.PathLike[str]) -> Amcl:
         If the file cannot be read, has no parameters of amcl, or a value is out of its range.
     """
     parameters = read_parameters(path)
-    settings = _filter(parameters)
+    settings = _read_filter(parameters)
     if settings is None:
         raise LocplanError(f"{path}: has no parameters of amcl; give the file that starts it")
-    for note in _filter_notes(parameters):
+    for note in _list_filter_notes(parameters):
         warnings.warn(ParameterWarning(note), stacklevel=2)
     return Amcl(**settings)
 
@@ -408,17 +413,17 @@ def read_settings(parameters: Nav2Parameters, planner: str | None = None) -> dic
     ConfigError
         If a value is out of its range, or there is no such planner.
     """
-    inflation = _inflation(parameters)
+    inflation = _read_inflation(parameters)
     settings = {
-        "filter": _filter(parameters),
-        **_outline(parameters),
+        "filter": _read_filter(parameters),
+        **_read_outline(parameters),
         "inflation": inflation[1] if inflation else None,
-        "kinematics": _kinematics(parameters, planner),
+        "kinematics": _read_kinematics(parameters, planner),
     }
     return {name: value for name, value in settings.items() if value is not None}
 
 
-def parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> list[str]:
+def list_parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> list[str]:
     """Return sentences on parameters of Nav2 that are not simulated, or that contradict others.
 
     Parameters
@@ -429,16 +434,16 @@ def parameter_notes(parameters: Nav2Parameters, planner: str | None = None) -> l
         Name of the planner in use.
     """
     notes = [
-        *_filter_notes(parameters),
-        *_conflict_notes(parameters),
-        *layer_notes(parameters),
-        *_drive_notes(parameters, planner),
-        *zone_notes(parameters),
+        *_list_filter_notes(parameters),
+        *_list_conflict_notes(parameters),
+        *list_layer_notes(parameters),
+        *_list_drive_notes(parameters, planner),
+        *list_zone_notes(parameters),
     ]
-    return [one_line(note) for note in notes]
+    return [format_one_line(note) for note in notes]
 
 
-def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] | None:
+def read_nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] | None:
     """Inflation layer of a global costmap by name, and the inscribed radius that it reads [m].
 
     None where no layer inflates. The radius is that of the padded corners, 16 of a circle.
@@ -453,11 +458,11 @@ def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] |
     LocplanError
         If a value is out of its range.
     """
-    inflation = _inflation(parameters)
+    inflation = _read_inflation(parameters)
     if inflation is None:
         return None
     layer, settings = inflation
-    parts = {"footprint": 0.1, "margin": 0.01} | _outline(parameters)  # as Nav2 has them
+    parts = {"footprint": 0.1, "margin": 0.01} | _read_outline(parameters)  # as Nav2 has them
     outline, padding = parts["footprint"], parts["margin"]
     if not isinstance(outline, Footprint):
         angles = np.arange(16) * 2 * np.pi / 16
@@ -466,13 +471,13 @@ def nav2_inflation(parameters: Nav2Parameters) -> tuple[str, Inflation, float] |
     return layer, Inflation(**settings), Footprint(padded).inscribed_radius
 
 
-def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
+def _read_filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     """Settings of AMCL, or None without any."""
-    amcl_parameters = parameters.node_parameters(AMCL)
+    amcl_parameters = parameters.read_node_parameters(AMCL)
     settings = {name: value for name, value in amcl_parameters.items() if name in SIMULATED}
     if not settings and all(section.is_shared for _, section in parameters.entries(AMCL)):
         return None
-    model = _motion_model(str(settings.pop("robot_model_type", DIFFERENTIAL)))
+    model = _normalize_motion_model(str(settings.pop("robot_model_type", DIFFERENTIAL)))
     if model in (DIFFERENTIAL, OMNIDIRECTIONAL):
         settings["robot_model_type"] = model
     laser = settings.get("laser_model_type")
@@ -483,11 +488,11 @@ def _filter(parameters: Nav2Parameters) -> dict[str, Any] | None:
     return settings
 
 
-def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
+def _list_filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """A note on AMCL's parameters that are not simulated."""
     amcl_parameters, unshared_parameters = (
-        parameters.node_parameters(AMCL),
-        parameters.node_parameters(AMCL, shared=False),
+        parameters.read_node_parameters(AMCL),
+        parameters.read_node_parameters(AMCL, shared=False),
     )
     laser = amcl_parameters.get("laser_model_type")
     if isinstance(laser, str) and laser not in MODELS:
@@ -497,12 +502,16 @@ def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
             if laser == "beam"
             else f"{file}: AMCL has no laser_model_type {short_repr(laser)}; Nav2 takes {MODELS[0]}"
         )
-    model = _motion_model(str(amcl_parameters.get("robot_model_type", DIFFERENTIAL)))
+    model = _normalize_motion_model(str(amcl_parameters.get("robot_model_type", DIFFERENTIAL)))
     foreign = model not in (DIFFERENTIAL, OMNIDIRECTIONAL)
     unknown = sorted(
         {name.partition(".")[0] for name in unshared_parameters} - SIMULATED - NOT_SIMULATED.keys()
     )
-    if left_out := (*_not_simulated(amcl_parameters), *["robot_model_type"] * foreign, *unknown):
+    if left_out := (
+        *_list_unsimulated_parameters(amcl_parameters),
+        *["robot_model_type"] * foreign,
+        *unknown,
+    ):
         values = parameters.values(AMCL)
         files = {
             parameter.file
@@ -510,24 +519,24 @@ def _filter_notes(parameters: Nav2Parameters) -> Iterator[str]:
             if name.partition(".")[0] in left_out
         }
         file_names = ", ".join(str(parameters.files[at].path) for at in sorted(files))
-        yield one_line(f"{file_names}: not simulated: {', '.join(left_out)}")
+        yield format_one_line(f"{file_names}: not simulated: {', '.join(left_out)}")
 
 
-def _conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
+def _list_conflict_notes(parameters: Nav2Parameters) -> Iterator[str]:
     """Notes on parameters of which a wildcard and a name have different values."""
     for node in (AMCL, PLANNER_SERVER, GLOBAL_COSTMAP, LOCAL_COSTMAP):
         for conflict in parameters.conflicts(node):
             if node != AMCL or conflict.name in SIMULATED:
-                yield one_line(conflict.text)
+                yield format_one_line(conflict.text)
 
 
-def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
+def _read_outline(parameters: Nav2Parameters) -> dict[str, Any]:
     """Footprint or radius, and its padding, of the first costmap that has one.
 
     As in Nav2, `footprint` counts where it is not "[]", and else `robot_radius`.
     """
     for costmap in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
-        costmap_parameters = parameters.node_parameters(costmap)
+        costmap_parameters = parameters.read_node_parameters(costmap)
         footprint, radius = (
             str(costmap_parameters.get("footprint") or "[]"),
             costmap_parameters.get("robot_radius"),
@@ -545,12 +554,12 @@ def _outline(parameters: Nav2Parameters) -> dict[str, Any]:
     return {}
 
 
-def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
+def _read_inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
     """Layer that inflates the global costmap's walls, and its settings; None without one."""
-    layer = inflating_layer(parameters)
+    layer = find_inflating_layer(parameters)
     if layer is None:
         return None
-    costmap_parameters = parameters.node_parameters(GLOBAL_COSTMAP)
+    costmap_parameters = parameters.read_node_parameters(GLOBAL_COSTMAP)
     names = [setting.name for setting in dataclasses.fields(Inflation)]
     settings = {
         name: costmap_parameters[f"{layer}.{name}"]
@@ -562,34 +571,37 @@ def _inflation(parameters: Nav2Parameters) -> tuple[str, dict[str, Any]] | None:
     return layer, settings
 
 
-def _kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
+def _read_kinematics(parameters: Nav2Parameters, planner: str | None) -> Kinematics | None:
     """Kinematics of the planner in use, or of AMCL's motion model if the planner has none."""
-    used = planner_in_use(parameters, planner)
+    used = find_active_planner(parameters, planner)
     with name_parameter_in_errors(parameters, PLANNER_SERVER, used or ""):
-        drive = planner_drives(parameters)[used] if used else None
-    if drive is None and _amcl_drive(parameters) == Kinematics(drive="omnidirectional"):
-        return _amcl_drive(parameters)
+        drive = read_planner_drives(parameters)[used] if used else None
+    if drive is None and _read_amcl_drive(parameters) == Kinematics(drive="omnidirectional"):
+        return _read_amcl_drive(parameters)
     return drive
 
 
-def _amcl_drive(parameters: Nav2Parameters) -> Kinematics:
-    model = _motion_model(str(parameters.node_parameters(AMCL).get("robot_model_type")))
+def _read_amcl_drive(parameters: Nav2Parameters) -> Kinematics:
+    model = _normalize_motion_model(
+        str(parameters.read_node_parameters(AMCL).get("robot_model_type"))
+    )
     return Kinematics(drive="omnidirectional" if model == OMNIDIRECTIONAL else "differential")
 
 
-def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[str]:
+def _list_drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[str]:
     """Notes on planners without a type, a choice between planners, and an unknown lattice."""
-    if missing := [name for name, plugin in planner_types(parameters).items() if not plugin]:
+    if missing := [name for name, plugin in read_planner_types(parameters).items() if not plugin]:
         has = "has" if len(missing) == 1 else "have"
         yield f"Nav2 refuses its planners, since {', '.join(missing)} {has} no plugin type; add it"
-    used = planner_in_use(parameters, planner)
+    used = find_active_planner(parameters, planner)
     if used is None:
         return
-    drives = planner_drives(parameters)
+    drives = read_planner_drives(parameters)
     texts = {
-        name: describe_drive(drive or _amcl_drive(parameters)) for name, drive in drives.items()
+        name: describe_drive(drive or _read_amcl_drive(parameters))
+        for name, drive in drives.items()
     }
-    if file := unread_lattice(parameters, used):
+    if file := find_unread_lattice(parameters, used):
         yield (
             f"the motion model of {used} is in {short_repr(file)}, which cannot be read; locplan"
             " takes"
@@ -603,7 +615,7 @@ def _drive_notes(parameters: Nav2Parameters, planner: str | None) -> Iterator[st
         )
 
 
-def _motion_model(name: str) -> str:
+def _normalize_motion_model(name: str) -> str:
     """The name of AMCL's motion model, or that of one which was named otherwise before Humble."""
     older = {"differential": DIFFERENTIAL, "omnidirectional": OMNIDIRECTIONAL}
     return older.get(name, name)
@@ -637,7 +649,7 @@ def name_parameter_in_errors(
         raise ConfigError(f"{parameters.files[at].path}: {place}: {error}") from None
 
 
-def _not_simulated(amcl_parameters: Mapping[str, object]) -> Iterator[str]:
+def _list_unsimulated_parameters(amcl_parameters: Mapping[str, object]) -> Iterator[str]:
     """Names of parameters in `NOT_SIMULATED` that matter with the values given."""
     if (
         amcl_parameters.get("do_beamskip")

@@ -15,12 +15,12 @@ from locplan.robots.parameters import (
     REMEDY,
     Nav2Parameters,
     ParameterFile,
+    parse_yaml_values,
     read_parameters,
-    values_in,
 )
 
 
-def edited_parameters(
+def edit_parameters(
     path: str | os.PathLike[str], node: str, values: Mapping[str, float | str | bool]
 ) -> bytes:
     """Content of a parameter file with other values of one node's parameters.
@@ -48,8 +48,8 @@ def edited_parameters(
     return _edit_content(before.files[0], after.files[0])
 
 
-def edited_files(before: Nav2Parameters, after: Nav2Parameters) -> dict[Path, bytes]:
-    """Content of the files that `Nav2Parameters.changed` has edited, as `edited_parameters` has it.
+def edit_files(before: Nav2Parameters, after: Nav2Parameters) -> dict[Path, bytes]:
+    """Content of the files that `Nav2Parameters.changed` has edited, as `edit_parameters` has it.
 
     Parameters
     ----------
@@ -81,19 +81,19 @@ def _edit_content(before: ParameterFile, after: ParameterFile) -> bytes:
     )
     edits = []
     missing: dict[tuple[str, ...], Any] = {}
-    for keys, value in _changes(before.content, after.content):
+    for keys, value in _list_changed_values(before.content, after.content):
         node_pair = _find_last_pair(root, keys)
         if node_pair is None:
             missing.setdefault(keys[:-1], {})[keys[-1]] = value
         else:
-            edits.append(_replacement(text, *node_pair, value))
+            edits.append(_make_replacement(text, *node_pair, value))
     for keys, new in missing.items():
-        edits.append(_insertion(text, root, keys, new))
+        edits.append(_make_insertion(text, root, keys, new))
     for start, end, new_text in sorted(edits, reverse=True):
         text = text[:start] + new_text + text[end:]
     edited = text.encode("utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8")
     try:
-        read = values_in(file, edited, REMEDY)
+        read = parse_yaml_values(file, edited, REMEDY)
     except LocplanError:
         raise fault from None
     if read != after.content:
@@ -101,14 +101,14 @@ def _edit_content(before: ParameterFile, after: ParameterFile) -> bytes:
     return edited
 
 
-def _changes(
+def _list_changed_values(
     before: Mapping[str, Any], after: Mapping[str, Any], above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Keys and value of what is another, or new, in a mapping of mappings."""
     for key, value in after.items():
         old_value, keys = before.get(key), (*above, key)
         if isinstance(old_value, dict) and isinstance(value, dict):
-            yield from _changes(old_value, value, keys)
+            yield from _list_changed_values(old_value, value, keys)
         elif key not in before or old_value != value:
             yield keys, value
 
@@ -126,7 +126,7 @@ def _find_last_pair(mapping: Any, keys: Sequence[str]) -> tuple[Any, Any] | None
     return None
 
 
-def _replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, str]:
+def _make_replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, str]:
     """Beginning, end and new text of a value."""
     start, end = value.start_mark.index, value.end_mark.index
     if value.id == "sequence" and not value.flow_style:  # which ends where the next thing begins
@@ -146,7 +146,7 @@ def _replacement(text: str, key: Any, value: Any, new: Any) -> tuple[int, int, s
     return (anchor.end() if anchor else start), end, written
 
 
-def _insertion(
+def _make_insertion(
     text: str, root: Any, keys: Sequence[str], values: Mapping[str, Any]
 ) -> tuple[int, int, str]:
     """Where missing parameters are inserted, twice, and their text."""

@@ -117,13 +117,13 @@ def iterate_sections(content: Parameters, keys: tuple[str, ...]) -> Iterator[Nod
             yield from iterate_sections(value, (*keys, key))
 
 
-def values_in_section(at: int, section: NodeSection) -> Iterator[ParameterValue]:
+def list_section_values(at: int, section: NodeSection) -> Iterator[ParameterValue]:
     """All values in an entry."""
     for path, value in leaves(section.parameters):
         yield ParameterValue(value, at, section, path)
 
 
-def merged_values(sections: Sequence[tuple[int, NodeSection]]) -> list[ParameterValue]:
+def merge_sections(sections: Sequence[tuple[int, NodeSection]]) -> list[ParameterValue]:
     """The values of entries of one name, in the order in which later ones replace earlier ones.
 
     rcl_yaml_param_parser replaces the first value of a plain name, but appends that of a name in
@@ -132,7 +132,7 @@ def merged_values(sections: Sequence[tuple[int, NodeSection]]) -> list[Parameter
     values: list[ParameterValue] = []
     first: dict[str, int] = {}
     for at, section in sections:
-        for parameter in values_in_section(at, section):
+        for parameter in list_section_values(at, section):
             name = ".".join(parameter.path)
             if len(parameter.path) == 1 and name in first:
                 values[first[name]] = parameter
@@ -142,7 +142,7 @@ def merged_values(sections: Sequence[tuple[int, NodeSection]]) -> list[Parameter
     return values
 
 
-def component_values(at: int, file: ParameterFile, node: str) -> dict[str, ParameterValue]:
+def read_component_values(at: int, file: ParameterFile, node: str) -> dict[str, ParameterValue]:
     """The values that launch_ros takes from a file for a node in a component container.
 
     Those of its name replace whole parts of those of "/**", such as all settings of a plugin.
@@ -155,7 +155,7 @@ def component_values(at: int, file: ParameterFile, node: str) -> dict[str, Param
     for name in ("**", f"{file.namespace}/{node}".strip("/")):
         if name in sections:
             section_values: dict[str, list[ParameterValue]] = {}
-            for parameter in values_in_section(at, sections[name]):
+            for parameter in list_section_values(at, sections[name]):
                 section_values.setdefault(parameter.path[0], []).append(parameter)
             parts |= section_values
     return {
@@ -225,7 +225,7 @@ class Nav2Parameters:
             [
                 (at, section)
                 for at, section in sections
-                if section.matches_node(f"{self._space(at)}/{node}")
+                if section.matches_node(f"{self._namespace_of_file(at)}/{node}")
             ]
             for sections in self._group_sections()
         ]
@@ -248,16 +248,18 @@ class Nav2Parameters:
         """
         values: dict[str, ParameterValue] = {}
         for sections in self._group_sections():
-            for parameter in merged_values(sections):
-                fits = parameter.section.matches_node(f"{self._space(parameter.file)}/{node}")
+            for parameter in merge_sections(sections):
+                fits = parameter.section.matches_node(
+                    f"{self._namespace_of_file(parameter.file)}/{node}"
+                )
                 if fits and (shared or not parameter.section.is_shared):
                     values[".".join(parameter.path)] = parameter
         if component and node not in (GLOBAL_COSTMAP, LOCAL_COSTMAP):
             for at, file in enumerate(self.files):
-                values |= component_values(at, file, node)
+                values |= read_component_values(at, file, node)
         return values
 
-    def node_parameters(
+    def read_node_parameters(
         self, node: str, *, shared: bool = True, component: bool = False
     ) -> Parameters:
         """Parameters of a node by their names in ROS, such as GridBased.plugin.
@@ -285,7 +287,7 @@ class Nav2Parameters:
         conflicts = []
         for name, winner in standalone.items():
             rivals = [
-                rival for rival in self._find_values(node, name) if rival.value != winner.value
+                rival for rival in self._find_all_values(node, name) if rival.value != winner.value
             ]
             specific_rivals = [rival for rival in rivals if not rival.section.is_shared]
             hidden = winner.section.is_shared and any(
@@ -311,7 +313,7 @@ class Nav2Parameters:
         sections = [section for index, section in self.entries(node) if index == at]
         unshared_keys = [section.keys for section in sections if not section.is_shared]
         exact_keys = [section.keys for section in sections if "*" not in section.name]
-        new = tuple(filter(None, f"{self._space(at)}/{node}".split("/")))
+        new = tuple(filter(None, f"{self._namespace_of_file(at)}/{node}".split("/")))
         return at, (*(exact_keys or unshared_keys or [new])[-1], PARAMETERS, *name.split("."))
 
     def find_file_index(self, node: str) -> int | None:
@@ -343,7 +345,7 @@ class Nav2Parameters:
         LocplanError
             If the parameter is no list of names.
         """
-        name_list = self.node_parameters(node).get(name) or list(default)
+        name_list = self.read_node_parameters(node).get(name) or list(default)
         if not isinstance(name_list, list) or not all(isinstance(text, str) for text in name_list):
             raise LocplanError(f"{name} must be a list of names, not {short_repr(name_list)}")
         return list(name_list)
@@ -382,7 +384,7 @@ class Nav2Parameters:
         for sections in self._group_sections():
             keys = sections[0][1].keys
             for parameter in {
-                ".".join(value.path): value for value in merged_values(sections)
+                ".".join(value.path): value for value in merge_sections(sections)
             }.values():
                 path: tuple[str, ...] = (*keys, PARAMETERS, *parameter.path)
                 inner = content
@@ -391,7 +393,7 @@ class Nav2Parameters:
                 inner[path[-1]] = copy.deepcopy(parameter.value)
         return content
 
-    def _space(self, at: int) -> str:
+    def _namespace_of_file(self, at: int) -> str:
         return self.files[at].namespace if self.files else ""
 
     def _group_sections(self) -> list[list[tuple[int, NodeSection]]]:
@@ -405,12 +407,12 @@ class Nav2Parameters:
                 groups.setdefault(file.relative_name(section), []).append((at, section))
         return list(groups.values())
 
-    def _find_values(self, node: str, name: str) -> list[ParameterValue]:
+    def _find_all_values(self, node: str, name: str) -> list[ParameterValue]:
         """All values of a node's parameter that stand in the files."""
         return [
             parameter
             for at, section in self.entries(node)
-            for parameter in values_in_section(at, section)
+            for parameter in list_section_values(at, section)
             if ".".join(parameter.path) == name
         ]
 
@@ -419,7 +421,7 @@ class Nav2Parameters:
             f"{short_repr(parameter.value)} for {parameter.section.name}"
             f" ({self.files[parameter.file].title})"
             for parameter in sorted(
-                self._find_values(node, name), key=lambda parameter: parameter.file
+                self._find_all_values(node, name), key=lambda parameter: parameter.file
             )
         ]
         winner = self.values(node)[name]
@@ -463,14 +465,14 @@ def read_parameters(*paths: str | os.PathLike[str] | None) -> Nav2Parameters:
     files, robots = [], []
     for path in paths:
         if path is not None:
-            file, robot = file_and_robot(path)
-            content = values_in(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
+            file, robot = split_robot_name(path)
+            content = parse_yaml_values(file, read_content(file, MAX_BYTES, REMEDY), REMEDY)
             files.append(ParameterFile(file, content))
             robots.append(robot)
     return resolve_parameters(files, robots) if files else Nav2Parameters()
 
 
-def file_and_robot(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
+def split_robot_name(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
     """The file that a path names, and the robot's name after a colon, if there is one.
 
     Parameters
@@ -496,10 +498,10 @@ def resolve_parameters(
     """Parameters in files, with the robots that their paths name; see `read_parameters`."""
     for file in files:
         remedy = f"{REMEDY} of ROS 2, or single values by --set, as --set alpha1=0.1"
-        if (key := _ros1_key(file)) is not None:
+        if (key := _find_ros1_name(file)) is not None:
             fault = f"holds parameters of ROS 1 ({short_repr(key)}), which has no {PARAMETERS}"
             raise LocplanError(f"{file.path}: {fault}; {remedy}")
-        if (node := _bare_node(file)) is not None:
+        if (node := _find_bare_node(file)) is not None:
             fault = f"{short_repr(node)} holds no {PARAMETERS}, as in ROS 1"
             raise LocplanError(f"{file.path}: {fault}; {remedy}")
         for section in file.sections:
@@ -507,7 +509,7 @@ def resolve_parameters(
                 raise LocplanError(
                     f"{file.path}: {short_repr(section.name)} holds no {PARAMETERS}; {REMEDY}"
                 )
-    spaces = _namespaces(files, robots)
+    spaces = _find_namespaces(files, robots)
     robot_files = (
         replace(file, namespace=space) for file, space in zip(files, spaces, strict=True)
     )
@@ -543,7 +545,7 @@ ROS1_NAMES = {
 """Names of parameters and nodes that amcl and move_base have in ROS 1 only."""
 
 
-def _ros1_key(file: ParameterFile) -> str | None:
+def _find_ros1_name(file: ParameterFile) -> str | None:
     """A name by which a file is one of ROS 1, or None."""
     if next(file.sections, None) is not None:
         return None
@@ -557,7 +559,7 @@ def _ros1_key(file: ParameterFile) -> str | None:
     return None
 
 
-def _bare_node(file: ParameterFile) -> str | None:
+def _find_bare_node(file: ParameterFile) -> str | None:
     """A node of Nav2 in a file without any `ros__parameters`, or None."""
     if next(file.sections, None) is not None:
         return None
@@ -565,9 +567,9 @@ def _bare_node(file: ParameterFile) -> str | None:
     return next((name for name in file.content if name.strip("/") in names), None)
 
 
-def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) -> list[str]:
+def _find_namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) -> list[str]:
     """Namespace of the robot in each file: the one that is named, or the only one."""
-    robots_in_files = [_robots_in(file) for file in files]
+    robots_in_files = [_list_robot_namespaces(file) for file in files]
     requested = [None if robot is None else f"/{robot.strip('/')}".rstrip("/") for robot in robots]
     accepted = {namespace for namespace in requested if namespace is not None}
     accepted = accepted or {namespace[0] for namespace in robots_in_files if len(namespace) == 1}
@@ -601,7 +603,7 @@ def _namespaces(files: Sequence[ParameterFile], robots: Sequence[str | None]) ->
     return [common_space if space is None else space for space in spaces]
 
 
-def _robots_in(file: ParameterFile) -> list[str]:
+def _list_robot_namespaces(file: ParameterFile) -> list[str]:
     """Namespaces of the robots that a file names."""
     names = {robot.name for robot in file.sections}
     nodes = {(f"/{name.strip('/')}", f"/{node}") for name in names for node in NODES}
@@ -609,7 +611,7 @@ def _robots_in(file: ParameterFile) -> list[str]:
     return [robot for robot in robots if "*" not in robot]
 
 
-def values_in(file: Path, content: bytes, remedy: str) -> Parameters:
+def parse_yaml_values(file: Path, content: bytes, remedy: str) -> Parameters:
     """Values of a file's YAML by name, as ROS reads them; none if it holds others."""
     root = compose_yaml(file, content, remedy)
     try:
@@ -634,7 +636,7 @@ class _PlainValues:
         if node.id == "sequence":
             return [self.read_node(child) for child in node.value]
         if node.id == "mapping":
-            return self._mapping(node)
+            return self._read_mapping(node)
         if node.tag == "tag:yaml.org,2002:null":
             return None
         if node.style is None and node.value in ROS_BOOLEANS:
@@ -645,7 +647,7 @@ class _PlainValues:
         too_long = isinstance(value, int) and not -(2**63) <= value < 2**63
         return str(node.value) if too_long else value
 
-    def _mapping(self, node: Any) -> Parameters:
+    def _read_mapping(self, node: Any) -> Parameters:
         direct_values: Parameters = {}
         merged: Parameters = {}
         for key, value in node.value:

@@ -22,7 +22,7 @@ UPDATED, RESAMPLED, NOW = range(3)
 """Rows of odometry that a running filter keeps: at the last update, the last resampling, now."""
 
 
-class Particles:
+class ParticleFilter:
     """AMCL as it runs, see `Tracker`; its numbers are those of simulated drives and replays.
 
     Parameters
@@ -148,11 +148,11 @@ def beam_scores(
     lidar : Lidar
         The lidar, for its range.
     values : (H + 2, W + 2) array of float32, optional
-        What `score_values` gave for these; by default it is computed.
+        What `compute_score_values` gave for these; by default it is computed.
     """
     from locplan._support.kernels.particles import BeamScores
 
-    values = score_values(grid, amcl, lidar) if values is None else values
+    values = compute_score_values(grid, amcl, lidar) if values is None else values
     recovers = amcl.recovery_alpha_slow > 0 or amcl.recovery_alpha_fast > 0
     return BeamScores(
         values=values.ravel(),
@@ -165,7 +165,7 @@ def beam_scores(
     )
 
 
-def score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArray[np.float32]:
+def compute_score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArray[np.float32]:
     """Score that a beam adds to a particle, for each cell where it may end, by AMCL's models.
 
     Parameters
@@ -187,18 +187,18 @@ def score_values(grid: OccupancyGrid, amcl: Amcl, lidar: Lidar) -> NDArray[np.fl
 
     occupied = np.asarray(grid.cells == OCCUPIED, np.uint8)
     furthest, reach = amcl.laser_likelihood_max_dist, amcl.reach(lidar)
-    far_score = _score(np.float64(furthest), amcl, reach)
+    far_score = _compute_score(np.float64(furthest), amcl, reach)
     scores = np.full((grid.shape[0] + 2, grid.shape[1] + 2), far_score, np.float32)
     if occupied.any():
         cells = cv2.distanceTransform(1 - occupied, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         for top in range(0, len(cells), 256):  # in parts, which saves memory on a large map
             distance = np.minimum(cells[top : top + 256] * grid.resolution, furthest)
-            scored = _score(distance.astype(np.float64), amcl, reach)
+            scored = _compute_score(distance.astype(np.float64), amcl, reach)
             scores[1 + top : 1 + top + len(scored), 1:-1] = scored
     return scores
 
 
-def _score(distance: Any, amcl: Amcl, reach: float) -> Any:
+def _compute_score(distance: Any, amcl: Amcl, reach: float) -> Any:
     """Score of a beam that ends at a distance from the nearest wall [m], float32."""
     hit = amcl.z_hit * np.exp(-(distance**2) / (2 * amcl.sigma_hit**2))
     likelihood = hit + amcl.z_rand / reach

@@ -196,10 +196,10 @@ class Footprint:
         def __init__(self, vertices: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
-        hull = _hull(_corners(self.vertices))
+        hull = _compute_hull(_parse_corners(self.vertices))
         area = np.sum(hull[:, 0] * np.roll(hull[:, 1], -1) - hull[:, 1] * np.roll(hull[:, 0], -1))
         hull = hull if area > 0 else hull[::-1]
-        inside = np.sum(_normals(hull) * hull, axis=1) > 0
+        inside = np.sum(_compute_normals(hull) * hull, axis=1) > 0
         if len(hull) < 3 or not inside.all():
             raise ConfigError("footprint must be a polygon around the robot's centre (0, 0)")
         object.__setattr__(self, "vertices", hull)
@@ -242,7 +242,7 @@ class Footprint:
     @property
     def inscribed_radius(self) -> float:
         """Radius of the largest circle about the centre that the outline holds [m]."""
-        normals = _normals(self.vertices)
+        normals = _compute_normals(self.vertices)
         return float((np.sum(self.vertices * normals, axis=1) / np.hypot(*normals.T)).min())
 
     def __eq__(self, other: object) -> bool:
@@ -251,7 +251,7 @@ class Footprint:
     def __hash__(self) -> int:
         return hash(self.vertices.tobytes())
 
-    def first_collision(self, grid: OccupancyGrid, poses: Any) -> tuple[float, float] | None:
+    def find_first_collision(self, grid: OccupancyGrid, poses: Any) -> tuple[float, float] | None:
         """Position along a path where the outline first meets an occupied cell, or None.
 
         A path without headings is driven forward: the robot heads along each line and turns on
@@ -271,14 +271,14 @@ class Footprint:
         (x, y) or None
             The position where the colliding line or turn begins [m].
         """
-        moves = _moves(grid, np.asarray(getattr(poses, "poses", poses), np.float64))
-        hit = next(self._hits(grid, moves), -1)
+        moves = _poses_on_grid(grid, np.asarray(getattr(poses, "poses", poses), np.float64))
+        hit = next(self._find_hits(grid, moves), -1)
         if hit < 0:
             return None
         x, y = grid.grid_to_world(moves[hit, 1], moves[hit, 0])
         return float(x), float(y)
 
-    def collisions(self, grid: OccupancyGrid, poses: Floats) -> Ints:
+    def find_collisions(self, grid: OccupancyGrid, poses: Floats) -> Ints:
         """Indices of all lines between poses along which the outline meets an occupied cell.
 
         Parameters
@@ -293,9 +293,9 @@ class Footprint:
         (k,) array
             The colliding ones of the n - 1 lines.
         """
-        return np.array([*self._hits(grid, _moves(grid, poses))], np.int64)
+        return np.array([*self._find_hits(grid, _poses_on_grid(grid, poses))], np.int64)
 
-    def _hits(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
+    def _find_hits(self, grid: OccupancyGrid, moves: Floats) -> Iterator[int]:
         """Indices of the colliding lines between poses (n, 3) of (col, row, heading)."""
         from locplan._support.kernels.outlines import first_hit, sum_rows
 
@@ -305,7 +305,7 @@ class Footprint:
             begin += hit + 1
 
 
-def _moves(grid: OccupancyGrid, poses: Floats) -> Floats:
+def _poses_on_grid(grid: OccupancyGrid, poses: Floats) -> Floats:
     """Poses (n, 3) of (col, row, heading) along a path [cells, rad], in whose moves it is driven.
 
     Without headings the robot heads along each line, and turns where two meet.
@@ -322,7 +322,7 @@ def _moves(grid: OccupancyGrid, poses: Floats) -> Floats:
     return np.asarray(np.stack(along, axis=1).reshape(-1, 3))
 
 
-def _corners(vertices: ArrayLike) -> Floats:
+def _parse_corners(vertices: ArrayLike) -> Floats:
     try:
         corners = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError):
@@ -333,14 +333,14 @@ def _corners(vertices: ArrayLike) -> Floats:
     return corners
 
 
-def _hull(corners: NDArray[Any]) -> Floats:
+def _compute_hull(corners: NDArray[Any]) -> Floats:
     import cv2
 
     order = cv2.convexHull(corners.astype(np.float32), returnPoints=False)
     return np.asarray(corners[np.asarray(order).ravel()])
 
 
-def _normals(polygon: NDArray[Any]) -> Floats:
+def _compute_normals(polygon: NDArray[Any]) -> Floats:
     """Outward normals of a polygon's edges, as long as the edges; counter-clockwise corners."""
     x, y = (np.roll(polygon, -1, axis=0) - polygon).T
     return np.column_stack([y, -x])

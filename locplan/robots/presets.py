@@ -46,7 +46,7 @@ def with_preset(amcl: Amcl, name: str) -> Amcl:
     return replace(amcl, **changes)
 
 
-def amcl_presets(amcl: Amcl) -> dict[str, Amcl]:
+def list_applicable_presets(amcl: Amcl) -> dict[str, Amcl]:
     """Return a robot's settings with each preset that changes them, the precise one first.
 
     Parameters

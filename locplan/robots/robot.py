@@ -333,16 +333,16 @@ def list_settings(robot: Robot) -> Table:
     [('filter', 'update_min_d', 'm', '0.25')]
     """
     docs = field_docs(Robot)
-    rows = [_setting_row("robot", name, robot, docs[name]) for name in ROBOT_SETTINGS]
+    rows = [_format_setting("robot", name, robot, docs[name]) for name in ROBOT_SETTINGS]
     for part, kind in PARTS.items():
         settings = robot.amcl if part == "filter" else getattr(robot, part)
         for name, text in field_docs(kind).items():
-            rows.append(_setting_row(part, name, settings, text))
+            rows.append(_format_setting(part, name, settings, text))
     names = "part", "setting", "unit", "value", "meaning"
     return Table(tuple(Column(name, title=name) for name in names), tuple(rows))
 
 
-def _setting_row(part: str, name: str, settings: object, text: str) -> tuple[str, ...]:
+def _format_setting(part: str, name: str, settings: object, text: str) -> tuple[str, ...]:
     """Return part, name, unit, value and meaning of a setting; its docstring has the unit."""
     value = getattr(settings, name, "-")
     if isinstance(value, Footprint):

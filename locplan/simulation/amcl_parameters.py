@@ -17,8 +17,8 @@ from locplan.errors import LocplanError
 from locplan.robots.amcl import MODELS, NOT_SIMULATED, SIMULATED, Amcl
 from locplan.robots.lidar import Lidar
 from locplan.robots.nav2 import ParameterWarning, read_amcl
-from locplan.robots.parameter_edits import edited_parameters
-from locplan.robots.parameters import file_and_robot, read_parameters
+from locplan.robots.parameter_edits import edit_parameters
+from locplan.robots.parameters import read_parameters, split_robot_name
 from locplan.robots.presets import PRESET_PARAMETERS
 from locplan.robots.robot import Robot
 from locplan.simulation.simulator import BEAMS, Simulator
@@ -198,7 +198,7 @@ def write_tuned(file: Path, winner: Amcl, params: Path | None = None) -> None:
     if params is None:
         file.write_bytes(_make_parameter_file(winner))
     else:
-        before, robot = _read_silently(params), file_and_robot(params)[1]
+        before, robot = _read_silently(params), split_robot_name(params)[1]
         changed = {name: getattr(winner, name) for name in find_differing_names(before, winner)}
         file.write_bytes(_edit_parameters(params, changed))
     if find_differing_names(_read_silently(Path(f"{file}:{robot}") if robot else file), winner):
@@ -217,14 +217,14 @@ def find_differing_names(first: Amcl, second: Amcl) -> list[str]:
 
 def _edit_parameters(params: Path, values: Mapping[str, float | str]) -> bytes:
     """A file with these values, and beams not skipped where they are from now on."""
-    parameters = read_parameters(params).node_parameters("amcl")
+    parameters = read_parameters(params).read_node_parameters("amcl")
     if parameters.get("laser_model_type", MODELS[0]) not in MODELS:  # another model was simulated
         values = {"laser_model_type": MODELS[0], **values}
     skips = parameters.get("do_beamskip")
     if skips and values.get("laser_model_type") == "likelihood_field_prob":
         # It had no effect with the other laser model, and was not simulated with this one.
         values = {**values, "do_beamskip": False}
-    return edited_parameters(params, "amcl", values)
+    return edit_parameters(params, "amcl", values)
 
 
 def _read_silently(file: Path) -> Amcl:

@@ -25,7 +25,7 @@ from locplan._support.drawing import (
 )
 from locplan._support.intervals import Interval, format_metres
 from locplan._support.kernels.arrays import Floats
-from locplan.maps.figures import crop_map, draw_map, draw_zones, map_size, zoom_map
+from locplan.maps.figures import compute_figure_size, crop_map, draw_map, draw_zones, zoom_map
 from locplan.planning.figures import (
     along_norm,
     draw_along_bar,
@@ -64,7 +64,7 @@ def simulation_figure(simulation: Simulation) -> Figure:
     grid = simulation.grid
     paths = list(simulation.paths.values())
     part = zoom_map(grid, paths)
-    width, height = map_size(part)
+    width, height = compute_figure_size(part)
     figure = Picture(figsize=(width, height + 2.8), layout="constrained")
     upper, lower = figure.subplots(2, height_ratios=(height, 2.6))
     draw_map(upper, part)
@@ -256,7 +256,7 @@ def recommendation_figure(recommendation: Recommendation) -> Figure:
         part = crop_map(
             recommendation.costs.grid, [*paths, *_collect_marked_places(recommendation)]
         )
-        width, height = map_size(part)
+        width, height = compute_figure_size(part)
         width = max(width, WIDTH)
     # Height of what is drawn along the paths [inch].
     below = 2.4 if recommendation.candidates else 0.0

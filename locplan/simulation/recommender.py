@@ -20,7 +20,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
 from locplan.maps.grid import OccupancyGrid, check_grid
 from locplan.maps.occupancy import FREE
-from locplan.maps.zones import Zones, check_zones
+from locplan.maps.zones import Zones, normalize_zones
 from locplan.planning.any_angle import AnyAngle
 from locplan.planning.costmap import Costmap, check_costs, summarize_costs
 from locplan.planning.layers import check_criterion
@@ -153,7 +153,7 @@ def recommend_path(
     check_grid(grid)
     settings = check_settings(settings)
     robot, user_costmap, config = _resolve_robot_and_field(grid, robot, costs)
-    zones = check_zones(zones)
+    zones = normalize_zones(zones)
     if user_costmap is not None:
         if zones:
             raise ConfigError("the costmap has its own zones; leave zones out")

@@ -18,7 +18,7 @@ from locplan.field.config import equip_robot
 from locplan.maps.environments import boundary_cells, with_boundary_noise
 from locplan.maps.grid import OccupancyGrid, check_grid, world_to_map_frame
 from locplan.maps.occupancy import OCCUPIED
-from locplan.maps.zones import Zones, check_zones
+from locplan.maps.zones import Zones, normalize_zones
 from locplan.planning.path import Path
 from locplan.robots.robot import Robot
 from locplan.simulation.drives import DriveArguments, DriveLine, make_drive_arguments
@@ -77,7 +77,7 @@ class Simulator:
         check_integer("seed", seed, 0)
         self.grid, self.seed, self.threads = grid, seed, check_threads(threads)
         self.robot, self.stretch = equip_robot(robot), check_positive("stretch", stretch)
-        self.zones = check_zones(zones)
+        self.zones = normalize_zones(zones)
 
     def __repr__(self) -> str:
         return f"Simulator({self.grid.name or 'map'}, {self.robot.title}, seed {self.seed})"

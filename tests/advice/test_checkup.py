@@ -409,7 +409,7 @@ def test_check_writes_one_file_of_several(two_corridors_at_its_worst, tmp_path, 
     assert line["command"].endswith(f" params_file:={merged}")
     assert "in one file, changed" in line["files"]["nav2_params.yaml"]
     read = locplan.robots.read_parameters(merged)
-    assert read.node_parameters("planner_server") == {"planner_plugins": ["A"]}
+    assert read.read_node_parameters("planner_server") == {"planner_plugins": ["A"]}
     assert locplan.robots.nav2.read_amcl(merged).update_min_d == 0.1
 
 

@@ -25,7 +25,7 @@ from locplan.advice.kernels import landmarks as kernels, objectives as ways
 from locplan.advice.landmark_objects import find_covered_cells, parse_object, with_objects
 from locplan.advice.landmarks import Verification, VerificationDrives
 from locplan.errors import ConfigError
-from locplan.field.beams import surface_normals
+from locplan.field.beams import find_surface_normals
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Zone, Zones
 from locplan.robots import Amcl, Lidar, Robot
 from locplan.simulation import Drives
@@ -46,7 +46,7 @@ def open_floor(rows=80, cols=120, resolution=0.1) -> OccupancyGrid:
 def hits_on(grid, rays):
     occupied = grid.cells == OCCUPIED
     hits = np.zeros((len(rays.first), rays.beams, 4), np.float32)
-    scene = empty_squares(occupied), surface_normals(occupied), grid.resolution
+    scene = empty_squares(occupied), find_surface_normals(occupied), grid.resolution
     kernels.cast_map_hits(kernels.Surfaces(*scene), rays, hits)
     return hits
 
@@ -354,7 +354,7 @@ OUTLINES = [kernels.Outline(0.15, 0.15, True), kernels.Outline(0.4, 0.1, False)]
 def test_what_objects_tell_is_that_of_plain_loops(outline, least, view):
     grid, rays = small_scene(least, view)
     occupied = grid.cells == OCCUPIED
-    normals = surface_normals(occupied)
+    normals = find_surface_normals(occupied)
     hits = hits_on(grid, rays)
     sums = kernels.sum_hits(hits, rays)
     objects = [(3.0, 2.6, 0.7), (1.9, 2.1, 2.0)]
@@ -394,7 +394,7 @@ def sightings_of(hits, rays, outline, places):
 @pytest.mark.parametrize("outline", OUTLINES)
 def test_the_objective_is_that_of_plain_matrices(outline):
     grid, rays = small_scene()
-    normals = surface_normals(grid.cells == OCCUPIED)
+    normals = find_surface_normals(grid.cells == OCCUPIED)
     routes, told = np.array([0, 3, 4]), ways.Sensing(2.0, 0.03)
     motion = ways.Motion(0.05, 0.003, 0.1, 0.02, 0.01)
     hits = hits_on(grid, rays)

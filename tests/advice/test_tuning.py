@@ -26,7 +26,7 @@ from locplan.planning import Costmap, Path
 from locplan.recordings import replay
 from locplan.robots import PRECISE, SAFE, Amcl, Lidar, Robot, with_preset
 from locplan.robots.nav2 import read_amcl
-from locplan.robots.presets import amcl_presets
+from locplan.robots.presets import list_applicable_presets
 from locplan.simulation import LEVELS, NO_FAULT, Drives, simulate
 from locplan.simulation.drives import LOST, OFF_SHORT
 from locplan.simulation.verdict import DriveSet
@@ -36,7 +36,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 FEW = {"min_particles": 30, "max_particles": 60}
 LIDAR = Lidar(range=6.0, beams=60)
-PRECISE_SETTINGS, SAFE_SETTINGS = amcl_presets(Amcl()).values()
+PRECISE_SETTINGS, SAFE_SETTINGS = list_applicable_presets(Amcl()).values()
 
 
 def hall(name="hall") -> OccupancyGrid:
@@ -101,7 +101,7 @@ def choose_among(*cases, recordings=(), **options):
 
 def test_presets_change_only_their_parameters():
     own = Amcl(**FEW, max_beams=90)
-    precise, safe = amcl_presets(own).values()
+    precise, safe = list_applicable_presets(own).values()
     assert (safe.update_min_d, safe.update_min_a, safe.alpha1) == (0.1, 0.1, own.alpha1)
     assert {getattr(precise, f"alpha{n}") for n in range(1, 6)} == {0.05}
     assert precise.multiplies
@@ -109,9 +109,9 @@ def test_presets_change_only_their_parameters():
 
 
 def test_preset_with_users_values_is_left_out():
-    assert [*amcl_presets(with_preset(Amcl(), PRECISE))] == [SAFE]
+    assert [*list_applicable_presets(with_preset(Amcl(), PRECISE))] == [SAFE]
     often = Amcl(update_min_d=0.05, update_min_a=0.02)
-    assert [*amcl_presets(often)] == [PRECISE]
+    assert [*list_applicable_presets(often)] == [PRECISE]
     assert with_preset(often, PRECISE).update_min_d == 0.05
 
 
@@ -431,7 +431,7 @@ def test_a_new_file_has_all_parameters(tuning, tmp_path):
 
 
 def test_a_file_that_says_something_else_is_not_left_behind(precise, tmp_path, monkeypatch):
-    edited = "locplan.simulation.amcl_parameters.edited_parameters"
+    edited = "locplan.simulation.amcl_parameters.edit_parameters"
     monkeypatch.setattr(edited, lambda path, *_: path.read_bytes())
     (tmp_path / "mine.yaml").write_text(PARAMS)
     with pytest.raises(LocplanError, match="could not be written as it was meant"):

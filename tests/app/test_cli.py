@@ -215,7 +215,7 @@ def test_commands_take_names_of_built_in_maps(run, tmp_path, monkeypatch, small_
     assert run("plan", "two_corridors", *ends, "--stride", "1", "-o", "planned")[0] == 0
     assert "map: two_corridors\n" in (tmp_path / "planned" / "run.yaml").read_text()
     assert "did you mean two_corridors?" in check_refusal(run("plan", "two_coridors", *ends))
-    built_in = ", ".join(environments.names())
+    built_in = ", ".join(environments.list_environments())
     assert f"a built-in map: {built_in}" in check_refusal(run("field", "moon"))
 
 

@@ -87,7 +87,7 @@ MAPS = ("aws_small_house", "willow_full_stage", "tb4_warehouse", "mit_stata_base
 @pytest.mark.parametrize("name", ["two_corridors", "office", *MAPS, "fetch_4_26_15"])
 def test_smac2d_on_our_mask(benchmark, real_maps, tmp_path, name, weight):
     """J of SmacPlanner2D's formula on the mask beside the grid planner's, both cutting corners."""
-    own = name in environments.names()
+    own = name in environments.list_environments()
     grid = environments.make(name) if own else load_map(*(real_maps / name).glob("*.yaml"))
     field = load_or_compute(grid, FieldConfig())
     costs = Costmap.from_field(field, weight=weight, robot=0.2)

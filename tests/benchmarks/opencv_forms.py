@@ -1,6 +1,6 @@
 """The SAD distribution at one cell by OpenCV, in the two fastest forms found.
 
-Both give exactly `locplan.paper.template_matching.sad_distribution`.
+Both give exactly `locplan.paper.template_matching.compute_sad_distribution`.
 """
 
 from __future__ import annotations
@@ -8,13 +8,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from locplan.field.templates import disc, local_map, rotated_template
-from locplan.paper.template_matching import sad_distribution
+from locplan.field.templates import cut_rotated_template, disc, local_map
+from locplan.paper.template_matching import compute_sad_distribution
 
 
 def masked_norm(cells, row, col, radius, window):
     """cv2.norm of NORM_L1 with the disc as mask, for each offset and heading."""
-    return sad_distribution(cells, row, col, radius, window)
+    return compute_sad_distribution(cells, row, col, radius, window)
 
 
 def packed_hamming(cells, row, col, radius, window):
@@ -24,7 +24,7 @@ def packed_hamming(cells, row, col, radius, window):
     mask = np.packbits(disc(radius), axis=1).ravel()
     templates = []
     for theta in window.angles:
-        template = rotated_template(cells, row, col, radius, theta)
+        template = cut_rotated_template(cells, row, col, radius, theta)
         planes = [np.packbits(template == level, axis=1).ravel() & mask for level in (254, 0)]
         templates.append(np.concatenate(planes))
     around = local_map(cells, row, col, radius + reach)

@@ -17,7 +17,7 @@ from locplan.export.servers import write_filter_map
 from locplan.maps import OccupancyGrid, environments
 from locplan.planning import Costmap, Path
 from locplan.robots import Amcl
-from locplan.robots.parameter_edits import edited_parameters
+from locplan.robots.parameter_edits import edit_parameters
 from locplan.simulation.amcl_parameters import write_tuned
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -315,7 +315,7 @@ def test_written_plugin_names_are_quoted(tmp_path, costs, params):
     write_tuned(tmp_path / "tuned.yaml", Amcl(alpha1=0.05), file)
     if file:
         omni = {"robot_model_type": "nav2_amcl::OmniMotionModel", "other": "a::b"}
-        (tmp_path / "edited.yaml").write_bytes(edited_parameters(file, "amcl", omni))
+        (tmp_path / "edited.yaml").write_bytes(edit_parameters(file, "amcl", omni))
     written = [path for path in tmp_path.rglob("*.yaml") if path != file]
     assert len(written) >= 6
     for path in written:

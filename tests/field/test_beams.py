@@ -17,7 +17,7 @@ from locplan._support.kernels.lidar import (
     scan_ends,
 )
 from locplan._support.kernels.rays import cast, empty_squares
-from locplan.field.beams import surface_normals
+from locplan.field.beams import find_surface_normals
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Lidar as Settings
 
@@ -39,7 +39,7 @@ def of_ranges(request) -> bool:
 
 def at_pose(occupied, resolution, row, col, heading, beams, of_ranges, normals=None):
     """Information at one pose, (3, 3), of a standard deviation of 1 m."""
-    normals = surface_normals(occupied) if normals is None else normals
+    normals = find_surface_normals(occupied) if normals is None else normals
     one = [np.array([float(value)]) for value in (row, col, heading)]
     control = np.zeros(2, np.int64)
     squares = empty_squares(occupied)
@@ -201,7 +201,7 @@ def test_normals_of_straight_walls(degrees, thickness):
     across, along = cos * y - sin * x + 0.37, cos * x + sin * y
     occupied = (abs(across) <= thickness / 2) & (abs(along) < 70)
     chosen = occupied & (abs(along) < 60)
-    error = error_deg(surface_normals(occupied)[chosen], -sin, cos)
+    error = error_deg(find_surface_normals(occupied)[chosen], -sin, cos)
     assert np.median(error) < 0.8
     assert np.quantile(error, 0.95) < 2
 
@@ -211,7 +211,7 @@ def test_normals_of_round_walls(radius):
     x, y = cells(200, 1.0)
     distance = np.hypot(x, y)
     occupied = abs(distance - radius) <= 1
-    normals = surface_normals(occupied)[occupied]
+    normals = find_surface_normals(occupied)[occupied]
     error = error_deg(normals, (x / distance)[occupied], (y / distance)[occupied])
     assert np.median(error) < 1.5
     assert np.quantile(error, 0.95) < 4
@@ -219,7 +219,7 @@ def test_normals_of_round_walls(radius):
 
 def test_normals_are_unit_vectors_on_occupied_cells_only():
     occupied = random_stops((60, 70), 9, 0.1)
-    lengths = np.linalg.norm(surface_normals(occupied), axis=-1)
+    lengths = np.linalg.norm(find_surface_normals(occupied), axis=-1)
     np.testing.assert_allclose(lengths[lengths > 0], 1, rtol=1e-6)
     assert not lengths[~occupied].any()
     assert (lengths[occupied] > 0).mean() > 0.99
@@ -228,21 +228,21 @@ def test_normals_are_unit_vectors_on_occupied_cells_only():
 def test_a_lone_post_faces_no_way():
     occupied = np.zeros((21, 21), bool)
     occupied[10, 10] = True
-    assert not surface_normals(occupied).any()
+    assert not find_surface_normals(occupied).any()
 
 
 def test_a_wall_that_leaves_the_map_is_straight_to_its_end():
     occupied = np.zeros((30, 40), bool)
     occupied[15:17] = True
     occupied[29] = True
-    np.testing.assert_allclose(np.abs(surface_normals(occupied)[occupied]), [[1, 0]] * 120)
+    np.testing.assert_allclose(np.abs(find_surface_normals(occupied)[occupied]), [[1, 0]] * 120)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_information_is_that_of_finite_differences(seed, of_ranges):
     rng = np.random.default_rng(seed)
     occupied = random_stops((24, 30), seed, 0.06)
-    normals = surface_normals(occupied)
+    normals = find_surface_normals(occupied)
     beams = lidar(rng.uniform(-2, 2, 70), *rng.uniform(-0.4, 0.4, 3), 0.05, 0.7, 4.0)
     pose = rng.uniform(6, 18), rng.uniform(8, 22), rng.uniform(-4, 4)
     expected = oracles.beams.information(occupied, normals, 0.2, *pose, beams, of_ranges)
@@ -521,7 +521,11 @@ def test_a_full_circle_of_beams_knows_no_heading(of_ranges):
 
 def test_a_batch_is_its_single_poses_and_can_be_stopped(of_ranges):
     occupied = random_stops((60, 60), 25, 0.02)
-    squares, normals, beams = empty_squares(occupied), surface_normals(occupied), lidar(forward=0.2)
+    squares, normals, beams = (
+        empty_squares(occupied),
+        find_surface_normals(occupied),
+        lidar(forward=0.2),
+    )
     rows, cols = np.array([20.5, 30.5, 40.5]), np.array([11.5, 30.5, 44.5])
     headings, control = np.array([0.0, 1.0]), np.zeros(2, np.int64)
     batch = squares, normals, 0.1, rows, cols, headings, beams, of_ranges

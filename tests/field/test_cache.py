@@ -7,7 +7,7 @@ from support.maps import random_rooms
 from locplan._support.output import temporary_folder
 from locplan.errors import ConfigError, LocplanError
 from locplan.field import FieldConfig, Sad, SearchWindow, cache, load_or_compute
-from locplan.field.cache import cache_entries, cache_table, load_or_compute_result
+from locplan.field.cache import format_cache_table, list_cache_entries, load_or_compute_result
 from locplan.field.store import field_path
 from locplan.maps import OccupancyGrid
 
@@ -28,7 +28,7 @@ def three(tmp_path):
 
 
 def names(folder) -> list[str]:
-    return [entry.about["map"] for entry in cache_entries(folder)]
+    return [entry.about["map"] for entry in list_cache_entries(folder)]
 
 
 def test_entries_come_by_their_last_use(three, tmp_path):
@@ -38,18 +38,18 @@ def test_entries_come_by_their_last_use(three, tmp_path):
 
 
 def test_entries_know_their_kind_size_and_share(three, tmp_path):
-    entry = cache_entries(tmp_path)[0]
+    entry = list_cache_entries(tmp_path)[0]
     assert entry.path == three[0]
     assert entry.size == three[0].stat().st_size
     assert (entry.kind, entry.finished_share) == ("field", 1.0)
-    assert "field rooms 1 sad, disc" in " ".join(cache_table([entry], tmp_path).split())
+    assert "field rooms 1 sad, disc" in " ".join(format_cache_table([entry], tmp_path).split())
 
 
 def test_the_least_recently_used_go_first(three, tmp_path):
     size = sum(path.stat().st_size for path in three[:2])
-    cache.evict(tmp_path, size, three[0])
+    cache.evict_results(tmp_path, size, three[0])
     assert names(tmp_path) == ["rooms 1", "rooms 2"]
-    cache.evict(tmp_path, 1, three[1])
+    cache.evict_results(tmp_path, 1, three[1])
     assert names(tmp_path) == ["rooms 2"]
 
 
@@ -78,11 +78,11 @@ def test_unreadable_entries_are_listed_and_removed(three, tmp_path):
     for suffix in (".parts", ".zarr", ".kept"):
         (tmp_path / ("0" * 32 + suffix)).mkdir()
         (tmp_path / ("0" * 32 + suffix) / "zarr.json").write_text("{}")
-    kinds = sorted(entry.kind for entry in cache_entries(tmp_path))
+    kinds = sorted(entry.kind for entry in list_cache_entries(tmp_path))
     assert kinds == ["damaged", "field", "field", *["outdated"] * 2, "unfinished"]
-    assert "6 results" in cache_table(cache_entries(tmp_path), tmp_path)
+    assert "6 results" in format_cache_table(list_cache_entries(tmp_path), tmp_path)
     cache.clear_cache(tmp_path, 0)
-    assert cache_entries(tmp_path) == []
+    assert list_cache_entries(tmp_path) == []
     assert [path.name for path in tmp_path.iterdir()] == ["locks"]
 
 
@@ -104,10 +104,10 @@ def test_nothing_of_anybody_elses_is_touched(three, tmp_path):
     for name in ("mine.npz", f"{'a' * 31}.npz", f"{'a' * 32}.csv", "a" * 32):
         (tmp_path / name).write_text("{}")
         os.utime(tmp_path / name, (0, 0))
-    cache.evict(tmp_path, 0, three[0])
+    cache.evict_results(tmp_path, 0, three[0])
     cache.clear_cache(tmp_path, 0)
     assert len([path for path in tmp_path.iterdir() if path.is_file()]) == 4
-    assert cache_entries(tmp_path) == []
+    assert list_cache_entries(tmp_path) == []
 
 
 def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monkeypatch):
@@ -119,7 +119,7 @@ def test_one_that_cannot_be_removed_does_not_keep_the_rest(three, tmp_path, monk
         return remove(field)
 
     monkeypatch.setattr(cache, "remove", all_but_one)
-    cache.evict(tmp_path, 0, three[0])
+    cache.evict_results(tmp_path, 0, three[0])
     assert names(tmp_path) == ["rooms 1", "rooms 3"]
 
 
@@ -195,9 +195,9 @@ def test_parts_of_result_stay_until_it_is_saved(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         number_in(tmp_path, interrupted)
-    assert [entry.kind for entry in cache_entries(tmp_path)] == ["unfinished"]
+    assert [entry.kind for entry in list_cache_entries(tmp_path)] == ["unfinished"]
     assert number_in(tmp_path, lambda parts: read_number(parts / "1")) == 7
-    assert [entry.path.name for entry in cache_entries(tmp_path)] == [f"{KEY}.npz"]
+    assert [entry.path.name for entry in list_cache_entries(tmp_path)] == [f"{KEY}.npz"]
 
 
 def test_result_without_parts_if_cache_is_a_file(tmp_path):

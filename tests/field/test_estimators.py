@@ -27,9 +27,9 @@ from locplan.field import (
     load_or_compute,
     scalar,
 )
-from locplan.field.beams import NORMAL_REACH, surface_normals
-from locplan.field.compute import standing_cells
-from locplan.field.covariance import mean_information
+from locplan.field.beams import NORMAL_REACH, find_surface_normals
+from locplan.field.compute import find_standing_cells
+from locplan.field.covariance import average_information
 from locplan.field.estimator import MapPart
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, environments
 from locplan.planning import Costmap, Path, path_metrics, plan
@@ -637,12 +637,12 @@ def test_paths_by_heading():
 
 def test_normals_of_a_part_are_those_of_the_whole(monkeypatch):
     occupied = random_rooms((300, 310), seed=2) == 0
-    whole = surface_normals(occupied)
-    part = surface_normals(occupied[40:260, 30:300])
+    whole = find_surface_normals(occupied)
+    part = find_surface_normals(occupied[40:260, 30:300])
     inner = slice(NORMAL_REACH, -NORMAL_REACH)
     np.testing.assert_array_equal(part[inner, inner], whole[40:260, 30:300][inner, inner])
     monkeypatch.setattr("locplan.field.beams.BAND", 37)
-    np.testing.assert_array_equal(surface_normals(occupied), whole)
+    np.testing.assert_array_equal(find_surface_normals(occupied), whole)
 
 
 def test_noisy_ranges_are_estimated_as_well_as_fisher_says():
@@ -771,7 +771,7 @@ def test_sharp_posteriors_have_a_mean_information(rooms):
 
 def test_covariances_of_zero_have_a_mean_information():
     known = np.stack([np.zeros((3, 3)), np.eye(3)])
-    np.testing.assert_allclose(mean_information(known), 2e-12 * np.eye(3), rtol=1e-6)
+    np.testing.assert_allclose(average_information(known), 2e-12 * np.eye(3), rtol=1e-6)
 
 
 def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
@@ -784,7 +784,7 @@ def test_an_empty_map_and_a_full_one_do_no_harm(estimator):
 def test_lattice_points_in_walls_are_looked_at_from_beside_them():
     free = random_rooms((30, 34), seed=4) == FREE
     rows, cols = np.indices(free.shape).reshape(2, -1)
-    at = standing_cells(free, rows, cols, 3)
+    at = find_standing_cells(free, rows, cols, 3)
     for row, col, to_row, to_col in zip(rows, cols, *at, strict=True):
         near = np.argwhere(free[max(0, row - 3) : row + 4, max(0, col - 3) : col + 4])
         if len(near) == 0:

@@ -22,7 +22,7 @@ from locplan.field import (
     SearchWindow,
     covariance_field,
     position_axes,
-    sampled_covariances,
+    sample_covariances,
     scalar,
     tiles,
 )
@@ -346,7 +346,7 @@ LIDAR = Lidar(range=20.0, beams=360, field_of_view_deg=180.0)
 @pytest.mark.parametrize("stride", [0.02, 0.2])
 def test_tiles_are_bounded_by_what_they_cost(estimator, resolution, stride):
     config = FieldConfig(estimator, stride=stride)
-    edge = tiles.chunk_edge(config, resolution)
+    edge = tiles.compute_chunk_edge(config, resolution)
     seconds = config.headings * estimator.seconds(resolution)
     assert edge**2 * seconds <= 2.0 or edge == 1
     greatest = min(tiles.TILE, tiles.TILE_CELLS // config.stride_cells(resolution))
@@ -438,7 +438,7 @@ def test_what_befalls_an_executor_is_told_in_one_line(rooms):
 def test_sampled_positions_are_spread_out_and_leave_no_gap():
     grid = OccupancyGrid(random_rooms((90, 130), seed=4), 0.1, (3.0, -2.0, 0.4))
     field = covariance_field(grid, FieldConfig(Sad(range=1.0)))
-    xy, covariance = sampled_covariances(field, 1.5)
+    xy, covariance = sample_covariances(field, 1.5)
     clear = grid.clearance[:: field.stride, :: field.stride] >= 0.15
     i, j = np.nonzero(field.is_evaluated & clear)
     points = np.stack(grid.grid_to_world(i * field.stride + 0.5, j * field.stride + 0.5), axis=1)

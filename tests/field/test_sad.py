@@ -14,9 +14,9 @@ from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes, sad as kernel
 from locplan.field.sad import Exponential, InverseSquare
 from locplan.field.sad_tiles import MapLayout
-from locplan.field.templates import cells_at, disc, local_map
+from locplan.field.templates import disc, local_map, read_levels
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, load_map
-from locplan.paper.template_matching import sad_distribution
+from locplan.paper.template_matching import compute_sad_distribution
 
 
 def compare(cells, rows, cols, radius, window, *, visible=False):
@@ -26,7 +26,9 @@ def compare(cells, rows, cols, radius, window, *, visible=False):
         MapLayout.from_part(part, radius, window), visible=visible
     )
     for n in range(len(rows)):
-        expected = sad_distribution(cells, rows[n], cols[n], radius, window, visible=visible)
+        expected = compute_sad_distribution(
+            cells, rows[n], cols[n], radius, window, visible=visible
+        )
         np.testing.assert_array_equal(result[n], expected)
 
 
@@ -123,7 +125,7 @@ def turned_about_itself(cells, row, col, radius, theta):
     u = np.arange(-radius, radius + 1)
     v = u[:, None]
     rows = np.floor(row + cos * v - sin * u + 0.5).astype(int)
-    return cells_at(cells, rows, np.floor(col + sin * v + cos * u + 0.5).astype(int))
+    return read_levels(cells, rows, np.floor(col + sin * v + cos * u + 0.5).astype(int))
 
 
 def e_by_definition(estimator, cells, row, col, resolution):
@@ -202,7 +204,7 @@ def test_covariance_is_the_papers_formula_on_the_reference():
         Sad(range=1.0, window=replace(small, half_rotation_deg=0)),
     ):
         window = estimator.window.to_lattice(0.05)
-        mismatch = sad_distribution(cells, 40, 36, 20, window)
+        mismatch = compute_sad_distribution(cells, 40, 36, 20, window)
         area = mismatch / 254 * 0.05**2
         if isinstance(estimator.weights, Exponential):
             weights = np.exp(-area / estimator.tau)

@@ -13,7 +13,7 @@ from locplan.field import OffsetLattice, Sad, SearchWindow
 from locplan.field.estimator import MapPart
 from locplan.field.kernels import bitplanes
 from locplan.field.sad import Exponential, InverseSquare
-from locplan.field.sad_tiles import MapLayout, disc_blocks, find_kept_lines, scale_to_short
+from locplan.field.sad_tiles import MapLayout, find_disc_blocks, find_kept_lines, scale_to_short
 from locplan.field.templates import disc
 from locplan.maps import FREE, load_map
 
@@ -50,7 +50,9 @@ def test_kept_lines_are_those_of_the_plain_loops(
     limit = int(np.quantile(exact.min(axis=2), 0.15)) >> shift
     monkeypatch.setattr("locplan.field.sad_tiles.scale_to_short", lambda _: (limit, shift))
     found = kept(layout, limit << shift)
-    sizes = [[(*at, edge) for at in zip(*disc_blocks(radius, edge), strict=True)] for edge in edges]
+    sizes = [
+        [(*at, edge) for at in zip(*find_disc_blocks(radius, edge), strict=True)] for edge in edges
+    ]
     for n in range(len(rows)):
         place = cells, rows[n], cols[n], radius, step, half_steps, window.angles
         np.testing.assert_array_equal(
@@ -202,7 +204,7 @@ def test_sums_of_distances_stay_at_the_greatest(shift, number):
 
 @pytest.mark.parametrize(("radius", "edge"), [(60, 16), (60, 32), (300, 64), (10, 64)])
 def test_blocks_lie_apart_within_the_disc(radius, edge):
-    rows, cols = disc_blocks(radius, edge)
+    rows, cols = find_disc_blocks(radius, edge)
     times = np.zeros((2 * radius + 1, 2 * radius + 1), int)
     for row, col in zip(rows, cols, strict=True):
         assert row % 8 == col % 8 == 0

@@ -17,9 +17,9 @@ from locplan._support.kernels.lidar import LidarBeams, scan_ends
 from locplan._support.kernels.likelihood import TOP
 from locplan._support.kernels.rays import empty_squares
 from locplan.field import FieldConfig, OffsetLattice, Sad, Scan, SearchWindow
-from locplan.field.beams import wall_cells
+from locplan.field.beams import find_wall_cells
 from locplan.field.estimator import MapPart
-from locplan.field.scan import likelihood_field
+from locplan.field.scan import make_likelihood_field
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.robots import Lidar as Settings
 
@@ -46,7 +46,9 @@ def scans(levels, rows, cols, angles, reach):
 
 def run(levels, resolution, window, rows, cols, ends, *, temperature=TEMPERATURE, **of_field):
     """Posteriors of the scans with ends (n, beam, 2)."""
-    field = likelihood_field(levels, resolution, window.step_cells, window.half_steps, **of_field)
+    field = make_likelihood_field(
+        levels, resolution, window.step_cells, window.half_steps, **of_field
+    )
     lattice = likelihood.make_lattice(window.half_steps, window.angles)
     weights = likelihood.make_weights(temperature * field.nats, ends.shape[1] * TOP)
     shape = len(rows), 1
@@ -93,14 +95,14 @@ def mode_of(lattice, costs, excess):
 @pytest.mark.parametrize("resolution", [0.02, 0.05, 0.25])
 def test_costs_are_those_of_the_distances(resolution):
     levels, step = random_rooms((23, 31), seed=3, blocks=6), 3
-    field = likelihood_field(levels, resolution, step, 2)
+    field = make_likelihood_field(levels, resolution, step, 2)
     planes = field.costs[: step * step * field.plane].reshape(step, step, -1, field.width)
     rows, cols = step * planes.shape[2], step * planes.shape[3]
     margins = [
         (-field.first, size + field.first - n)
         for size, n in zip((rows, cols), levels.shape, strict=True)
     ]
-    solid = wall_cells(levels == OCCUPIED)
+    solid = find_wall_cells(levels == OCCUPIED)
     squared = ndimage.distance_transform_edt(np.pad(1 - solid, margins, constant_values=1)) ** 2
     exact = -np.log((1 - Z_RAND) * np.exp(-squared * resolution**2 / 0.02) + Z_RAND) / field.nats
     costs = planes.transpose(2, 0, 3, 1).reshape(rows, cols)
@@ -115,9 +117,9 @@ def test_costs_are_those_of_the_distances(resolution):
 def test_walls_are_hollow(level):
     levels = random_rooms((23, 31), seed=4, blocks=6)
     levels[5:13, 20:28] = level
-    assert [tuple(at) for at in np.argwhere(wall_cells(levels == OCCUPIED))] == oracles.scan.walls(
-        levels
-    )
+    assert [
+        tuple(at) for at in np.argwhere(find_wall_cells(levels == OCCUPIED))
+    ] == oracles.scan.walls(levels)
 
 
 def test_unknown_space_painted_black_changes_little():
@@ -138,7 +140,7 @@ def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, bea
     rng = np.random.default_rng(step * 100 + half_steps)
     levels = random_rooms((19, 26), seed=step, blocks=9)
     window = OffsetLattice(0.05, step, half_steps, math.radians(35), rotations)
-    field = likelihood_field(levels, 0.05, step, half_steps)
+    field = make_likelihood_field(levels, 0.05, step, half_steps)
     ends = rng.normal(0, 12, (beams, 2))
     ends[::5] = np.nan
     ends[1] = 900.0, -1e5  # far off the map
@@ -154,7 +156,7 @@ def test_costs_are_bit_equal_to_the_plain_loops(step, half_steps, rotations, bea
 
 def test_posterior_is_that_of_the_exact_likelihood_but_for_the_steps_of_cost():
     window = OffsetLattice(0.05, 2, 3, math.radians(20), 2)
-    field = likelihood_field(levels := random_rooms((40, 50), seed=8), 0.05, 2, 3)
+    field = make_likelihood_field(levels := random_rooms((40, 50), seed=8), 0.05, 2, 3)
     row, col = np.argwhere(levels == FREE)[300]
     ends = np.random.default_rng(8).normal(0, 15, (40, 2))
     beams = len(ends)
@@ -304,7 +306,7 @@ def test_noisy_scans_are_matched_about_as_far_off_as_the_posterior_says(x, y):
     window = OffsetLattice(0.01, 1, 12, math.radians(0.5), 6)
     angles = all_round(beams)
     ends = cast_ends(levels, y, x, angles, 200)
-    field = likelihood_field(levels, 0.01, 1, 12, sigma_hit=sigma)
+    field = make_likelihood_field(levels, 0.01, 1, 12, sigma_hit=sigma)
     # Of the noise that there is, and without a temperature: what it says is the whole truth.
     result = run(levels, 0.01, window, [y], [x], ends[None], temperature=1.0, sigma_hit=sigma)
     rng, matched = np.random.default_rng(1), []
@@ -338,7 +340,7 @@ def test_many_beams_do_not_overflow():
     levels = np.full((60, 60), FREE, np.uint8)
     levels[30, 30] = OCCUPIED
     window = OffsetLattice(0.05, 1, 2, math.radians(10), 1)
-    field = likelihood_field(levels, 0.05, 1, 2)
+    field = make_likelihood_field(levels, 0.05, 1, 2)
     ends = np.full((2000, 2), 25.0)  # as far from the only occupied cell as may be
     assert (kernel_costs(field, window, 30, 30, ends) == 2000 * TOP).all()
 

@@ -23,7 +23,7 @@ from locplan.field import (
     load_or_compute,
     tiles,
 )
-from locplan.field.cache import CacheWarning, cache_entries
+from locplan.field.cache import CacheWarning, list_cache_entries
 from locplan.field.sad import Exponential
 from locplan.field.store import field_path
 from locplan.maps import UNKNOWN, OccupancyGrid, save_map
@@ -201,7 +201,7 @@ def test_a_killed_run_is_resumed(grid, tmp_path, more_tiles, computed, other):
     field = load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert len(computed) == 3 - more_tiles
     np.testing.assert_array_equal(field.covariance, covariance_field(grid, QUICK_FIELD).covariance)
-    assert [entry.finished_share for entry in cache_entries(tmp_path)] == [1.0]
+    assert [entry.finished_share for entry in list_cache_entries(tmp_path)] == [1.0]
 
 
 def test_while_another_process_computes_one_waits_and_sees_how_far_it_is(
@@ -235,7 +235,7 @@ def test_whoever_waits_goes_on_where_a_killed_process_was(grid, tmp_path, comput
 
 def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of_tiles):
     interrupted(grid, tmp_path, 0.6)
-    (entry,) = cache_entries(tmp_path)
+    (entry,) = list_cache_entries(tmp_path)
     assert entry.path.suffix == ".parts"
     assert (entry.kind, entry.to_json()["map"]) == ("parts of a field", "rooms")
     assert 0 < entry.finished_share < 1
@@ -245,7 +245,7 @@ def test_interrupted_field_resumes_from_parts(grid, tmp_path, computed, parts_of
     assert 0 < sum(computed) <= field.is_evaluated.sum() * (1 - entry.finished_share)
     assert done + sum(computed) < 1.6 * field.is_evaluated.sum()
     assert equals_computed(field)
-    assert [entry.path for entry in cache_entries(tmp_path)] == [
+    assert [entry.path for entry in list_cache_entries(tmp_path)] == [
         field_path(grid, QUICK_FIELD, tmp_path)
     ]
 
@@ -257,7 +257,7 @@ def test_quick_field_writes_no_parts(grid, tmp_path, monkeypatch):
 
 def test_damaged_part_is_computed_again(grid, tmp_path, computed, parts_of_tiles):
     interrupted(grid, tmp_path, 0.6)
-    (entry,) = cache_entries(tmp_path)
+    (entry,) = list_cache_entries(tmp_path)
     for part in entry.path.iterdir():
         part.write_bytes(part.read_bytes()[:-30])
     computed.clear()
@@ -390,7 +390,7 @@ def test_what_was_read_was_used(grid, tmp_path):
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     os.utime(field_path(grid, QUICK_FIELD, tmp_path), (0, 0))
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
-    assert cache_entries(tmp_path)[0].used > 1e9
+    assert list_cache_entries(tmp_path)[0].used > 1e9
 
 
 def test_map_without_free_cells_is_cached(tmp_path, monkeypatch):
@@ -406,7 +406,7 @@ def test_field_of_earlier_version_is_not_read(grid, tmp_path, computed):
     (path.with_suffix(".zarr") / "zarr.json").write_text("{}")
     load_or_compute(grid, QUICK_FIELD, cache_dir=tmp_path)
     assert computed
-    assert sorted(entry.kind for entry in cache_entries(tmp_path)) == [
+    assert sorted(entry.kind for entry in list_cache_entries(tmp_path)) == [
         "field",
         "outdated",
     ]

@@ -15,7 +15,7 @@ from support.cases import sample_cases
 from locplan.errors import ConfigError, MapError
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, environments, load_map, save_map
 
-NAMES = environments.names()
+NAMES = environments.list_environments()
 MAPS = Path(__file__).resolve().parents[2] / "maps"
 RESOLUTIONS = sample_cases([0.05, 0.1, 0.02], 2)
 ROBOT_RADIUS = 0.25

@@ -424,7 +424,7 @@ def test_pillows_own_limit_is_left_alone(tmp_path, monkeypatch):
 @pytest.mark.parametrize("limit", [None, 2**40, 89478485])
 def test_too_many_pixels_are_refused_before_decoding(tmp_path, monkeypatch, limit):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", limit)
-    monkeypatch.setattr(pixels, "_decode", lambda _: pytest.fail("it is decoded"))
+    monkeypatch.setattr(pixels, "_decode_image", lambda _: pytest.fail("it is decoded"))
     monkeypatch.setattr(pixels, "PIXELS_PER_BYTE", 2**40)
     (tmp_path / "map.png").write_bytes(png(2**14 + 1, 2**14, b"\0"))
     assert "more pixels than" in refusal(write_yaml(tmp_path, image="map.png"))

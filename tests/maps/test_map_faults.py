@@ -17,10 +17,10 @@ from locplan.maps import (
     faults,
     find_maps,
     hollow_walls,
+    measure_solidity,
     read_map,
-    solidity,
 )
-from locplan.maps.map_faults import MapFault, Solidity
+from locplan.maps.map_faults import MapFault, WallSolidity
 
 SOLID = {
     "f1tenth_gym_berlin",
@@ -66,7 +66,7 @@ def test_blocks_that_are_black_inside_are_solid_and_hollow_ones_are_not():
 
 
 def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
-    monkeypatch.setattr("locplan.maps.map_faults.DEPTH", 3.5)
+    monkeypatch.setattr("locplan.maps.map_faults.MISLEADING_DEPTH", 3.5)
     found = faults(replace(blocks(), origin=(1.0, 0.0, 0.0)))  # another map, which is checked anew
     assert [(each.kind, each.sure) for each in found] == [("thick walls", False)]
     assert not found.is_solid
@@ -84,7 +84,9 @@ def test_walls_that_are_not_deep_are_said_to_be_thick_only(monkeypatch):
 def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
     wins, hollow, depth, kind, monkeypatch
 ):
-    monkeypatch.setattr("locplan.maps.map_faults.solidity", lambda _: Solidity(wins, hollow, depth))
+    monkeypatch.setattr(
+        "locplan.maps.map_faults.measure_solidity", lambda _: WallSolidity(wins, hollow, depth)
+    )
     found = faults(blocks())
     assert [each.kind for each in found] == [kind] * (kind is not None)
     assert found.repaired_map == (hollow_walls(blocks()) if kind == "solid walls" else blocks())
@@ -95,14 +97,14 @@ def test_walls_mislead_that_win_a_fifth_of_scans_and_half_of_them_hollow(
 @pytest.mark.parametrize(("cells", "depth"), [(5, 0.0), (6, 1.0)])
 def test_walls_are_deep_with_over_half_a_metre_of_black(cells, depth):
     room = np.pad(np.full((30, 40), FREE, np.uint8), cells, constant_values=OCCUPIED)
-    assert solidity(OccupancyGrid(room, 0.1)).depth == depth
+    assert measure_solidity(OccupancyGrid(room, 0.1)).depth == depth
 
 
 def test_the_check_is_made_once_of_equal_maps():
-    first = solidity(blocks())
-    assert solidity(blocks()) is first
+    first = measure_solidity(blocks())
+    assert measure_solidity(blocks()) is first
     assert 0.2 <= first.wins <= 1
-    assert first.wins_hollowed <= first.wins / 2
+    assert first.hollowed_wrong_pose_share <= first.wins / 2
 
 
 @pytest.mark.parametrize(("speck", "many"), [(1, True), (3, True), (4, False)])

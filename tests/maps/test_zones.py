@@ -9,7 +9,7 @@ from support.zones import inside, random_outline
 from locplan import Zone, Zones
 from locplan.errors import ConfigError, LocplanError
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, read_map, save_map
-from locplan.maps.figures import draw_zones, map_axes
+from locplan.maps.figures import draw_zones, make_map_axes
 
 BOX = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]]
 TRIANGLE = [[0.3, 0.2], [2.6, 0.4], [1.1, 2.3]]
@@ -217,7 +217,7 @@ def test_drawn_no_go_zones_cover_their_cells(origin):
     rng = np.random.default_rng(3)
     grid = OccupancyGrid(np.where(rng.random((30, 40)) < 0.3, OCCUPIED, FREE), 0.1, origin)
     zones = Zones.from_mask(grid)
-    axes = map_axes(grid)[1]
+    axes = make_map_axes(grid)[1]
     (handle,) = draw_zones(axes, zones, grid)
     assert handle.get_label() == "no-go zone"
     (patch,) = axes.patches
@@ -230,7 +230,7 @@ def test_drawn_no_go_zones_cover_their_cells(origin):
 
 def test_draw_zones_leaves_out_zones_beside_the_map():
     grid = open_grid()
-    axes = map_axes(grid)[1]
+    axes = make_map_axes(grid)[1]
     labels = [handle.get_label() for handle in draw_zones(axes, ALL, grid)]
     assert labels == ["no-go zone", "slow zone", "preferred zone"]
     np.testing.assert_array_equal(axes.patches[1].get_path().vertices[:3], TRIANGLE)

@@ -14,15 +14,15 @@ from locplan.field import (
     SearchWindow,
     covariance_field,
     position_axes,
-    sampled_covariances,
+    sample_covariances,
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN
 from locplan.paper.claims import (
+    compare_models_along_strips,
     compute_claim_shares,
-    maps_of_places,
-    mismatch_at,
-    one_dimensional,
-    share_smaller_with_range,
+    compute_place_mismatch,
+    compute_share_smaller_with_range,
+    draw_place_maps,
 )
 from locplan.paper.template_matching import MODELS
 
@@ -42,7 +42,7 @@ PRESETS = {"default": Sad, "paper": Sad.paper}
 
 @pytest.fixture(scope="module")
 def slides():
-    return one_dimensional()
+    return compare_models_along_strips()
 
 
 def overlaps(template, strip, shift):
@@ -103,8 +103,8 @@ def test_the_seven_curves_are_those_of_the_formulas(slides, panel):
 @pytest.mark.parametrize("model", ["SSD", "SAD", "NSSD", "NCC", "CC"])
 def test_a_free_template_matches_free_space_alike_up_to_the_border(slides, panel, model):
     slide = slides[panel]
-    assert slide.constant_until(model, 1.5)
-    assert not slide.constant_until(model, 1.55)
+    assert slide.is_constant_until(model, 1.5)
+    assert not slide.is_constant_until(model, 1.55)
     if (panel, model) != (1, "NCC"):
         assert slide.peaks(model).max() == pytest.approx(1.5)
 
@@ -145,7 +145,7 @@ def test_all_models_change_course_once_more_beyond_the_wall(slides, model, where
 @pytest.mark.parametrize("reach", [6.0, 8.0])
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.2])
 def test_the_papers_claims(preset, reach, noise):
-    maps = maps_of_places(boundary_noise=noise, seed=1)
+    maps = draw_place_maps(boundary_noise=noise, seed=1)
     shares = compute_claim_shares(maps, PRESETS[preset](range=reach))
     lost = {claim for claim, share in shares.items() if share < 1}
     expected = set()
@@ -163,23 +163,23 @@ def test_the_papers_claims(preset, reach, noise):
 @pytest.mark.long
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_larger_template_gives_no_greater_e(preset):
-    grid = maps_of_places()["places"]
-    assert share_smaller_with_range(grid, PRESETS[preset](), 8.0) == 1.0
+    grid = draw_place_maps()["places"]
+    assert compute_share_smaller_with_range(grid, PRESETS[preset](), 8.0) == 1.0
 
 
 def test_claims_can_fail():
-    maps = maps_of_places(resolution=0.1)
+    maps = draw_place_maps(resolution=0.1)
     everywhere = dict.fromkeys(maps, maps["hall"])  # the places of another map: walls and floor
     assert min(compute_claim_shares(everywhere, Sad(), around=0).values()) == 0
 
 
 def test_mismatch_at_a_place_is_least_where_it_is():
-    maps = maps_of_places(resolution=0.1)
-    at_b = mismatch_at(maps, "B", Sad())
+    maps = draw_place_maps(resolution=0.1)
+    at_b = compute_place_mismatch(maps, "B", Sad())
     assert at_b.shape == (21, 21, 13)
     assert (at_b[:, 10, 6] == 0).all()  # along the corridor nothing changes
     assert at_b[10, 11, 6] > 1  # across it walls move by 0.2 m
-    assert (mismatch_at(maps, "E", Sad()) == 0).all()
+    assert (compute_place_mismatch(maps, "E", Sad()) == 0).all()
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +215,7 @@ def test_ellipses_have_the_size_and_direction_of_the_covariances(program):
     field = covariance_field(grid, Sad(range=1.0))
     figure = program.ellipses_figure({"six": field, "again": field}, spacing=1.0, magnify=3.0)
     assert [axes.get_title() for axes in figure.axes] == ["six", "again"]
-    xy, covariance = sampled_covariances(field, 1.0)
+    xy, covariance = sample_covariances(field, 1.0)
     assert len(xy) > 20
     major, minor, direction = position_axes(covariance)
     wedges, ellipses, lines = figure.axes[0].collections

@@ -8,20 +8,20 @@ from locplan.errors import LocplanError
 from locplan.field import FieldConfig, Sad, SearchWindow
 from locplan.field.templates import (
     BEHIND,
-    beam_count,
+    count_beams,
+    cut_rotated_template,
     disc,
     local_map,
-    rotated_template,
     visible_part,
 )
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from locplan.paper.template_matching import (
     MODELS,
-    along_axis,
+    compare_models_along_axis,
+    compare_models_along_strip,
+    compute_sad_distribution,
     mismatch,
-    sad_distribution,
     similarities,
-    slide_along_x,
 )
 
 
@@ -37,21 +37,21 @@ def test_sad_distribution_equals_the_plain_loops():
     window = config.estimator.window.to_lattice(0.05)
     for row, col in ((15, 19), (0, 0), (30, 5)):
         expected = oracles.sad.mismatch_counts(cells, row, col, 7, 2, 3, window.angles)
-        result = sad_distribution(cells, row, col, 7, window)
+        result = compute_sad_distribution(cells, row, col, 7, window)
         np.testing.assert_array_equal(result, 127 * expected.transpose(0, 2, 1))
 
 
 def test_template_turns_counter_clockwise():
     cells = np.full((21, 21), FREE, np.uint8)
     cells[10, 16] = OCCUPIED  # six cells along +x
-    template = rotated_template(cells, 10, 10, 8, np.pi / 2)
+    template = cut_rotated_template(cells, 10, 10, 8, np.pi / 2)
     assert np.argwhere(template == OCCUPIED).tolist() == [[14, 8]]  # six cells along +y
 
 
 def test_unturned_template_is_the_local_map():
     cells = random_rooms((40, 40), seed=1)
     np.testing.assert_array_equal(
-        rotated_template(cells, 3, 38, 9, 0.0), local_map(cells, 3, 38, 9)
+        cut_rotated_template(cells, 3, 38, 9, 0.0), local_map(cells, 3, 38, 9)
     )
 
 
@@ -72,7 +72,7 @@ def test_disc_is_symmetric_and_touches_its_radius(radius):
 def test_mismatch_is_zero_at_zero_lag():
     cells = random_rooms((60, 60), seed=2)
     window = FieldConfig(Sad(window=SearchWindow(half_width=0.4))).estimator.window.to_lattice(0.1)
-    assert sad_distribution(cells, 30, 30, 12, window)[2, 2, 6] == 0
+    assert compute_sad_distribution(cells, 30, 30, 12, window)[2, 2, 6] == 0
 
 
 def test_a_ray_sees_the_wall_but_not_the_room_behind():
@@ -94,7 +94,7 @@ def test_in_the_open_everything_is_seen():
 def test_the_visible_part_equals_the_plain_loops():
     cells = random_rooms((50, 60), seed=13, blocks=20)
     for row, col, theta in ((25, 30, 0.0), (0, 0, 0.5), (40, 10, -1.0)):
-        expected = oracles.sad.visible_part(cells, row, col, 18, theta, beam_count(18), BEHIND)
+        expected = oracles.sad.visible_part(cells, row, col, 18, theta, count_beams(18), BEHIND)
         np.testing.assert_array_equal(visible_part(cells, row, col, 18, theta), expected)
 
 
@@ -113,7 +113,7 @@ def test_models_equal_opencvs(model):
     cells = random_rooms((24, 60), seed=5, blocks=40)
     template = cells[:, 21:39]
     expected = cv2.matchTemplate(cells, template, OPENCV[model])
-    found = slide_along_x(template, cells)[model]
+    found = compare_models_along_strip(template, cells)[model]
     scale = abs(expected).max()
     np.testing.assert_allclose(found, expected[0], rtol=1e-5, atol=1e-5 * scale)
 
@@ -134,7 +134,7 @@ def test_templates_that_do_not_fit_are_refused():
     with pytest.raises(LocplanError, match="one shape"):
         similarities(np.zeros((0, 3)), np.zeros((0, 3)))
     with pytest.raises(LocplanError, match="cannot slide"):
-        slide_along_x(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
+        compare_models_along_strip(np.zeros((2, 3), np.uint8), np.zeros((2, 2), np.uint8))
 
 
 def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other():
@@ -142,9 +142,9 @@ def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other(
     estimator = Sad(range=1.5, window=SearchWindow(half_width=0.5))
     grid, turned = OccupancyGrid(cells, 0.1), OccupancyGrid(np.rot90(cells, -1), 0.1)
     x, y = 3.05, 5.05
-    offsets, curves = along_axis(grid, x, y, "x", estimator)
+    offsets, curves = compare_models_along_axis(grid, x, y, "x", estimator)
     # Row 0 is at the lowest y: rot90 by -1 turns the world counter-clockwise.
-    turned_offsets, turned_curves = along_axis(turned, 8.1 - y, x, "y", estimator)
+    turned_offsets, turned_curves = compare_models_along_axis(turned, 8.1 - y, x, "y", estimator)
     np.testing.assert_array_equal(offsets, turned_offsets)
     assert offsets[[0, -1]].tolist() == pytest.approx([-0.4, 0.4])
     for name in MODELS:
@@ -153,7 +153,7 @@ def test_along_an_axis_the_map_turned_by_90_degrees_has_the_curves_of_the_other(
 
 def test_along_theta_the_best_match_is_no_turn():
     grid = OccupancyGrid(random_rooms((81, 81), seed=8), 0.1)
-    angles, curves = along_axis(grid, 4.0, 4.0, "theta", Sad(range=2.0))
+    angles, curves = compare_models_along_axis(grid, 4.0, 4.0, "theta", Sad(range=2.0))
     np.testing.assert_allclose(np.degrees(angles), np.arange(-60, 61))
     assert curves["SAD"][60] == 0
     assert (np.delete(curves["SAD"], [59, 60, 61]) > 0).all()  # a degree may move no cell
@@ -165,7 +165,7 @@ def test_along_an_axis_sad_is_the_distributions():
     estimator = Sad(range=1.5)
     area = mismatch(grid, 4.0, 4.0, estimator)
     assert area.shape == (21, 21, 13)
-    offsets, curves = along_axis(grid, 4.0, 4.0, "y", estimator)
+    offsets, curves = compare_models_along_axis(grid, 4.0, 4.0, "y", estimator)
     np.testing.assert_allclose(offsets[::2], np.arange(-10, 11) * 0.2)
     np.testing.assert_allclose(curves["SAD"][::2] * (0.01 / 254), area[10, :, 6])
 
@@ -175,6 +175,8 @@ def test_places_and_axes_that_are_none_are_refused():
     with pytest.raises(LocplanError, match="free space"):
         mismatch(grid, 9.0, 1.0, Sad())
     with pytest.raises(LocplanError, match="axis must be"):
-        along_axis(grid, 1.0, 1.0, "z", Sad())
+        compare_models_along_axis(grid, 1.0, 1.0, "z", Sad())
     with pytest.raises(LocplanError, match="axis must be"):
-        along_axis(grid, 1.0, 1.0, "theta", Sad(window=SearchWindow(half_rotation_deg=0)))
+        compare_models_along_axis(
+            grid, 1.0, 1.0, "theta", Sad(window=SearchWindow(half_rotation_deg=0))
+        )

@@ -10,7 +10,7 @@ from support.maps import random_rooms
 
 from locplan.errors import ConfigError, FieldError
 from locplan.field import CovarianceField, FieldConfig, Fisher, covariance_field, load_or_compute
-from locplan.field.cache import cache_entries, cache_table
+from locplan.field.cache import format_cache_table, list_cache_entries
 from locplan.field.lattice import fill_lacking, find_near_points, select_second_points
 from locplan.maps import OccupancyGrid, environments, save_map
 from locplan.planning import Costmap, path_metrics, plan
@@ -159,11 +159,11 @@ def test_what_is_cached_does_not_change_a_field_of_some_points(grid, whole, coar
 
 def test_cache_lists_finished_share_of_field(grid, whole, coarse, tmp_path):
     load_or_compute(grid, CONFIG, points=coarse.is_evaluated, cache_dir=tmp_path)
-    (entry,) = cache_entries(tmp_path)
+    (entry,) = list_cache_entries(tmp_path)
     assert entry.finished_share == coarse.is_evaluated.sum() / whole.is_evaluated.sum()
-    assert f" {entry.finished_share:.0%} " in cache_table([entry], tmp_path)
+    assert f" {entry.finished_share:.0%} " in format_cache_table([entry], tmp_path)
     load_or_compute(grid, CONFIG, cache_dir=tmp_path)
-    assert [each.finished_share for each in cache_entries(tmp_path)] == [1.0]
+    assert [each.finished_share for each in list_cache_entries(tmp_path)] == [1.0]
 
 
 def test_a_field_of_some_points_is_not_saved(coarse, tmp_path):
@@ -196,5 +196,5 @@ def test_plan_computes_what_lies_near_its_paths_unless_a_spacing_is_given(
     monkeypatch.setenv("LOCPLAN_CACHE", str(tmp_path / "cache"))
     code, _, err = run("plan", tmp_path / "map.yaml", *ends, *lidar, *options)
     assert code == 0, err
-    (entry,) = cache_entries(tmp_path / "cache")
+    (entry,) = list_cache_entries(tmp_path / "cache")
     assert (entry.finished_share == 1.0) == is_whole

@@ -77,7 +77,7 @@ def states_and_edges(costs: Costmap, planner: Lattice) -> dict:
             continue
         x, y = grid.grid_to_world(local[:, 1], local[:, 0])
         path = Path(np.column_stack([x, y]), local[:, 2] + grid.origin[2])
-        if LONG.first_collision(grid, path) is not None:
+        if LONG.find_first_collision(grid, path) is not None:
             continue
         cost = path_cost(costs, path) * (planner.reverse if each.sideways else 1)
         cost += planner.turn_cost * each.turn
@@ -118,7 +118,7 @@ def test_no_motions_of_the_lattice_lead_to_the_goal_at_less_cost(kinematics, see
             assert found.status in ("infeasible", "unreachable")
             continue
         assert cost_of(costs, found.path, planner) == pytest.approx(least, rel=1e-6)
-        assert LONG.first_collision(costs.grid, found.path) is None
+        assert LONG.find_first_collision(costs.grid, found.path) is None
         for pose, cell in zip(found.path.xy[[0, -1]], (start, goal), strict=True):
             assert costs.grid.cell(pose) == cell
     assert "solved" in outcomes
@@ -190,7 +190,7 @@ def test_a_collision_does_not_depend_on_how_dense_the_poses_are():
             angle = start + np.linspace(0, 1.5, count)
             xy = np.column_stack([x + 0.8 * np.cos(angle), y + 0.8 * np.sin(angle)])
             arcs.append(Path(xy, angle + math.pi / 2))
-        hits = [LONG.first_collision(grid, arc) is None for arc in arcs]
+        hits = [LONG.find_first_collision(grid, arc) is None for arc in arcs]
         outcomes.append(hits[0] == hits[1])
     assert np.mean(outcomes) > 0.97
 
@@ -222,7 +222,7 @@ def test_a_long_robot_passes_where_only_its_length_fits():
     ends = (0.75, 0.65), (1.35, 2.45)
     made = plan(costs, *ends, planner="lattice")
     assert made.status == "solved"
-    assert outline.first_collision(grid, made.path) is None
+    assert outline.find_first_collision(grid, made.path) is None
     assert np.isinf(Costmap.blank(grid, robot=outline.circumscribed_radius).density[14:18]).all()
 
 
@@ -335,7 +335,7 @@ def test_smoothed_paths_cost_no_more_keep_the_radius_and_meet_no_wall(kinematics
         before, after = (cost_of(costs, one, planner) for one in (rough, path))
         assert after <= before * (1 + 1e-4)
         lower += after < 0.995 * before
-        assert LONG.first_collision(costs.grid, path) is None
+        assert LONG.find_first_collision(costs.grid, path) is None
         assert np.isfinite(path_cost(costs, path))
         assert np.allclose(path.xy[[0, -1]], rough.xy[[0, -1]])
         step = np.hypot(*np.diff(path.xy, axis=0).T)
@@ -696,6 +696,6 @@ def test_no_query_is_missed_that_its_motions_solve(real_maps, drive):
                 continue
             solved += 1
             assert check_path(grid, made.path, robot).drivable
-            assert WIDE.first_collision(grid, made.path) is None
+            assert WIDE.find_first_collision(grid, made.path) is None
             assert math.isfinite(made.metrics.cost)
     assert solved >= 26

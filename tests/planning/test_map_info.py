@@ -330,7 +330,7 @@ def test_a_yaw_is_said_to_count_here_and_degrees_are_suspected():
 def test_cells_closer_than_a_distance_are_those_of_less_clearance(resolution):
     for seed, distance in enumerate((0.0, 0.025, 0.025 + 1e-9, 0.075, 0.25, 0.31, 1.7)):
         cells = random_rooms((40, 50), seed)
-        far = OccupancyGrid(cells, resolution).closer_than(distance)
+        far = OccupancyGrid(cells, resolution).cells_near_walls(distance)
         np.testing.assert_array_equal(far, OccupancyGrid(cells, resolution).clearance < distance)
 
 

@@ -49,7 +49,7 @@ def test_the_places_that_collide_are_named_with_the_way_up_to_them():
     assert fault.kind == "collision"
     assert fault.along == pytest.approx(2.5)
     assert fault.length == pytest.approx(1.25)
-    assert BOX.first_collision(grid, check.path) == pytest.approx((fault.x, fault.y))
+    assert BOX.find_first_collision(grid, check.path) == pytest.approx((fault.x, fault.y))
     free = check_path(grid, in_world(grid, [(1, 1.9, 0), (7, 1.9, 0)]), Robot(footprint=0.09))
     assert free.drivable
 

@@ -11,7 +11,7 @@ from locplan._support.drawing import Picture, make_logarithmic
 from locplan.field import FieldConfig
 from locplan.field.figures import draw_field, field_figure
 from locplan.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from locplan.maps.figures import crop_map, draw_map, map_axes, map_figure, zoom_map
+from locplan.maps.figures import crop_map, draw_map, make_map_axes, map_figure, zoom_map
 from locplan.planning import Costmap, Path, Query, plan
 from locplan.planning.figures import costmap_figure, draw_inset, path_figure, plan_figure
 from locplan.robots import Lidar, Robot
@@ -75,7 +75,7 @@ def test_an_inset_leaves_the_path_free(corner):
     way = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]])  # one corner is free
     path = Path(16 + 20 * np.abs(way - corner))
     part = crop_map(grid, [path])
-    figure, axes = map_axes(part)
+    figure, axes = make_map_axes(part)
     draw_map(axes, part)
     draw_inset(axes, grid, part, [path])
     (inset,) = axes.child_axes
@@ -89,7 +89,7 @@ def test_values_of_a_part_are_those_of_the_map(field):
     path = Path(np.column_stack(field.grid.grid_to_world(rows, cols)))
     part = zoom_map(field.grid, [path])
     assert part.shape < field.grid.shape
-    _, axes = map_axes(part)
+    _, axes = make_map_axes(part)
     shown = draw_field(axes, field, "e", part).get_array()
     row, col = np.round(field.grid.world_to_grid(*part.origin[:2])).astype(int)
     window = slice(row, row + part.shape[0]), slice(col, col + part.shape[1])

@@ -31,8 +31,8 @@ from locplan.field import (
     covariance_field,
     load_or_compute,
 )
-from locplan.field.cache import CacheWarning, cache_entries, cache_folder, cache_table
-from locplan.field.compute import standing_cells
+from locplan.field.cache import CacheWarning, cache_folder, format_cache_table, list_cache_entries
+from locplan.field.compute import find_standing_cells
 from locplan.field.store import field_path
 from locplan.maps import OccupancyGrid, load_map, save_map
 from locplan.maps.files import map_name_from_file
@@ -87,7 +87,7 @@ def test_aliases_and_merged_keys_are_written_out(tmp_path):
         "base: &base {z_hit: 0.7, z_rand: 0.3}\namcl: {ros__parameters: {<<: *base, z_rand: 1}}\n"
     )
     file = nav2(tmp_path, text)
-    own = read_parameters(file).node_parameters("amcl")
+    own = read_parameters(file).read_node_parameters("amcl")
     assert own == {"z_hit": 0.7, "z_rand": 1}
     assert read_amcl(file) == Amcl(z_hit=0.7, z_rand=1)
 
@@ -98,7 +98,7 @@ def test_keys_are_texts_and_so_is_what_ros_does_not_know(tmp_path):
         "    ~: 1\n    2020-01-01: 2\n    [1, 2]: 3\n    5: 4\n    d: ~\n    e: [1, 2.5, true]\n"
     )
     file = nav2(tmp_path, text)
-    own = read_parameters(file).node_parameters("amcl")
+    own = read_parameters(file).read_node_parameters("amcl")
     odd = {"~": 1, "2020-01-01": 2, "?": 3, "5": 4, "d": None, "e": [1, 2.5, True]}
     assert own == {"a": "2001-12-14", "b": "2020-13-45", "c": "x", **odd}
     with pytest.warns(UserWarning, match="not simulated: .*2020-01-01"):
@@ -124,10 +124,10 @@ def test_deep_brackets_are_refused_before_they_are_parsed(tmp_path, monkeypatch,
 def test_whole_numbers_of_over_64_bits_are_texts_and_can_be_written(tmp_path):
     for value in ("0x" + "f" * 4000, str(2**63)):
         read = read_parameters(nav2(tmp_path, f"amcl: {{ros__parameters: {{a: {value}}}}}\n"))
-        assert read.node_parameters("amcl") == {"a": value}
+        assert read.read_node_parameters("amcl") == {"a": value}
         yaml.safe_dump(read.content)
     file = nav2(tmp_path, f"amcl: {{ros__parameters: {{a: {-(2**63)}}}}}\n")
-    assert read_parameters(file).node_parameters("amcl") == {"a": -(2**63)}
+    assert read_parameters(file).read_node_parameters("amcl") == {"a": -(2**63)}
 
 
 def test_values_that_no_float_holds_are_out_of_range(tmp_path):
@@ -241,9 +241,9 @@ def with_changes(file: Path, **changes: object) -> None:
 def test_description_that_is_garbage_is_computed_again_and_breaks_no_list(tmp_path, garbage):
     cache_files(tmp_path)
     described(field_path(GRID, SMALL, tmp_path), garbage)
-    found = cache_entries(tmp_path)
+    found = list_cache_entries(tmp_path)
     assert sorted(entry.to_json()["map"] for entry in found) == ["", "room"]
-    assert cache_table(found, tmp_path).count("room") == 1
+    assert format_cache_table(found, tmp_path).count("room") == 1
     with pytest.warns(CacheWarning, match="computed again"):
         field = load_or_compute(GRID, SMALL, cache_dir=tmp_path)
     with warnings.catch_warnings():
@@ -268,10 +268,10 @@ def test_entries_of_another_kind_are_no_field(tmp_path, changes):
     cache_files(tmp_path)
     file = field_path(GRID, SMALL, tmp_path)
     with_changes(file, **changes)
-    found = cache_entries(tmp_path)
+    found = list_cache_entries(tmp_path)
     assert [entry.finished_share for entry in found] == [1.0, 1.0]
     json.dumps([entry.to_json() for entry in found])
-    assert cache_table(found, tmp_path)
+    assert format_cache_table(found, tmp_path)
     with pytest.raises(LocplanError) as error:
         CovarianceField.load(file)
     assert str(file) in str(error.value)
@@ -280,8 +280,8 @@ def test_entries_of_another_kind_are_no_field(tmp_path, changes):
 def test_long_texts_in_a_description_are_cut_in_the_list(tmp_path):
     cache_files(tmp_path)
     with_changes(field_path(GRID, SMALL, tmp_path), map="a" * 9999, title="b" * 9999)
-    found = cache_entries(tmp_path)
-    assert len(cache_table(found, tmp_path)) < 5000
+    found = list_cache_entries(tmp_path)
+    assert len(format_cache_table(found, tmp_path)) < 5000
     assert len(json.dumps([entry.to_json() for entry in found])) < 5000
 
 
@@ -402,7 +402,7 @@ def test_of_the_nearest_free_cells_that_of_the_lowest_row_and_then_column_is_tak
     free, at = np.zeros((40, 40), bool), (np.array([20]), np.array([20]))
     for row, col in reversed(every):
         free[20 + row, 20 + col] = True
-        rows, cols = standing_cells(free, *at, reach)
+        rows, cols = find_standing_cells(free, *at, reach)
         assert (rows.tolist(), cols.tolist()) == ([20 + row], [20 + col])
 
 
@@ -410,7 +410,7 @@ def test_a_long_stride_looks_only_as_far_as_the_nearest_free_cell():
     free = np.ones((3, 1000), bool)
     free[:, 5] = False
     at = np.array([1]), np.array([5])
-    rows, cols = standing_cells(free, *at, 10**15)
+    rows, cols = find_standing_cells(free, *at, 10**15)
     assert (rows.tolist(), cols.tolist()) == ([1], [4])
 
 

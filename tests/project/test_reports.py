@@ -42,7 +42,7 @@ def test_order_of_separate_files_is_free():
         read_parameters(*(REPORTS / name for name in names)).merge_files()
         for names in ((nav, loc), (loc, nav))
     ]
-    assert merged[0].node_parameters("planner_server") == merged[1].node_parameters(
+    assert merged[0].read_node_parameters("planner_server") == merged[1].read_node_parameters(
         "planner_server"
     )
 

@@ -71,7 +71,7 @@ def test_missing_walls_lie_at_true_ones(office, drive):
     assert misfits.missing.sum() > 500
     assert (half.cells[misfits.missing] == FREE).all()
     # By up to a cell.
-    assert office.closer_than(2 * office.resolution)[misfits.missing].mean() > 0.98
+    assert office.cells_near_walls(2 * office.resolution)[misfits.missing].mean() > 0.98
 
 
 def test_false_walls_are_those_that_scans_see_through(office, drive):

@@ -11,7 +11,7 @@ from locplan.maps import FREE, OccupancyGrid
 from locplan.planning import Costmap
 from locplan.robots import Robot, read_parameters
 from locplan.robots.nav2 import read_amcl
-from locplan.robots.parameter_edits import edited_parameters
+from locplan.robots.parameter_edits import edit_parameters
 
 BESIDE = "amcl:\n  ros__parameters:\n    alpha1: 0.1\n    alpha2: 0.1\n"
 SHARED = (
@@ -39,7 +39,7 @@ def written(folder, text):
 
 
 def amcl(folder, text, robot=""):
-    return read_parameters(f"{written(folder, text)}{robot}").node_parameters("amcl")
+    return read_parameters(f"{written(folder, text)}{robot}").read_node_parameters("amcl")
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_wildcards_stand_for_names_as_in_rclcpp(tmp_path, name, fits):
     found = set()
     for robot in ("/", "robot1", "fleet/robot1"):
         try:
-            own = read_parameters(f"{written(tmp_path, text)}:{robot}").node_parameters("amcl")
+            own = read_parameters(f"{written(tmp_path, text)}:{robot}").read_node_parameters("amcl")
         except LocplanError:
             continue
         found |= {robot} if "alpha1" in own else set()
@@ -138,7 +138,7 @@ def test_a_file_may_have_a_colon_in_its_name(tmp_path):
 )
 def test_the_value_in_force_is_changed(tmp_path, text, robot, line, new):
     file = written(tmp_path, text)
-    made = edited_parameters(f"{file}{robot}", "amcl", {"alpha1": 0.05}).decode()
+    made = edit_parameters(f"{file}{robot}", "amcl", {"alpha1": 0.05}).decode()
     assert made == text.replace(line, new)
     file.write_text(made)
     assert read_amcl(f"{file}{robot}").alpha1 == 0.05
@@ -146,15 +146,15 @@ def test_the_value_in_force_is_changed(tmp_path, text, robot, line, new):
 
 def test_missing_values_go_to_the_nodes_own_entry(tmp_path):
     file = written(tmp_path, FLEET)
-    made = edited_parameters(f"{file}:robot1", "amcl", {"alpha3": 0.05}).decode()
+    made = edit_parameters(f"{file}:robot1", "amcl", {"alpha3": 0.05}).decode()
     assert made == FLEET.replace("{alpha2: 0.1}", "{alpha3: 0.05, alpha2: 0.1}")
     everywhere = "/**/amcl: {ros__parameters: {beta: 1}}\n"
-    made = edited_parameters(written(tmp_path, BESIDE + everywhere), "amcl", {"alpha3": 0.05})
+    made = edit_parameters(written(tmp_path, BESIDE + everywhere), "amcl", {"alpha3": 0.05})
     assert (
         made.decode() == BESIDE.replace("    alpha1", "    alpha3: 0.05\n    alpha1") + everywhere
     )
     file = written(tmp_path, "# mine\n" + SHARED)
-    made = edited_parameters(file, "amcl", {"alpha2": 0.05}).decode()
+    made = edit_parameters(file, "amcl", {"alpha2": 0.05}).decode()
     assert made == "# mine\namcl: {ros__parameters: {alpha2: 0.05}}\n" + SHARED
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from locplan.errors import LocplanError
 from locplan.robots import read_parameters
-from locplan.robots.parameter_edits import edited_parameters
+from locplan.robots.parameter_edits import edit_parameters
 
 VALUES = {"alpha1": 0.05, "max_beams": 120, "laser_model_type": "likelihood_field_prob"}
 
@@ -13,13 +13,13 @@ def edited(folder, text: str, values=VALUES, robot: str = "") -> str:
     """The file with other values, which is read back to have them."""
     file = folder / "params.yaml"
     file.write_bytes(text.encode())
-    made = edited_parameters(f"{file}{robot}", "amcl", values)
+    made = edit_parameters(f"{file}{robot}", "amcl", values)
     assert file.read_bytes() == text.encode()
     before = read_parameters(f"{file}{robot}")
     file.write_bytes(made)
     assert (
-        read_parameters(f"{file}{robot}").node_parameters("amcl")
-        == before.node_parameters("amcl") | values
+        read_parameters(f"{file}{robot}").read_node_parameters("amcl")
+        == before.read_node_parameters("amcl") | values
     )
     return made.decode()
 
@@ -109,7 +109,7 @@ def test_an_alias_gets_the_value_itself(tmp_path):
 def test_what_cannot_be_changed_alone_is_refused(tmp_path, text):
     (tmp_path / "params.yaml").write_text(text)
     with pytest.raises(LocplanError, match="anchors and aliases") as caught:
-        edited_parameters(tmp_path / "params.yaml", "amcl", VALUES)
+        edit_parameters(tmp_path / "params.yaml", "amcl", VALUES)
     assert "\n" not in str(caught.value)
 
 
@@ -126,5 +126,5 @@ def test_what_cannot_be_changed_alone_is_refused(tmp_path, text):
 )
 def test_values_are_written_as_ros_reads_them(tmp_path, value, text):
     (tmp_path / "params.yaml").write_text("amcl:\n  ros__parameters:\n    alpha1: 0.2\n")
-    made = edited_parameters(tmp_path / "params.yaml", "amcl", {"alpha1": value})
+    made = edit_parameters(tmp_path / "params.yaml", "amcl", {"alpha1": value})
     assert made.decode().splitlines()[-1] == f"    alpha1: {text}"

@@ -9,8 +9,8 @@ import yaml
 
 from locplan.errors import ConfigError, LocplanError
 from locplan.robots import Amcl, Kinematics, Robot, read_parameters
-from locplan.robots.nav2 import planner_types, read_amcl
-from locplan.robots.parameter_edits import edited_files
+from locplan.robots.nav2 import read_amcl, read_planner_types
+from locplan.robots.parameter_edits import edit_files
 from locplan.robots.parts import Inflation
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -88,8 +88,8 @@ def test_values_equal_independent_merger(tmp_path):
         files = written(tmp_path, *texts)
         expected = merged(texts, "amcl")
         parameters = read_parameters(*files)
-        assert parameters.node_parameters("amcl") == expected
-        assert parameters.merge_files().node_parameters("amcl") == expected
+        assert parameters.read_node_parameters("amcl") == expected
+        assert parameters.merge_files().read_node_parameters("amcl") == expected
         if expected:
             robot, _ = load(*files)
             assert {name: getattr(robot.filter, name) for name in expected} == expected
@@ -109,7 +109,7 @@ def test_wildcard_conflict_across_files_is_reported(tmp_path, texts, value, comp
     robot, notes = load(*files)
     assert robot.filter.alpha1 == value
     parameters = read_parameters(*files)
-    assert parameters.node_parameters("amcl", component=True)["alpha1"] == component
+    assert parameters.read_node_parameters("amcl", component=True)["alpha1"] == component
     (note,) = notes
     assert note.startswith("amcl: alpha1 is ")
     assert f"ROS takes {value}" in note
@@ -137,9 +137,9 @@ def test_change_edits_file_that_has_node(tmp_path):
     parameters = read_parameters(*files)
     assert parameters.find_file_index("amcl") == 1
     after = parameters.with_values("amcl", {"alpha1": 0.2, "alpha3": 0.4})
-    edited = edited_files(parameters, after)
+    edited = edit_files(parameters, after)
     assert edited == {files[1]: base.replace("{alpha1: 0.05", "{alpha3: 0.4, alpha1: 0.2").encode()}
-    overlaid = edited_files(parameters, parameters.with_values("amcl", {"alpha2": 0.2}))
+    overlaid = edit_files(parameters, parameters.with_values("amcl", {"alpha2": 0.2}))
     assert list(overlaid) == [files[2]]
 
 
@@ -233,7 +233,9 @@ def test_planner_named_by_default_counts(tmp_path):
     (file,) = written(
         tmp_path, PLANNERS % "planner_plugins: [GridBased], GridBased: {tolerance: 1}"
     )
-    assert planner_types(read_parameters(file)) == {"GridBased": "nav2_navfn_planner::NavfnPlanner"}
+    assert read_planner_types(read_parameters(file)) == {
+        "GridBased": "nav2_navfn_planner::NavfnPlanner"
+    }
     assert load(file)[1] == []
     (file,) = written(tmp_path, PLANNERS % "planner_plugins: [GridBased, A], A: {plugin: a}")
     assert "since GridBased has no plugin type" in load(file)[1][0]

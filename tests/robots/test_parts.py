@@ -79,7 +79,7 @@ def test_collisions_agree_with_sampling():
         grid = OccupancyGrid(cells, 0.2, (-1.0, 0.5, 0.3))
         path = Path(np.column_stack(grid.grid_to_world(*rng.uniform(12, 48, (2, 3)))))
         outline = Footprint(LONG)
-        exact = outline.first_collision(grid, path) is not None
+        exact = outline.find_first_collision(grid, path) is not None
         sampled = sampled_collision(outline, grid, path)
         assert exact >= sampled, seed  # a sample may miss what is hardly touched
         outcomes.append((exact, sampled))
@@ -105,7 +105,7 @@ def test_a_long_robot_passes_a_door_that_its_circle_does_not(planner):
     assert round_one.status == "unreachable"
     result = plan(costs, *ends, planner=planner, footprint=LONG)
     assert result.status == "solved"
-    assert Footprint(LONG).first_collision(grid, result.path) is None
+    assert Footprint(LONG).find_first_collision(grid, result.path) is None
 
 
 def test_a_door_too_narrow_is_told():
@@ -127,7 +127,7 @@ def test_the_lattice_finds_a_way_on_which_neither_circle_is_clear():
     result = plan(Costmap.blank(grid, robot=0.0), start, goal, footprint=BOX)
     assert result.status == "solved"
     assert "lattice" in result.note
-    assert Footprint(BOX).first_collision(grid, result.path) is None
+    assert Footprint(BOX).find_first_collision(grid, result.path) is None
 
 
 def test_time_that_is_up_for_the_outline_is_told_with_the_bound():
@@ -141,7 +141,7 @@ def test_time_that_is_up_for_the_outline_is_told_with_the_bound():
 
 def test_what_is_only_not_found_is_not_called_infeasible():
     grid, way = corridor_of(6), [(0.7, 0.4), (2.3, 0.4)]
-    assert Footprint(BOX).first_collision(grid, Path(way)) is None
+    assert Footprint(BOX).find_first_collision(grid, Path(way)) is None
     result = plan(Costmap.blank(grid, robot=0.0), way[0], way[-1], footprint=BOX)
     assert result.status == "not found"
     assert "inner and outer circle (radii 0.3 and 0.583 m) were searched" in result.note
@@ -154,7 +154,7 @@ def test_a_way_that_fits_exactly_is_not_called_unreachable(radius):
     cells = np.full((26, 40), FREE)
     cells[:10, 12:28] = cells[16:, 12:28] = OCCUPIED
     grid, way = OccupancyGrid(cells, 0.1), [(0.6, 1.3), (3.4, 1.3)]
-    assert Footprint(BOX).first_collision(grid, Path(way)) is None
+    assert Footprint(BOX).find_first_collision(grid, Path(way)) is None
     result = plan(Costmap.blank(grid, robot=radius), *way, footprint=BOX)
     assert result.status == "not found"
 
@@ -185,7 +185,7 @@ def test_no_way_that_is_known_is_called_infeasible():
         costs = Costmap.blank(grid, robot=0.0)
         path = Path(np.column_stack(grid.grid_to_world(*rng.uniform(12, 48, (2, 3)))))
         known = np.isfinite(path_cost(costs, path))
-        if known and Footprint(LONG).first_collision(grid, path) is None:
+        if known and Footprint(LONG).find_first_collision(grid, path) is None:
             found = plan(costs, *path.xy[[0, -1]], footprint=LONG)
             assert found.status in ("solved", "not found"), seed
             ways += 1

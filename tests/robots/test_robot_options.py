@@ -127,7 +127,7 @@ def test_plan_keeps_the_outline_of_the_robot(run, hall):
     paths = [Path(each["path"]["xy"]) for each in about["candidates"]]
     grid = load_map(hall / "m.yaml")
     assert paths
-    assert not any(outline.first_collision(grid, path) for path in paths)
+    assert not any(outline.find_first_collision(grid, path) for path in paths)
     code, out, err = run(*asked, "--budget", "20")  # which keeps no outline
     assert code == 0, err
     assert json.loads(out)["settings"]["budget"] == 20

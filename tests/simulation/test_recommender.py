@@ -446,7 +446,7 @@ def test_candidates_keep_the_outline_clear_of_walls(grid, costs):
     found = recommend(grid, *ends, robot, candidates=own, **asked)
     assert found.path is not None
     for each in found.candidates:
-        assert long.first_collision(grid, each.path) is None
+        assert long.find_first_collision(grid, each.path) is None
     assert found.left_out["tight"].startswith("cannot be driven: collision near")
     square = Footprint([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
     none = recommend(grid, *ends, dataclasses.replace(robot, footprint=square), **asked)

@@ -21,7 +21,7 @@ from locplan.advice.preset_choice import USER_SETTINGS, LevelCase, choose_preset
 from locplan.advice.trials import Outcome, compare_fix, confirm_fixes, select_fixes, try_fix
 from locplan.maps import FREE, OCCUPIED
 from locplan.robots import Amcl
-from locplan.robots.presets import amcl_presets
+from locplan.robots.presets import list_applicable_presets
 from locplan.simulation import Drives
 from locplan.simulation.driver import CHOOSING
 from locplan.simulation.drives import LOST
@@ -425,7 +425,7 @@ def drawn_tuning(ratios, seed):
     The ratios are those of the user's settings, of the precise and of the safe preset.
     """
     user_settings = Amcl()
-    settings = [user_settings, *amcl_presets(user_settings).values()]
+    settings = [user_settings, *list_applicable_presets(user_settings).values()]
     random = np.random.default_rng(seed)
     shape = len(settings), 64
     errors = 0.4 * random.normal(size=64) + random.normal(0, DEVIATION / math.sqrt(2), shape)

@@ -34,7 +34,7 @@ from locplan.field import (
     load_config,
     tiles,
 )
-from locplan.field.cache import cache_entries, cache_table
+from locplan.field.cache import format_cache_table, list_cache_entries
 from locplan.field.store import field_path
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid, Zone, Zones, load_map, save_map
 from locplan.planning import Costmap, Path as Route, Plan, path_metrics, plan
@@ -267,7 +267,7 @@ def field_arrays(folder: Path) -> None:
 
 
 def cache_files(folder: Path) -> None:
-    field, about = make_field(), files.describe(GRID, SMALL)
+    field, about = make_field(), files.make_metadata(GRID, SMALL)
     known = tiles.find_computed_points(field.values)
     for path in (field_path(GRID, SMALL, folder), folder / ("0" * 32 + ".npz")):
         files.write_points(path, field.values, known, about | {"finished_share": 1.0}, GRID.cells)
@@ -287,10 +287,10 @@ def change_about(draw: Draw, data: bytes) -> bytes:
 
 
 def list_cache(file: Path) -> None:
-    found = cache_entries(file.parent)
+    found = list_cache_entries(file.parent)
     assert len(found) == 2
     json.dumps([entry.to_json() for entry in found])
-    assert cache_table(found, file.parent).count("\n") >= 3
+    assert format_cache_table(found, file.parent).count("\n") >= 3
 
 
 def make_recording() -> Recording:

@@ -20,7 +20,7 @@ from locplan._support.files import protect_inputs
 from locplan._support.supervision import INTERRUPTED, end_if_supervised
 from locplan.app.cli.application import COMMANDS, SYSTEM_ERROR, WRONG_INPUT, run_tokens
 from locplan.app.cli.wording import translate_options
-from locplan.errors import LocplanError, one_line
+from locplan.errors import LocplanError, format_one_line
 
 __all__ = ["COMMANDS", "main"]
 MIN_COLUMNS = 20
@@ -152,7 +152,7 @@ def _shorten(word: str) -> str:
 def _complain(line: str, code: int, *notes: str) -> int:
     """Print a line and notes on stderr, and return the exit code."""
     try:
-        print(f"locplan: {one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)
+        print(f"locplan: {format_one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)
     except OSError:  # the disk is full: only the exit code reports the error
         sys.stderr = None
     return code

@@ -22,7 +22,7 @@ from locplan._support.checks import MAX_AMOUNT, short_repr
 from locplan._support.files import protect_input
 from locplan._support.reading import parse_json, read_text
 from locplan.app.cli.application import format_default
-from locplan.errors import ConfigError, LocplanError, one_line
+from locplan.errors import ConfigError, LocplanError, format_one_line
 
 if TYPE_CHECKING:
     from cyclopts import Token
@@ -118,9 +118,9 @@ def parse_settings(
 
 def keep_map(path: Path) -> None:
     """Protect the files of a map that is read from being overwritten by results."""
-    from locplan.maps.files import source_files
+    from locplan.maps.files import list_source_files
 
-    for file in source_files(path):
+    for file in list_source_files(path):
         protect_input(file)
 
 
@@ -214,7 +214,9 @@ def load_function(file: Path, name: str) -> Callable[..., Any]:
         values = runpy.run_path(str(file), run_name="planner of the command line")
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
-        raise LocplanError(one_line(f"{file}: cannot be run ({reason}); fix the code")) from None
+        raise LocplanError(
+            format_one_line(f"{file}: cannot be run ({reason}); fix the code")
+        ) from None
     if not inspect.isfunction(values.get(name)):
         names = [
             key for key, value in values.items()

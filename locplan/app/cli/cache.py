@@ -31,11 +31,11 @@ def list_entries(*, json: Switch = False) -> None:
     json
         Print the list as JSON.
     """
-    from locplan.field.cache import cache_entries, cache_folder, cache_table
+    from locplan.field.cache import cache_folder, format_cache_table, list_cache_entries
 
     folder = cache_folder(None)
-    cached_results = cache_entries(folder)
-    table = cache_table(cached_results, folder)
+    cached_results = list_cache_entries(folder)
+    table = format_cache_table(cached_results, folder)
     OutputOptions(json=json).show(
         [cached_result.to_json() for cached_result in cached_results], table
     )

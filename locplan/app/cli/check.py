@@ -20,7 +20,7 @@ from locplan.app.cli.groups import (
     load_filter_map,
     load_recording,
 )
-from locplan.errors import one_line
+from locplan.errors import format_one_line
 
 if TYPE_CHECKING:
     from locplan.advice.limits import Limit
@@ -97,11 +97,11 @@ def check(
         )
     output.finish(result, output.output, robot.nav2_files())
     for limit in fail_if:
-        print(one_line(limit.format_result(result)), file=sys.stderr)
+        print(format_one_line(limit.format_result(result)), file=sys.stderr)
     return LIMIT_EXCEEDED if any(limit.fails(result) for limit in fail_if) else 0
 
 
 def _print_finding(finding: str) -> None:
     """Print a finding while the check runs, if stderr is a terminal."""
     if sys.stderr.isatty():
-        print(one_line(finding), file=sys.stderr, flush=True)
+        print(format_one_line(finding), file=sys.stderr, flush=True)

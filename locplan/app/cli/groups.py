@@ -27,7 +27,7 @@ from locplan.app.cli import arguments
 from locplan.app.cli.application import COMPUTATION, OUTPUT, ROBOT
 from locplan.app.cli.arguments import INPUT, INTEGER, Switch, make_validator
 from locplan.app.cli.wording import translate_options
-from locplan.errors import ConfigError, LocplanError, RecordingError, one_line
+from locplan.errors import ConfigError, LocplanError, RecordingError, format_one_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,9 +48,9 @@ PAPER = "sad-paper"
 
 def _keep_robot_file(file: Path) -> None:
     """Protect a robot's file from being overwritten by results."""
-    from locplan.robots.parameters import file_and_robot
+    from locplan.robots.parameters import split_robot_name
 
-    protect_input(file_and_robot(file)[0])
+    protect_input(split_robot_name(file)[0])
 
 
 def _check_lidar(name: str) -> None:
@@ -106,7 +106,7 @@ class RobotOptions:
             )
         note_robot(robot.title, robot.digest)
         if self.robot:
-            print(one_line(f"robot: {robot.title}"), file=sys.stderr)
+            print(format_one_line(f"robot: {robot.title}"), file=sys.stderr)
         return robot
 
     def load_recorded(self, recording: Recording, *, is_replayed: bool = True) -> Robot:
@@ -164,7 +164,7 @@ class RobotOptions:
         from locplan.robots.parameters import read_parameters
         from locplan.simulation.amcl_parameters import find_filter_warnings
 
-        further_parameters = read_parameters(*self.nav2_files()).node_parameters("amcl")
+        further_parameters = read_parameters(*self.nav2_files()).read_node_parameters("amcl")
         for fault in find_filter_warnings(robot.amcl, robot.known_lidar, further_parameters):
             warnings.warn(ParameterWarning(fault), stacklevel=2)
 
@@ -179,7 +179,7 @@ class RobotOptions:
         place = parameters.find_file_index(node)
         if place is not None:
             return files[place]
-        return files[-1] if parameters.node_parameters(node) else None
+        return files[-1] if parameters.read_node_parameters(node) else None
 
     def nav2_files(self) -> list[Path]:
         """Return the Nav2 parameter files among the robot's files."""
@@ -217,12 +217,12 @@ def load_zones(file: Path | None, grid: OccupancyGrid | None = None) -> locplan.
     ConfigError
         If no zone lies on the map.
     """
-    from locplan.maps.zones import check_on_map
+    from locplan.maps.zones import check_zones_on_map
 
     zones = locplan.Zones() if file is None else locplan.Zones.load(file)
     if grid is not None:
         try:
-            check_on_map(zones, grid)
+            check_zones_on_map(zones, grid)
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
     return zones
@@ -239,7 +239,7 @@ def print_zones(file: Path | None, zones: locplan.Zones) -> None:
         Its zones.
     """
     if file is not None:
-        print(one_line(f"zones of {file}: {str(zones) or 'none'}"))
+        print(format_one_line(f"zones of {file}: {str(zones) or 'none'}"))
 
 
 def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | None:
@@ -261,7 +261,7 @@ def load_filter_map(file: Path | None, maps: Sequence[Path]) -> OccupancyGrid | 
     for map_file in map_files:
         grid, source = read_map(map_file)
         for fault in find_mask_faults(grid, source) if source else ():
-            warning = MapWarning(one_line(f"{map_file}: {fault.sentence}"))
+            warning = MapWarning(format_one_line(f"{map_file}: {fault.sentence}"))
             warnings.warn(warning, stacklevel=2)
     grids = [locplan.load_map(map_file) for map_file in map_files]
     filter_maps = [locplan.load_map(file)] if file else grids
@@ -545,4 +545,4 @@ class OutputOptions:
         print(json_files.dumps(values, indent=2) if self.json else text)
         lines = take_written() or [f"wrote {file}" for file in filter(None, files)]
         for line in lines:
-            print(one_line(line), file=sys.stderr if self.json else sys.stdout)
+            print(format_one_line(line), file=sys.stderr if self.json else sys.stdout)

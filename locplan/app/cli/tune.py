@@ -88,7 +88,7 @@ def tune(
     params = robot.nav2_file("amcl")
     if output.output:
         check_tunable(params)
-    further_parameters = read_parameters(params).node_parameters("amcl")
+    further_parameters = read_parameters(params).read_node_parameters("amcl")
     if not recording:
         grids = [locplan.load_map(file) for file in find_maps(*maps)]
         names = ", ".join(grid.name for grid in grids)

@@ -21,7 +21,7 @@ from locplan.field.field import CovarianceField
 from locplan.field.fisher import Fused
 from locplan.field.sad import Sad
 from locplan.maps.grid import OccupancyGrid, check_grid
-from locplan.maps.zones import Zones, check_on_map, check_zones
+from locplan.maps.zones import Zones, check_zones_on_map, normalize_zones
 from locplan.planning.costmap import Costmap
 from locplan.robots.robot import Robot
 
@@ -158,8 +158,8 @@ def explore(
     from locplan.app.explorer.sites import zones_as_changes
 
     check_grid(grid)
-    zones = check_zones(zones)
-    check_on_map(zones, grid)
+    zones = normalize_zones(zones)
+    check_zones_on_map(zones, grid)
     robot = Robot() if robot is None else robot
     check_instance("robot", robot, Robot, 'such as locplan.Robot("turtlebot4")')
     if field is not None and estimator is None:

@@ -129,7 +129,7 @@ def measure_path(scene: MapScene, path: Path, weight: float, has_profile: bool) 
         u, density = np.nan_to_num(costs.u[rows, cols]), costs.density[rows, cols]
         degenerate = float(u @ lengths)
         # Blocked cells have no density: the largest charge stands for their zones.
-        open_density = 1 + costs.weight * u + scene.site.zones.max_charge
+        open_density = 1 + costs.weight * u + scene.site.zones.max_cost_per_metre
         density = np.where(np.isfinite(density), density, open_density)
         cost = float(density @ lengths)
         answer |= {"degenerate": degenerate, "cost": cost + (weight - costs.weight) * degenerate}

@@ -16,7 +16,7 @@ from locplan.app.explorer.sites import ExploredSite
 from locplan.field.compute import fill_chunks
 from locplan.field.field import CovarianceField
 from locplan.field.store import load_or_compute
-from locplan.field.tiles import untouched_points
+from locplan.field.tiles import find_unchanged_points
 from locplan.planning.costmap import Costmap, changed_window, join_windows
 
 STEPS = itertools.count(1)
@@ -91,7 +91,7 @@ def repair_scene(
     grid, config = site.grid, site.config
     threads = check_threads(opening.threads)
     evaluated, values = config.lattice_points(grid), before.values
-    fresh = fresh & untouched_points(before.grid, grid, config)
+    fresh = fresh & find_unchanged_points(before.grid, grid, config)
     unknown = evaluated & ~before.is_evaluated
     changed = before.grid.cells != grid.cells
     order = nearest_first(evaluated & ~fresh, unknown, changed, before.stride)

@@ -21,7 +21,7 @@ from locplan.app.explorer.scene import MapScene, Opening
 from locplan.app.explorer.searches import PathTree, Searches, Store
 from locplan.app.explorer.sites import Change, ExploredSite
 from locplan.app.explorer.weak_spots import NamedSpot, name_weak_spots
-from locplan.errors import one_line
+from locplan.errors import format_one_line
 from locplan.field.field import CovarianceField
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.any_angle import AnyAngle
@@ -254,7 +254,7 @@ class Session:
             if cancel.is_cancelled:  # also if a pool was closed meanwhile
                 raise Cancelled from None
             self.busy = None
-            text = one_line(" ".join(str(error).split()) or type(error).__name__)
+            text = format_one_line(" ".join(str(error).split()) or type(error).__name__)
             self.tell({"event": "error", "error": text})
             self.tell({"event": "state"})
             raise

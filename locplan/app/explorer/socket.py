@@ -26,7 +26,7 @@ from locplan.app.explorer.messages import (
 from locplan.app.explorer.questions import QUESTIONS
 from locplan.app.explorer.session import Session
 from locplan.app.explorer.state import describe_state
-from locplan.errors import LocplanError, one_line
+from locplan.errors import LocplanError, format_one_line
 
 
 class Link:
@@ -112,7 +112,9 @@ class Link:
         except LocplanError as error:
             answer = {"error": format_sentence(str(error))}
         except Exception as error:  # our own error must not end the page
-            answer = {"error": one_line(f"{question.do} failed: {type(error).__name__}: {error}")}
+            answer = {
+                "error": format_one_line(f"{question.do} failed: {type(error).__name__}: {error}")
+            }
         finally:
             del self._waiting[question.id]
         await self._send({"re": question.id, **answer})

@@ -133,7 +133,7 @@ def disc_sums(
                     sums[plane, q, p] += line[centre + half + 1] - line[centre - half]
 
 
-class Blocks(NamedTuple):
+class BlockCounts(NamedTuple):
     """Blocks of one edge after the other, and the numbers of the map's cells in them.
 
     `counts` are mod 2^16, (edge, plane, col, row mod step, row div step), flat, counted in the
@@ -204,7 +204,7 @@ class TemplateCounts(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def keep_lines(
-    blocks: Blocks,
+    blocks: BlockCounts,
     table: Shorts,
     corners: Ints,
     limit: int,
@@ -249,7 +249,7 @@ def keep_lines(
 
 @njit(inline="always")
 def read_template(
-    blocks: Blocks, size: int, rest: int, table: Shorts, corner: int, read: TemplateCounts
+    blocks: BlockCounts, size: int, rest: int, table: Shorts, corner: int, read: TemplateCounts
 ) -> None:
     """Write the numbers of a template's cells in the blocks of one edge, and the blocks' places."""
     sums, up = table.reshape(-1), blocks.edges[size]
@@ -275,7 +275,7 @@ def read_template(
 
 @njit(inline="always")
 def reject_lines(
-    blocks: Blocks,
+    blocks: BlockCounts,
     size: int,
     address: int,
     limit: int,

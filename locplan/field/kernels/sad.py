@@ -30,12 +30,12 @@ from locplan._support.kernels.simd import (
 )
 from locplan.field.kernels.bitplanes import SQUARE
 from locplan.field.kernels.templates import (
-    Disc,
+    DiscSquares,
     SightRays,
-    Template,
-    Tile,
-    empty_template,
+    TemplateSquares,
+    TileLayout,
     list_templates,
+    make_template_squares,
 )
 
 GROUP = 3 * LANES
@@ -120,22 +120,22 @@ def write_covariance(
     covariance[1, 2] = covariance[2, 1] = sum_yt / total - mean_y * mean_t
 
 
-class Scratch(NamedTuple):
+class CellBuffers(NamedTuple):
     """Room for one cell: its counts, its templates, and its masks if there are any."""
 
     counts: Ints  # S / 127 (dx, theta, dy rounded up) of the kept lines, flat
-    template: Template
+    template: TemplateSquares
     masks: Words  # (heading, square)
 
 
 @njit(nogil=True, cache=True)
 def tile_covariances(
-    tile: Tile,
+    tile: TileLayout,
     sight: SightRays | None,
     is_kept: Bools,
     weight_of_count: Floats,
     offset_places: Floats,
-    scratch: Scratch,
+    scratch: CellBuffers,
     control: Ints,
     result: Floats,
 ) -> None:
@@ -164,7 +164,7 @@ def tile_covariances(
 # Inlined, since LLVM optimises a function anew within each one that calls it.
 @njit(inline="always")
 def count_lines(
-    tile: Tile, template: Template, cell: int, lines: Bools, counts: Ints, factor: int
+    tile: TileLayout, template: TemplateSquares, cell: int, lines: Bools, counts: Ints, factor: int
 ) -> None:
     """Write S / 127 of a cell's lines (theta, dx) into `counts`.
 
@@ -214,15 +214,15 @@ def count_lines(
                 counts[np.uint64(line) + v] = differing + factor * counts[np.uint64(line) + v]
 
 
-def empty_scratch(offsets: int, headings: int, disc: Disc, *, masked: bool) -> Scratch:
+def empty_scratch(offsets: int, headings: int, disc: DiscSquares, *, masked: bool) -> CellBuffers:
     """Room for one cell, with masks if they are asked for."""
     counts = np.empty(offsets * headings * -(-offsets // GROUP) * GROUP, np.int64)
     masks = np.empty((headings if masked else 0, disc.words.size), np.uint64)
-    return Scratch(counts, empty_template(headings, disc), masks)
+    return CellBuffers(counts, make_template_squares(headings, disc), masks)
 
 
 @njit(nogil=True, cache=True)
-def mark_visible_cells(sight: SightRays, n: int, disc: Disc, masks: Words) -> None:
+def mark_visible_cells(sight: SightRays, n: int, disc: DiscSquares, masks: Words) -> None:
     """Write the cells of the disc seen from the n-th cell, turned to each heading, as bits."""
     radius, levels = sight.radius, sight.levels
     row, col = sight.rows[n], sight.cols[n]

@@ -31,7 +31,7 @@ FLIPS = (np.uint64(0), np.uint64(0xFFFF_FFFF_FFFF_FFFF))
 """What makes the squares of T, and of N, of those of T."""
 
 
-class Disc(NamedTuple):
+class DiscSquares(NamedTuple):
     """The disc in squares, flat (col, row); columns are rounded up to whole vectors."""
 
     words: Words
@@ -54,7 +54,7 @@ class SightRays(NamedTuple):
     cols: Ints
 
 
-class Template(NamedTuple):
+class TemplateSquares(NamedTuple):
     """Squares and runs of one cell's templates, for all headings one after the other.
 
     Addresses are into the window's words, for the offsets that are first in x and y.
@@ -71,7 +71,7 @@ class Template(NamedTuple):
     full: Words
 
 
-class Tile(NamedTuple):
+class TileLayout(NamedTuple):
     """Cells whose covariances share one layout of the map.
 
     A cell's *place* is that of its disc's first square, or of its disc sum, at the first offset.
@@ -94,18 +94,18 @@ class Tile(NamedTuple):
     sum_line: int
     sum_plane: int
     offsets: int  # number of offsets in x, and also in y
-    disc: Disc
+    disc: DiscSquares
 
 
-def disc_squares(mask: Bools) -> Disc:
+def make_disc_squares(mask: Bools) -> DiscSquares:
     """Disc of a mask of (2r + 1, 2r + 1) cells, in squares."""
-    bits = by_squares(mask.astype(np.uint8))
+    bits = order_by_squares(mask.astype(np.uint8))
     words = np.packbits(bits, axis=1, bitorder="little").view(np.uint64)[:, 0]
     cols = -(-len(mask) // SQUARE)
-    return Disc(words, cols, words.size // cols, int(np.count_nonzero(mask)))
+    return DiscSquares(words, cols, words.size // cols, int(np.count_nonzero(mask)))
 
 
-def by_squares(values: Array) -> Array:
+def order_by_squares(values: Array) -> Array:
     """Values of (2r + 1, 2r + 1) cells in the order of a disc's squares and bits, padded by 0."""
     size = len(values)
     cols = -(-size // SQUARE)
@@ -116,11 +116,11 @@ def by_squares(values: Array) -> Array:
     return np.ascontiguousarray(squares).reshape(rows * cols, SQUARE * SQUARE)
 
 
-def empty_template(headings: int, disc: Disc) -> Template:
+def make_template_squares(headings: int, disc: DiscSquares) -> TemplateSquares:
     """Room for the templates of one cell."""
     room = 2 * headings * PLANES * disc.words.size + 1
     chunks = disc.cols * -(-disc.rows // WORD)
-    return Template(
+    return TemplateSquares(
         np.empty(room, np.uint64),
         np.empty(room, np.int64),
         np.empty(room, np.int64),
@@ -134,7 +134,9 @@ def empty_template(headings: int, disc: Disc) -> Template:
 
 
 @njit(nogil=True, cache=True)
-def list_templates(template: Template, tile: Tile, cell: int, masks: Words, is_kept: Bools) -> None:
+def list_templates(
+    template: TemplateSquares, tile: TileLayout, cell: int, masks: Words, is_kept: Bools
+) -> None:
     """List a cell's squares and runs at the headings of which a line is `is_kept`, (theta, dx).
 
     `masks` (heading, square) are the cells of the disc that count at each heading. If it is
@@ -173,7 +175,7 @@ def list_templates(template: Template, tile: Tile, cell: int, masks: Words, is_k
 # local names in them: numba counts references to those that are passed on.
 @njit(inline="always")
 def sort_squares(
-    template: Template, tile: Tile, corner: int, mask: Words, plane: int, side: int
+    template: TemplateSquares, tile: TileLayout, corner: int, mask: Words, plane: int, side: int
 ) -> int:
     """Mark the squares that T, or N, has partly or in full, and return the work to compare them.
 
@@ -200,8 +202,8 @@ def sort_squares(
 
 @njit(inline="always")
 def list_squares(
-    template: Template,
-    tile: Tile,
+    template: TemplateSquares,
+    tile: TileLayout,
     cell: int,
     k: int,
     mask: Words,

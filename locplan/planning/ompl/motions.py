@@ -123,7 +123,7 @@ class Motions:
         robot = self.costs.robot
         if self.space == "R2" or robot is None or robot.outline is None:
             return False
-        return robot.outline.collisions(self.costs.grid, np.array([pose, pose])).size > 0
+        return robot.outline.find_collisions(self.costs.grid, np.array([pose, pose])).size > 0
 
     def compute_motion_costs(self, poses: Floats, pairs: Ints) -> Floats:
         """Costs J of motions between pairs of poses.
