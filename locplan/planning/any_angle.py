@@ -1,4 +1,4 @@
-"""Any-angle paths: paths over the grid are straightened and shifted to where they cost least."""
+"""Any-angle paths: paths over the grid, straightened and shifted to reduce their cost."""
 
 from __future__ import annotations
 
@@ -87,13 +87,13 @@ class AnyAngle:
         ----------
         costs : Costmap
             The costmap to plan on.
-        bordered : Bordered
-            The same costmap, prepared by ``Bordered.of(costs)``.
+        bordered : PaddedCostmap
+            The same costmap, prepared by ``PaddedCostmap.from_costmap(costs)``.
         start, goal : (x, y)
             Positions in the world [m].
         check : callable, optional
-            Function that is called without arguments now and then during the search; what it
-            raises ends the plan.
+            Function that is called without arguments from time to time during the search; an
+            exception from it ends the plan.
         """
         cutting = self.allow_corner_cutting
         cells, _ = find_cheapest_cells(costs, start, goal, cutting, bordered=bordered, check=check)
@@ -114,14 +114,14 @@ def any_angle_path(
     allow_corner_cutting: bool = False,
     wider: Ints | None = None,
 ) -> Path:
-    """Straighten a path over cells; it never costs more than that.
+    """Straighten a path over cells; the result never costs more than the cells' path.
 
     Parameters
     ----------
     costs : Costmap
         The costmap.
-    bordered : Bordered
-        The same costmap, prepared by ``Bordered.of(costs)``.
+    bordered : PaddedCostmap
+        The same costmap, prepared by ``PaddedCostmap.from_costmap(costs)``.
     cells : (n, 2) array
         Rows and columns of the path's cells from start to goal.
     start, goal : (x, y)
@@ -144,7 +144,7 @@ def any_angle_path(
 
 
 def _without_end_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
-    """The path over cells without the centres of its ends' cells, where that costs no more."""
+    """Return the path over cells, without the centres of its end cells if that costs no more."""
     xy = np.vstack([start, turning_centres(costs, cells), goal])
     for end, between, far in ((0, 1, 2), (-1, -2, -3)):
         if len(xy) > 2:
@@ -205,7 +205,7 @@ def subdivide(positions: Floats, spacing: float) -> Floats:
 def _cells_of_32_moves(
     costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool
 ) -> Ints | None:
-    """The cheapest cells over 32 moves, or None if none join or costs differ too much to sort."""
+    """Return the cheapest cells over 32 moves; None without a path or if costs differ too much."""
     from locplan._support.kernels.search import bordered_half
     from locplan.planning.kernels.any_angle import cheapest_moves
 
@@ -217,7 +217,7 @@ def _cells_of_32_moves(
 
 @cache
 def _moves(columns: int, allow_corner_cutting: bool) -> Any:
-    """The 32 moves, `locplan.planning.kernels.any_angle.StraightMoves`."""
+    """Return the 32 moves, `locplan.planning.kernels.any_angle.StraightMoves`."""
     from locplan._support.kernels.rays import find_crossed_cells
     from locplan.planning.kernels.any_angle import StraightMoves
 
@@ -240,7 +240,7 @@ def _moves(columns: int, allow_corner_cutting: bool) -> Any:
 
 
 def _pad_rows(rows: list[Array]) -> Array:
-    """An array of rows of unequal length, filled up with zeros."""
+    """Return an array of rows of unequal length, filled up with zeros."""
     result = np.zeros((len(rows), max(1, *map(len, rows))), rows[0].dtype)
     for row, values in zip(result, rows, strict=True):
         row[: len(values)] = values

@@ -47,7 +47,7 @@ class CostToGo:
         return f"CostToGo({self.costs.grid.name or 'map'}, to {x:g},{y:g} m from {reached} cells)"
 
     def cells(self, start: Position) -> Ints | None:
-        """The cells of the cheapest path.
+        """Return the cells of the cheapest path.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class CostToGo:
         return cells_from_flat(flat[::-1], columns)
 
     def path(self, start: Position) -> Path | None:
-        """The grid planner's path of least cost, or None if there is none.
+        """Return the grid planner's path of least cost, or None if there is none.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class CostToGo:
         return None if cells is None else self._path_over(cells, start)
 
     def plan(self, start: Position) -> Plan:
-        """The path and its metrics, as `locplan.plan` gives them with the grid planner.
+        """Return the path and its metrics, as `locplan.plan` gives them with the grid planner.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class CostToGo:
         )
 
     def _path_over(self, cells: Ints, start: Position) -> Path:
-        """The path over cells (n, 2) from a start."""
+        """Return the path over cells (n, 2) from a start."""
         return grid_path(self.costs, cells, start, self.goal, self.allow_corner_cutting)
 
 
@@ -211,11 +211,11 @@ def farthest_pairs(
     min_distance: float,
     part: Bools | None = None,
 ) -> list[PlacePair]:
-    """Pairs of the places in a room that are farthest apart by path length, the farthest first.
+    """Find the places in a room that are farthest apart by path length, as pairs.
 
-    Every further place is the farthest from those before, and is paired with the one of them that
-    is farthest from it. Distances are within a few cells, in a room of more than `SEARCHED` cells
-    within a few of the coarser ones.
+    Each further place is the farthest from all previous places, and is paired with the farthest of
+    these. The first pair is the farthest apart. Distances are accurate within a few cells; a room
+    of more than `MAX_ROOM_CELLS` cells is measured on a coarser grid.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def farthest_pairs(
     room : int
         Number of the room.
     names : sequence of str
-        Names of the places, as many as there may be; fewer are found where the room is small.
+        Names of the places, at most one for each place; a small room gets fewer places.
     min_distance : float
         Minimum distance of any two places [m].
     part : (H, W) array of bool, optional
@@ -313,19 +313,19 @@ class _Room:
         return np.asarray(part[np.minimum(rows, height - 1), np.minimum(cols, width - 1)]).ravel()
 
     def distance(self, place: int) -> Floats:
-        """Length of the shortest path from a cell to each other, flat [m]."""
+        """Return the length of the shortest path from a cell to every cell, flat [m]."""
         row, col = divmod(place, self._costs.grid.shape[1])
         xy = self._costs.grid.position(row, col)
         return plan_field(self._costs, xy).cost.ravel()
 
     def farthest(self, distance: Floats) -> int:
-        """The clearest of the cells that are almost as far as the farthest clear one."""
+        """Return the clearest of the cells that are almost as far as the farthest clear one."""
         reached = np.where(self._clear, distance, -1.0)
         far = np.flatnonzero(reached >= 0.95 * reached.max())
         return int(far[np.lexsort((-reached[far], -self._depth[far]))[0]])
 
     def position(self, place: int) -> tuple[float, float]:
-        """World x, y [m] of the deepest cell of a coarse one, rounded if it stays in the room."""
+        """Return x, y [m] of a coarse cell's deepest cell, rounded if that stays in the room."""
         row, col = divmod(place, self._costs.grid.shape[1])
         deep_row, deep_col = divmod(int(self._place[row, col]), self._factor)
         row = self._top + row * self._factor + deep_row

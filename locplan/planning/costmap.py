@@ -49,7 +49,7 @@ CellWindow = tuple[slice, slice]
 def changed_window(
     before: OccupancyGrid, field: CovarianceField, robot_radius: float
 ) -> CellWindow | None:
-    """The cells whose costs may differ between a map and the edited map of a field; None if none.
+    """Return the window of cells whose costs an edit of the map may change; None without changes.
 
     An edit reaches as far as the estimator sees, and as far as the robot's radius.
 
@@ -82,7 +82,7 @@ def changed_window(
 
 
 def join_windows(first: CellWindow | None, second: CellWindow | None) -> CellWindow | None:
-    """The least window that holds two windows; None stands for no cell.
+    """Return the least window that holds two windows; None stands for no cell.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def join_windows(first: CellWindow | None, second: CellWindow | None) -> CellWin
 def crop_field(
     field: CovarianceField, window: CellWindow, robot_radius: float
 ) -> tuple[CovarianceField, CellWindow]:
-    """The part of a field that a window of its map is read from, and the window within it."""
+    """Return the part of a field around a window of its map, and the window within the part."""
     grid, stride = field.grid, field.stride
     margin = 2 * stride + math.ceil(robot_radius / grid.resolution) + 1
     cells, points, inside = [], [], []
@@ -117,7 +117,7 @@ def crop_field(
 
 
 def _widen_slice(marked: Bools, reach: int) -> slice:
-    """All marked places and those up to `reach` from the first and the last one."""
+    """Return all marked places and those up to `reach` from the first and the last one."""
     places = np.flatnonzero(marked)
     return slice(max(0, int(places[0]) - reach), min(marked.size, int(places[-1]) + reach + 1))
 
@@ -134,7 +134,7 @@ class Costmap(CostLayers, Persistent):
     In no-go zones it is infinite.
 
     It is made by `from_field`, `from_layers`, `from_density` or `blank`. Its arrays are read-only;
-    arrays that are given read-only are kept, others are copied.
+    read-only arrays are kept, writable ones are copied.
     """
 
     kind: ClassVar[str] = "costmap"
@@ -159,25 +159,25 @@ class Costmap(CostLayers, Persistent):
         field : CovarianceField
             The field, with its map; u is made of Sigma + Q, whether or not its estimator adds Q.
         weight : float, optional
-            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's own.
-            More avoids degenerate places by longer paths.
+            Metres of detour accepted per degenerate metre, >= 0; by default the estimator's weight.
+            A higher weight avoids degenerate places by longer paths.
         robot : Robot, or float, default 0.25
-            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
-            cell's centre is blocked;
+            The robot, or its radius [m], >= 0: cells closer to an occupied cell are
+            blocked;
             `Footprint` has the radii of a robot that is not round.
         law : str, default "logarithmic"
             "logarithmic": u = ln(s/s_min) / ln(s_max/s_min) of the criterion's value s; "linear":
             s / s_max, which charges the worst places only; "cube-root": the cube root of s / s_max.
             All are clipped to 0..1.
         criterion : str, optional
-            Value that u is made of, by default the estimator's own ("e" of `Sad`, else
+            Value that u is made of, by default the estimator's criterion ("e" for `Sad`, otherwise
             "position_std"): "e", "position_std", "position_rms", "heading_std" (see
-            `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", which is
-            always linear between its anchors.
+            `locplan.field.scalar`), or a layer of the field, "ambiguity" or "entropy", with the
+            linear law.
         headings : str, default "mean"
-            Value of u and e in a field with several headings where the robot's own is not known:
-            their "mean" over the headings, or that of the "worst" heading. Planners whose states
-            have a heading take its own.
+            Value of u and e if the field has several headings and the robot's heading is unknown:
+            the "mean" or the "worst" value over the headings. Planners whose states have a heading
+            use the value at that heading.
         zones : Zones, optional
             The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1
             more per metre.
@@ -222,7 +222,7 @@ class Costmap(CostLayers, Persistent):
         robot: Robot | float = ROBOT_RADIUS,
         zones: Zones | None = None,
     ) -> Costmap:
-        """Make a density 1 + weight * u on free cells from a degeneracy of your own.
+        """Make a density 1 + weight * u on free cells from a custom degeneracy.
 
         Parameters
         ----------
@@ -230,16 +230,16 @@ class Costmap(CostLayers, Persistent):
             The map.
         u : (H, W) array
             Degeneracy of each cell, 0 to 1, row 0 at the lowest y. Cells that are not free are
-            blocked, whatever it says there.
+            blocked, whatever their value.
         e : (H, W) array, optional
             Uncertainty of each free cell, >= 0 [m^2 rad], of which paths have the integral; without
             it a path's `integrated_e` is NaN.
         weight : float, default 8.0
-            Metres of detour accepted per degenerate metre, >= 0; by default that of the estimators
-            that simulate a lidar.
+            Metres of detour accepted per degenerate metre, >= 0; by default the weight of
+            estimators that simulate a lidar.
         robot : Robot, or float, default 0.25
-            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
-            cell's centre is blocked.
+            The robot, or its radius [m], >= 0: cells closer to an occupied cell are
+            blocked.
         zones : Zones, optional
             The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1
             more per metre.
@@ -282,7 +282,7 @@ class Costmap(CostLayers, Persistent):
         robot: Robot | float = 0.0,
         zones: Zones | None = None,
     ) -> Costmap:
-        """Make a costmap from a density of your own.
+        """Make a costmap from a custom density.
 
         Without a field a path's `integrated_e` and `integrated_u` are NaN.
 
@@ -296,7 +296,7 @@ class Costmap(CostLayers, Persistent):
         robot : Robot, or float, default 0.0
             The robot, or its radius [m], >= 0: cells whose centre is closer to an occupied cell are
             blocked as well;
-            0 where the density has done that.
+            0 if the density does that already.
         zones : Zones, optional
             The zones: cells in no-go ones are blocked, and those outside preferred ones cost 1
             more per metre.
@@ -330,24 +330,24 @@ class Costmap(CostLayers, Persistent):
         robot: Robot | float = ROBOT_RADIUS,
         zones: Zones | None = None,
     ) -> Costmap:
-        """A cost of 1 wherever the robot can be: shortest paths, no field.
+        """Return a costmap with cost 1 in each cell that the robot can enter, without a field.
 
         Parameters
         ----------
         grid : OccupancyGrid
             The map.
         robot : Robot, or float, default 0.25
-            The robot, or its radius [m], >= 0: the distance to an occupied cell below which a
-            cell's centre is blocked.
+            The robot, or its radius [m], >= 0: cells closer to an occupied cell are
+            blocked.
         zones : Zones, optional
-            The zones, of which the no-go ones count: preferred ones do not make paths shorter.
+            The zones; only no-go zones count, since preferred ones do not make paths shorter.
         """
         check_grid(grid)
         closed = normalize_zones(zones).no_go_zones
         return cls.from_density(grid, np.ones(grid.shape), robot=robot, zones=closed)
 
     def with_weight(self, weight: float) -> Costmap:
-        """Copy of the costmap with the density of another weight.
+        """Return a copy of the costmap with the density of another weight.
 
         Parameters
         ----------
@@ -368,25 +368,25 @@ class Costmap(CostLayers, Persistent):
 
     @property
     def for_shortest(self) -> Costmap:
-        """Copy of the costmap whose cheapest path is a shortest one that sees much.
+        """Copy of the costmap whose cheapest path is the least degenerate of the shortest paths.
 
         Preferred zones do not count.
         """
         return dataclasses.replace(self, zones=self.zones.no_go_zones).with_weight(1e-6)
 
     def update(self, field: CovarianceField, *, window: CellWindow | None = None) -> Costmap:
-        """Costmap of an edited map, read anew only where the edit can have changed it.
+        """Return the costmap of an edited map, recomputed only in cells that the edit can change.
 
-        It equals `from_field` with this costmap's settings; what `with_blocked` has blocked is to
-        be blocked again. All is read anew where either field has values at some points only.
+        It equals `from_field` with this costmap's settings; cells that `with_blocked` has blocked
+        must be blocked again. All cells are recomputed if a field has values at some points only.
 
         Parameters
         ----------
         field : CovarianceField
             The field of the edited map, such as `CovarianceField.update` gives.
         window : (slice, slice), optional
-            Rows and columns of cells that are read anew in any case, such as those where the field
-            had values from before an edit.
+            Rows and columns of cells that are recomputed in any case, such as those whose field
+            values are older than an edit.
 
         Raises
         ------
@@ -437,24 +437,24 @@ class Costmap(CostLayers, Persistent):
         )
 
     def with_blocked(self, blocked: Bools) -> Costmap:
-        """Copy of the costmap with more cells blocked, such as a zone that is closed.
+        """Return a copy of the costmap with more cells blocked, such as a closed zone.
 
         Parameters
         ----------
         blocked : (H, W) array of bool
-            True where the robot may not be, row 0 at the lowest y.
+            True for cells that the robot must not enter, row 0 at the lowest y.
         """
         return dataclasses.replace(
             self, density=make_readonly(np.where(blocked, np.inf, self.density))
         )
 
     def with_robot(self, robot: Robot | float) -> Costmap:
-        """Copy of the costmap for another robot.
+        """Return a copy of the costmap for another robot.
 
         Parameters
         ----------
         robot : Robot, or float
-            The robot, or its radius [m], at least the costmap's own: blocked cells cannot be freed
+            The robot, or its radius [m], at least the costmap's: blocked cells cannot be freed
             again.
         """
         radius = planning_radius(robot)
@@ -475,7 +475,7 @@ class Costmap(CostLayers, Persistent):
 
 
 def summarize_costs(costs: Costmap) -> dict[str, object]:
-    """Version, map and settings of a costmap, fit for JSON.
+    """Return the version, map and settings of a costmap as data for JSON.
 
     Parameters
     ----------

@@ -347,7 +347,7 @@ def draw_inset(axes: Axes, grid: OccupancyGrid, part: OccupancyGrid, paths: Sequ
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        The Axes on which the part was drawn.
+        The Axes that show the part.
     grid, part : OccupancyGrid
         The map, and the part of it that was drawn.
     paths : sequence of Path

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def grid_path(
     costs: Costmap, cells: Ints, start: Position, goal: Position, allow_corner_cutting: bool = False
 ) -> Path:
-    """The cheaper one of the path over the centres of cells (n, 2) and the `straight_line`."""
+    """Return the path over the centres of cells (n, 2), or the `straight_line` if it costs less."""
     path = path_through_centres(costs, cells, start, goal)
     line = straight_line(costs, start, goal, allow_corner_cutting)
     return path if line is None or path_cost(costs, path) < path_cost(costs, line) else line
@@ -34,7 +34,7 @@ def grid_path(
 def straight_line(
     costs: Costmap, start: Position, goal: Position, allow_corner_cutting: bool = False
 ) -> Path | None:
-    """The line from start to goal, which counts as a grid path beside those over centres.
+    """Return the line from start to goal, which counts as a grid path as paths over centres do.
 
     It is None if the cells of both do not lie in one row, column or diagonal, if a blocked cell is
     in the way, or if both are centres: then a path over centres is this line.
@@ -60,7 +60,7 @@ def straight_line(
 
 
 def path_through_centres(costs: Costmap, cells: Ints, start: Position, goal: Position) -> Path:
-    """A path from start over the centres of cells (n, 2) to goal, where it turns.
+    """Return a path from start over the centres of cells (n, 2) to goal, reduced to its turns.
 
     Without cells it is the straight line.
     """
@@ -68,7 +68,7 @@ def path_through_centres(costs: Costmap, cells: Ints, start: Position, goal: Pos
 
 
 def turning_centres(costs: Costmap, cells: Ints) -> Floats:
-    """The centres (k, 2) of the first and the last of the cells, and of those where they turn."""
+    """Return the centres (k, 2) of the first and last cell, and of the cells at turns."""
     direction = np.diff(cells, axis=0)
     turns = np.any(direction[1:] != direction[:-1], axis=1)
     turning_cells = cells[np.concatenate([[True], turns, [True]])] if len(cells) > 1 else cells
@@ -78,7 +78,7 @@ def turning_centres(costs: Costmap, cells: Ints) -> Floats:
 
 
 def drop_repeated_positions(costs: Costmap, xy: Floats) -> Path:
-    """The path over positions (n, 2) [m] without those that repeat the one before."""
+    """Return the path over positions (n, 2) [m], without repeated positions."""
     is_new = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * costs.grid.resolution
     is_new[-1] |= not is_new.any()  # a path has two ends, even in one place
     return Path(xy[np.concatenate([[True], is_new])])
@@ -123,7 +123,7 @@ class PaddedCostmap:
         return cls(half, costs.grid.shape[1] + 2, measure_costs(half))
 
     def unflatten(self, flat: Ints) -> Ints:
-        """Rows and columns of cells, (n, 2).
+        """Return the rows and columns of cells, (n, 2).
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class GridPlanner:
     """This planner finds the path of least cost over the centres of neighbouring cells.
 
     The path leads from the start to the centre of its cell, over centres, and to the goal; or
-    straight to the goal, where the cells of both lie in one row, column or diagonal.
+    straight to the goal if both cells lie in one row, column or diagonal.
 
     It searches with A* or Dijkstra's algorithm, whichever is quicker at the map's contrast. Both
     are exact and find the same path: where several cost the same, the same one of them.
@@ -154,7 +154,7 @@ class GridPlanner:
     """True for A*, False for Dijkstra's algorithm, None for the one that suits the map."""
 
     def check(self) -> None:
-        """Accept all options: any of them go together."""
+        """Accept all options, since every combination is valid."""
 
     def prepare(self) -> None:
         """Compile the search, so that the first plan is not timed with it."""
@@ -179,7 +179,7 @@ class AStar(GridPlanner):
     """This planner finds the grid planner's path with A*.
 
     The octile distance times the least density on the map leads it to the goal. That is quicker
-    where the density hardly differs or the goal is near, and up to a tenth slower elsewhere.
+    if the density varies little or the goal is near, and up to a tenth slower otherwise.
 
     Examples
     --------
@@ -204,7 +204,7 @@ class Dijkstra(GridPlanner):
 
 
 def blank_costs(rows: int, columns: int) -> Costmap:
-    """A small free costmap with cells of 1 m, to compile the kernels on."""
+    """Return a small free costmap with cells of 1 m, to compile the kernels on."""
     from locplan.maps.grid import OccupancyGrid
     from locplan.maps.occupancy import FREE
 
@@ -221,10 +221,10 @@ def find_cheapest_cells(
     bordered: PaddedCostmap | None = None,
     check: Callable[[], None] | None = None,
 ) -> tuple[Ints | None, int]:
-    """The cells (n, 2) of (row, col) of the cheapest path, None if there is none.
+    """Return the cells (n, 2) of (row, col) of the cheapest path, None if there is none.
 
-    With them comes the number of expansions. `guided` is that of `GridPlanner`; `bordered` is the
-    costmap prepared before; `check` is called now and then, and ends the search by what it raises.
+    The second value is the number of expansions. For `guided` see `GridPlanner`; `bordered` is the
+    prepared costmap. `check` is called from time to time; an exception from it ends the search.
     """
     from locplan._support.kernels.search import search_grid
     from locplan._support.kernels.ways import trace_path
@@ -243,7 +243,7 @@ def find_cheapest_cells(
 
 
 def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
-    """Find the parts that the free cells of a costmap form, where no corner may be cut.
+    """Find the connected parts of a costmap's free cells, without cutting corners.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
     count : int
         Number of parts, and one for the blocked cells.
     labels : (H, W) array of int32
-        Number of the part of each cell; 0 where it is blocked.
+        Number of the part of each cell; 0 if it is blocked.
     """
     import cv2
 
@@ -264,19 +264,19 @@ def connected_parts(costs: Costmap) -> tuple[int, NDArray[np.int32]]:
 
 
 def iterate_bands(rows: int, cols: int, overlap: int) -> Iterator[tuple[slice, slice, slice]]:
-    """Bands of rows of a large array, so that what is made of each takes little memory.
+    """Iterate over bands of rows of a large array, so that work on each takes little memory.
 
     Parameters
     ----------
     rows, cols : int
         Shape of the array.
     overlap : int
-        Number of rows beyond each band that are looked at, too.
+        Number of rows that are read beyond each band.
 
     Yields
     ------
     band, around, inner : slice
-        The rows of a band, those with the ones beyond, and where the band lies in these.
+        The rows of a band, the rows with the overlap, and the band's rows within these.
     """
     height = max(BAND_CELLS // cols, 1)
     for top in range(0, rows, height):
@@ -300,7 +300,7 @@ def find_map_parts(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Ar
     cells : (n,) array
         Number of cells of each part, the parts in the order of their first cells by bands.
     labels : (H, W) array of the smallest unsigned type
-        Number of the part of each cell, from 1 on; 0 where it is blocked.
+        Number of the part of each cell, from 1 on; 0 if it is blocked.
     """
     import cv2
     from scipy.sparse import coo_array
@@ -315,7 +315,7 @@ def find_map_parts(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Ar
         free[band] = np.isfinite(Costmap.blank(part, robot=robot_radius).density[inner])
 
     def label_bands() -> Iterator[tuple[slice, int, NDArray[np.int32]]]:
-        """Parts of each band alone: its rows, their number with 0, and their labels."""
+        """Label the parts of each band; yield its rows, number of labels with 0, and labels."""
         for band, _, _ in iterate_bands(rows, cols, 0):
             yield band, *cv2.connectedComponents(free[band], connectivity=4)
 
@@ -343,22 +343,22 @@ def find_map_parts(grid: OccupancyGrid, robot_radius: float) -> tuple[Floats, Ar
 def bordered_ends(
     costs: Costmap, start: Position, goal: Position, border: int = 1
 ) -> tuple[int, int]:
-    """The flat indices, in a grid with a border, of the start's and the goal's cell."""
+    """Return the flat indices, in a grid with a border, of the start's and the goal's cell."""
     source = bordered_index(costs, start, "start", border)
     return source, bordered_index(costs, goal, "goal", border)
 
 
 def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> int:
-    """The flat index, in a grid with a border, of the cell at a world position.
+    """Return the flat index, in a grid with a border, of the cell at a world position.
 
     Parameters
     ----------
     costs : Costmap
         The costmap.
     xy : (x, y)
-        The world position [m], where the robot can stand.
+        A free world position [m].
     role : str
-        What an error calls the position, such as "start".
+        Name of the position in errors, such as "start".
     border : int, default 1
         Width of the border [cells].
     """
@@ -367,5 +367,5 @@ def bordered_index(costs: Costmap, xy: Position, role: str, border: int = 1) -> 
 
 
 def cells_from_flat(flat: Ints, columns: int, border: int = 1) -> Ints:
-    """The cells (n, 2) of (row, col) at flat indices in a grid with a border."""
+    """Return the cells (n, 2) of (row, col) at flat indices in a grid with a border."""
     return np.column_stack([flat // columns - border, flat % columns - border])

@@ -24,13 +24,13 @@ from locplan.robots.robot import Robot
 class Lattice:
     """This planner finds the cheapest motions that the robot itself can make.
 
-    It searches over position and heading on the costmap's own robot: outline, drive, turning
+    It searches over position and heading on the costmap's robot: outline, drive, turning
     radius, and whether it drives in reverse. Its path has headings. It is the cheapest one of the
     motions of the lattice, which begin and end in the middle of cells, and then smoothed. Either
-    end may have a heading. Where no motions lead into the goal's cell, it ends within the robot's
+    end may have a heading. If no motions lead into the goal's cell, it ends within the robot's
     goal tolerance, if it can. The outline keeps the robot's margin from walls, its corners moved
-    outwards as by Nav2's footprint_padding; where no path does, it keeps clear of them without it,
-    and the plan's note says so.
+    outwards as by Nav2's footprint_padding; if no path does, it ignores the margin, and the plan's
+    note reports it.
 
     Examples
     --------
@@ -52,7 +52,7 @@ class Lattice:
     """Cost of turning on the spot, above 0 [m/rad]."""
     smooth: bool = True
     """True smooths the path by curves that the robot can drive, which begin and end at just the
-    poses asked for where they can; see `planners.smoothed`."""
+    poses asked for where they can; see `planning.smooth_path`."""
     time_limit: float | None = None
     """Time after which the search ends [s], above 0; by default it is not limited."""
     name: ClassVar[str] = "lattice"
@@ -121,7 +121,7 @@ class Lattice:
 
 
 def _with_margin(robot: Robot, outline: Footprint) -> Robot:
-    """A robot whose outline holds the margin, too."""
+    """Return a robot whose outline includes the margin."""
     around = robot.margin * np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
     wider = Footprint((outline.vertices[:, None] + around).reshape(-1, 2))
     return dataclasses.replace(robot, footprint=wider, margin=0.0)

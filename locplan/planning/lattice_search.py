@@ -39,7 +39,7 @@ ARC_STEP = 0.025
 
 @dataclass(frozen=True)
 class Primitive:
-    """A motion from the centre of cell (0, 0) to that of another cell."""
+    """A motion from the centre of cell (0, 0) to the centre of a cell."""
 
     source: int
     """Heading that it begins with."""
@@ -58,7 +58,7 @@ class Primitive:
 
     @property
     def turn(self) -> float:
-        """Turn on the spot, >= 0 [rad]; 0 for all other motions."""
+        """Turn on the spot, >= 0 [rad]; 0 for moving primitives."""
         if self.end != (0, 0):
             return 0.0
         return abs(math.remainder(self.poses[-1][2] - self.poses[0][2], 2 * math.pi))
@@ -70,12 +70,12 @@ class Primitive:
 
 
 def compute_heading_angles(headings: int) -> Floats:
-    """The headings of a lattice, rising from 0 [rad]."""
+    """Return the headings of a lattice, rising from 0 [rad]."""
     return np.array([math.atan2(row, col) % (2 * math.pi) for col, row in _directions(headings)])
 
 
 def _directions(headings: int) -> list[tuple[int, int]]:
-    """The direction (columns, rows) of each heading."""
+    """Return the direction (columns, rows) of each heading."""
     quarter, directions = DIRECTIONS[headings], []
     for turns in range(4):
         for col, row in quarter:
@@ -89,7 +89,7 @@ def _directions(headings: int) -> list[tuple[int, int]]:
 def make_primitives(
     headings: int, radius: float, sideways: bool, span: int = 1
 ) -> tuple[Primitive, ...]:
-    """The primitives of all headings, sorted by the heading that they begin with.
+    """Return the primitives of all headings, sorted by the heading that they begin with.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def make_primitives(
 def _turns(
     ahead: tuple[int, int], after: tuple[int, int], heading: float, radius: float
 ) -> list[tuple[tuple[float, float, float], ...]]:
-    """The poses of the turns from one direction to another."""
+    """Return the poses of the turns from one direction to another."""
     (x, y), (x1, y1) = ahead, after
     cross = x * y1 - y * x1
     turn = math.atan2(cross, x * x1 + y * y1)
@@ -145,7 +145,7 @@ def _turns(
 def _turn_poses(
     heading: float, turn: float, along: float, along1: float, end: tuple[float, float]
 ) -> tuple[tuple[float, float, float], ...]:
-    """Poses along a straight rest, an arc, and a straight rest."""
+    """Return poses along a straight piece, an arc, and a straight piece."""
     tangent = min(along, along1)
     radius, side = tangent / math.tan(abs(turn) / 2), math.copysign(1.0, turn)
     cos, sin = math.cos(heading), math.sin(heading)
@@ -166,7 +166,7 @@ def _turn_poses(
 def compute_reach(
     motion_primitives: tuple[Primitive, ...], outline: Footprint | None, resolution: float
 ) -> int:
-    """Number of cells, rounded up, that the robot reaches from where a primitive begins."""
+    """Return the distance [cells], rounded up, from a primitive's start to its farthest point."""
     body = 0.0 if outline is None else outline.circumscribed_radius / resolution
     far = max(
         max(abs(col), abs(row))
@@ -177,7 +177,7 @@ def compute_reach(
 
 
 def centre_cells(primitive: Primitive) -> Ints:
-    """Cells (n, 2) of (row, col) that the centre crosses, or touches at a corner."""
+    """Return the cells (n, 2) of (row, col) that the centre crosses, or touches at a corner."""
     row, col, _, _ = _find_crossed_cells(primitive, 1, 0.0)
     cells = [np.column_stack([row, col])]
     corner = np.flatnonzero((np.diff(row) != 0) & (np.diff(col) != 0))
@@ -189,7 +189,7 @@ def centre_cells(primitive: Primitive) -> Ints:
 def _find_crossed_cells(
     primitive: Primitive, layers: int, yaw: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Rows, columns, layers and lengths of the cells that the centre crosses [cells]."""
+    """Return rows, columns, layers and lengths of the cells that the centre crosses [cells]."""
     poses = np.array(primitive.poses)
     unit = OccupancyGrid(np.full((1, 1), FREE), 1.0)
     path = Path(poses[:, :2] + 0.5, poses[:, 2] + yaw)
@@ -199,7 +199,7 @@ def _find_crossed_cells(
 
 @dataclass(frozen=True)
 class MotionPrices:
-    """What motions cost beside the integral of the density."""
+    """Costs of motions in addition to the integral of the density."""
 
     reverse: float
     """Factor on the cost of motions in reverse and sideways, above 1."""
@@ -215,7 +215,7 @@ def make_moves(
     prices: MotionPrices,
     costs: Costmap,
 ) -> tuple[LatticeMoves, list[tuple[int, bool]]]:
-    """The motions that primitives make on a costmap.
+    """Return the motions that primitives make on a costmap.
 
     Beside the kernels' arrays it gives the primitive of each motion, and whether it is driven from
     its end.
@@ -253,7 +253,7 @@ def make_moves(
 def _list_motions(
     motion_primitives: tuple[Primitive, ...], reverse: bool
 ) -> list[tuple[int, bool]]:
-    """The number of each primitive, and whether it is driven from its end, by the first heading."""
+    """Return the number of each primitive, and if it is driven reversed, by the first heading."""
     ahead = [
         (primitive.source, number, False) for number, primitive in enumerate(motion_primitives)
     ]
@@ -269,7 +269,7 @@ def _list_motions(
 def _index_crossed_cells(
     primitive: Primitive, back: bool, shape: tuple[int, ...], yaw: float
 ) -> tuple[Array, Array]:
-    """Number of each cell crossed from the beginning's on, by layers (`shape`), and its length."""
+    """Return the offset of each crossed cell from the first, by layers, and its length."""
     layers, rows, columns = shape
     row, col, layer, length = _find_crossed_cells(primitive, layers, yaw)
     if back:
@@ -279,7 +279,7 @@ def _index_crossed_cells(
 
 @lru_cache(maxsize=32)
 def compute_slots(motion_primitives: tuple[Primitive, ...]) -> list[int]:
-    """The number of each primitive among those of its heading."""
+    """Return the index of each primitive among the primitives of its heading."""
     slots: list[int] = []
     for primitive in motion_primitives:
         slots.append(
@@ -289,7 +289,7 @@ def compute_slots(motion_primitives: tuple[Primitive, ...]) -> list[int]:
 
 
 def _pad_rows(rows: list[Array], dtype: type) -> Array:
-    """An array of rows of unequal length, filled up with zeros."""
+    """Return an array of rows of unequal length, filled up with zeros."""
     result: Array = np.zeros((len(rows), max(map(len, rows))), dtype)
     for row, values in zip(result, rows, strict=True):
         row[: len(values)] = values
@@ -301,7 +301,7 @@ def masked_ground(
     outline: Footprint | None,
     costs: Costmap,
 ) -> LatticeGround:
-    """What motions go over: the density, and where each primitive is not free.
+    """Return the density that motions cross, and masks of the cells where primitives are blocked.
 
     A primitive is free where no cell that the outline sweeps is occupied, and the centre crosses
     and touches no cell of infinite density.
@@ -325,7 +325,7 @@ def masked_ground(
 
 
 def _nearby(density: Array, reach: int) -> Singles:
-    """Least density within so many cells of each cell, over all headings, (rows * columns,)."""
+    """Return the least density near each cell, over all headings, (rows * columns,)."""
     import cv2
 
     lowest_density = density.min(axis=0).astype(np.float32)
@@ -340,7 +340,7 @@ def _nearby(density: Array, reach: int) -> Singles:
 def outline_masks(
     grid: OccupancyGrid, outline: Footprint | None, motion_primitives: tuple[Primitive, ...]
 ) -> Words:
-    """Bits (headings, rows, words, slots) where a primitive's outline meets an occupied cell."""
+    """Return bits (headings, rows, words, slots), set if a primitive from a cell is blocked."""
     rows, columns = grid.shape
     slots = max(compute_slots(motion_primitives)) + 1
     masks: Words = np.zeros(
@@ -370,7 +370,7 @@ def _add_masks(
     *,
     outside: bool,
 ) -> None:
-    """Set the bits where runs of cells, those of each primitive, meet a plane."""
+    """Set the bits of cells if the runs of cells of a primitive meet a plane there."""
     farthest = max(int(np.abs(primitive).max()) + int(primitive[:, 2].max()) for primitive in runs)
     margin = WORD * math.ceil(farthest / WORD)
     wide = widen_bits(_pack_bits(plane, margin, masks.shape[2], outside))
@@ -381,7 +381,7 @@ def _add_masks(
 
 
 def _pack_bits(plane: Array, margin: int, words: int, outside: bool) -> Array:
-    """The bits of a plane with a margin [cells] around the map, (rows, words)."""
+    """Return the bits of a plane with a margin [cells] around the map, (rows, words)."""
     rows, columns = plane.shape
     wide = np.full((rows + 2 * margin, 64 * (words + 1) + 2 * margin), outside)
     wide[margin : margin + rows, margin : margin + columns] = plane
@@ -389,7 +389,7 @@ def _pack_bits(plane: Array, margin: int, words: int, outside: bool) -> Array:
 
 
 def _runs(cells: Array, reach: int) -> Ints:
-    """Runs (n, 3) of cells: row, first column and number, from the middle one."""
+    """Return runs (n, 3) of cells: row, first column and number, from the middle one."""
     edges = np.diff(cells.astype(np.int8), axis=1, prepend=0, append=0)
     row, first = np.nonzero(edges == 1)
     _, after = np.nonzero(edges == -1)
@@ -435,7 +435,7 @@ class LatticeSearch:
         self._size = grid.shape[0] * grid.shape[1]
 
     def find_path(self, start: Position, goal: Position) -> PlannerResult:
-        """The path from start to goal, or else into the robot's tolerance of it, or why neither."""
+        """Return the path from start to goal or within the goal tolerance; if none, the reason."""
         robot, near = self._costs.robot, self._find_tolerated_cells(goal)
         try:
             planner_result, may_come_near = self._search_targets(
@@ -459,9 +459,9 @@ class LatticeSearch:
     def _search_targets(
         self, targets: list[int], start: Position, goal: Position, near_cells: Sequence[int] = ()
     ) -> tuple[PlannerResult, bool]:
-        """The path from start to one of the cells `targets`, in the goal's heading, or why none.
+        """Return the path from start to a cell of `targets`, in the goal's heading, or the reason.
 
-        The second value is False if surely none leads to any of the `near_cells`, either.
+        The second value is False if it is certain that no path leads to any of the `near_cells`.
         """
         bound = self.compute_bounds(targets, self._cell(start))
         cap = float(bound[self._cell(start)]) * (1 - kernels.ROUNDING)
@@ -481,7 +481,7 @@ class LatticeSearch:
         return PlannerResult(self._path(moves), expanded=expanded), True
 
     def _find_tolerated_cells(self, goal: Position) -> list[int]:
-        """The cells whose centres lie within the robot's goal tolerance of the goal."""
+        """Return the cells whose centres lie within the robot's goal tolerance of the goal."""
         grid, robot = self._costs.grid, self._costs.robot
         tolerance = (robot.goal_tolerance if robot else 0.0) / grid.resolution
         row, col = (float(coordinate) for coordinate in grid.world_to_grid(*goal[:2]))
@@ -491,7 +491,7 @@ class LatticeSearch:
         return np.flatnonzero((np.hypot(rows, columns) <= tolerance) & free).tolist()
 
     def compute_bounds(self, targets: list[int], source: int) -> Array:
-        """Bound of the cost to any target of each cell, final up to that of the cell `source`."""
+        """Return lower bounds of the cost from cells to any target, final up to cell `source`."""
         bound, graph = np.full(self._size, np.inf, np.float32), self._between_cells
         queue = kernels.new_queue(self._buckets(1.0), 0)
         for target in targets:
@@ -508,7 +508,7 @@ class LatticeSearch:
     def explore_costs(
         self, start: Position, bound: Array, graph: kernels.StateGraph
     ) -> tuple[Array, int, int]:
-        """The costs of the search over states, the last state or -1, and the expansions."""
+        """Return the costs of the search over states, the last state or -1, and the expansions."""
         terms, source = graph.terms, self._cell(start)
         layers = terms.gears * len(self._angles)
         cost = np.zeros(self._size * layers, np.float32)
@@ -533,7 +533,7 @@ class LatticeSearch:
     def _run(
         self, step: Callable[[kernels.StateQueue, int], int], queue: kernels.StateQueue
     ) -> kernels.StateQueue:
-        """Run a kernel until it has finished, giving it room and looking at the clock."""
+        """Run a kernel until it has finished, adding memory and watching the time limit."""
         while (status := step(queue, STRETCH)) != kernels.FINISHED:
             if status == kernels.OUT_OF_ROOM:
                 queue = kernels.grow_queue(queue)
@@ -543,7 +543,7 @@ class LatticeSearch:
         return queue
 
     def _buckets(self, factor: float) -> int:
-        """Number of buckets that a motion's cost spans, a power of two."""
+        """Return the number of buckets that a motion's cost spans, a power of two."""
         ground, moves, terms = self.graph
         half = ground.half
         costliest = 2 * half[np.isfinite(half)].max(initial=0.5)
@@ -553,19 +553,19 @@ class LatticeSearch:
         return int(min(2**14, 2 ** math.ceil(math.log2(spanned))))
 
     def _cell(self, pose: Position) -> int:
-        """The number of the cell of a pose."""
+        """Return the number of the cell of a pose."""
         row, col = self._costs.find_cell(pose[:2])
         return row * self.graph.ground.columns + col
 
     def _headings(self, pose: Position) -> list[int]:
-        """The heading nearest to that of a pose; without one all headings."""
+        """Return the layer nearest to the heading of a pose; all headings if it has none."""
         if len(pose) < 3:
             return list(range(len(self._angles)))
         alignment = np.cos(self._angles + self._costs.grid.origin[2] - pose[2])
         return [int(np.argmax(alignment))]
 
     def _path(self, moves: Array) -> Path:
-        """The path of motions after the state that begins it."""
+        """Return the path of motions after the state that begins it."""
         state, grid = int(moves[0]), self._costs.grid
         cell, layer = divmod(state, self.graph.terms.gears * len(self._angles))
         row, col = divmod(cell, self.graph.ground.columns)
@@ -585,7 +585,7 @@ class LatticeSearch:
         return Path(np.column_stack([x, y]), poses[:, 2] + grid.origin[2])
 
     def _explain_failure(self, start: Position, goal: Position, expanded: int) -> PlannerResult:
-        """Why there is no path, after all states were searched."""
+        """Return the reason why there is no path, after all states were searched."""
         ends = start[:2], goal[:2]
         cells, _ = find_cheapest_cells(self._costs, *ends, allow_corner_cutting=False)
         if cells is None:
@@ -597,13 +597,13 @@ class LatticeSearch:
 
 
 def _leaves_grid(motion: Primitive, shape: tuple[int, ...]) -> bool:
-    """Whether a motion is a turn too wide for a map of a shape, from wherever it begins."""
+    """Return True if a motion turns too wide for a map of a shape, from every cell."""
     turns = motion.source != motion.target
     return turns and any(abs(n) >= size for n, size in zip(motion.end, shape, strict=True))
 
 
 def _is_reversible(robot: Robot | None) -> bool:
-    """Whether a robot covers the same cells when it stands the other way round."""
+    """Return True if a robot covers the same cells when it is turned by 180 degrees."""
     if robot is None or robot.outline is None:
         return True
     corners = robot.outline.vertices
@@ -612,9 +612,9 @@ def _is_reversible(robot: Robot | None) -> bool:
 
 
 def _between_cells(moves: kernels.LatticeMoves, reversible: bool) -> kernels.LatticeMoves:
-    """The motions that lead to another cell at least cost, of which `begin` means nothing.
+    """Return the motions that lead to another cell at least cost, of which `begin` means nothing.
 
-    In reverse a robot that is `reversible` goes where it does ahead the other way round, but at a
+    A robot that is `reversible` drives its forward motions, turned by 180 degrees, in reverse at a
     higher cost.
     """
     is_kept = (moves.row != 0) | (moves.col != 0)

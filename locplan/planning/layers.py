@@ -54,7 +54,7 @@ def check_criterion(criterion: str, config: FieldConfig) -> None:
 def degeneracy(
     field: CovarianceField, criterion: str, law: str, headings: Literal["mean", "worst"] | None
 ) -> tuple[Floats, Floats]:
-    """u and e of a field, (H, W), or without `headings` of each one, (n, H, W)."""
+    """Compute u and e of a field, (H, W), or without `headings` of each heading, (n, H, W)."""
     check_criterion(criterion, field.config)
     if not np.less(*field.anchors(criterion)):
         raise ConfigError(
@@ -83,7 +83,7 @@ def degeneracy(
 def _degeneracy(
     field: CovarianceField, criterion: str, law: str, values: Floats, of_e: Floats
 ) -> tuple[Floats, Floats]:
-    """u and e, (H, W), of the criterion and of e on the lattice, (h, w)."""
+    """Compute u and e, (H, W), from the criterion and e on the lattice, (h, w)."""
     lowest, greatest = field.anchors(criterion)
     e = field.on_map(of_e)
     if criterion in field.layers:
@@ -109,7 +109,7 @@ SHORTEST_WEIGHT = 1e-3
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CostLayers(Pictured):
-    """The arrays of a costmap, with what they were made of."""
+    """The arrays of a costmap, with the settings they were made with."""
 
     grid: OccupancyGrid
     """The map."""
@@ -144,7 +144,7 @@ class CostLayers(Pictured):
             make_readonly(state[name])
 
     def copy(self) -> Self:
-        """Copy of the costmap that shares nothing with it, not even the map."""
+        """Return a copy of the costmap that shares nothing with it, not even the map."""
         return copy.deepcopy(self)
 
     def __repr__(self) -> str:
@@ -155,17 +155,17 @@ class CostLayers(Pictured):
 
     @property
     def u_of_heading(self) -> Singles | None:
-        """u for n headings of the robot, evenly spaced from 0 on, (n, H, W); None if alike."""
+        """Degeneracy u for n headings of the robot, evenly spaced from 0 on, (n, H, W), or None."""
         return None if self.of_heading is None else self.of_heading.both[0]
 
     @property
     def e_of_heading(self) -> Singles | None:
-        """e for the headings of `u_of_heading` [m^2 rad], (n, H, W); None if alike."""
+        """Values of e for the headings of `u_of_heading` [m^2 rad], (n, H, W), or None."""
         return None if self.of_heading is None else self.of_heading.both[1]
 
     @property
     def density_of_heading(self) -> Floats:
-        """`density` for each heading, (n, H, W), or once where headings are alike, (1, H, W)."""
+        """Values of `density` for each heading, (n, H, W); (1, H, W) without heading layers."""
         if self.u_of_heading is None:
             return self.density[None]
         density = compute_density(self.u_of_heading.astype(np.float64), self.weight)
@@ -193,7 +193,7 @@ class CostLayers(Pictured):
 
     @property
     def note(self) -> str:
-        """A text on a better estimator for the robot's lidar; empty if there is nothing to say."""
+        """A text on a better estimator for the robot's lidar; empty if there is none."""
         estimator = self.settings and self.settings.config.estimator
         if not isinstance(estimator, Sad) or not self.weight > SHORTEST_WEIGHT:
             return ""
@@ -206,7 +206,7 @@ class CostLayers(Pictured):
 
     @property
     def has_weak_spots(self) -> bool:
-        """Whether u is above 0 anywhere; True where there is no field."""
+        """True if u is above 0 anywhere; True where there is no field."""
         return bool((self.u > 0).any() or np.isnan(self.u).all())
 
     @overload
@@ -252,20 +252,20 @@ class CostLayers(Pictured):
         return values if name is None else values[str(check_choice("name", name, LAYERS))]
 
     def find_cell(self, xy: Sequence[float], role: str = "position") -> tuple[int, int]:
-        """Row and column of the cell at a world position where the robot can stand.
+        """Return row and column of the cell at a world position that is free for the robot.
 
         Parameters
         ----------
         xy : (x, y)
             The world position [m].
         role : str, default "position"
-            What the error calls the position, such as "start".
+            Name of the position in errors, such as "start".
 
         Raises
         ------
         PoseError
-            If the robot cannot stand there. The error says why, and names the nearest position
-            where it can.
+            If the robot cannot stand there. The error has the reason, and the nearest free
+            position.
         """
         x, y = check_position(xy, name=role)
         row, col = self.grid.cell((x, y))
@@ -287,7 +287,7 @@ class CostLayers(Pictured):
         raise PoseError(f"{role} {x:.10g},{y:.10g} {fault}; {remedy}; {hint}")
 
     def _fault(self, row: int, col: int) -> str | None:
-        """Why a robot cannot stand in a cell; None if it can."""
+        """Return the reason why a robot cannot stand in a cell; None if it can."""
         if not self.grid.contains(row, col):
             return f"lies outside the map, which reaches from {extent_text(self.grid)}"
         if np.isfinite(self.density[row, col]):
@@ -325,7 +325,7 @@ class CostSettings:
     """False if the field has values at some lattice points only, as near paths."""
 
     def to_json(self) -> dict[str, object]:
-        """All settings, fit for JSON."""
+        """Return all settings, fit for JSON."""
         return {**vars(self), "config": self.config.to_json()}
 
 
@@ -338,7 +338,7 @@ class HeadingLayers:
 
     @classmethod
     def from_field(cls, field: CovarianceField, settings: CostSettings) -> HeadingLayers | None:
-        """Layers of the headings that a field has; None if they are alike."""
+        """Return the layers of a field's headings; None if it has one heading."""
         if field.config.headings == 1:
             return None
         return cls(partial(degeneracy, field, settings.criterion, settings.law, None))
@@ -359,12 +359,12 @@ class HeadingLayers:
         return 0  # the costmaps that have them differ in more
 
     def to_json(self) -> dict[str, Singles]:
-        """Both layers by name."""
+        """Return both layers by name."""
         return dict(zip(("u", "e"), self.both, strict=True))
 
     @classmethod
     def from_json(cls, layers: Mapping[str, Singles]) -> HeadingLayers:
-        """Layers of what `to_json` gave."""
+        """Return the layers that `to_json` encoded."""
         return cls(lambda: (layers["u"], layers["e"]))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -379,7 +379,7 @@ class HeadingLayers:
 
 
 def compute_density(u: Floats, weight: float) -> Floats:
-    """1 + weight u; infinite where u is NaN."""
+    """Return 1 + weight u; infinite where u is NaN."""
     density = u * weight
     density += 1
     np.copyto(density, np.inf, where=np.isnan(u))
@@ -387,7 +387,7 @@ def compute_density(u: Floats, weight: float) -> Floats:
 
 
 def with_zones(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
-    """The density with the cost of zones: infinite in no-go ones, 1 more outside preferred ones."""
+    """Add the cost of zones to a density: infinite in no-go ones, 1 outside preferred ones."""
     if zones.max_cost_per_metre:
         density += zones.charge(grid)
     if zones.has("no-go"):
@@ -396,7 +396,7 @@ def with_zones(density: Floats, grid: OccupancyGrid, zones: Zones) -> Floats:
 
 
 def copy_layer(name: str, layer: ArrayLike, grid: OccupancyGrid) -> Floats:
-    """A copy of a layer of one's own; a ConfigError if it has another shape than the map."""
+    """Return a copy of a custom layer; a ConfigError if its shape differs from the map's."""
     values = np.array(layer, dtype=np.float64)
     if values.shape != grid.shape:
         raise ConfigError(f"{name} has shape {values.shape}, but the map {grid.shape}")
@@ -404,7 +404,7 @@ def copy_layer(name: str, layer: ArrayLike, grid: OccupancyGrid) -> Floats:
 
 
 def copy_checked_layer(name: str, layer: ArrayLike, grid: OccupancyGrid, highest: float) -> Floats:
-    """A read-only copy of a layer of one's own, (H, W), NaN where the map is not free.
+    """Return a read-only copy of a custom layer, (H, W), NaN in cells that are not free.
 
     Raises
     ------
@@ -422,7 +422,7 @@ def copy_checked_layer(name: str, layer: ArrayLike, grid: OccupancyGrid, highest
 
 
 def block_near_walls(density: Array, grid: OccupancyGrid, robot_radius: float) -> Array:
-    """The density, infinite closer to occupied cells than a radius [m] as well, read-only."""
+    """Block the cells closer to occupied cells than a radius [m]; return a read-only density."""
     density = density if density.flags.writeable else density.copy()
     np.copyto(density, np.inf, where=grid.cells_near_walls(robot_radius - 1e-9))
     return make_readonly(density)
@@ -445,7 +445,7 @@ def check_weight(weight: float) -> None:
 
 
 def whole_robot(robot: Robot | float) -> Robot | None:
-    """The robot; None where it is a radius alone."""
+    """Return the robot, or None if only its radius is given."""
     return robot if isinstance(robot, Robot) else None
 
 

@@ -103,8 +103,11 @@ class LimitedPlanner(PlannerWrapper):
     def _try_circles(
         self, costs: Costmap, stops: Sequence[Position]
     ) -> tuple[PlannerResult | None, PlannerResult | None, tuple[float, float] | None]:
-        """A circle's path that is clear for the outline, if there is one; beside it the last search
-        that gave up, and where the outline meets a wall on the inner circle's path."""
+        """Return a circle's path that is clear for the outline, or None without one.
+
+        The second value is the last search that gave up, the third the position at which the
+        outline meets a wall on the inner circle's path.
+        """
         assert self.outline is not None
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         meets, gave_up = None, None
@@ -140,7 +143,7 @@ class LimitedPlanner(PlannerWrapper):
         return dataclasses.replace(self, planner=planner)._plan_legs(outline_costs, stops)
 
     def _describe_search(self, costs: Costmap, meets: tuple[float, float] | None) -> PlannerResult:
-        """What was searched where the outline meets a wall on both circles' paths."""
+        """Return the description of a failed search with an outline, for a plan's note."""
         assert self.outline is not None
         inner, outer = self.outline.inscribed_radius, self.outline.circumscribed_radius
         note = f"only the paths of the footprint's inner and outer circle (radii {inner:.3g} and"
@@ -188,7 +191,7 @@ class LimitedPlanner(PlannerWrapper):
         return PlannerResult(Path.join(legs), note="; ".join(notes), expanded=expanded)
 
     def _thin_costmap(self, costs: Costmap) -> Costmap:
-        """The costmap of a robot that fits wherever the outline does, for proofs.
+        """Return the costmap of a robot that fits everywhere that the outline does, for proofs.
 
         The centre of a cell may be half a cell's diagonal nearer to a wall than the robot's is. A
         costmap of the inscribed radius blocks such cells already: there the map alone proves.
@@ -202,7 +205,7 @@ class LimitedPlanner(PlannerWrapper):
         return dataclasses.replace(costs, density=thin_costs.density)
 
     def _joins(self, costs: Costmap, stops: Sequence[Position]) -> bool:
-        """Whether a path over the grid joins the stops: where none does, no other one does."""
+        """Return True if a path over the grid joins the stops; otherwise no path does."""
         if not _are_free(costs, stops):
             return False
         cutting = getattr(self.planner, "allow_corner_cutting", False)
@@ -210,7 +213,7 @@ class LimitedPlanner(PlannerWrapper):
         return all(np.isfinite(cost[costs.grid.cell(stop[:2])]) for stop in stops)
 
     def _min_max_e(self, costs: Costmap, stops: Sequence[Position]) -> float | None:
-        """The least `max_e` [m^2 rad] with which a grid path joins the stops, None if none does."""
+        """Return the least `max_e` [m^2 rad] with a grid path over the stops, or None."""
         if not self._joins(costs, stops):
             return None
         levels = np.unique(costs.e[np.isfinite(costs.density)])
@@ -228,7 +231,7 @@ def _are_free(costs: Costmap, stops: Sequence[Position]) -> bool:
 
 
 def _block_high_e(costs: Costmap, max_e: float) -> Costmap:
-    """A copy of the costmap in which the cells with e above a limit are blocked."""
+    """Return a copy of the costmap with the cells blocked whose e is above a limit."""
     if not np.isfinite(costs.e[np.isfinite(costs.density)]).all():
         raise ConfigError("a costmap without a field has no e to limit")
     return costs.with_blocked(costs.e > max_e)

@@ -97,7 +97,7 @@ LIDAR = "turtlebot4"
 
 @dataclass(frozen=True)
 class Room:
-    """A connected part of the space where the robot's centre can be."""
+    """A connected part of the space that the robot's centre can enter."""
 
     number: int
     """Number, from 1 for the largest room on."""
@@ -179,7 +179,7 @@ class MapInfo(Pictured):
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def command(self, pair: PlacePair) -> str:
-        """The command line that plans between two places, with `LIDAR` for the user's.
+        """Return the command line that plans between two places, with `LIDAR` for the user's.
 
         Parameters
         ----------
@@ -196,12 +196,12 @@ class MapInfo(Pictured):
         )
 
     def table(self) -> Table:
-        """The named places."""
+        """Return the named places."""
         columns = Column("name", title="place"), *POSITION, Column("room", title="room", digits=0)
         return Table.from_records(columns, self.places)
 
     def report(self) -> str:
-        """The information for people, with command lines to copy."""
+        """Return the information for people, with command lines to copy."""
         parts = [format_table([], self._facts()), self._rooms_table()]
         for pair in self.pairs:
             ends = " / ".join(f"{place.name} {place.xy}" for place in (pair.start, pair.goal))
@@ -217,7 +217,7 @@ class MapInfo(Pictured):
         return "\n".join([*parts, *(f"warning: {warning}" for warning in self.warnings)])
 
     def _facts(self) -> list[list[str]]:
-        """The rows about the map as a whole."""
+        """Return the rows about the map as a whole."""
         (rows, cols), (width, height) = self.grid.shape, self.size
         x, y, yaw = self.grid.origin
         x_min, y_min, x_max, y_max = self.extent
@@ -239,7 +239,7 @@ class MapInfo(Pictured):
         return facts
 
     def _rooms_table(self) -> str:
-        """The rooms, with the small ones summed up."""
+        """Return the rooms, with the small ones summed up."""
         robot_text = f"for a robot of radius {self.robot_size}"
         if not self.rooms:
             return f"no room {robot_text}"
@@ -256,7 +256,7 @@ class MapInfo(Pictured):
         return format_table([f"room {robot_text}", "area for its centre", "places"], rows)
 
     def summary(self) -> dict[str, object]:
-        """The information, fit for JSON: lengths in metres, areas in square metres."""
+        """Return the information, fit for JSON: lengths in metres, areas in square metres."""
         (rows, cols), (width, height) = self.grid.shape, self.size
         levels = {name: vars(getattr(self, name)) for name in ("free", "occupied", "unknown")}
         return {
@@ -290,14 +290,14 @@ class MapInfo(Pictured):
 def describe_map(
     grid: OccupancyGrid | str | os.PathLike[str], *, robot: Robot | float = ROBOT_RADIUS
 ) -> MapInfo:
-    """Describe a map: size, levels, what misleads, rooms, and places far apart in them.
+    """Describe a map: its size, levels, faults, rooms, and places that are far apart in them.
 
     Parameters
     ----------
     grid : OccupancyGrid, str or path
-        The map, or its file, whose thresholds and greys are then looked at, too.
+        The map, or its file, whose thresholds and grey values are then checked as well.
     robot : Robot, or float, default 0.25
-        The robot, or its radius [m], >= 0, which decides what is one room. Give your own.
+        The robot, or its radius [m], >= 0, which decides what counts as one room.
 
     Returns
     -------
@@ -383,7 +383,7 @@ def _choose_routes(
 
 
 def _list_robot_warnings(grid: OccupancyGrid, radius: float, fits: bool) -> list[str]:
-    """What misleads about the robot on this map."""
+    """Return warnings about the robot on this map."""
     if not fits and grid.free.any():
         widest, near = 0.0, math.ceil(radius / grid.resolution) + 1
         for band, around, inner in iterate_bands(

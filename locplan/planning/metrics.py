@@ -30,7 +30,7 @@ MAX_CELLS = 10**7
 
 
 def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Array]:
-    """Headings, rows and columns of the cells that a path crosses, and lengths in them [m].
+    """Return headings, rows and columns of the cells that a path crosses, and lengths in them [m].
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def crossed_cells(grid: OccupancyGrid, path: Path, headings: int = 1) -> list[Ar
 
 
 def crossed_by_paths(grid: OccupancyGrid, poses: Floats, sizes: Ints, headings: int) -> list[Array]:
-    """Cells that several paths cross: headings, rows, columns, lengths [m], and paths' numbers.
+    """Return the cells that several paths cross, as headings, rows, columns, lengths, path numbers.
 
     Cells are in order of travel. A path, or a part of it in one heading, that has no length has
     one cell with length 0.
@@ -56,7 +56,7 @@ def crossed_by_paths(grid: OccupancyGrid, poses: Floats, sizes: Ints, headings: 
     grid : OccupancyGrid
         The map; cells may lie outside it.
     poses : (k, 3) array
-        Poses of all paths, one path after the other [m, m, rad].
+        Poses of all paths, path by path [m, m, rad].
     sizes : (m,) array
         Number of poses of each path, at least 1.
     headings : int
@@ -95,7 +95,7 @@ def crossed_by_paths(grid: OccupancyGrid, poses: Floats, sizes: Ints, headings: 
 def _split_by_heading(
     begin: Floats, end: Floats, number: Ints, headings: int
 ) -> tuple[Ints, Floats, Floats, Ints]:
-    """Split paths' lines between poses (n, 3) where the nearest of several even headings changes.
+    """Split paths' lines between poses (n, 3) at changes of the nearest of several even headings.
 
     Along each line the heading turns evenly, the shorter way. Returned are the number of the line
     that a part belongs to, the begin and the end of the part, (m, 2), and its nearest heading.
@@ -275,7 +275,7 @@ def path_cost(costs: Costmap, path: AnyPath | Sequence[AnyPath]) -> Any:
 
 
 def _integrals(density: Floats, lengths: Floats, number: Ints) -> Floats:
-    """J of paths, by the numbers of the paths that cross cells [m].
+    """Return J of paths [m], by the numbers of the paths that cross cells.
 
     A blocked cell costs inf, also if its length is 0.
     """
@@ -287,7 +287,7 @@ def _integrals(density: Floats, lengths: Floats, number: Ints) -> Floats:
 def compute_profile(
     costs: Costmap, path: AnyPath, layer: NDArray[np.floating]
 ) -> tuple[Floats, Floats]:
-    """Steps of a layer along a path.
+    """Return the steps of a layer along a path.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def compute_profile(
 
 
 def _sample_layers(layers: Array, at: Sequence[Array], outside: float) -> Floats:
-    """Values of layers at headings, rows and columns; `outside` outside the map."""
+    """Return the values of layers at headings, rows and columns; `outside` outside the map."""
     heading, row, col = at
     rows, cols = layers.shape[1:]
     inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
@@ -326,7 +326,7 @@ def _sample_layers(layers: Array, at: Sequence[Array], outside: float) -> Floats
 
 
 def _stretches(is_inside: Bools, lengths: Array) -> tuple[float, float]:
-    """The share of the length where something holds, and the longest stretch of it [m]."""
+    """Return the share of the length where something holds, and the longest stretch of it [m]."""
     total = lengths.sum()
     share = float(lengths[is_inside].sum() / total) if total > 0 else 0.0
     longest = stretch = 0.0
@@ -387,7 +387,7 @@ def compare_lidars(
 
 
 def lidars_table(shares: Sequence[LidarShare]) -> Table:
-    """Table of lidars side by side.
+    """Return a table that compares lidars.
 
     Parameters
     ----------
@@ -409,7 +409,7 @@ def lidars_table(shares: Sequence[LidarShare]) -> Table:
 
 
 def costs_caption(costs: Costmap) -> str:
-    """A further line of a title about the field and the robot of a costmap.
+    """Return a further line of a title about the field and the robot of a costmap.
 
     Parameters
     ----------

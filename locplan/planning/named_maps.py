@@ -22,7 +22,7 @@ def name_maps(
     Parameters
     ----------
     maps : path, OccupancyGrid or Costmap, sequence or mapping of them
-        Map files, folders of them, grids or costmaps; a mapping gives them names of its own.
+        Map files, folders of them, grids or costmaps; a mapping gives them names.
     read : callable, default `load_map`
         Function that reads a map's file.
 
@@ -34,7 +34,7 @@ def name_maps(
     Raises
     ------
     ConfigError
-        If there is none, one is something else, or two have one name.
+        If there is no map, an object is not a map, or two maps have the same name.
     """
     if isinstance(maps, Mapping) and maps:
         return {str(name): _load_map(map_source, read) for name, map_source in maps.items()}

@@ -47,7 +47,7 @@ class FrontTimeoutError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class StraightLine:
-    """The straight line from start to goal, which is the shortest of all grid paths."""
+    """The straight line from start to goal, the shortest of all grid paths."""
 
     path: Path
     """The line."""
@@ -63,7 +63,7 @@ class FrontProblem:
     them.
 
     A path leads from the start to the centre of its cell, over centres, and to the goal, or along
-    the straight `line`, as those of the grid planner do.
+    the straight `line`, as paths of the grid planner do.
     """
 
     costs: Costmap
@@ -99,7 +99,7 @@ class FrontProblem:
         cutting: bool,
         until: float = np.inf,
     ) -> FrontProblem:
-        """The problem of a costmap between two positions; without a field it is a ConfigError."""
+        """Return the problem of a costmap between two positions; a ConfigError without a field."""
         from locplan.planning.kernels.pareto import SCALE
 
         layer = costs.e if objective == "e" else costs.u
@@ -148,10 +148,10 @@ class FrontProblem:
         return self.costs.grid.shape[1] + 2
 
     def to_go(self, length: float, integral: float) -> tuple[Array, Array | None]:
-        """Minimum weighted sums of both costs to the goal, and the start's path over flat indices.
+        """Compute the least weighted sums of both costs to the goal, and the start's path.
 
-        No sum is overstated, but that of the integral alone, by the ties. Once `until` is over, it
-        is `FrontTimeoutError`.
+        No sum is overstated, except the integral's, by the ties. After `until` it raises
+        `FrontTimeoutError`.
         """
         from locplan._support.kernels.search import measure_costs, search_grid
         from locplan._support.kernels.ways import trace_path
@@ -175,7 +175,7 @@ class FrontProblem:
         return cost, flat[::-1]
 
     def measure_units(self, flat: Ints) -> tuple[float, float]:
-        """Both costs of a path over cells, given by flat indices, in whole units."""
+        """Return both costs of a path over cells, given by flat indices, in whole units."""
         from locplan.planning.kernels.pareto import SCALE
 
         index_steps = np.abs(np.diff(flat))
@@ -186,9 +186,9 @@ class FrontProblem:
         return float(first), float(second)
 
     def measure_metres(self, cells: Ints) -> tuple[float, float]:
-        """The length [m] of a path over cells (n, 2) with its ends, and the integral along it.
+        """Return the length [m] of a path over cells (n, 2) with its ends, and its integral.
 
-        Without cells they are those of the line.
+        Without cells both are measured along the line.
         """
         if self.line is not None and not len(cells):
             return self.line.measures
@@ -198,11 +198,11 @@ class FrontProblem:
         return float(step_lengths.sum()) + self.ends[0], integral + self.ends[1]
 
     def length(self, first: float) -> float:
-        """The length of a path with its ends, from whole units [m]."""
+        """Return the length of a path with its ends, from whole units [m]."""
         return first / self.per_metre + self.ends[0]
 
     def tolerance(self, frugal: Ints) -> float:
-        """Units by which integrals may differ, from the path of least integral (`TOLERANCE`)."""
+        """Return the units by which integrals may differ, from the path of least integral."""
         first, second = self.measure_units(frugal)
         if self.line is not None and self.line.units[1] <= second:
             first = self.line.units[0]
@@ -237,10 +237,10 @@ def prepare() -> None:
 
 
 class ParetoSearch:
-    """A bi-objective search that can be paused, with its labels, which are partial paths.
+    """A bi-objective search that can be paused, with its labels (partial paths).
 
-    It looks for second costs of at most `within`. Lower bounds to the goal are those that
-    `Problem.to_go` gives; `joint` holds both_to_go, multiplier and most of the kernel's search.
+    It looks for second costs of at most `within`. `FrontProblem.to_go` gives the lower bounds to
+    the goal; `joint` holds both_to_go, multiplier and most of the kernel's search.
     """
 
     def __init__(
@@ -292,7 +292,7 @@ class ParetoSearch:
     def run(self, solutions: int, until: float) -> tuple[NDArray[np.int32], float]:
         """Search until there are so many solutions or labels, or `time.perf_counter` is `until`.
 
-        The labels at the goal come by rising first cost, then the least first cost of all others.
+        The labels at the goal come by rising first cost, with a bound on all remaining first costs.
         """
         from locplan.planning.kernels import pareto
 
@@ -306,17 +306,17 @@ class ParetoSearch:
                 return solution_labels[:count], bound
 
     def read_costs(self, labels: NDArray[np.int32]) -> tuple[Array, Array]:
-        """Both costs of labels in whole units."""
+        """Return both costs of labels in whole units."""
         return self._labels.first[labels], self._labels.second[labels]
 
     def trace_cells(self, label: int) -> Ints:
-        """The cells (n, 2) of the path to a label, as (row, col)."""
+        """Return the cells (n, 2) of the path to a label, as (row, col)."""
         from locplan.planning.kernels.pareto import trace_label
 
         return cells_from_flat(trace_label(self._labels, label), self.problem.columns)
 
     def _grow(self) -> bool:
-        """Double the room as far as it is allowed; return False if it is full."""
+        """Double the room up to its limit; return False if it is full."""
         room = min(2 * self._labels.cell.size, self._max_labels)
         if self.labels + 8 > room:
             return False
@@ -336,7 +336,7 @@ class BudgetPlanner:
     The path is exact: Lagrangian bounds keep a bi-objective search small. An integral is within
     the budget if it exceeds it by no more than 1e-9 of the layer's greatest value on the map times
     the length of the path of least integral. So each path of a `ParetoFront` is found again by its
-    own integral, be it the front's or the metrics'.
+    integral, from the front or from the metrics.
     """
 
     budget: float
@@ -433,13 +433,13 @@ class _Bounds:
     lower: float
     """Minimum first cost that a path within the budget can have."""
     joint: tuple[Floats, float, float]
-    """Both costs to go, their multiplier, and the greatest sum of a better path, for `Search`."""
+    """Both costs to go, their multiplier, and the greatest sum of a better path."""
 
 
 def _lagrangian(
     problem: FrontProblem, first_to_go: Floats, short: Ints, frugal: Ints, within: float
 ) -> _Bounds:
-    """Raise the multiplier to where the bound is greatest (Handler and Zang, 1980)."""
+    """Raise the multiplier to the value with the greatest bound (Handler and Zang, 1980)."""
     outer_first, outer_second = problem.measure_units(short)
     if outer_second <= within:
         return _Bounds(short, outer_first, outer_first, (first_to_go, 0.0, np.inf))
@@ -483,15 +483,15 @@ def pareto_front(
     time_limit: float = 30.0,
     max_labels: int = 20_000_000,
 ) -> ParetoFront:
-    """The exact front of length against an integral along the path, over 8 neighbours.
+    """Return the exact front of length against an integral along the path, over 8 neighbours.
 
-    The paths are those of the grid planner: from the start to the centre of its cell, over
-    centres, and to the goal; or straight to the goal, where the cells of both lie in one row,
+    The paths are grid planner paths: from the start to the centre of its cell, over
+    centres, and to the goal; or straight to the goal if both cells lie in one row,
     column or diagonal. So each of the grid planner's paths, with any weight, is on the front, or
-    is dominated by one that is.
+    is dominated by a path on it.
 
-    Where time or labels run out, paths of least weighted sums complete the front, and `epsilon`
-    says how good it is for certain. Before the exact search come two searches over all cells, for
+    If time or labels run out, paths of least weighted sums complete the front, and `epsilon` is
+    its guaranteed quality. Before the exact search come two searches over all cells, for
     the front's ends; if the time does not suffice for these, the front is empty, with the status
     "timeout".
 
@@ -518,9 +518,9 @@ def pareto_front(
     -------
     ParetoFront
         The front, empty if the goal is unreachable or time ran out at once. Its lengths and
-        integrals are those of the plans' metrics. Paths that lower the integral by no more than
+        integrals equal the metrics of its plans. Paths that lower the integral by no more than
         1e-9 of the layer's greatest value times the length of the path of least integral are left
-        out, which is also how far a path may exceed a budget.
+        out; this is also how far a path may exceed a budget.
 
     Raises
     ------
@@ -577,9 +577,9 @@ def pareto_front(
 
 
 def _drop_dominated(points: list[Point], longest: float, tolerance: float) -> list[Point]:
-    """The points that no other dominates, by rising first cost up to `longest`.
+    """Return the points that no point dominates, by rising first cost up to `longest`.
 
-    A second cost must be less than that of every shorter path by more than the tolerance, so that
+    A second cost must be lower by more than the tolerance than for every shorter path, so that
     a budget of that much never lets one of them in.
     """
     best: list[Point] = []
@@ -594,7 +594,7 @@ def _drop_dominated(points: list[Point], longest: float, tolerance: float) -> li
 def _epsilon(
     points: list[Point], to_come: float, min_second: float, bounds: list[tuple[float, float]]
 ) -> float:
-    """The greatest relative gain over all points of a path that may have been missed.
+    """Return the greatest relative gain over all points of a path that may have been missed.
 
     Its first cost is at least `to_come`, its second at least `min_second`, and first +
     multiplier * second at least value, for each (multiplier, value) of `bounds`.

@@ -36,19 +36,19 @@ class Path(EqualByValue):
         afterwards.
     heading : (n,) array of float64, optional
         Heading of the robot at each position, counter-clockwise from the x axis [rad], within
-        1e6. Give it where the robot does not face the way it goes.
+        1e6. Give it if the robot does not face its direction of travel.
 
     Raises
     ------
     LocplanError
-        If the arrays have other shapes, or hold values that are not finite or out of range.
+        If the shapes do not match, or values are not finite or out of range.
 
     Examples
     --------
     >>> path = Path(np.array([[0.0, 0.0], [3.0, 4.0]]))
     >>> path.length
     5.0
-    >>> path.resampled(2.5).xy.tolist()
+    >>> path.resample(2.5).xy.tolist()
     [[0.0, 0.0], [1.5, 2.0], [3.0, 4.0]]
     """
 
@@ -87,12 +87,12 @@ class Path(EqualByValue):
         return map(tuple, self.xy.tolist())
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Floats:
-        """Positions, (n, 2) [m]."""
+        """Return the positions, (n, 2) [m]."""
         return np.array(self.xy, dtype=dtype, copy=copy)
 
     @property
     def poses(self) -> Floats:
-        """Positions, with headings where the path has them, (n, 2) or (n, 3) [m, m, rad]."""
+        """Positions, with headings if the path has them, (n, 2) or (n, 3) [m, m, rad]."""
         return self.xy if self.heading is None else np.column_stack([self.xy, self.heading])
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -101,7 +101,7 @@ class Path(EqualByValue):
         Parameters
         ----------
         path : path
-            The file, named *.csv; one that is there is replaced.
+            The file, named *.csv; an existing file is replaced.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class Path(EqualByValue):
 
     @classmethod
     def join(cls, paths: Sequence[Path]) -> Path:
-        """Join paths of which each begins where the one before ends.
+        """Join paths that begin at the end of the previous one.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class Path(EqualByValue):
         Parameters
         ----------
         path : path
-            The file: metres and radians, a position a row; other columns are left out.
+            The file: metres and radians, a position a row; further columns are ignored.
 
         Raises
         ------
@@ -247,7 +247,7 @@ class Path(EqualByValue):
         return np.asarray(np.arctan2(y, x))
 
     def resample(self, spacing: float, *, even: bool = False) -> Path:
-        """Path with positions at most a spacing apart: the same line, whose corners are kept.
+        """Return the same line with positions at most a spacing apart; its corners are kept.
 
         Parameters
         ----------
@@ -255,7 +255,7 @@ class Path(EqualByValue):
             Maximum distance from one position to the next, along the path [m], above 0.
         even : bool, default False
             True puts the positions at equal distances, as statistics along a path need them. The
-            lines between them then cut corners, and may meet what the path avoids.
+            lines between them then cut corners, and may meet obstacles that the path avoids.
 
         Raises
         ------
@@ -280,7 +280,7 @@ class Path(EqualByValue):
 
 
 def parse_number_array(values: object, fault: str) -> Floats:
-    """Array of numbers, copied; a LocplanError of this fault if they are none."""
+    """Return a copy as an array of numbers; a LocplanError with this fault if it is not numeric."""
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -288,7 +288,7 @@ def parse_number_array(values: object, fault: str) -> Floats:
 
 
 def divide_poses(poses: Floats, parts: Floats) -> Floats:
-    """Put further poses between poses, evenly on each step.
+    """Insert poses between poses, evenly on each step.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ def stack_poses(path_like: AnyPath | Sequence[AnyPath]) -> tuple[Floats, Ints, b
     Returns
     -------
     poses : (k, 3) array
-        Poses of all paths, one path after the other; the heading is NaN if a path has none.
+        Poses of all paths, path by path; the heading is NaN if a path has none.
     sizes : (m,) array
         Number of poses of each path, at least 1.
     is_single : bool

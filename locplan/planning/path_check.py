@@ -93,22 +93,22 @@ class PathCheck(Result, EqualByValue):
 
     @property
     def drivable(self) -> bool:
-        """Whether the robot can drive the path."""
+        """True if the robot can drive the path."""
         return not self.faults
 
     def summary(self) -> dict[str, object]:
-        """The figures and the faults, fit for JSON."""
+        """Return the figures and the faults, fit for JSON."""
         names = "drivable", "length", "cost", "least_radius", "clearance"
         record: dict[str, object] = {name: getattr(self, name) for name in names}
         record["swept_area"] = float(self.swept.sum()) * self.grid.resolution**2
         return nan_to_none({**record, "faults": self.table().records()})
 
     def table(self) -> Table:
-        """The faults, a row each."""
+        """Return the faults, a row each."""
         return Table.from_records(self.columns, self.faults)
 
     def report(self) -> str:
-        """The figures as text, and the faults below them."""
+        """Return the figures as text, and the faults below them."""
         return f"{self._format_totals()}\n{self.table()}" if self.faults else self._format_totals()
 
     def _format_totals(self) -> str:
@@ -123,9 +123,7 @@ class PathCheck(Result, EqualByValue):
         )
 
     def figure(self) -> Figure:
-        """Draw the outline along a path over the map, and in red where the robot cannot drive
-        it.
-        """
+        """Draw the robot's outline along the path, in red at places it cannot drive."""
         from locplan.planning.figures import path_check_figure
 
         return path_check_figure(self)
@@ -137,7 +135,7 @@ def check_path(
     """Check whether a robot can drive a path that any planner made.
 
     Its outline must meet no occupied cell, the path turn on no less than its turning radius, and
-    never lead back where it does not drive in reverse. Nav2's own plans, such as Smac's, can be
+    never lead back if the robot cannot drive in reverse. Plans of Nav2, such as Smac's, can be
     given as they were published.
 
     Parameters
@@ -155,7 +153,7 @@ def check_path(
     Returns
     -------
     PathCheck
-        The least radius, the clearance, the swept cells, J, and where the robot cannot drive.
+        The least radius, the clearance, the swept cells, J, and the places it cannot drive.
 
     Raises
     ------
@@ -197,7 +195,7 @@ def check_path(
 
 
 def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFault, ...]:
-    """Where a robot cannot drive a path, as `check_path` finds it without the other figures.
+    """Find the places on a path that a robot cannot drive, without the rest of `check_path`.
 
     Parameters
     ----------
@@ -211,7 +209,7 @@ def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFaul
     Returns
     -------
     tuple of PathFault
-        In their order along the path; none where it can be driven.
+        In their order along the path; none if it can be driven.
     """
     poses, kinematics = path.drive_poses, robot.kinematics
     drive_path = Path(poses[:, :2], poses[:, 2])
@@ -226,19 +224,19 @@ def path_faults(grid: OccupancyGrid, path: Path, robot: Robot) -> tuple[PathFaul
 
 
 def make_outline(robot: Robot) -> Footprint:
-    """The outline without a margin; of a circle a polygon around it, of a point a tiny one."""
+    """Return the outline without a margin: a polygon around a circle, a tiny one around a point."""
     return robot.outline or grow_outline(np.zeros((1, 2)), max(1e-6, robot.radius - robot.margin))
 
 
 def grow_outline(corners: Floats, by: float) -> Footprint:
-    """The outline of all that lies within a distance [m] of a convex one, or a little more."""
+    """Return an outline that encloses all points within a distance [m] of a convex one."""
     angles = 2 * math.pi * np.arange(CORNERS) / CORNERS
     circle = np.column_stack([np.cos(angles), np.sin(angles)]) / math.cos(math.pi / CORNERS)
     return Footprint((corners[:, None] + by * circle).reshape(-1, 2))
 
 
 def _turning_radii(poses: Floats) -> Floats:
-    """Radius on which each line between poses turns, infinite where it does not [m]."""
+    """Return the radius of each line between poses [m]; infinite if it does not turn."""
     turn = np.abs(np.remainder(np.diff(poses[:, 2]) + math.pi, 2 * math.pi) - math.pi)
     length = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     turning = turn > 1e-6
@@ -247,7 +245,7 @@ def _turning_radii(poses: Floats) -> Floats:
 
 
 def _ahead(poses: Floats) -> Floats:
-    """Cosine between the heading and the way of each line between poses; 0 on the spot."""
+    """Return the cosine between heading and direction of each line between poses; 0 on the spot."""
     step, heading = np.diff(poses[:, :2], axis=0), np.unwrap(poses[:, 2])
     middle = (heading[1:] + heading[:-1]) / 2
     along = step[:, 0] * np.cos(middle) + step[:, 1] * np.sin(middle)
@@ -258,7 +256,7 @@ def _ahead(poses: Floats) -> Floats:
 def _stretches(
     kind: Literal["collision", "tight turn", "reverse"], lines: Array, path: Path
 ) -> list[PathFault]:
-    """The faults of lines between poses, those that follow each other as one."""
+    """Return the faults of lines between poses; adjacent faults are merged."""
     faults = []
     runs = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
     for run in runs if len(lines) else ():
@@ -270,7 +268,7 @@ def _stretches(
 
 
 def _clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
-    """Least distance of an outline that meets no wall from one [m]."""
+    """Return the least distance from walls of an outline that meets none [m]."""
     if not (grid.cells == OCCUPIED).any():
         return math.inf
 
@@ -287,7 +285,7 @@ def _clearance(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> float:
 
 
 def _sweep_outline(grid: OccupancyGrid, outline: Footprint, poses: Floats) -> Bools:
-    """Cells of the map that an outline sweeps, (H, W)."""
+    """Return the cells of the map that an outline sweeps, (H, W)."""
     from locplan._support.kernels.outlines import find_swept_cells
 
     row, col = grid.world_to_grid(*poses[:, :2].T)

@@ -25,7 +25,7 @@ from locplan.planning.robot_fit import robot_note
 from locplan.robots.parts import Footprint
 
 SHORTEST, AWARE = "shortest", "localizability-aware"
-"""Labels of the paths that `plan_beside_shortest` gives."""
+"""Labels of the paths that `plan_with_shortest` returns."""
 
 
 def check_ends(
@@ -83,13 +83,13 @@ def plan(
     costs : Costmap
         The costmap to plan on.
     start, goal : (x, y) or (x, y, heading)
-        Positions in the world [m], with a heading [rad] where the planner's `space` has one.
+        Positions in the world [m], with a heading [rad] if the planner's `space` has one.
     planner : str, function or Planner, optional
-        One of `names`; a function ``f(costs, start, goal, **options)`` that returns a `Path`, a
-        `Plan` or a `PlannerResult`; or an object such as ``planners.AnyAngle(accuracy="high")``.
+        A name of `list_planner_names`; a function ``f(costs, start, goal, **options)`` that returns
+        a `Path`, `Plan` or `PlannerResult`; or an object, ``planning.AnyAngle(accuracy="high")``.
         By default "lattice" if the robot of the costmap has an outline or a turning radius,
         otherwise "any-angle". If a planner ignores the outline or the turning radius, the plan's
-        note says so.
+        note reports it.
     via : sequence of (x, y) or (x, y, heading), default ()
         Positions in the world to visit on the way, in this order [m, rad].
     max_e : float, optional
@@ -97,15 +97,15 @@ def plan(
         limit.
     budget : float, optional
         The path is the shortest one whose integral of u is at most this [m], or of e with
-        ``objective="e"`` [m^2 rad m], >= 0; by default the path of least J is wanted instead. The
-        grid planner finds it exactly; its options are the fields of `BudgetPlanner`,
-        which also tells the tolerance.
+        ``objective="e"`` [m^2 rad m], >= 0. By default `plan` finds the path of least J
+        instead. The grid planner finds the path exactly; its options are the fields of
+        `BudgetPlanner`, which also documents the tolerance.
     footprint : Footprint or (n, 2) array, optional
-        The robot's outline [m], checked exactly along the path that is returned: the cheapest
-        for its inscribed circle or, where the outline meets a wall on that, for its circumscribed
-        one; where neither is clear, the lattice's, see `Lattice`. If none of its motions
-        lead there, the status is "not found". By default the robot is the circle of the costmap's
-        radius; give the outline of a robot that is far from round.
+        The robot's outline [m], which must stay clear of walls along the path. `plan` returns the
+        first clear path of three: the cheapest for the inscribed circle, the cheapest for the
+        circumscribed circle, and the path of `Lattice`. If no motions of the lattice lead there,
+        the status is "not found". By default the robot is a circle of the costmap's radius; give
+        the outline of a robot that is far from round.
     **options
         Options of the planner: see `GridPlanner` (also for "astar" and "dijkstra"),
         `AnyAngle`, `Lattice` and `Ompl`.
@@ -166,7 +166,7 @@ def run_planner(planner: Planner, costs: Costmap, start: Position, goal: Positio
     Parameters
     ----------
     planner : Planner
-        The planner, as `planner_for` makes it; its `prepare` has been called.
+        The planner, as `make_planner` makes it; its `prepare` has been called.
     costs : Costmap
         The costmap to plan on.
     start, goal : (x, y) or (x, y, heading)
@@ -206,11 +206,11 @@ def plan_with_shortest(
     footprint: Footprint | ArrayLike | None = None,
     **options: Any,
 ) -> dict[str, Plan]:
-    """Plan as `plan` does, and plan the shortest path without limits of e beside it.
+    """Plan as `plan` does, and plan the shortest path without limits of e for comparison.
 
     Both are measured on `costs`. Any-angle paths are improved from two beginnings here: unless
     there are limits, the shorter of the two counts as the shortest, and the cheaper one as the
-    other. Paths of planners with random numbers stay as they are.
+    localizability-aware one. Paths of planners with random numbers are not exchanged.
 
     Parameters
     ----------
@@ -219,7 +219,8 @@ def plan_with_shortest(
     start, goal : (x, y) or (x, y, heading)
         Positions in the world [m, rad].
     planner, via, footprint
-        Those of both paths; see `plan`. With a budget the planner is "grid" by default.
+        Planner, waypoints and footprint of both paths; see `plan`. With a budget the planner
+        is "grid" by default.
     max_e, budget : float, optional
         Limits of the localizability-aware path alone; see `plan`.
     **options
@@ -275,14 +276,14 @@ def plan_with_adaptive_field(
     make_field : callable
         Function of a mask (h, w) of lattice points that returns the field with values at those.
     plan_on_field : callable
-        Function of a field that plans on it, and returns what it planned.
+        Function of a field that plans on it, and returns its plans.
     get_paths : callable
         Function of what `plan_on_field` returned that returns the paths in it.
 
     Returns
     -------
     field : CovarianceField
-        The last field; NaN where it was not evaluated.
+        The last field; NaN at points that were not evaluated.
     planned
         What was planned on it.
     """

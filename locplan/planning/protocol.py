@@ -86,7 +86,7 @@ class Planner(Protocol):
         """Compile and load what `solve` needs, so that no plan is timed with it."""
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
-        """Plan between two world positions [m] or poses [m, rad] where the robot can stand.
+        """Plan between two free world positions [m] or poses [m, rad].
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class Planner(Protocol):
 
 @dataclass(frozen=True)
 class PlannerWrapper(Planner):
-    """A planner that adds something to another one, and takes all else from it."""
+    """A planner that wraps another planner and adds to it."""
 
     planner: Planner
     """The planner that searches."""
@@ -147,7 +147,7 @@ def check_pose(
 ) -> tuple[float, ...]:
     """Return a pose as numbers, or raise a PoseError if the robot cannot stand there.
 
-    `headed` says whether it has a heading; None leaves that open.
+    `headed` is True if it must have a heading, False if it has none, None if both are allowed.
     """
     try:
         numbers = tuple(float(value) for value in pose)
@@ -168,7 +168,7 @@ def check_pose(
 
 
 def wrap_heading(heading: float) -> float:
-    """A heading wrapped to -pi..pi [rad]; pi becomes -pi, since OMPL's spaces do not take it."""
+    """Return a heading wrapped to -pi..pi [rad]; pi becomes -pi, since OMPL's spaces reject pi."""
     if -math.pi <= heading < math.pi:
         return heading
     return (heading + math.pi) % (2 * math.pi) - math.pi

@@ -54,7 +54,7 @@ class Station:
 
 @dataclass(frozen=True)
 class Query:
-    """A start and a goal between which a path is wanted."""
+    """A start and a goal for a planner."""
 
     name: str
     """The query's name, which no other query on the map has."""
@@ -157,7 +157,7 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
     path : path
         File with columns name, start_x, start_y, goal_x and goal_y [m]; start_heading_deg and
         goal_heading_deg [deg] may follow, and be empty. Or a file with columns name, x and y [m]
-        of stations, each two of which are a query.
+        of stations; each pair of stations is a query.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def read_queries(path: str | os.PathLike[str]) -> list[Query]:
 
 
 def _pose(place: str, values: Mapping[str, str], end: str) -> Position:
-    """The position in the columns of an end, and its heading if there is one."""
+    """Return the position in the columns of an end, and its heading if there is one."""
     heading = f"{end}heading_deg"
     columns = [f"{end}x", f"{end}y", *([heading] if values.get(heading) else [])]
     pose = [_number(place, column, values[column]) for column in columns]
@@ -192,7 +192,7 @@ def _pose(place: str, values: Mapping[str, str], end: str) -> Position:
 
 
 def _number(place: str, column: str, text: str) -> float:
-    """The finite number in a column of a row."""
+    """Return the finite number in a column of a row."""
     with contextlib.suppress(ValueError):
         if math.isfinite(value := float(text)):
             return value
@@ -200,7 +200,7 @@ def _number(place: str, column: str, text: str) -> float:
 
 
 def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dict[str, str]]]:
-    """The rows of a file by name: where each stands, and its values; empty lines are none.
+    """Return the rows of a file by name: where each stands, and its values; empty lines are none.
 
     An apostrophe that keeps a name from being a formula in a spreadsheet is no part of the name.
     """
@@ -240,7 +240,7 @@ def _rows(file: str | os.PathLike[str], *kinds: str) -> dict[str, tuple[str, dic
 
 
 def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Where each line of a CSV file stands, and its values."""
+    """Yield the place of each line of a CSV file, and its values."""
     lines = csv.reader(read_text(path).splitlines())
     try:
         for line in lines:
@@ -254,7 +254,7 @@ def random_queries(
 ) -> list[Query]:
     """Draw queries at random that all can be solved, spread over the map.
 
-    Start and goal are the centres of cells where the robot can stand, joined by a path that cuts
+    Start and goal are the centres of free cells, joined by a path that cuts
     no corners. Of several random pairs, the one farthest from all before is taken each time.
 
     Parameters
@@ -324,7 +324,7 @@ class _Parts:
         self._cells, self._ends = [part_cells[n] for n in wide], [ends[n] for n in wide]
 
     def draw(self, random: np.random.Generator) -> Floats:
-        """Start and goal in one part, far enough apart: (row, col, row, col)."""
+        """Draw start and goal in one part, far enough apart: (row, col, row, col)."""
         pairs = np.array([len(part) ** 2 for part in self._cells], float)
         part_index = random.choice(len(self._cells), p=pairs / pairs.sum())
         part = self._cells[part_index]
@@ -339,12 +339,12 @@ class _Parts:
 
 
 def _compute_distances(first: Array, second: Array) -> Floats:
-    """The distances between cells (..., 2)."""
+    """Return the distances between cells (..., 2)."""
     return np.asarray(np.hypot(*np.moveaxis(first - second, -1, 0)))
 
 
 def _farthest_apart(cells: Ints) -> Ints:
-    """The two of the cells (n, 2) that are farthest apart, (2, 2)."""
+    """Return the two of the cells (n, 2) that are farthest apart, (2, 2)."""
     import cv2
 
     hull = cv2.convexHull(cells.astype(np.int32)).reshape(-1, 2).astype(np.int64)
@@ -353,7 +353,7 @@ def _farthest_apart(cells: Ints) -> Ints:
 
 
 def _farthest(pairs: Floats, before: Floats) -> Floats:
-    """The pair that is farthest from those before, in whichever direction these lead."""
+    """Return the pair that is farthest from those before, in whichever direction these lead."""
     if not len(before):
         return np.asarray(pairs[0])
     earlier_pairs = np.vstack([before, before[:, [2, 3, 0, 1]]])

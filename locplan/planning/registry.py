@@ -37,7 +37,7 @@ class PlannerEntry:
     """The spaces in which it can plan."""
 
     def options(self) -> dict[str, Any]:
-        """The names of the planner's options with their defaults."""
+        """Return the names of the planner's options with their defaults."""
         return read_option_defaults(self.kind)
 
     def typed_options(self) -> list[str]:
@@ -59,7 +59,7 @@ PLANNERS: dict[str, PlannerEntry] = {
 
 
 def list_planner_names() -> tuple[str, ...]:
-    """The names of the planners that `locplan.plan` knows."""
+    """Return the names of the planners that `locplan.plan` knows."""
     return tuple(PLANNERS)
 
 
@@ -73,9 +73,9 @@ def planner_from_name(
     name : str
         The name; case does not count, and RRT* is RRTstar.
     options : mapping of str to object
-        The planner's options by name; those that are left out have their defaults. OMPL's planners
-        take OMPL's own settings as well, such as range.
-    planners : mapping of str to Entry, optional
+        The planner's options by name, by default all defaults. OMPL's planners
+        also take OMPL's settings, such as range.
+    planners : mapping of str to PlannerEntry, optional
         The planners to choose from; by default `PLANNERS`.
 
     Raises
@@ -116,7 +116,7 @@ def normalize_planner_name(name: str, valid_names: Iterable[str]) -> str:
 
     Examples
     --------
-    >>> known_name("rrt*", PLANNERS), known_name("AnyAngle", PLANNERS)
+    >>> normalize_planner_name("rrt*", PLANNERS), normalize_planner_name("AnyAngle", PLANNERS)
     ('RRTstar', 'any-angle')
     """
     spellings = {_plain_name(planner_name): planner_name for planner_name in valid_names}
@@ -132,7 +132,7 @@ def _plain_name(name: str) -> str:
 
 
 def read_option_defaults(kind: type) -> dict[str, Any]:
-    """The names of the options of a planner's class with their defaults: a dataclass's fields."""
+    """Return a planner class's options (its dataclass fields) with their defaults."""
     if not dataclasses.is_dataclass(kind):
         return {}
     return {

@@ -1,6 +1,6 @@
-"""One planner for what a caller asks for: a name, a function or an object, with limits.
+"""Make a planner from a caller's request: a name, a function or an object, with limits.
 
-Planners of the user's own cannot change the costmap that measures their paths.
+Planners of the user cannot change the costmap that measures their paths.
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ class FunctionPlanner:
             check_names(f"planner {short_repr(self.name)}", self.options, self.parameters)
 
     def prepare(self) -> None:
-        """Call the function's own ``prepare``, if it has one."""
+        """Call the function's attribute ``prepare``, if it has one."""
         getattr(self.function, "prepare", lambda: None)()
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
-        """Call the function and return what it found. See `locplan.planning.Planner.solve`."""
+        """Call the function and return its result. See `locplan.planning.Planner.solve`."""
         result = self.function(costs, start, goal, **self.options)
         if isinstance(result, np.ndarray | list):
             result = _path_from_array(result)
@@ -108,17 +108,17 @@ def _path_from_array(positions: ArrayLike) -> Path:
 
 
 class CheckedPlanner(PlannerWrapper):
-    """A user's planner that gets a costmap of its own, and whose path is checked."""
+    """A user's planner that gets a copy of the costmap, and whose path is checked."""
 
     def solve(self, costs: Costmap, start: Position, goal: Position) -> PlannerResult:
-        """Plan on a copy of the costmap, not timing the copying, and check what is returned.
+        """Plan on a copy of the costmap, check the result, and leave the copying out of the time.
 
         See `locplan.planning.Planner.solve`.
 
         Raises
         ------
         LocplanError
-            If the planner returns something else than a path that can be driven, or a reason.
+            If the planner returns neither a drivable path nor a reason why there is none.
         """
         costs_copy = costs.copy()
         began = time.perf_counter()
@@ -134,7 +134,7 @@ class CheckedPlanner(PlannerWrapper):
 
 
 def _check_sound(planner_result: object, costs: Costmap, start: Position, goal: Position) -> None:
-    """Raise a LocplanError unless what a planner returned can be driven."""
+    """Raise a LocplanError unless a planner's result can be driven."""
     statuses = get_args(Status)
     if not isinstance(planner_result, PlannerResult) or planner_result.status not in statuses:
         raise LocplanError(
@@ -175,7 +175,7 @@ def make_planner(
     planner : str, function or Planner, optional
         The planner; by default "grid" with a budget, otherwise the one for the robot.
     options : mapping of str to object, optional
-        The planner's options by name; those that are left out have their defaults.
+        The planner's options by name, by default all defaults.
     via, max_e, budget, footprint
         Limits that a path must keep; see `locplan.plan`. By default there are none.
     robot : Robot, optional
@@ -185,7 +185,7 @@ def make_planner(
     Returns
     -------
     Planner
-        The planner, checked. One of the user's own is wrapped in `Guarded`.
+        The planner, checked. A planner of the user is wrapped in `CheckedPlanner`.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def make_planner(
 
     Examples
     --------
-    >>> planner_for("any-angle", {"accuracy": "high"})
+    >>> make_planner("any-angle", {"accuracy": "high"})
     AnyAngle(accuracy='high', allow_corner_cutting=False)
     """
     options, stops, outline = options or {}, tuple(via), parse_footprint(footprint)
@@ -241,12 +241,12 @@ def has_option(planner: Planner, option: str) -> bool:
 
 
 def unwrap_planner(planner: Planner) -> Planner:
-    """The planner without its limits.
+    """Return the planner without its limits.
 
     Parameters
     ----------
     planner : Planner
-        A planner as `planner_for` makes it.
+        A planner as `make_planner` makes it.
     """
     while isinstance(planner, PlannerWrapper):
         planner = planner.planner
@@ -254,12 +254,12 @@ def unwrap_planner(planner: Planner) -> Planner:
 
 
 def user_planner(planner: Planner) -> Planner | None:
-    """The planner of the user's own without its limits, or None if it is one of locplan's.
+    """Return the user's planner without its limits, or None if it is one of locplan's.
 
     Parameters
     ----------
     planner : Planner
-        A planner as `planner_for` makes it.
+        A planner as `make_planner` makes it.
     """
     while isinstance(planner, PlannerWrapper) and not isinstance(planner, CheckedPlanner):
         planner = planner.planner
@@ -267,7 +267,7 @@ def user_planner(planner: Planner) -> Planner | None:
 
 
 def find_changed_options(planner: Planner) -> dict[str, Any]:
-    """The options and limits of a planner that differ from their defaults.
+    """Return the options and limits of a planner that differ from their defaults.
 
     Parameters
     ----------
@@ -292,14 +292,14 @@ def find_changed_options(planner: Planner) -> dict[str, Any]:
 
 
 def with_options(planner: Planner, **options: Any) -> Planner:
-    """A copy of a planner with other options.
+    """Return a copy of a planner with new options.
 
     Parameters
     ----------
     planner : Planner
         The planner.
     **options
-        New values of some options; the others stay.
+        New values of some options; the rest stays.
 
     Raises
     ------
@@ -315,7 +315,7 @@ def with_options(planner: Planner, **options: Any) -> Planner:
 
 
 def _resolve_planner(planner: AnyPlanner, options: Mapping[str, Any]) -> Planner:
-    """A planner by its name, or the user's own, which gets a costmap of its own."""
+    """Return a planner by its name, or the user's planner, which gets a copy of the costmap."""
     if isinstance(planner, str):
         return planner_from_name(planner, options)
     if isinstance(planner, Planner) and not isinstance(planner, type):

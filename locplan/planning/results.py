@@ -95,17 +95,17 @@ class Plan(Result, Stored):
         )
 
     def table(self) -> Table:
-        """The metrics of the path; no row without one."""
+        """Return the metrics of the path; no row without one."""
         return Table.from_records(METRICS, [self.metrics] if self.metrics else [])
 
     def report(self) -> str:
-        """The metrics of the path as text, or why there is none."""
+        """Return the metrics of the path as text, or why there is none."""
         note = f"\n{self.note}" if self.note else ""
         return f"{self.status}{note}\n{self.table()}" if self.metrics else f"{self.status}{note}"
 
     @property
     def drawable(self) -> bool:
-        """Whether the costmap is known, on which the path is drawn."""
+        """True if the costmap is known: the path is drawn on it."""
         return self.costs is not None
 
     def _write(self, folder: PathOf, *_: object) -> None:
@@ -113,7 +113,7 @@ class Plan(Result, Stored):
             self.path.save(folder / "path.csv")
 
     def with_costs(self, costs: Costmap) -> Plan:
-        """A copy with the metrics on another costmap of the same map, without history.
+        """Return a copy with the metrics on another costmap of the same map, without history.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ def make_plan(
     planner_result: PlannerResult,
     elapsed: float,
 ) -> Plan:
-    """Make a plan of what a planner found, with the metrics of its path on a costmap."""
+    """Make a plan from a planner's result, with the metrics of its path on a costmap."""
     note = planner_result.note
     if planner_result.status == "unreachable" and not note:
         radius = format_radius(costs.robot, costs.robot_radius)
@@ -224,7 +224,7 @@ class ParetoFront(Result, Stored):
 
     @property
     def drawable(self) -> bool:
-        """Whether there is a path."""
+        """True if there is a path."""
         return len(self) > 0
 
     def __len__(self) -> int:
@@ -232,13 +232,13 @@ class ParetoFront(Result, Stored):
 
     @property
     def status(self) -> Status:
-        """The status is "solved", or says why there is no path: "unreachable", or "timeout"."""
+        """The status: "solved", "unreachable" or "timeout"."""
         if len(self):
             return "solved"
         return "timeout" if math.isinf(self.epsilon) else "unreachable"
 
     def plan(self, index: int) -> Plan:
-        """One of the paths as a plan, with its metrics.
+        """Return one of the paths as a plan, with its metrics.
 
         Parameters
         ----------
@@ -261,7 +261,7 @@ class ParetoFront(Result, Stored):
         )
 
     def summary(self) -> dict[str, object]:
-        """The front without its cells, fit for JSON."""
+        """Return the front without its cells, fit for JSON."""
         names = "start", "goal", "objective", "status", "epsilon", "labels", "solve_time"
         record = {name: getattr(self, name) for name in names}
         record["knee"] = self.knee if len(self) else None
@@ -271,13 +271,13 @@ class ParetoFront(Result, Stored):
         return {**costs, **nan_to_none(record)}
 
     def table(self) -> Table:
-        """Length and integral of each path."""
+        """Return the length and integral of each path as a table."""
         return Table(
             POINT, tuple(zip(*(getattr(self, column.name) for column in POINT), strict=True))
         )
 
     def report(self) -> str:
-        """Up to twelve paths with what each metre more saves, the knee marked."""
+        """Return a text of up to twelve paths, with the gain of each further metre."""
         if self.status == "timeout":
             within = f"{self.solve_time:.2f} s"
             return f"timeout: no path was found within {within}; raise the time limit"
@@ -325,7 +325,7 @@ class ParetoFront(Result, Stored):
     def knee(self) -> int:
         """Index of the path that lies farthest below the chord between the front's ends.
 
-        Lengths and integrals count as shares of what they span on the front: this is the knee of
+        Lengths and integrals count as shares of their range on the front: this is the knee of
         Das (1999), which depends on the front's shape alone, not on how much there is to save. On a
         front that nowhere bends below its chord, such as one of two paths, it is the shortest path.
         An empty front has no knee: that is a ConfigError.
@@ -334,7 +334,7 @@ class ParetoFront(Result, Stored):
         ----------
         Das, "On characterizing the 'knee' of the Pareto curve based on normal-boundary
         intersection", Structural Optimization 18 (1999), doi 10.1007/BF01195985. For curves of one
-        variable it is that of Satopaa et al., "Finding a 'kneedle' in a haystack", ICDCS Workshops
+        variable Satopaa et al. give it in "Finding a 'kneedle' in a haystack", ICDCS Workshops
         (2011), doi 10.1109/ICDCSW.2011.20.
         """
         self._check_paths()

@@ -1,4 +1,4 @@
-"""The planner for a robot, and what a planner does not respect of it."""
+"""The default planner for a robot, and notes on constraints that a planner ignores."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def default_planner(robot: Robot | None) -> str:
 
 
 def robot_note(planner: Planner, costs: Costmap, path: Path) -> str:
-    """Return a note on what a planner's path does not respect of the costmap's robot.
+    """Return a note on the constraints of the costmap's robot that a planner's path ignores.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def unfit_note(
     radius: bool = False,
     reverse: bool = True,
 ) -> str:
-    """Return a note on what a planner of this name does not respect of a robot.
+    """Return a note on a robot's constraints that a planner of this name ignores.
 
     Parameters
     ----------

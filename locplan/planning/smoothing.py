@@ -1,4 +1,4 @@
-"""Paths straightened by curves that the robot can drive, and shifted to where they cost least."""
+"""Paths straightened by curves that the robot can drive, and shifted to reduce their cost."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def smooth_path(
 ) -> Path:
     """Smooth a path of any planner by curves that the robot can drive.
 
-    The curves are those of Dubins, or of Reeds and Shepp for a robot that drives in reverse. The
+    The curves are by Dubins, or by Reeds and Shepp for a robot that drives in reverse. The
     result costs no more than the path, keeps the turning radius, and its outline meets no wall;
-    where that cannot be had, it is the path itself.
+    otherwise the path is returned unchanged.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def smooth_path(
     path : Path
         The path; without headings it is driven forward.
     robot : Robot, optional
-        The robot, by default that of the costmap; without one it turns on the spot.
+        The robot, by default the costmap's; without one it turns on the spot.
     reverse : float, default 2.0
         Factor on the cost of driving in reverse or sideways, above 1.
     gear_change : float, default 0.5
@@ -105,7 +105,7 @@ class Smoother:
         self._body: CollisionMap = CollisionMap(sum_rows(grid.cells == OCCUPIED), corners)
 
     def smooth(self, path: Path, start: Position | None, goal: Position | None) -> Path:
-        """A path smoothed, or itself; its ends become start and goal where curves lead there."""
+        """Return a path smoothed, or itself; it ends at start and goal if curves lead there."""
         poses = self._on_grid(path)
         improved_poses = self._improve(self._with_ends(poses, start, goal))
         if improved_poses is None and (start or goal):
@@ -121,13 +121,13 @@ class Smoother:
         return world_path
 
     def cost(self, poses: Floats) -> float:
-        """Cost of poses (n, 3) on the bordered grid, with all prices [cells]."""
+        """Return the cost of poses (n, 3) on the bordered grid, with all prices [cells]."""
         from locplan.planning.kernels.smoothing import compute_step_costs
 
         return float(compute_step_costs(self._ground, self._drive, poses).sum())
 
     def _improve(self, poses: Floats) -> Floats | None:
-        """Better poses, or None where none are."""
+        """Return better poses, or None if there are none."""
         best, lowest_cost = None, self.cost(poses)
         step, turn = 1.5, 0.2
         poses = self._straighten(poses)
@@ -143,7 +143,7 @@ class Smoother:
         return best
 
     def _straighten(self, poses: Floats) -> Floats:
-        """Poses along the cheapest chain of curves; none where there is none."""
+        """Return poses along the cheapest chain of curves; empty without a chain."""
         from locplan.planning.kernels.smoothing import find_cheapest_chain
 
         if len(poses) < 2:
@@ -167,7 +167,7 @@ class Smoother:
         return np.concatenate([poses[:1], *pieces[::-1]])
 
     def _shift(self, poses: Floats, steps: tuple[float, float]) -> Floats:
-        """Poses with knots shifted to where they cost less, or themselves where that is nowhere."""
+        """Shift knots to positions of lower cost; return the poses unchanged without gain."""
         from locplan.planning.kernels.smoothing import shift_knots
 
         at = self._knots(poses, max(3.0, 0.75 * self._drive.radius))
@@ -188,7 +188,7 @@ class Smoother:
         return np.asarray(compute_step_costs(self._ground, self._drive, poses))
 
     def _knots(self, poses: Floats, spacing: float) -> Ints:
-        """Places of poses at least a spacing [cells], or a quarter of a radian, apart."""
+        """Return knots of poses at least a spacing [cells], or a quarter of a radian, apart."""
         steps = np.diff(poses, axis=0)
         turn = np.abs(np.remainder(steps[:, 2] + math.pi, 2 * math.pi) - math.pi)
         still = np.hypot(*steps[:, :2].T) < 1e-3
@@ -205,7 +205,7 @@ class Smoother:
         return np.asarray(motion_poses(self._drive.kind, self._drive.radius, *ends))
 
     def _with_ends(self, poses: Floats, start: Position | None, goal: Position | None) -> Floats:
-        """Poses with the true ends before and after them; a heading that is left out is theirs."""
+        """Add the true ends before and after poses; a missing heading is taken from the poses."""
         for pose, place, at in ((start, 0, 0), (goal, -1, None)):
             if pose is not None:
                 row, col = self._costs.grid.world_to_grid(*pose[:2])
@@ -216,7 +216,7 @@ class Smoother:
         return poses
 
     def _on_grid(self, path: Path) -> Floats:
-        """Poses on the bordered grid; without headings with turns where lines meet."""
+        """Return poses on the bordered grid; without headings, with turns where lines meet."""
         x, y, heading = path.drive_poses.T
         row, col = self._costs.grid.world_to_grid(x, y)
         return np.column_stack([col + 1, row + 1, heading - self._costs.grid.origin[2]])

@@ -1,4 +1,4 @@
-"""Any-angle paths: 32 neighbours, and dynamic programming over a path's own positions.
+"""Any-angle paths: 32 neighbours, and dynamic programming over the positions of a path.
 
 Positions are continuous (row, col) in the cells of a bordered grid, as in
 `locplan._support.kernels.search`. The search's circular buckets are as narrow as the cheapest
@@ -26,7 +26,7 @@ def shortcut(
     corner_cutting: bool,
     cheapest: float,
 ) -> Array:
-    """Indices of the positions of a path, (n, 2), to keep so that it costs least.
+    """Return the indices of the positions of a path, (n, 2), to keep so that it costs least.
 
     Each position is reached in a straight line from one of the `lookahead` before it; of lines of
     equal cost the longest is taken. The line from the one just before it is always allowed, so
@@ -68,7 +68,7 @@ def shortcut(
 def shift(
     half: Floats, columns: int, positions: Floats, step: float, sweeps: int, corner_cutting: bool
 ) -> Array:
-    """Path with its inner positions shifted sideways by `step` while that lowers the cost."""
+    """Shift the inner positions of a path sideways by `step` while that lowers the cost."""
     count = len(positions)
     shifted, stirred = np.empty((count, 2)), np.empty(count, np.bool_)
     for k in range(count):
@@ -112,7 +112,7 @@ class StraightMoves(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) -> Array:
-    """Cells of the cheapest path from start to goal over moves of any shape, or none.
+    """Return the cells of the cheapest path over moves of any shape; empty without a path.
 
     `start` and `goal` are flat indices; the border of `half` is as wide as the longest move.
     """
@@ -168,7 +168,7 @@ def cheapest_moves(half: Floats, start: int, goal: int, moves: StraightMoves) ->
 
 @njit(inline="always")
 def _add_move_cost(half: Floats, cell: int, cost: float, crossed: Array, lengths: Array) -> float:
-    """Cost at the end of a move from a cell with this cost, over the cells that it crosses."""
+    """Return the cost at the end of a move, from the cost at its beginning and the cells."""
     for k in range(crossed.size):
         if lengths[k] > 0:
             cost += lengths[k] * half[cell + crossed[k]]
@@ -177,7 +177,7 @@ def _add_move_cost(half: Floats, cell: int, cost: float, crossed: Array, lengths
 
 @njit(inline="always")
 def _touches(half: Floats, cell: int, touched: Array) -> bool:
-    """Whether a move from a cell touches a blocked one."""
+    """Return True if a move from a cell touches a blocked one."""
     blocked = False
     for k in range(touched.size):
         blocked |= half[cell + touched[k]] == np.inf
@@ -186,7 +186,7 @@ def _touches(half: Floats, cell: int, touched: Array) -> bool:
 
 @njit(nogil=True, cache=True)
 def bucket_scale(half: Floats, lengths: Floats) -> tuple[float, int]:
-    """Buckets per cost, and their number, a power of two (0: too many), for moves of `lengths`."""
+    """Return the buckets per cost, and their number, a power of two (0: too many)."""
     longest = 0.0
     for move in range(len(lengths)):
         longest = max(longest, lengths[move].sum())

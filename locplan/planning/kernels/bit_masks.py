@@ -1,4 +1,4 @@
-"""Bit masks of motions: the cells of a map from which a motion meets a set cell, 64 in a word."""
+"""Bit masks of motions: a bit for each cell of a map, set if a motion from it is blocked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WORD = 64
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def widen_bits(bits: Words) -> Array:
-    """Bits of which each is set if any of the next 1, 2, 4, ... 64 ones is, (7, rows, words)."""
+    """Return masks whose bits are set if any of the next 1, 2, ... 64 bits is, (7, rows, words)."""
     rows, words = bits.shape
     result = np.zeros((7, rows, words), np.uint64)
     for row in range(rows):
@@ -31,7 +31,7 @@ def widen_bits(bits: Words) -> Array:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def add_runs(masks: Words, wide: Words, runs: Ints, place: Ints, margin: int) -> None:
-    """Set the bits of the cells from which a motion meets a set one.
+    """Set the bits of cells if a motion from them meets a cell with a set bit.
 
     Parameters
     ----------

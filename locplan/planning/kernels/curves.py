@@ -1,7 +1,7 @@
 """Curves of bounded curvature between two poses, and their arcs over the cells of a grid.
 
-The shortest ones are those of Dubins (1957) and of Reeds and Shepp (1990): words of up to five
-pieces, which are turns of 1 (left), -1 (right) or 0 (straight) and their lengths, negative in
+The shortest curves are by Dubins (1957) and by Reeds and Shepp (1990): words of up to five
+pieces: turns, 1 (left), -1 (right) or 0 (straight), and their lengths, negative in
 reverse. In words all lengths are in turning radii. On a grid, positions are (x, y), column and row
 in cells; headings turn from the columns' direction towards the rows' [rad].
 """
@@ -29,7 +29,7 @@ _ALSO_REVERSED = (2, 5, 6)
 def dubins(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
 ) -> tuple[Array, Array]:
-    """The shortest curve forward from one pose to another: turns (5,), lengths (5,)."""
+    """Return the shortest curve forward from one pose to another: turns (5,), lengths (5,)."""
     turns, lengths = np.zeros(PIECES, np.int8), np.zeros(PIECES)
     shortest = np.inf
     for side in (1, -1):
@@ -70,7 +70,7 @@ def dubins(
 def reeds_shepp(
     x: float, y: float, heading: float, x1: float, y1: float, heading1: float
 ) -> tuple[Array, Array]:
-    """The shortest curve, forward or in reverse, from one pose to another: turns, lengths (5,).
+    """Return the shortest curve from one pose to another: turns and lengths (5,).
 
     It is one of the base words of the paper's sections 8.1-8.11 in their up to eight symmetric
     forms: driven in reverse, mirrored, and from the end to the start.
@@ -108,7 +108,7 @@ def reeds_shepp(
 
 @njit(nogil=True, cache=True)
 def _word(number: int, x: float, y: float, heading: float, sides: Array, parts: Array) -> bool:
-    """Fill in base word `number` from the origin to a pose; false if it does not lead there."""
+    """Fill in base word `number` from the origin to a pose; return False if it does not fit."""
     # The last circle's centre from the first one's, if both turn left, and if the last turns right.
     same = x - math.sin(heading), y - 1 + math.cos(heading)
     opposite = x + math.sin(heading), y - 1 - math.cos(heading)
@@ -211,7 +211,7 @@ def _quarter_word(
 
 @njit(nogil=True, cache=True)
 def _outer_turns(second: float, third: float, opposite: Numbers, heading: float) -> Numbers:
-    """The first and last of four turns, whose middle two are known."""
+    """Return the first and last of four turns, whose middle two are known."""
     x, y = opposite
     between = _half(second - third)
     a = math.sin(second) - math.sin(between)
@@ -225,14 +225,14 @@ def _outer_turns(second: float, third: float, opposite: Numbers, heading: float)
 
 @njit(nogil=True, cache=True)
 def _circle(angle: float) -> float:
-    """Angle wrapped into 0..2 pi [rad]."""
+    """Wrap an angle into 0..2 pi [rad]."""
     angle %= TURN
     return 0.0 if angle > TURN - SLACK else angle
 
 
 @njit(nogil=True, cache=True)
 def _half(angle: float) -> float:
-    """Angle wrapped into -pi..pi [rad]."""
+    """Wrap an angle into -pi..pi [rad]."""
     return angle - TURN * round(angle / TURN)
 
 
@@ -240,7 +240,7 @@ def _half(angle: float) -> float:
 def advance_pose(
     x: float, y: float, heading: float, turn: int, length: float, radius: float
 ) -> tuple[float, float, float]:
-    """The pose at the end of one piece of a curve."""
+    """Return the pose at the end of one piece of a curve."""
     if turn == 0:
         return x + length * math.cos(heading), y + length * math.sin(heading), heading
     heading1 = heading + turn * length / radius
@@ -253,7 +253,7 @@ def advance_pose(
 def arc_crossings(
     center_x: float, center_y: float, radius: float, low: float, high: float
 ) -> Array:
-    """Angles, ascending, at which an arc begins, crosses a border between cells, and ends.
+    """Return the angles of an arc's ends and of its crossings of borders between cells, ascending.
 
     The angles are seen from its centre [rad]; some occur twice.
     """
@@ -290,7 +290,7 @@ def arc_crossings(
 def arc(
     x: float, y: float, heading: float, turn: int, length: float, radius: float
 ) -> tuple[float, float, float, float]:
-    """Centre of a turn, and the least and greatest angle of its arc seen from there."""
+    """Return the centre of a turn, and the least and greatest angle of its arc seen from there."""
     begin, sweep = heading - turn * QUARTER, turn * length / radius
     center_x, center_y = x - radius * math.cos(begin), y - radius * math.sin(begin)
     return center_x, center_y, min(begin, begin + sweep), max(begin, begin + sweep)
@@ -298,7 +298,7 @@ def arc(
 
 @njit(nogil=True, cache=True)
 def refine_angles(angles: Array, max_gap: float) -> Array:
-    """Angles with further ones inserted where neighbours are more than `max_gap` apart."""
+    """Insert angles where neighbours are more than `max_gap` apart."""
     count = 1
     for n in range(len(angles) - 1):
         count += max(1, math.ceil((angles[n + 1] - angles[n]) / max_gap))
@@ -315,13 +315,13 @@ def refine_angles(angles: Array, max_gap: float) -> Array:
 
 @njit(nogil=True, cache=True)
 def _next_line(position: float, way: int) -> float:
-    """The next border between cells along one axis."""
+    """Return the next border between cells along one axis."""
     return math.floor(position) + 1.0 if way > 0 else math.ceil(position) - 1.0
 
 
 @njit(nogil=True, cache=True)
 def _angle_at(ratio: float, near: float, of_sine: bool) -> float:
-    """Angle at which the sine (or cosine) equals `ratio`, in the quadrant of `near` or later."""
+    """Return the angle with sine (or cosine) `ratio`, in the quadrant of `near` or later."""
     if abs(ratio) >= 1:
         return np.inf
     if of_sine:

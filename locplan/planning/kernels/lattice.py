@@ -5,8 +5,8 @@ sweeps along it, 64 cells in a word. A bound for the cost to the goal is found f
 search over cells alone, which may use any heading's motions: it never exceeds the cost, and no
 motion lowers it by more than its cost. Both searches have circular buckets, first in, first out.
 
-The number of the cell (row, col) is ``row * columns + col``. The states of a cell follow each
-other, so that those that differ by a turn or a gear share cache lines: a state's number is its
+The number of the cell (row, col) is ``row * columns + col``. The states of a cell are adjacent,
+so that states that differ by a turn or a gear share cache lines: a state's number is its
 cell's times the number of layers, plus its layer's; a layer is a heading, or a heading and a gear.
 """
 
@@ -89,7 +89,7 @@ class StateQueue(NamedTuple):
 
 
 def new_queue(buckets: int, lowest: int) -> StateQueue:
-    """An empty queue with a power of two of buckets."""
+    """Return an empty queue with a power of two of buckets."""
     return StateQueue(
         np.array([-1, 0, 0, lowest, 0, -1]),
         np.full(buckets, -1, np.int32),
@@ -100,14 +100,14 @@ def new_queue(buckets: int, lowest: int) -> StateQueue:
 
 
 def grow_queue(queue: StateQueue) -> StateQueue:
-    """The queue with twice the room."""
+    """Return the queue with twice the room."""
     states, following = (np.concatenate([a, a]) for a in (queue.states, queue.following))
     return queue._replace(states=states, following=following)
 
 
 @njit(nogil=True, cache=True)
 def put_state(queue: StateQueue, state: int, bucket: int) -> None:
-    """Put a state into a bucket; those too far away wait in the last one."""
+    """Put a state into a bucket; states beyond the last bucket wait in it."""
     numbers, heads, tails, states, following = queue
     slot = min(bucket, numbers[LOWEST] + heads.size - 1) & (heads.size - 1)
     node = numbers[UNUSED]
@@ -137,7 +137,7 @@ def take_state(queue: StateQueue, slot: int) -> int:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def find_next_bucket(queue: StateQueue, furthest: float, room: int, pausing: int) -> int:
-    """Go on to the first bucket with a state in it: READY, or why the search stops here.
+    """Continue to the first bucket with a state: READY, or the reason why the search stops here.
 
     It is FINISHED beyond the bucket `furthest`, OUT_OF_ROOM without `room` for so many entries, and
     PAUSED after so many expansions as `pausing`.
@@ -155,7 +155,7 @@ def find_next_bucket(queue: StateQueue, furthest: float, room: int, pausing: int
 
 @njit(inline="always")
 def is_free(ground: LatticeGround, moves: LatticeMoves, move: int, row: int, col: int) -> bool:
-    """Whether a motion from a cell is free; its other end must lie on the map, too."""
+    """Return True if a motion from a cell is free and its far end lies on the map."""
     if moves.at_end[move]:
         row, col = row + moves.row[move], col + moves.col[move]
     word = ground.masks[moves.mask_heading[move], row, col >> 6, moves.slot[move]]
@@ -164,7 +164,7 @@ def is_free(ground: LatticeGround, moves: LatticeMoves, move: int, row: int, col
 
 @njit(inline="always")
 def compute_move_cost(ground: LatticeGround, moves: LatticeMoves, move: int, cell: int) -> float:
-    """Cost of a free motion from a cell [density x cells]."""
+    """Return the cost of a free motion from a cell [density x cells]."""
     total = moves.extra[move]
     for k in range(moves.cells[move]):
         total += moves.lengths[move, k] * ground.half[cell + moves.crossed[move, k]]
@@ -175,7 +175,7 @@ def compute_move_cost(ground: LatticeGround, moves: LatticeMoves, move: int, cel
 def project_cells(
     queue: StateQueue, graph: StateGraph, bound: Singles, cell: int, max_expansions: int
 ) -> int:
-    """Go on with the backward search over cells until `cell` is settled (-1: never), or pause.
+    """Continue the backward search over cells until `cell` is settled (-1: never), or pause.
 
     `bound` holds the costs to the goal, infinite where nothing was seen. The caller has put in
     the goal's cells.
@@ -225,7 +225,7 @@ def project_cells(
 def explore_states(
     queue: StateQueue, graph: StateGraph, bound: Singles, cost: Singles, max_expansions: int
 ) -> int:
-    """Go on with the search over states until the goal is settled, or pause.
+    """Continue the search over states until the goal is settled, or pause.
 
     `cost` holds the costs from the start plus 1, negative where expanded, and 0 where nothing was
     seen, so that memory that is never written takes no room. The caller has put in the start's
@@ -300,7 +300,7 @@ def expand_state(
 
 @njit(inline="always")
 def is_surpassed(cost: Singles, terms: LatticeTerms, state: int, layers: int) -> bool:
-    """Whether the same pose in the other gear, and a change, cost no more than a state."""
+    """Return True if a state costs no less than its pose in the opposite gear and a change."""
     if terms.gears == 1:
         return False
     half = layers // 2
@@ -311,13 +311,13 @@ def is_surpassed(cost: Singles, terms: LatticeTerms, state: int, layers: int) ->
 
 @njit(inline="always")
 def compute_bound(bound: Singles, terms: LatticeTerms, cell: int) -> float:
-    """Bound of the cost from a cell to the goal."""
+    """Return a lower bound of the cost from a cell to the goal."""
     return min(np.float64(bound[cell]) * (1 - ROUNDING), terms.cap)
 
 
 @njit(inline="always")
 def shift_gear(gear_of_move: int, gear: int, terms: LatticeTerms) -> tuple[int, float]:
-    """Gear after a motion, and the cost of changing it."""
+    """Return the gear after a motion, and the cost of changing it."""
     if terms.gears == 1 or gear_of_move in (EITHER, gear):
         return gear, 0.0
     return gear_of_move, terms.gear_change
@@ -325,7 +325,7 @@ def shift_gear(gear_of_move: int, gear: int, terms: LatticeTerms) -> tuple[int, 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def trace_motions(graph: StateGraph, cost: Singles, state: int) -> Array:
-    """The start's state, and the motions that lead from it to a state."""
+    """Return the start's state, and the motions that lead from it to a state."""
     ground, moves, terms = graph
     headings = len(moves.begin) - 1
     layers, path = headings * terms.gears, [state]

@@ -33,7 +33,7 @@ class MotionGround(NamedTuple):
 def motion_cost(
     ground: MotionGround, kind: int, radius: float, start: Numbers, end: Numbers
 ) -> float:
-    """Integral of a density along a motion [density x cells]; infinite if it is blocked.
+    """Return the integral of a density along a motion [density x cells]; infinite if it is blocked.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ def motion_cost(
 
 @njit(nogil=True, cache=True)
 def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Array:
-    """Poses (n, 3) along a motion, so dense in turns that straight lines can join them.
+    """Return poses (n, 3) along a motion, so dense in turns that straight lines can join them.
 
-    There is a pose wherever a turn crosses a border between cells, so that the lines cross the
+    There is a pose at each border between cells that a turn crosses, so that the lines cross the
     same cells as the curve.
     """
     first, last = np.array(start).reshape(1, 3), np.array(end).reshape(1, 3)
@@ -108,7 +108,7 @@ def motion_poses(kind: int, radius: float, start: Numbers, end: Numbers) -> Arra
 def find_shortest_word(
     kind: int, radius: float, start: Numbers, end: Numbers
 ) -> tuple[Array, Array]:
-    """The shortest curve: turns (5,) and signed lengths (5,) [cells]."""
+    """Return the shortest curve: turns (5,) and signed lengths (5,) [cells]."""
     x, y = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     if kind == curves.DUBINS:
         turns, lengths = curves.dubins(0.0, 0.0, start[2], x, y, end[2])
@@ -119,7 +119,7 @@ def find_shortest_word(
 
 @njit(nogil=True, cache=True)
 def _line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
-    """Cost of a straight line along which the heading turns evenly, the shorter way round."""
+    """Return the cost of a straight line with an evenly turning heading, the shorter way round."""
     half, columns, first, corner_cutting = ground
     layers = len(half)
     if layers == 1:
@@ -142,7 +142,7 @@ def _line_cost(ground: MotionGround, start: Numbers, end: Numbers) -> float:
 
 @njit(nogil=True, cache=True)
 def arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
-    """Cost of one turn (x, y, heading, side, length)."""
+    """Return the cost of one turn (x, y, heading, side, length)."""
     half, columns, first, corner_cutting = ground
     x, y, heading, turn, length = piece
     layers, extent = len(half), half.shape[1] // columns + columns
@@ -178,13 +178,13 @@ def arc_cost(ground: MotionGround, piece: Numbers, radius: float) -> float:
 
 @njit(nogil=True, cache=True)
 def _layer(heading: float, layers: int) -> int:
-    """Layer whose heading is nearest to `heading`, which is counted from the first layer's."""
+    """Return the layer nearest to `heading`, counted from the first layer's heading."""
     return math.floor(heading / TURN * layers + 0.5) % layers if layers > 1 else 0
 
 
 @njit(nogil=True, cache=True)
 def _changes(heading: float, turn: float, layers: int) -> Array:
-    """Shares of a turn from a heading at which another layer begins."""
+    """Return the shares of a turn from a heading at which another layer begins."""
     begin, end = heading / TURN * layers + 0.5, (heading + turn) / TURN * layers + 0.5
     low, high = math.ceil(min(begin, end)), math.floor(max(begin, end))
     if begin == end or high < low:
@@ -204,11 +204,11 @@ def world_cost(
     end: Numbers,
     blocked: float,
 ) -> float:
-    """Cost of a motion between poses in the world [m], at least their distance, or `blocked`.
+    """Return the cost of a motion between poses in the world [m], >= their distance, or `blocked`.
 
     `frame` holds the cosine and the sine of the grid's yaw, both per cell [1/m], the column and
-    the row of the world's origin, and the yaw; the radius is in cells. A motion on which the
-    outline of `body` meets an occupied cell is blocked; a circle has no outline.
+    the row of the world's origin, and the yaw; the radius is in cells. A motion is blocked if the
+    outline of `body` meets an occupied cell on it; a circle has no outline.
     """
     (x0, y0, heading0), (x1, y1, heading1) = start, end
     if not (can_stand(half, columns, frame, x0, y0) and can_stand(half, columns, frame, x1, y1)):
@@ -240,7 +240,7 @@ def world_costs(
     poses: Floats,
     pairs: Ints,
 ) -> Array:
-    """Costs of motions between pairs (m, 2) of poses (n, 3) in the world [m], or infinite."""
+    """Return the costs of motions between pairs (m, 2) of poses (n, 3) in the world [m]."""
     result = np.empty(len(pairs))
     for n, (i, j) in enumerate(pairs):
         start = poses[i, 0], poses[i, 1], poses[i, 2]
@@ -251,7 +251,7 @@ def world_costs(
 
 @njit(nogil=True, cache=True)
 def world_poses(kind: int, radius: float, frame: Numbers, start: Numbers, end: Numbers) -> Array:
-    """Poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
+    """Return the poses (n, 3) in the world along the motion whose cost `world_cost` returns."""
     along, across, col0, row0, yaw = frame
     (x0, y0, heading0), (x1, y1, heading1) = start, end
     ends = _on_grid(frame, x0, y0, heading0), _on_grid(frame, x1, y1, heading1)

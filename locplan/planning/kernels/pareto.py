@@ -56,7 +56,7 @@ class Labels(NamedTuple):
 
 
 class ParetoTerms(NamedTuple):
-    """What stays the same during a search: the grid, the goal, and bounds on what is left to it."""
+    """Constants of a search: the grid, the goal, and bounds on the remaining costs to the goal."""
 
     half: Floats  # (n,) half the second cost's density in whole units, infinite where blocked
     columns: int  # of the bordered grid
@@ -78,7 +78,7 @@ def search_labels(
     Parameters
     ----------
     labels : Labels
-        At the beginning just the start's label in bucket 0; `state[STATUS]` tells how it ended.
+        At the beginning just the start's label in bucket 0; at the end `state[STATUS]` is set.
     terms : Terms
         What is searched.
     expansions : int
@@ -101,7 +101,7 @@ def search_labels(
 
 @njit(nogil=True, cache=True)
 def _open_bucket(labels: Labels, terms: ParetoTerms) -> None:
-    """Move the labels of the lowest bucket that has any into the heap, and free those dominated."""
+    """Move the labels of the lowest filled bucket into the heap, and free dominated ones."""
     state, heads, following = labels.state, labels.heads, labels.following
     heap = labels.heap, labels.heap_first, labels.heap_second
     first_to_go, second_to_go, goal = terms.first_to_go, terms.second_to_go, terms.goal
@@ -130,9 +130,9 @@ def _expand_heap(
     expansions: int,
     solutions: NDArray[np.int32],
 ) -> int:
-    """Expand the heap's labels, or so many of them that `expansions` have begun; return how many.
+    """Expand the heap's labels until `expansions` have begun; return the number expanded.
 
-    The other arguments are those of `search`.
+    See `search_labels` for the arguments.
     """
     # All arrays have local names: numba counts references to those that are passed on.
     state, cells, first, second = labels.state, labels.cell, labels.first, labels.second
@@ -197,7 +197,7 @@ def _expand_heap(
 
 @njit(nogil=True, cache=True)
 def trace_label(labels: Labels, label: int) -> Array:
-    """Cells of a label's path, from the start on."""
+    """Return the cells of a label's path, from the start on."""
     count, at = 0, label
     while at >= 0:
         count, at = count + 1, labels.parent[at]
@@ -209,13 +209,13 @@ def trace_label(labels: Labels, label: int) -> Array:
 
 @njit(inline="always")
 def _is_open(second: float, bound: float, lowest_second: float, least_at_goal: float) -> bool:
-    """Whether no path that was found is better than one with this second cost and bound on it."""
+    """Return True if no known path is better than one with this second cost and bound."""
     return second < lowest_second and bound < least_at_goal
 
 
 @njit(inline="always")
 def _comes_before(first: float, second: float, other_first: float, other_second: float) -> bool:
-    """Whether a label leaves the heap before another, by the bounds on both costs."""
+    """Return True if a label leaves the heap before another, by the bounds on both costs."""
     return first < other_first or (first == other_first and second < other_second)
 
 

@@ -1,7 +1,7 @@
-"""Paths made of curves of bounded curvature, straightened and shifted to where they cost least.
+"""Paths of curves of bounded curvature, straightened and shifted to reduce their cost.
 
-Poses are those of `locplan.planning.kernels.motions`: (x, y, heading) on a bordered grid. A path's
-own lines between its poses stay allowed, so that what comes of it never costs more.
+Poses are as in `locplan.planning.kernels.motions`: (x, y, heading) on a bordered grid. Lines
+between a path's poses stay allowed, so that the result never costs more.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ STILL = 1e-6
 
 
 class MotionModel(NamedTuple):
-    """The motions that a robot can make, and what they cost beside the integral."""
+    """The motions that a robot can make, and their costs in addition to the integral."""
 
     kind: int  # curves forward or also in reverse: DUBINS or REEDS_SHEPP
     radius: float  # turning radius [cells]; nearly 0 turns on the spot
@@ -42,7 +42,7 @@ class MotionModel(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) -> Array:
-    """Cost of each move along poses (n, 3), infinite where the robot cannot make it."""
+    """Return the cost of each move along poses (n, 3), infinite if the robot cannot make it."""
     result, gear = np.empty(len(poses) - 1), 0
     for n in range(len(poses) - 1):
         x, y = poses[n + 1, 0] - poses[n, 0], poses[n + 1, 1] - poses[n, 1]
@@ -73,7 +73,7 @@ def compute_step_costs(ground: MotionGround, drive: MotionModel, poses: Floats) 
 
 @njit(nogil=True, cache=True)
 def _layer_at(ground: MotionGround, heading: float) -> Array:
-    """Half the density for a heading."""
+    """Return half the density for a heading."""
     layers = len(ground.half)
     layer_position = (heading - ground.first) / curves.TURN * layers
     return ground.half[math.floor(layer_position + 0.5) % layers]
@@ -81,7 +81,7 @@ def _layer_at(ground: MotionGround, heading: float) -> Array:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def curve_cost(ground: MotionGround, drive: MotionModel, start: Numbers, end: Numbers) -> float:
-    """Cost of the shortest curve between poses; infinite if it is blocked."""
+    """Return the cost of the shortest curve between poses; infinite if it is blocked."""
     turns, lengths = find_shortest_word(drive.kind, drive.radius, start, end)
     x, y, heading = start
     total, gear = 0.0, 0.0
@@ -109,7 +109,7 @@ def curve_cost(ground: MotionGround, drive: MotionModel, start: Numbers, end: Nu
 
 @njit(nogil=True, cache=True)
 def is_curve_clear(drive: MotionModel, body: CollisionMap, start: Numbers, end: Numbers) -> bool:
-    """Whether the outline meets no occupied cell along the shortest curve between poses."""
+    """Return True if the outline meets no occupied cell along the shortest curve between poses."""
     if len(body.outline) == 0:
         return True
     poses = motion_poses(drive.kind, drive.radius, start, end)
@@ -128,7 +128,7 @@ def find_cheapest_chain(
     step_costs: Floats,
     lookahead: int,
 ) -> Array:
-    """For each knot of the cheapest chain the knot before it, -1 elsewhere, and -2 - it by its own.
+    """Return each knot's predecessor i on the cheapest chain: -1 off it, -2 - i by a path line.
 
     A knot is reached from one of the `lookahead` before it along the shortest curve, or from the
     one just before it by the path lines at cost `step_costs`. The first entry is -1; the last

@@ -27,9 +27,9 @@ class Motions:
     """The motions of a robot between two poses (x, y, heading) in the world [m, m, rad].
 
     A motion's cost is the exact integral of the costmap's density along its true curve, found in
-    one compiled call. In "R2" headings do not count; in the other spaces the density for the
-    heading counts, where the costmap has several. There the outline of the costmap's robot must
-    meet no occupied cell, either.
+    one compiled call. In "R2" headings do not count; in all spaces with headings the density for
+    the heading counts if the costmap has several, and the outline of the costmap's robot must
+    meet no occupied cell.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class Motions:
         return check_pose(self.costs, pose, role, headed=self.space != "R2")
 
     def cost(self, start: Sequence[float], end: Sequence[float]) -> float:
-        """Cost J of the motion from one pose to another [m]; infinite if it is blocked.
+        """Return the cost J of the motion from one pose to another [m]; infinite if it is blocked.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Motions:
         return robot.outline.find_collisions(self.costs.grid, np.array([pose, pose])).size > 0
 
     def compute_motion_costs(self, poses: Floats, pairs: Ints) -> Floats:
-        """Costs J of motions between pairs of poses.
+        """Return the costs J of motions between pairs of poses.
 
         Parameters
         ----------
@@ -138,14 +138,14 @@ class Motions:
         Returns
         -------
         (m,) array
-            Cost of each motion [m]; infinite where it is blocked.
+            Cost of each motion [m]; infinite if it is blocked.
         """
         from locplan.planning.kernels.motions import world_costs
 
         return np.asarray(world_costs(*self.arguments, self.body, poses, pairs))
 
     def path(self, poses: Floats) -> Path:
-        """The path of the motions through poses; its lines cross the cells of the curves.
+        """Return the path of the motions through poses; its lines cross the cells of the curves.
 
         Parameters
         ----------
@@ -195,6 +195,6 @@ class Motions:
 
 
 def _pose(pose: Iterable[float]) -> tuple[float, float, float]:
-    """A pose as three floats; without a heading, that is 0."""
+    """Return a pose as three floats; without a heading, that is 0."""
     x, y, heading = map(float, (*pose, 0.0)[:3])
     return x, y, heading

@@ -32,14 +32,14 @@ from locplan.robots.robot import Robot
 class Ompl:
     """One of OMPL's sampling-based planners.
 
-    In spaces with headings the outline of the costmap's robot keeps clear of walls, too.
+    In spaces with headings the outline of the costmap's robot also keeps clear of walls.
     RRT, RRTConnect, KPIECE1, BKPIECE1 and LBKPIECE1 do not look at costs and stop at the first
-    path; the others seek the least J.
+    path; all remaining planners seek the least J.
     """
 
     name: str
-    """OMPL's name of the planner, such as "RRTstar"; `locplan.planning.registry.names` lists
-    them.
+    """OMPL's name of the planner, such as "RRTstar"; see
+    `locplan.planning.registry.list_planner_names`.
     """
     space: str = "R2"
     """Space to plan in: "R2"; "SE2", where turning on the spot is free; "Dubins", with curves
@@ -74,7 +74,7 @@ class Ompl:
 
     @staticmethod
     def setting_names(name: str) -> list[str]:
-        """Return the names of OMPL's own settings of a planner, such as range.
+        """Return the names of the settings that OMPL has for a planner, such as range.
 
         Parameters
         ----------
@@ -98,11 +98,11 @@ class Ompl:
 
     @property
     def seconds(self) -> float | None:
-        """Time after which the search ends [s], if it does not end by iterations alone."""
+        """Time limit of the search [s]; its limit of iterations may end it earlier."""
         return self.limits.time_limit
 
     def check(self) -> None:
-        """Raise a ConfigError unless the planner can do what the options say."""
+        """Raise a ConfigError unless the planner supports the options."""
         if self.name not in KINDS:
             raise ConfigError(
                 f"OMPL's planners are {', '.join(KINDS)}, not {short_repr(self.name)}"
@@ -192,7 +192,7 @@ class Ompl:
         )
 
     def _plan_seed_path(self, costs: Costmap, start: Position, goal: Position) -> list[Path]:
-        """The path of another planner that the search begins with, or none."""
+        """Return the path of another planner that the search begins with, or none."""
         if self.space == "R2":
             cells, _ = find_cheapest_cells(costs, start, goal, allow_corner_cutting=False)
             assert cells is not None
@@ -223,7 +223,7 @@ def _by_tree(
     limits: SearchLimits,
     ahead: Floats | None,
 ) -> Floats | None:
-    """The poses (n, 3) that the path's motions join, or None."""
+    """Return the poses (n, 3) that the path's motions join, or None."""
     from locplan.planning.ompl.settings import base, log_messages, make_ompl_planner, util
     from locplan.planning.ompl.setup import (
         SeededGoal,

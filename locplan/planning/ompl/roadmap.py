@@ -1,7 +1,7 @@
 """Probabilistic roadmaps, grown by OMPL's PRM and PRMstar, searched here, kept for more queries.
 
 In OMPL's Python bindings the search of PRM waits forever on an objective written in Python; its
-growth does not. Besides, an edge here has a cost of its own, or none, in each direction.
+growth does not. An edge here also has a separate cost, or none, in each direction.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Roadmap:
         return make_plan("roadmap", costs, start, goal, planner_result, time.perf_counter() - began)
 
     def find_path_poses(self, start: Sequence[float], goal: Sequence[float]) -> Floats | None:
-        """The poses of the cheapest path from start to goal.
+        """Return the poses of the cheapest path from start to goal.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class Roadmap:
         return poses[visited[::-1]]
 
     def _find_neighbours(self, pose: Floats) -> Ints:
-        """The poses around one, as many as PRM* joins, or more where headings differ."""
+        """Return the poses around one, as many as PRM* joins, or more where headings differ."""
         curved = self.motions.space in CURVED
         n_neighbours = math.ceil((12 if curved else 1.5) * math.e * math.log(len(self.poses) + 1))
         distances = np.hypot(*(self.poses[:, :2] - pose[:2]).T)
@@ -193,7 +193,7 @@ def grow_roadmap(
 def _vertices_and_edges(
     planner: base.Planner, information: base.SpaceInformation, space: str
 ) -> tuple[Floats, Ints]:
-    """The poses (n, 3) of a roadmap, and its pairs (m, 2) in both directions."""
+    """Return the poses (n, 3) of a roadmap, and its pairs (m, 2) in both directions."""
     data = base.PlannerData(information)
     planner.getPlannerData(data)
     pose = pose_reader(space)

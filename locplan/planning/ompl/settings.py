@@ -55,7 +55,7 @@ _CRASH = ("setOrderedSampling", "setFocusSearch", "setInformedSampling", "setNea
 def make_ompl_planner(
     name: str, information: base.SpaceInformation, settings: Mapping[str, Any]
 ) -> base.Planner:
-    """One of OMPL's planners with our defaults and these settings; a ConfigError if it cannot."""
+    """Return an OMPL planner with our defaults and these settings; a ConfigError if invalid."""
     kind = getattr(geometric, name)
     planner = kind(information)
     if issubclass(kind, geometric.RRTstar):
@@ -104,7 +104,7 @@ def find_setters(planner: str) -> dict[str, str]:
 def log_messages() -> Iterator[None]:
     """Pass OMPL's messages of this block to the logger "locplan.ompl" at its end.
 
-    OMPL takes no Python function for this, and its own messages go to standard output.
+    OMPL takes no Python function for this, and writes its messages to standard output.
     """
     with temporary_folder() as folder:
         file = folder / "ompl.log"

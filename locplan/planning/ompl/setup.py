@@ -33,29 +33,29 @@ class CostObjective(base.PathLengthOptimizationObjective):
         self._cost = _make_cost_function(motions)
         self._length = space_information.getStateSpace().distance
         if motions.space == "SE2":  # the distance of this space counts turns
-            self._length = lambda state, other: math.hypot(
-                state.getX() - other.getX(), state.getY() - other.getY()
+            self._length = lambda first, last: math.hypot(
+                first.getX() - last.getX(), first.getY() - last.getY()
             )
 
-    def motionCost(self, state: base.State, other: base.State) -> base.Cost:
-        """Exact integral of the density along the motion [m].
+    def motionCost(self, first: base.State, last: base.State) -> base.Cost:
+        """Return the exact integral of the density along the motion [m].
 
         Parameters
         ----------
-        state, other : ompl.base.State
+        first, last : ompl.base.State
             The motion's first and last state.
         """
-        return Cost(self._cost(state, other))
+        return Cost(self._cost(first, last))
 
-    def motionCostHeuristic(self, state: base.State, other: base.State) -> base.Cost:
-        """Length of the motion as if all were free [m]: it cannot cost less.
+    def motionCostHeuristic(self, first: base.State, last: base.State) -> base.Cost:
+        """Return the least possible cost of the motion: its length with a density of 1 [m].
 
         Parameters
         ----------
-        state, other : ompl.base.State
+        first, last : ompl.base.State
             The motion's first and last state.
         """
-        return Cost(self._length(state, other))
+        return Cost(self._length(first, last))
 
 
 class ClearMotionValidator(base.MotionValidator):
@@ -66,19 +66,19 @@ class ClearMotionValidator(base.MotionValidator):
         super().__init__(space_information)
         self._cost = _make_cost_function(motions)
 
-    def checkMotion(self, state: base.State, other: base.State) -> bool:
-        """Return whether the motion from one state to the other is free.
+    def checkMotion(self, first: base.State, last: base.State) -> bool:
+        """Return True if the motion between two states is free.
 
         Parameters
         ----------
-        state, other : ompl.base.State
+        first, last : ompl.base.State
             The motion's first and last state.
         """
-        return self._cost(state, other) < BLOCKED
+        return self._cost(first, last) < BLOCKED
 
 
 def state_space(motions: Motions) -> base.StateSpace:
-    """OMPL's space of the robot's states, bounded by the map [m].
+    """Return OMPL's space of the robot's states, bounded by the map [m].
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def space_information(motions: Motions) -> base.SpaceInformation:
 def problem_definition(
     information: base.SpaceInformation, motions: Motions, start: Position, goal: Position
 ) -> base.ProblemDefinition:
-    """Pose the problem of least J between two poses.
+    """Make the problem of least J between two poses.
 
     Parameters
     ----------
@@ -204,7 +204,8 @@ def _make_cost_function(motions: Motions) -> Callable[[base.State, base.State], 
 class SeededGoal(base.GoalSampleableRegion):
     """A goal whose samples are at first the positions of a path that leads there.
 
-    Trees steer to samples of the goal now and then; OMPL takes states from Python in no other way.
+    Trees steer to samples of the goal from time to time; only in this way does
+    OMPL take states from Python.
     """
 
     def __init__(self, information: base.SpaceInformation, goal: Position) -> None:
@@ -224,13 +225,13 @@ class SeededGoal(base.GoalSampleableRegion):
         return 1
 
     def distanceGoal(self, state: base.State) -> float:
-        """Distance from the goal [m]."""
+        """Return the distance from the goal [m]."""
         return math.hypot(state[0] - self._goal[0], state[1] - self._goal[1])
 
     def lead(
         self, tree: base.Planner, path: Floats, ends: Callable[[], bool]
     ) -> Callable[[], bool]:
-        """Let a tree that is set up first grow along a path (n, 2) [m]; return its new `ends`."""
+        """Let a newly set-up tree first grow along a path (n, 2) [m]; return its new `ends`."""
         self._positions = list(map(tuple, subdivide(path, 0.1 * tree.getRange())[1:].tolist()))
         goal_bias = tree.getGoalBias()
         tree.setGoalBias(1.0)

@@ -16,7 +16,7 @@ PROGRESS_INTERVAL = 512
 
 
 def list_capable_planners(fits: Callable[[PlannerKind], bool]) -> str:
-    """The names of the planners of the kinds that fit, for messages."""
+    """Return the names of the planners of the kinds that fit, for messages."""
     return ", ".join(name for name, kind in KINDS.items() if fits(kind))
 
 
@@ -29,7 +29,7 @@ The ellipse of informed sampling then has no area; some planners would seek samp
 
 @dataclass
 class SearchLimits:
-    """The limits of a search, which are positive, and the best costs that were seen during it."""
+    """The limits of a search, all positive, and the best costs found during it."""
 
     time_limit: float | None = None
     """Time after which the search ends [s], above 0; 5 unless iterations are given."""
@@ -55,7 +55,7 @@ class SearchLimits:
             self.time_limit = 5.0
 
     def description(self) -> str:
-        """The limits as a text for people."""
+        """Return the limits as a text for people."""
         seconds = [] if self.time_limit is None else [f"{self.time_limit:g} s"]
         counted = [] if self.iterations is None else [f"{self.iterations:,} iterations"]
         return " and ".join(seconds + counted)
@@ -67,7 +67,7 @@ class SearchLimits:
         share: float = 1.0,
         settled_after: int = 1000,
     ) -> Callable[[], bool]:
-        """Make the function that tells OMPL at every iteration whether to end this search.
+        """Make the function by which OMPL decides at every iteration whether to end this search.
 
         Parameters
         ----------
