@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.explorer_sessions import MIDDLE, ROBOT, ROUTE, ask, corridors, open_corridors
 
-from locplan.app.explorer.exports import make_file_name
+from locplan.app.explorer.exports import make_map_file_name
 from locplan.errors import ConfigError
 from locplan.export import nav2_keepout
 from locplan.maps import Zone, Zones, load_map
@@ -79,7 +79,7 @@ def test_second_export_gets_number_unless_forced(tmp_path):
 @pytest.mark.parametrize("name", ["../../etc", "a/b", "..", "", "naïve map", "x" * 500, "\ufffd"])
 def test_name_of_map_makes_name_of_folder(name):
     """An export named after the map stays in the output folder."""
-    file_name = make_file_name(name)
+    file_name = make_map_file_name(name)
     assert Path(file_name).name == file_name
     assert 0 < len(file_name) <= 80
     assert not file_name.startswith(".")

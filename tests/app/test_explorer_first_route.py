@@ -9,11 +9,11 @@ import pytest
 from support.maps import ascii_map
 
 import locplan
-from locplan.app.explorer.first_route import Stops, choose_first_route
+from locplan.app.explorer.first_route import RouteStops, choose_first_route
 from locplan.app.explorer.plans import has_drafts, measure_path
 from locplan.app.explorer.repairs import compute_scene, make_blank_scene
 from locplan.app.explorer.scene import Opening
-from locplan.app.explorer.searches import Searches, Store
+from locplan.app.explorer.searches import PathSearches, ResultStore
 from locplan.app.explorer.sites import ExploredSite
 from locplan.app.explorer.weak_spots import name_weak_spots
 from locplan.field import FieldConfig
@@ -38,7 +38,7 @@ def saved_share(grid) -> float | None:
     scene = compute_scene(site, opening, lambda *_: None)
     if not name_weak_spots(scene):
         return None
-    searches = Searches(Store(520e6), scene)
+    searches = PathSearches(ResultStore(520e6), scene)
     route = choose_first_route(searches, opening, is_draft=has_drafts(opening, grid))
     paths = [searches.path([route.start, route.goal], weight) for weight in (None, 8.0)]
     shortest, recommended = (measure_path(scene, p, 8.0, False)["degenerate"] for p in paths)
@@ -70,8 +70,10 @@ def test_first_route_on_uniform_map_has_two_ends():
     costs = Costmap.from_field(field, robot=robot)
     scene = type(scene)(site, costs, field)
     route = choose_first_route(
-        Searches(Store(1e9), scene), Opening(site.config, robot, goal=(1.0, 1.0)), is_draft=False
+        PathSearches(ResultStore(1e9), scene),
+        Opening(site.config, robot, goal=(1.0, 1.0)),
+        is_draft=False,
     )
-    assert isinstance(route, Stops)
+    assert isinstance(route, RouteStops)
     assert route.goal == (1.0, 1.0)
     assert route.start != route.goal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from locplan.app.explorer.messages import Cancel, Cancelled, Question, read_question
+from locplan.app.explorer.messages import Cancelled, CancelToken, Question, read_question
 from locplan.errors import LocplanError
 
 VALUES = {"n": 3, "x": "1", "far": [1e9, 0], "t": "a\u202eb", "big": 2**80, "nothing": None}
@@ -52,7 +52,7 @@ def test_question_is_read_from_message():
 
 def test_cancelled_work_ends_at_check():
     is_over = []
-    cancel = Cancel(lambda: bool(is_over))
+    cancel = CancelToken(lambda: bool(is_over))
     cancel.check()
     is_over.append(True)
     with pytest.raises(Cancelled):

@@ -25,10 +25,10 @@ from support.maps import ascii_map
 
 import locplan
 from locplan._support.kernels import search
-from locplan.app.explorer.messages import Job, Question
+from locplan.app.explorer.messages import Question, QuestionJob
 from locplan.app.explorer.plans import prepare_searches
 from locplan.app.explorer.scene import Opening, SceneLimits
-from locplan.app.explorer.searches import Searches, SearchGrid, Store
+from locplan.app.explorer.searches import PathSearches, ResultStore, SearchGrid
 from locplan.app.explorer.session import Session
 from locplan.maps import FREE, OCCUPIED, OccupancyGrid
 from locplan.planning import Costmap
@@ -59,7 +59,7 @@ def is_path(answer, path) -> bool:
 def prepare(session: Session, stops, weight: float = 4.0, check=lambda: None) -> None:
     start, *via, goal = map(list, stops)
     question = Question("plan", 1, {"start": start, "via": via, "goal": goal, "weight": weight})
-    prepare_searches(session, session.scene, question, Job(lambda *_: None, check))
+    prepare_searches(session, session.scene, question, QuestionJob(lambda *_: None, check))
 
 
 def count_searches(monkeypatch) -> list[int]:
@@ -123,7 +123,7 @@ def test_stored_search_gives_planner_path_in_both_directions():
         scene = dataclasses.replace(bare_session(grid).scene, costs=costs)
         start, goal = (tuple(map(float, xy)) for xy in rng.integers(20, size=(2, 2)) + 0.5)
         for held in (0, 1):  # the search begins at the other one
-            path = Searches(Store(1e9), scene).path([start, goal], None, held)
+            path = PathSearches(ResultStore(1e9), scene).path([start, goal], None, held)
             expected = locplan.plan(costs, start, goal).path
             np.testing.assert_array_equal(path.xy, expected.xy)
         back = locplan.plan(costs, goal, start).path.xy[::-1]
@@ -161,7 +161,7 @@ def test_prepared_drag_needs_no_search(session, monkeypatch):
 def test_preparation_keeps_within_memory(session, monkeypatch, share, n_searches):
     stops = free_places(session, 4, seed=9)
     prepare(session, stops)
-    half = Searches(session.searches, session.scene).grid(4.0).bordered.half.nbytes
+    half = PathSearches(session.searches, session.scene).grid(4.0).bordered.half.nbytes
     monkeypatch.setattr(session.searches, "limit", share * half)
     session.searches.forget()
     found, run = [], search.search_grid
@@ -190,7 +190,7 @@ def test_dropped_costmaps_leave_memory(session, monkeypatch):
 
     monkeypatch.setattr(SearchGrid, "halved", note)
     limit = 4 * session.scene.costs.density.nbytes
-    monkeypatch.setattr(session, "searches", Store(limit))
+    monkeypatch.setattr(session, "searches", ResultStore(limit))
     for weight in range(1, 11):
         ask_plan(session, [start, goal], float(weight), held=0)
         prepare(session, [start, goal], weight)
@@ -299,11 +299,11 @@ def test_plan_at_rest_ends_within_searches(session, monkeypatch):
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        Searches(Store(1e9), session.scene, check).path([min(places), max(places)], 4.0)
+        PathSearches(ResultStore(1e9), session.scene, check).path([min(places), max(places)], 4.0)
 
 
 def test_store_stays_within_its_bytes():
-    store = Store(100)
+    store = ResultStore(100)
     for n in range(30):
         store.put(n, np.zeros(3), 24)
         assert store.bytes <= 100

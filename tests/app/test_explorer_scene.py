@@ -11,7 +11,7 @@ from support.maps import ascii_map
 
 import locplan
 from locplan.app.explorer.repairs import make_blank_scene
-from locplan.app.explorer.scene import coarse_costs, snap
+from locplan.app.explorer.scene import coarse_costs, snap_stops
 from locplan.app.explorer.sites import ExploredSite
 from locplan.errors import LocplanError
 from locplan.maps import OccupancyGrid, Zone, Zones
@@ -27,21 +27,21 @@ def test_stop_in_wall_moves_to_same_part():
     )
     lower, upper = (1.5, 1.5), (1.5, 4.5)
     in_wall = (5.2, 3.4)  # nearer to the upper part
-    assert snap(parts, [upper, in_wall]) == [upper, (5.5, 4.5)]
-    assert snap(parts, [lower, in_wall]) == [lower, (5.5, 1.5)]
-    assert snap(parts, [in_wall, lower], held=0) == [(5.5, 1.5), lower]
-    assert snap(parts, [upper, in_wall, lower], held=0)[1] == (5.5, 1.5)
-    assert snap(parts, [in_wall, in_wall])[0] == (5.5, 4.5)
-    assert snap(parts, [lower, upper]) == [lower, upper]  # free ones stay in any case
+    assert snap_stops(parts, [upper, in_wall]) == [upper, (5.5, 4.5)]
+    assert snap_stops(parts, [lower, in_wall]) == [lower, (5.5, 1.5)]
+    assert snap_stops(parts, [in_wall, lower], held=0) == [(5.5, 1.5), lower]
+    assert snap_stops(parts, [upper, in_wall, lower], held=0)[1] == (5.5, 1.5)
+    assert snap_stops(parts, [in_wall, in_wall])[0] == (5.5, 4.5)
+    assert snap_stops(parts, [lower, upper]) == [lower, upper]  # free ones stay in any case
 
 
 def test_stop_far_from_free_cells_is_refused():
     parts = make_parts(ascii_map(".....###########"))
-    assert snap(parts, [(0.5, 0.5), (7.5, 0.5)])[1] == (4.5, 0.5)
+    assert snap_stops(parts, [(0.5, 0.5), (7.5, 0.5)])[1] == (4.5, 0.5)
     with pytest.raises(LocplanError, match=r"the goal .* no free cell within 3 m"):
-        snap(parts, [(0.5, 0.5), (7.6, 0.5)])
+        snap_stops(parts, [(0.5, 0.5), (7.6, 0.5)])
     with pytest.raises(LocplanError, match="the start"):
-        snap(parts, [(-1e7, 1e7), (0.5, 0.5)])
+        snap_stops(parts, [(-1e7, 1e7), (0.5, 0.5)])
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -29,18 +29,18 @@ MIN_COLUMNS = 20
 
 def main() -> None:
     """Run the command line; a user's error ends in one line on stderr and exit code 2."""
-    _mend_environment()
+    _fix_environment()
     try:
         with _warnings_as_lines(), protect_inputs():
-            _check_none_is_empty(sys.argv[1:])
+            _check_no_empty_argument(sys.argv[1:])
             code, _ = run_tokens(sys.argv[1:])
-        _flush()
+        _flush_output()
     except (LocplanError, CycloptsError, MemoryError) as error:
         notes = getattr(error, "__notes__", ())  # such as lines to save in a file
-        code = _complain(f"error: {_format_fault(error)}", WRONG_INPUT, *notes)
+        code = _print_message(f"error: {_format_error(error)}", WRONG_INPUT, *notes)
     except KeyboardInterrupt:
         end_if_supervised()
-        code = _complain("interrupted", INTERRUPTED)
+        code = _print_message("interrupted", INTERRUPTED)
     except OSError as error:
         code = _report_os_error(error)
     sys.exit(code or 0)
@@ -52,19 +52,19 @@ def _report_os_error(error: OSError) -> int:
         sys.stdout = sys.stderr = None
         return SYSTEM_ERROR
     subject = "the output" if error.filename is None else os.fsdecode(error.filename)
-    code = _complain(f"error: {subject}: {error.strerror or error}", SYSTEM_ERROR)
+    code = _print_message(f"error: {subject}: {error.strerror or error}", SYSTEM_ERROR)
     sys.stdout = None
     end_if_supervised(code)  # background threads must not outlive the output
     return code
 
 
-def _flush() -> None:
+def _flush_output() -> None:
     """Write out buffered output, so that a full disk is reported as an error."""
     for stream in filter(None, (sys.stdout, sys.stderr)):
         stream.flush()
 
 
-def _mend_environment() -> None:
+def _fix_environment() -> None:
     """Replace settings of the environment that would make commands fail."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -75,7 +75,7 @@ def _mend_environment() -> None:
         os.environ["COLUMNS"] = str(max(MIN_COLUMNS, columns))
 
 
-def _check_none_is_empty(tokens: list[str]) -> None:
+def _check_no_empty_argument(tokens: list[str]) -> None:
     """Raise a LocplanError if an argument is empty: as a path it would be the current folder."""
     for before, token in zip(["", *tokens], tokens, strict=False):
         name, equals, value = token.partition("=")
@@ -93,7 +93,7 @@ def _warnings_as_lines() -> Iterator[None]:
 
     def show(message: Any, category: type[Warning], *_: Any, **__: Any) -> None:
         if category.__module__.startswith("locplan."):
-            _complain(f"warning: {translate_options(str(message))}", 0)
+            _print_message(f"warning: {translate_options(str(message))}", 0)
         else:  # users can do nothing about warnings of other libraries
             logging.getLogger("locplan.app.cli").debug("%s: %s", category.__name__, message)
 
@@ -103,7 +103,7 @@ def _warnings_as_lines() -> Iterator[None]:
         yield
 
 
-def _format_fault(error: Exception) -> str:
+def _format_error(error: Exception) -> str:
     """Return the text of an error for the user."""
     if isinstance(error, CycloptsError):
         return f"{_format_usage_error(error)} (see --help)"
@@ -122,7 +122,7 @@ def _format_usage_error(error: CycloptsError) -> str:
     if isinstance(error, CoercionError) and (line := _describe_choices(error)):
         return line
     words = re.split(r"\s+", str(error).strip())
-    return " ".join(map(_shorten, words)).removesuffix(".")
+    return " ".join(map(_shorten_word, words)).removesuffix(".")
 
 
 def _describe_choices(error: CoercionError) -> str:
@@ -141,15 +141,15 @@ def _describe_unexpected(tokens: Sequence[str]) -> str:
     """Return a line about arguments that the command does not take."""
     numbers = all(re.fullmatch(r"-?[\d.]+", token) for token in tokens)
     remedy = "; write positions as X,Y with a comma" if numbers else ""
-    return f"unexpected argument: {' '.join(map(_shorten, tokens))}{remedy}"
+    return f"unexpected argument: {' '.join(map(_shorten_word, tokens))}{remedy}"
 
 
-def _shorten(word: str) -> str:
+def _shorten_word(word: str) -> str:
     """Return a word, shortened in the middle if it is very long."""
     return word if len(word) <= 80 else f"{word[:70]}...{word[-7:]}"
 
 
-def _complain(line: str, code: int, *notes: str) -> int:
+def _print_message(line: str, code: int, *notes: str) -> int:
     """Print a line and notes on stderr, and return the exit code."""
     try:
         print(f"locplan: {format_one_line(line)}", *notes, sep="\n", file=sys.stderr, flush=True)

@@ -182,11 +182,11 @@ def run_tokens(tokens: list[str]) -> tuple[int | None, RunRecord]:
             return cast("int | None", command() if callable(command) else command)
 
     with running(RunRecord("", {})) as run:
-        app.config = (partial(_record, run),)
+        app.config = (partial(_note_settings, run),)
         return cast("int | None", app.meta(tokens)), run
 
 
-def _record(
+def _note_settings(
     run: RunRecord, _: object, commands: tuple[str, ...], arguments: ArgumentCollection
 ) -> None:
     """Note the options as typed for run.yaml, except those of the output."""
@@ -202,13 +202,15 @@ def _record(
     }
     run.settings = {name: _setting_from_argument(argument) for name, argument in settings.items()}
     run.files = frozenset(
-        name for name, argument in settings.items() if _names_a_file(argument.field_info.annotation)
+        name
+        for name, argument in settings.items()
+        if _contains_path(argument.field_info.annotation)
     )
 
 
-def _names_a_file(kind: Any) -> bool:
+def _contains_path(kind: Any) -> bool:
     """Return True if an option's type contains paths."""
-    return kind is Path or any(map(_names_a_file, get_args(kind)))
+    return kind is Path or any(map(_contains_path, get_args(kind)))
 
 
 def _setting_from_argument(argument: Argument) -> Setting:

@@ -116,7 +116,7 @@ def parse_settings(
     return settings
 
 
-def keep_map(path: Path) -> None:
+def protect_map(path: Path) -> None:
     """Protect the files of a map that is read from being overwritten by results."""
     from locplan.maps.files import list_source_files
 
@@ -124,7 +124,7 @@ def keep_map(path: Path) -> None:
         protect_input(file)
 
 
-def refuse(reason: str, **options: object) -> None:
+def reject_options(reason: str, **options: object) -> None:
     """Raise a ConfigError if an option was given that the command ignores.
 
     Parameters
@@ -154,7 +154,7 @@ Integer = Annotated[int, INTEGER]
 """Whole number whose range the library checks."""
 INPUT = make_validator(protect_input)
 """Parameter of a file that is read: no result overwrites it."""
-MAP = Parameter("MAP"), make_validator(keep_map)
+MAP = Parameter("MAP"), make_validator(protect_map)
 
 MapFile = Annotated[Path, *MAP]
 """Map as a positional argument."""

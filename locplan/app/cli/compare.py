@@ -19,7 +19,7 @@ from locplan.app.cli.arguments import (
     PlannerTexts,
     Ranges,
     parse_planners,
-    refuse,
+    reject_options,
     show_default,
 )
 from locplan.app.cli.groups import (
@@ -120,7 +120,7 @@ def compare(
     if queries is not None and random is not None:
         raise ConfigError("--random and --queries exclude each other; remove one")
     if queries is not None:
-        refuse("with --queries", min_distance=min_distance, seed=seed != SEED)
+        reject_options("with --queries", min_distance=min_distance, seed=seed != SEED)
     random_queries = RandomQueries(
         count=RandomQueries.count if random is None else random,
         min_distance=RandomQueries.min_distance if min_distance is None else min_distance,

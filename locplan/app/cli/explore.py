@@ -19,7 +19,7 @@ from locplan.app.cli.arguments import (
     Position,
     Positions,
     Switch,
-    refuse,
+    reject_options,
     show_default,
 )
 from locplan.app.cli.groups import (
@@ -90,7 +90,7 @@ def explore(
     from locplan.app.explorer.sites import zones_as_changes
     from locplan.field.config import COARSE_STRIDE
 
-    refuse("in explore", json=output.json)
+    reject_options("in explore", json=output.json)
     check_installed()
     report = _read_report(check, map_file, robot)
     page_map = report.map_file if report else map_file
@@ -139,6 +139,6 @@ def _read_report(
         return None
     if map_file:
         raise ConfigError("a map and --check exclude each other; remove one")
-    refuse("with --check, which sets the robot", robot=robot.robot, lidar=robot.lidar)
-    refuse("with --check, which sets the robot", set=robot.set)
+    reject_options("with --check, which sets the robot", robot=robot.robot, lidar=robot.lidar)
+    reject_options("with --check, which sets the robot", set=robot.set)
     return check_reports.CheckReport.read(folder)

@@ -22,7 +22,7 @@ from locplan.app.cli.arguments import (
     Position,
     check_ends,
     read_paths,
-    refuse,
+    reject_options,
 )
 from locplan.app.cli.groups import (
     FieldOptions,
@@ -45,18 +45,18 @@ WITH_PATHS = [name for name, format in FORMATS.items() if format.paths != "none"
 FormatName = Annotated[str, Parameter(metavar="FORMAT", choices=tuple(FORMATS), help="Format.")]
 
 
-def _options() -> dict[str, dataclasses.Field[Any]]:
+def _collect_options() -> dict[str, dataclasses.Field[Any]]:
     """Return the options of all formats by name in Python."""
     fields = (field for format in FORMATS.values() for field in dataclasses.fields(format.options))
     return {field.name: field for field in fields if "is_option" in field.metadata}
 
 
-def _flag(field: dataclasses.Field[Any]) -> str:
+def _option_flag(field: dataclasses.Field[Any]) -> str:
     """Return the name of an option on the command line."""
     return field.metadata["flag"] or field.name.replace("_", "-")
 
 
-def _words(kind: Any) -> tuple[str, ...]:
+def _literal_words(kind: Any) -> tuple[str, ...]:
     """Return the words of a `Literal` type; empty for other types."""
     return get_args(kind) if get_origin(kind) is Literal else ()
 
@@ -69,11 +69,13 @@ def _option_types() -> list[tuple[str, Any, None]]:
         types |= get_type_hints(format.options)
         docs |= field_docs(format.options)
     typed = []
-    for name, field in _options().items():
-        words = [word for kind in (types[name], *get_args(types[name])) for word in _words(kind)]
+    for name, field in _collect_options().items():
+        words = [
+            word for kind in (types[name], *get_args(types[name])) for word in _literal_words(kind)
+        ]
         sentence = " ".join(docs[name].split()).partition(". ")[0].removesuffix(".")
         parameter = Parameter(
-            name=f"--{_flag(field)}",
+            name=f"--{_option_flag(field)}",
             metavar=field.metadata["metavar"] or None,
             help=f"{', '.join(words[:-1])} or {words[-1]}." if words else f"{sentence}.",
             show_choices=False,
@@ -151,15 +153,15 @@ def export(
                 )
     format_options = _read_options(format, options, robot.nav2_files())
     if zones and to == "ros-map":
-        refuse("with --to ros-map, which contains only u", zones=zones)
+        reject_options("with --to ros-map, which contains only u", zones=zones)
     grid = locplan.load_map(map_file)
     if choice:
-        refuse("with --choice, which sets it", start=start, weight=weight, zones=zones)
-        refuse("with --choice, which sets it", lidar=robot.lidar)
-        refuse("with --choice, which sets it", field=field.field, set=robot.set)
+        reject_options("with --choice, which sets it", start=start, weight=weight, zones=zones)
+        reject_options("with --choice, which sets it", lidar=robot.lidar)
+        reject_options("with --choice, which sets it", field=field.field, set=robot.set)
         config, make_job = _make_recommendation_job(format, choice, path)
     else:
-        config, make_job = _job_of_options(grid, path, start, goal, weight, zones, robot, field)
+        config, make_job = _make_options_job(grid, path, start, goal, weight, zones, robot, field)
     n_paths = len(path) + len(choice) + (start is not None)
     if format.paths == "one" and n_paths != 1:
         raise ConfigError(f"--to {to} needs one path: pass --path, --start and --goal, or --choice")
@@ -182,7 +184,7 @@ MakeJob = Callable[["CovarianceField"], "ExportJob"]
 """Function that returns the objects to export for a field."""
 
 
-def _job_of_options(
+def _make_options_job(
     grid: locplan.OccupancyGrid,
     path_files: tuple[Path, ...],
     start: Any,
@@ -216,7 +218,7 @@ def _make_recommendation_job(
 
     takes_several = format.paths == "several" and format.name == "nav2-routes"
     if not takes_several:
-        refuse("with --choice, which sets it", path=path_files)
+        reject_options("with --choice, which sets it", path=path_files)
     recommendations = read_recommendations(*folders)
     if len(recommendations) > 1 and not takes_several:
         raise ConfigError(
@@ -243,7 +245,7 @@ def _read_options(format: Format, options: Any, params: list[Path]) -> Any:
                 for other in FORMATS.values()
                 if name in {field.name for field in dataclasses.fields(other.options)}
             ]
-            flag = _flag(_options()[name])
+            flag = _option_flag(_collect_options()[name])
             raise ConfigError(
                 f"--{flag} has no effect with --to {format.name}; it is for {', '.join(readers)}"
             )

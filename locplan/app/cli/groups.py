@@ -46,7 +46,7 @@ PAPER = "sad-paper"
 """Name of the field settings for Eq. 8-10 as printed."""
 
 
-def _keep_robot_file(file: Path) -> None:
+def _protect_robot_file(file: Path) -> None:
     """Protect a robot's file from being overwritten by results."""
     from locplan.robots.parameters import split_robot_name
 
@@ -66,7 +66,7 @@ class RobotOptions:
     """Options for the robot of a command."""
 
     robot: Annotated[
-        tuple[Path, ...], Parameter(metavar="FILE[:NAMESPACE]"), make_validator(_keep_robot_file)
+        tuple[Path, ...], Parameter(metavar="FILE[:NAMESPACE]"), make_validator(_protect_robot_file)
     ] = ()
     """Nav2 parameters, robot file, URDF or SDF. Later files win."""
     lidar: Annotated[str | None, Parameter(metavar="NAME"), make_validator(_check_lidar)] = None
@@ -137,7 +137,7 @@ class RobotOptions:
         """
         from locplan.robots.parts import Disturbances, Odometry
 
-        arguments.refuse("with --recording, which sets the lidar", lidar=self.lidar)
+        arguments.reject_options("with --recording, which sets the lidar", lidar=self.lidar)
         kinds: list[type[Any]] = [locplan.Lidar]
         if is_replayed:
             kinds += [Odometry, Disturbances]
@@ -195,7 +195,7 @@ class RobotOptions:
 
 FilterMapFile = Annotated[
     Path | None,
-    make_validator(arguments.keep_map),
+    make_validator(arguments.protect_map),
     Parameter(
         metavar="MAP", group=ROBOT, help="Map of the robot's filter, if it differs from MAP."
     ),
@@ -401,7 +401,7 @@ class FieldOptions:
         protect_input(file)
         if file.suffix.lower() == ".json":
             return with_lidar(locplan.load_config(file), robot.lidar)
-        arguments.refuse("with a computed field", stride=self.stride)
+        arguments.reject_options("with a computed field", stride=self.stride)
         return locplan.CovarianceField.load(file).config
 
     def compute(

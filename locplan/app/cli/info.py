@@ -65,12 +65,12 @@ def info(
             raise ConfigError("name a map, such as locplan info two_corridors")
         names = _list_names()
         return output.show(names, _format_names(names))
-    target = _target(map_file, output)
+    target = _make_target(map_file, output)
     described_robot = robot.load()
     described = describe_map(map_file, robot=described_robot)
     lines, values = [described.report()], described.summary()
     if described_robot.lidar:
-        line, values["ambiguous"] = _ambiguous_places(described.grid, described_robot)
+        line, values["ambiguous"] = _describe_ambiguous_places(described.grid, described_robot)
         lines.append(line)
     compared = [*map(locplan.Lidar.preset, COMPARED_LIDARS)] if lidars else []
     if described_robot.lidar:
@@ -131,7 +131,7 @@ def _format_names(names: dict[str, list[str]]) -> str:
     )
 
 
-def _target(map_file: Path, output: OutputOptions) -> Target | None:
+def _make_target(map_file: Path, output: OutputOptions) -> Target | None:
     """Return the picture's file, or the folder for a built-in map; None without --output."""
     from locplan.maps.environments import is_built_in
 
@@ -155,7 +155,9 @@ def _target(map_file: Path, output: OutputOptions) -> Target | None:
     return folder
 
 
-def _ambiguous_places(grid: locplan.OccupancyGrid, robot: locplan.Robot) -> tuple[str, object]:
+def _describe_ambiguous_places(
+    grid: locplan.OccupancyGrid, robot: locplan.Robot
+) -> tuple[str, object]:
     """Return a line about ambiguous places and safe starts, and their values for JSON."""
     from locplan.recordings.ambiguous_places import find_ambiguous_places
 

@@ -10,7 +10,14 @@ from cyclopts.validators import Number
 import locplan
 from locplan._support.progress import progress_bar, working
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import INTEGER, Count, InputFile, MapFile, refuse, show_default
+from locplan.app.cli.arguments import (
+    INTEGER,
+    Count,
+    InputFile,
+    MapFile,
+    reject_options,
+    show_default,
+)
 from locplan.app.cli.groups import OutputOptions, RecordingFile, Threads, read_recording
 from locplan.errors import ConfigError
 
@@ -80,11 +87,11 @@ def locate(
     if recording is None:
         raise ConfigError("name a recording with --recording")
     if scan is not None:
-        refuse("with --scan", at=at, every=every)
+        reject_options("with --scan", at=at, every=every)
     if at is not None:
-        refuse("with --at", every=every)
+        reject_options("with --at", every=every)
     if near_path is None:
-        refuse("without --near-path", within=within)
+        reject_options("without --near-path", within=within)
     output.check(LocatedDrive.files)
     grid = locplan.load_map(map_file)
     drive = read_recording(recording, needs_poses=False)

@@ -23,7 +23,7 @@ from locplan.app.cli.arguments import (
     Switch,
     parse_planners,
     read_paths,
-    refuse,
+    reject_options,
     show_default,
 )
 from locplan.app.cli.groups import (
@@ -55,16 +55,16 @@ FRONT_TIME = 30.0
 """Time limit of the search for a front [s]."""
 
 
-def _settings() -> type[RecommendationSettings]:
+def _import_settings() -> type[RecommendationSettings]:
     from locplan.simulation.problem import RecommendationSettings
 
     return RecommendationSettings
 
 
-MaxLength = Annotated[float | None, show_default(lambda: _settings().longest)]
-DriveCount = Annotated[Integer | None, show_default(lambda: _settings().drives)]
+MaxLength = Annotated[float | None, show_default(lambda: _import_settings().longest)]
+DriveCount = Annotated[Integer | None, show_default(lambda: _import_settings().drives)]
 Minimised = Annotated[
-    Error | None, Parameter(show_choices=False), show_default(lambda: _settings().minimise)
+    Error | None, Parameter(show_choices=False), show_default(lambda: _import_settings().minimise)
 ]
 
 
@@ -138,7 +138,7 @@ def plan(
         Zones (GeoJSON) or a keepout mask (map YAML).
     """
     if front:
-        refuse(
+        reject_options(
             "with --front",
             via=via,
             planner=planner,
@@ -173,7 +173,7 @@ def plan(
     output.check(locplan.Recommendation.files, "history.png")
     grid = locplan.load_map(map_file)
     polygons = load_zones(zones, grid)
-    settings = _settings()
+    settings = _import_settings()
     with later_progress_bar("simulating the candidates", "drives") as progress:
         recommendation = locplan.recommend_path(
             grid,

@@ -17,9 +17,9 @@ from locplan.app.cli.arguments import (
     Limits,
     Pose,
     Shift,
-    keep_map,
     make_validator,
-    refuse,
+    protect_map,
+    reject_options,
 )
 from locplan.app.cli.groups import SEED, OutputOptions, RobotOptions, Seed, Threads
 from locplan.errors import ConfigError
@@ -27,7 +27,7 @@ from locplan.errors import ConfigError
 Topic = Annotated[str | None, Parameter(metavar="TOPIC")]
 Frame = Annotated[str | None, Parameter(metavar="FRAME")]
 DriveFile = Annotated[Path, Parameter("FILE"), INPUT]
-OptionalMap = Annotated[Path | None, Parameter("MAP"), make_validator(keep_map)]
+OptionalMap = Annotated[Path | None, Parameter("MAP"), make_validator(protect_map)]
 
 
 @command(
@@ -94,7 +94,7 @@ def recording(
     if start is not None and len(start) != 3:
         raise ConfigError("--start needs a heading; write X,Y,DEG")
     if map_file is None:
-        refuse("without a map", start=start)
+        reject_options("without a map", start=start)
     robot.check_recorded(is_replayed=False)
     if output.output:
         recording_output(output.output, force=output.force)

@@ -16,7 +16,7 @@ from locplan.app.cli.arguments import (
     Position,
     check_ends,
     read_paths,
-    refuse,
+    reject_options,
     show_default,
 )
 from locplan.app.cli.groups import (
@@ -124,19 +124,23 @@ def simulate(
             "name the paths with one of --path, --start and --goal, --random, or --recording"
         )
     if random is None:
-        refuse("without --random", min_distance=min_distance)
+        reject_options("without --random", min_distance=min_distance)
     if closed_loop is None:
-        refuse("without --closed-loop", replan=replan)
+        reject_options("without --closed-loop", replan=replan)
     if path and recording is None:
-        refuse("with --path, which needs no plan", weight=weight, stride=field.stride)
+        reject_options("with --path, which needs no plan", weight=weight, stride=field.stride)
     files = find_maps(*maps)
     if recording and len(files) > 1:
         raise ConfigError(f"a recording needs one map; name one of these {len(files)}")
     if random is None and len(files) > 1:
         raise ConfigError(f"a path needs one map; name one of these {len(files)}, or use --random")
     if recording:
-        refuse("with --recording", start=start, goal=goal, path=path, random=random, weight=weight)
-        refuse("with --recording", closed_loop=closed_loop, field=field.field, stride=field.stride)
+        reject_options(
+            "with --recording", start=start, goal=goal, path=path, random=random, weight=weight
+        )
+        reject_options(
+            "with --recording", closed_loop=closed_loop, field=field.field, stride=field.stride
+        )
         return _replay(recording, files[0], drives, robot, filter_map, seed, threads, output)
     simulated, config = field.resolve(robot.load())
     is_assumed = simulated.lidar is None
@@ -150,7 +154,7 @@ def simulate(
         return locplan.Costmap.from_field(computed, robot=simulated, weight=weight)
 
     if random is not None:
-        refuse("with --random", closed_loop=closed_loop)
+        reject_options("with --random", closed_loop=closed_loop)
         distance = MIN_DISTANCE if min_distance is None else min_distance
         check_random(random, seed, distance)
         kind = RoutesOnMaps

@@ -10,7 +10,7 @@ from cyclopts.validators import Number
 import locplan
 from locplan._support.progress import progress_bar
 from locplan.app.cli.application import command
-from locplan.app.cli.arguments import INTEGER, MapFiles, PairCount, refuse, show_default
+from locplan.app.cli.arguments import INTEGER, MapFiles, PairCount, reject_options, show_default
 from locplan.app.cli.groups import (
     SEED,
     FilterMapFile,
@@ -105,7 +105,7 @@ def tune(
                 progress=progress,
             )
     else:
-        refuse("with --recording", paths=paths)
+        reject_options("with --recording", paths=paths)
         robot.check_recorded()
         if len(maps) not in (1, len(recording)):
             raise ConfigError(

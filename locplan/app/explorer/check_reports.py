@@ -24,7 +24,7 @@ from locplan.planning.protocol import Position
 from locplan.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.messages import Job, Question
+    from locplan.app.explorer.messages import Question, QuestionJob
     from locplan.app.explorer.scene import MapScene
     from locplan.app.explorer.session import Session
 
@@ -101,7 +101,7 @@ class CheckReport:
         """Positions of the recommended landmarks [m]."""
         file = self.folder / "landmarks.csv"
         has_poles = "landmarks" in self.facts["recommended"] and file.is_file()
-        return _round(Path.load(file)) if has_poles else []
+        return _round_positions(Path.load(file)) if has_poles else []
 
 
 def _check_facts(facts: Mapping[str, Any]) -> None:
@@ -117,7 +117,7 @@ def _check_facts(facts: Mapping[str, Any]) -> None:
 
 
 def describe_report(
-    session: Session, scene: MapScene, question: Question, job: Job
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
 ) -> dict[str, object]:
     """Return the report of the session, with the paths of its routes."""
     report = session.opening.report
@@ -130,7 +130,10 @@ def describe_report(
         job.progress(number, len(facts["routes"]))
         shortest = plan(costs, route["start"], route["goal"], planner="any-angle").path
         recommended = report.recommended_path(route["name"])
-        paths = {"xy": _round(shortest), "chosen": recommended and _round(recommended)}
+        paths = {
+            "xy": _round_positions(shortest),
+            "chosen": recommended and _round_positions(recommended),
+        }
         routes.append({**route, "title": route["problem"], **paths})
     # It holds for the map and the robot before any change.
     basis = {**scene.basis, **session.original.digests, "route": None}
@@ -145,7 +148,7 @@ def describe_report(
     }
 
 
-def _round(path: Path | None) -> list[list[float]]:
+def _round_positions(path: Path | None) -> list[list[float]]:
     """Return the positions of a path, to a millimetre [m]."""
     values: list[list[float]] = [] if path is None else np.round(path.xy, 3).tolist()
     return values

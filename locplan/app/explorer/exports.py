@@ -17,14 +17,16 @@ from locplan.export.registry import DISTRO, Distro
 from locplan.maps.files import save_map
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.messages import Job, Question
+    from locplan.app.explorer.messages import Question, QuestionJob
     from locplan.app.explorer.session import Session
 
 MAP_FILE = "edited_map.yaml"
 """Name of the file of an edited map."""
 
 
-def export(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
+def export_masks(
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
+) -> dict[str, Any]:
     """Write the masks of the scene as `locplan.export.nav2_keepout` does, and an edited map.
 
     An earlier export stays, and the new one gets a number behind its name. With `force` it is
@@ -38,7 +40,7 @@ def export(session: Session, scene: MapScene, question: Question, job: Job) -> d
     costs = scene.costs.with_weight(read_weight(question, scene))
     job.progress(0, 1)
     make_folder(opening.folder)
-    name = f"{make_file_name(site.grid.name)}-nav2"
+    name = f"{make_map_file_name(site.grid.name)}-nav2"
     target = opening.folder / name if opening.force else _unused_folder(opening.folder, name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
@@ -59,7 +61,7 @@ def export(session: Session, scene: MapScene, question: Question, job: Job) -> d
     }
 
 
-def make_file_name(name: str) -> str:
+def make_map_file_name(name: str) -> str:
     """Return a map's name as the name of a file: letters, digits, dots, dashes and underlines."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._-")[:80] or "map"
 

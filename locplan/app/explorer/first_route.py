@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from locplan.app.explorer.plans import cross_cells
+from locplan.app.explorer.plans import find_crossed_cells
 from locplan.planning.cost_to_go import farthest_pairs
 from locplan.planning.costmap import Costmap
 from locplan.planning.path import Path
@@ -16,14 +16,14 @@ from locplan.planning.protocol import Position
 
 if TYPE_CHECKING:
     from locplan.app.explorer.scene import Opening
-    from locplan.app.explorer.searches import Searches
+    from locplan.app.explorer.searches import PathSearches
 
 NAMES = "ABCDEFG"
 """Names of the places far apart, of which all pairs are compared."""
 
 
 @dataclass(frozen=True)
-class Stops:
+class RouteStops:
     """The stops of a route."""
 
     start: Position
@@ -34,7 +34,9 @@ class Stops:
     """Positions to visit on the way [m]."""
 
 
-def choose_first_route(searches: Searches, opening: Opening, *, is_draft: bool) -> Stops | None:
+def choose_first_route(
+    searches: PathSearches, opening: Opening, *, is_draft: bool
+) -> RouteStops | None:
     """Return the pair of far places whose two paths differ most; None without a free place.
 
     They differ by the degenerate metres that the recommended path avoids, times their share of
@@ -56,26 +58,28 @@ def choose_first_route(searches: Searches, opening: Opening, *, is_draft: bool) 
     if not opening.start and not opening.goal:
         pairs = list(itertools.combinations(sorted(places), 2))
     if not pairs:
-        return Stops(places[0], places[0]) if places else None
+        return RouteStops(places[0], places[0]) if places else None
 
     def rank(pair: tuple[Position, Position]) -> float:
         weights = None, scene.costs.weight
         paths = [searches.path(pair, weight, 1, is_draft=is_draft) for weight in weights]
         if None in paths:
             return -1.0
-        shortest, recommended = (_measure(scene.costs, path) for path in paths if path)
+        shortest, recommended = (
+            _measure_degenerate_length(scene.costs, path) for path in paths if path
+        )
         return (shortest - recommended) ** 2 / shortest if shortest > recommended else 0.0
 
-    return Stops(*max(pairs, key=rank), opening.via)
+    return RouteStops(*max(pairs, key=rank), opening.via)
 
 
-def _measure(costs: Costmap, path: Path) -> float:
+def _measure_degenerate_length(costs: Costmap, path: Path) -> float:
     """Return the degenerate metres of a path."""
-    rows, cols, lengths = cross_cells(costs, path)
+    rows, cols, lengths = find_crossed_cells(costs, path)
     return float(np.nan_to_num(costs.u[rows, cols]) @ lengths)
 
 
-def find_far_places(searches: Searches) -> list[Position]:
+def find_far_places(searches: PathSearches) -> list[Position]:
     """Return places of the largest part of the free space that are far apart."""
     parts = searches.scene.parts
     if not parts.largest:

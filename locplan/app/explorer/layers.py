@@ -41,27 +41,27 @@ class PictureLayer:
 
 def make_layers(field: CovarianceField) -> dict[str, PictureLayer]:
     """Return the layers of a field that the page shows, by name."""
-    layers = [_degeneracy(field), _deviation(field)]
+    layers = [_make_degeneracy_layer(field), _make_deviation_layer(field)]
     return {layer.name: layer for layer in layers if layer.high > layer.low}
 
 
-def _degeneracy(field: CovarianceField) -> PictureLayer:
+def _make_degeneracy_layer(field: CovarianceField) -> PictureLayer:
     """Return u of the estimator's own criterion, as costmaps have it."""
     criterion = field.config.estimator.criterion
     values = field.scalar(criterion, with_q=True)
     u = compute_shares(values, *field.anchors(criterion), is_log=criterion not in field.layers)
-    texels = _steps(u.mean(axis=2) if u.ndim == 3 else u)
+    texels = _make_texels(u.mean(axis=2) if u.ndim == 3 else u)
     title = "How well a scan fixes the position"
     return PictureLayer("degeneracy", title, "", 0.0, 1.0, "linear", ("well", "not at all"), texels)
 
 
-def _deviation(field: CovarianceField) -> PictureLayer:
+def _make_deviation_layer(field: CovarianceField) -> PictureLayer:
     """Return the standard deviation of the position."""
     scalar = SCALARS["position_std"]
     values, ends = field.scalar("position_std", headings="mean"), field.anchors("position_std")
     low, high = (scalar.factor * end for end in ends)
     labels = f"{low:.2g} {scalar.unit}", f"{high:.2g} {scalar.unit}"
-    texels = _steps(compute_shares(values, *ends, is_log=True))
+    texels = _make_texels(compute_shares(values, *ends, is_log=True))
     title = "Standard deviation of the position"
     return PictureLayer("deviation", title, scalar.unit, low, high, "log", labels, texels)
 
@@ -76,7 +76,7 @@ def compute_shares(values: Floats, low: float, high: float, *, is_log: bool) -> 
     return np.asarray(np.clip(share, 0.0, 1.0))
 
 
-def _steps(shares: Floats) -> Octets:
+def _make_texels(shares: Floats) -> Octets:
     steps = 1 + np.rint(254 * shares)
     return np.asarray(np.nan_to_num(steps, nan=0.0)[::-1], np.uint8)
 

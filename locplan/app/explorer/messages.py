@@ -152,7 +152,7 @@ class Cancelled(Exception):
     """Signal that work was cancelled, which is no error of the user's."""
 
 
-class Cancel:
+class CancelToken:
     """A token that one thread sets and that the thread of the work checks.
 
     Work ends at its next check, which is at the latest its next report of progress.
@@ -186,7 +186,7 @@ class Cancel:
 
 
 @dataclass(frozen=True)
-class Job:
+class QuestionJob:
     """The progress and the end of an answer that takes long."""
 
     progress: Callable[..., None]

@@ -12,7 +12,7 @@ from locplan._support.checks import RESOLUTIONS
 from locplan._support.kernels.arrays import Floats, Ints
 from locplan.app.explorer.messages import MAX_WEIGHT
 from locplan.app.explorer.scene import FACTOR, MapScene, Opening, read_stops
-from locplan.app.explorer.searches import PathTree, Searches
+from locplan.app.explorer.searches import PathSearches, PathTree
 from locplan.maps.grid import OccupancyGrid
 from locplan.planning.costmap import Costmap
 from locplan.planning.metrics import crossed_cells
@@ -20,7 +20,7 @@ from locplan.planning.path import Path
 from locplan.planning.protocol import Position
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.messages import Job, Question
+    from locplan.app.explorer.messages import Question, QuestionJob
     from locplan.app.explorer.session import Session
 
 MAX_STEPS = 400
@@ -29,7 +29,9 @@ TINY = 1e-12
 """Length that is added to each step, so that a path of no length has a mean [m]."""
 
 
-def plan(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
+def plan_route(
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
+) -> dict[str, Any]:
     """Return both paths over start, waypoints and goal.
 
     They are those of `locplan.planning.plans.plan_with_shortest`. A draft is planned on larger
@@ -40,7 +42,7 @@ def plan(session: Session, scene: MapScene, question: Question, job: Job) -> dic
     start, *via, goal = map(list, stops)
     answer = {"start": start, "goal": goal, "via": via, "draft": False, "why": None}
     answer |= {"recommended": None, "shortest": None}
-    searches = Searches(session.searches, scene, job.check)
+    searches = PathSearches(session.searches, scene, job.check)
     weights = (None, weight) if scene.field else (None,)
     is_draft = question.flag("draft") and has_drafts(session.opening, scene.site.grid)
     paths = [searches.path(stops, w, held, is_draft=is_draft) for w in weights]
@@ -66,7 +68,9 @@ def read_weight(question: Question, scene: MapScene) -> float:
     return question.number("weight", 0.0, MAX_WEIGHT, weight)
 
 
-def prepare_searches(session: Session, scene: MapScene, question: Question, job: Job) -> None:
+def prepare_searches(
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
+) -> None:
     """Prepare drafts and search from the stops, so that the next drag does not wait for that.
 
     While a field is computed nothing is done: its costs will be others, and both have no room.
@@ -77,7 +81,7 @@ def prepare_searches(session: Session, scene: MapScene, question: Question, job:
     if held is not None or question.flag("draft"):
         return
     weights = None, read_weight(question, scene)
-    searches = Searches(session.searches, scene, job.check)
+    searches = PathSearches(session.searches, scene, job.check)
     for weight in weights if has_drafts(session.opening, scene.site.grid) else ():
         job.check()
         searches.coarse_grid(weight)
@@ -85,7 +89,7 @@ def prepare_searches(session: Session, scene: MapScene, question: Question, job:
     room = session.searches.limit - PathTree.expected_bytes(grids[0])
     # A coarse costmap takes three arrays of its own cells.
     room -= sum(grid.half.nbytes + 3 * grid.half.nbytes // FACTOR**2 for grid in grids)
-    for stop in _most_moved_first(stops):
+    for stop in _sort_by_drag_frequency(stops):
         room -= sum(grid.half.size for grid in grids)
         if room < 0:
             return  # one search would only push out another
@@ -94,7 +98,7 @@ def prepare_searches(session: Session, scene: MapScene, question: Question, job:
             searches.tree(weight, stop, job.check)
 
 
-def _most_moved_first(stops: Sequence[Position]) -> list[Position]:
+def _sort_by_drag_frequency(stops: Sequence[Position]) -> list[Position]:
     """Return the stops whose searches drags need: those of the ends first, which move most."""
     start, *via, goal = stops
     order = [via[-1], via[0], start, goal, *via[1:-1]] if via else [start, goal]
@@ -107,7 +111,7 @@ def has_drafts(opening: Opening, grid: OccupancyGrid) -> bool:
     return is_large and grid.resolution * FACTOR <= RESOLUTIONS[1]
 
 
-def cross_cells(costs: Costmap, path: Path) -> tuple[Ints, Ints, Floats]:
+def find_crossed_cells(costs: Costmap, path: Path) -> tuple[Ints, Ints, Floats]:
     """Return the rows and columns of the cells that a path crosses, and the lengths in them."""
     _, *at, lengths = crossed_cells(costs.grid, path)
     rows, cols = (np.clip(i, 0, n - 1) for i, n in zip(at, costs.grid.shape, strict=True))
@@ -120,7 +124,7 @@ def measure_path(scene: MapScene, path: Path, weight: float, has_profile: bool) 
     A draft may cross blocked cells, which cost as if they were open.
     """
     costs = scene.costs
-    rows, cols, lengths = cross_cells(costs, path)
+    rows, cols, lengths = find_crossed_cells(costs, path)
     answer = {"xy": np.round(path.xy, 3).tolist(), "length": path.length}
     sigma = np.full(len(lengths), np.nan)
     if scene.field is None:
@@ -140,10 +144,10 @@ def measure_path(scene: MapScene, path: Path, weight: float, has_profile: bool) 
     if is_known.any():
         mean = np.average(sigma[is_known], weights=lengths[is_known] + TINY)
     answer |= {"mean_sigma_cm": float(mean)}
-    return answer | ({"profile": _profile(sigma, lengths)} if has_profile else {})
+    return answer | ({"profile": _describe_profile(sigma, lengths)} if has_profile else {})
 
 
-def _profile(sigma: Floats, lengths: Floats) -> dict[str, list[float]]:
+def _describe_profile(sigma: Floats, lengths: Floats) -> dict[str, list[float]]:
     """Return the worst deviation of the cells in each step of a path, at the step's end."""
     ends, count = np.cumsum(lengths), len(lengths)
     first = np.unique(np.linspace(0, count, min(count, MAX_STEPS), endpoint=False).astype(int))

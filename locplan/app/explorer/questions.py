@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from locplan.app.explorer import check_reports, exports, plans, sharing, simulations, sites, state
-from locplan.app.explorer.messages import Job, Question
+from locplan.app.explorer.messages import Question, QuestionJob
 from locplan.app.explorer.scene import MapScene
 from locplan.app.explorer.session import Session
 
 Lane = Literal["look", "plan", "change", "long"]
 """Kinds of work; each has a thread, so that none waits for another kind."""
-Handler = Callable[[Session, MapScene, Question, Job], Mapping[str, Any]]
+Handler = Callable[[Session, MapScene, Question, QuestionJob], Mapping[str, Any]]
 """Function that answers on a scene; NaN and infinity in its answer become null."""
 
 
@@ -27,29 +27,31 @@ class QuestionHandler:
     """The lane that answers one question after the other."""
     is_queued: bool = False
     """True if all questions are answered; otherwise the newest one that waits wins."""
-    follow_up: Callable[[Session, MapScene, Question, Job], None] | None = None
+    follow_up: Callable[[Session, MapScene, Question, QuestionJob], None] | None = None
     """Function that works on after the answer, until the next question of the kind."""
 
-    def answer(self, session: Session, question: Question, job: Job) -> dict[str, Any]:
+    def answer(self, session: Session, question: Question, job: QuestionJob) -> dict[str, Any]:
         """Return the answer to a question, with the basis that it holds for."""
         scene = session.scene
         basis = {**scene.basis, "route": question.text("route", None)}
         return {"basis": basis, **self.handler(session, scene, question, job)}
 
 
-def change(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
+def change(
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
+) -> dict[str, Any]:
     """Apply the page's whole list of changes to the original map, robot and zones."""
     changes = sites.read_changes(question)
     return {"basis": session.apply_changes(changes).basis, "changes": list(changes)}
 
 
 QUESTIONS: dict[str, QuestionHandler] = {
-    "plan": QuestionHandler(plans.plan, "plan", follow_up=plans.prepare_searches),
+    "plan": QuestionHandler(plans.plan_route, "plan", follow_up=plans.prepare_searches),
     "at": QuestionHandler(state.describe_place, "look"),
     "change": QuestionHandler(change, "change", is_queued=True),
-    "simulate": QuestionHandler(simulations.simulate, "long"),
+    "simulate": QuestionHandler(simulations.simulate_route, "long"),
     "report": QuestionHandler(check_reports.describe_report, "long"),
-    "export": QuestionHandler(exports.export, "long"),
-    "share": QuestionHandler(sharing.share, "long"),
+    "export": QuestionHandler(exports.export_masks, "long"),
+    "share": QuestionHandler(sharing.share_page, "long"),
 }
 """All kinds of questions by name; the socket itself answers "cancel" {of}."""

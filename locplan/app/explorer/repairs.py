@@ -94,7 +94,7 @@ def repair_scene(
     fresh = fresh & find_unchanged_points(before.grid, grid, config)
     unknown = evaluated & ~before.is_evaluated
     changed = before.grid.cells != grid.cells
-    order = nearest_first(evaluated & ~fresh, unknown, changed, before.stride)
+    order = sort_nearest_first(evaluated & ~fresh, unknown, changed, before.stride)
     seconds = config.headings * config.estimator.seconds(grid.resolution)
     first = int(opening.limits.first_seconds * threads / seconds)
     size, at = max(opening.limits.min_points, first, int(unknown.sum())), 0
@@ -134,7 +134,7 @@ def _make_costs(site: ExploredSite, field: CovarianceField, opening: Opening) ->
     return Costmap.from_field(field, weight=opening.weight, robot=site.robot, zones=site.zones)
 
 
-def nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:
+def sort_nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) -> Ints:
     """Return the flat indices of due lattice points, those nearest to changed cells first.
 
     Parameters

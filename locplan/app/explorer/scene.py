@@ -92,7 +92,7 @@ class Opening:
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class FreeParts:
     """The connected parts of the free cells of a costmap."""
 
     grid: OccupancyGrid
@@ -154,7 +154,9 @@ def nearest_centre(
     return grid.position(int(row), int(col))
 
 
-def snap(parts: Parts, stops: Sequence[Position], held: int | None = None) -> list[Position]:
+def snap_stops(
+    parts: FreeParts, stops: Sequence[Position], held: int | None = None
+) -> list[Position]:
     """Return the stops of a path, with those in no free cell moved into one.
 
     Cells of the part that the other stops are in are preferred: the first of them that is free
@@ -184,13 +186,13 @@ def snap(parts: Parts, stops: Sequence[Position], held: int | None = None) -> li
     return snapped
 
 
-def read_stops(question: Question, parts: Parts) -> tuple[list[Position], int | None]:
+def read_stops(question: Question, parts: FreeParts) -> tuple[list[Position], int | None]:
     """Return the stops of a question, snapped, and the number of the held one."""
     stops = [question.position("start"), *question.positions("via"), question.position("goal")]
     names = ["start", *(f"via:{k}" for k in range(len(stops) - 2)), "goal"]
     hold = question.choice("hold", names, None)
     held = None if hold is None else names.index(hold)
-    return snap(parts, stops, held), held
+    return snap_stops(parts, stops, held), held
 
 
 def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
@@ -265,9 +267,9 @@ class MapScene:
         return json.dumps(self.basis)
 
     @cached_property
-    def parts(self) -> Parts:
+    def parts(self) -> FreeParts:
         """The connected parts of the free space."""
-        return Parts(self.costs.grid, connected_parts(self.costs)[1])
+        return FreeParts(self.costs.grid, connected_parts(self.costs)[1])
 
     @cached_property
     def coarse(self) -> Costmap:

@@ -30,7 +30,7 @@ Weight = float | None
 """Weight of a path; None for the shortest one."""
 
 
-class Store:
+class ResultStore:
     """Results by key; the least recently used ones go if all take too many bytes."""
 
     def __init__(self, limit: float) -> None:
@@ -185,10 +185,10 @@ class PathTree:
 
 
 @dataclass(frozen=True, eq=False)
-class Searches:
+class PathSearches:
     """The searches on a scene."""
 
-    store: Store
+    store: ResultStore
     """Costmaps, searches and paths."""
     scene: MapScene
     """The scene."""
@@ -201,7 +201,7 @@ class Searches:
 
         def create() -> SearchGrid:
             return SearchGrid.from_half_costs(
-                costs if self.scene.field is None else _weigh(costs, weight)
+                costs if self.scene.field is None else _apply_weight(costs, weight)
             )
 
         key, expected = ("grid", self.scene.key, weight), 2 * costs.density.nbytes
@@ -213,7 +213,7 @@ class Searches:
         """Return the costmap of drafts at a weight."""
 
         def create() -> SearchGrid:
-            costs = _weigh(self.scene.coarse, weight)
+            costs = _apply_weight(self.scene.coarse, weight)
             return SearchGrid(costs, PaddedCostmap.from_costmap(costs))
 
         key = ("coarse grid", self.scene.key, weight)
@@ -297,5 +297,5 @@ class Searches:
         return Path(np.vstack([start, path.xy[1:-1], goal]))
 
 
-def _weigh(costs: Costmap, weight: Weight) -> Costmap:
+def _apply_weight(costs: Costmap, weight: Weight) -> Costmap:
     return costs.for_shortest if weight is None else costs.with_weight(weight)

@@ -30,7 +30,7 @@ from locplan.app.explorer.layers import make_cell_classes
 from locplan.app.explorer.messages import MAX_MESSAGE
 from locplan.app.explorer.questions import Lane
 from locplan.app.explorer.session import Download, Session
-from locplan.app.explorer.socket import Link
+from locplan.app.explorer.socket import PageSocket
 from locplan.app.explorer.state import describe_session
 from locplan.errors import ConfigError
 
@@ -47,7 +47,7 @@ GZIP = {"content-encoding": "gzip"}
 
 
 @dataclass(frozen=True)
-class Guard:
+class RequestGuard:
     """Let in only requests with the secret, from pages of this server, under its own name.
 
     The secret is the first part of every path. Unlike a cookie it reaches no other port of the
@@ -65,7 +65,7 @@ class Guard:
         """Pass on a request that is allowed, and answer any other."""
         response, inner = self._refusal(HTTPConnection(scope)), self._without_secret(scope)
         if response is None and inner is None:
-            response = _refuse(403, "open the address that locplan has printed")
+            response = _make_refusal(403, "open the address that locplan has printed")
 
         async def send_sealed(message: Message) -> None:
             """Add the rules for browsers to a response."""
@@ -87,12 +87,12 @@ class Guard:
         """Return the answer to a request that is refused from anyone; None for others."""
         hosts, origins = link.headers.getlist("host"), link.headers.getlist("origin")
         if len(hosts) != 1 or hosts[0] not in self._names:
-            return _refuse(400, "this server answers to 127.0.0.1 only")
+            return _make_refusal(400, "this server answers to 127.0.0.1 only")
         pages = [[f"http://{name}"] for name in self._names]
         if origins not in (pages if link.scope["type"] == "websocket" else [[], *pages]):
-            return _refuse(403, "this server answers its own page only")
+            return _make_refusal(403, "this server answers its own page only")
         if link.scope.get("method", "GET") not in ("GET", "HEAD"):
-            return _refuse(405, "this server is only read from", {"allow": "GET, HEAD"})
+            return _make_refusal(405, "this server is only read from", {"allow": "GET, HEAD"})
         return None
 
     def _without_secret(self, scope: Scope) -> Scope | None:
@@ -126,10 +126,10 @@ class ExplorerServer:
     def __init__(self, session: Session, port: int = 0) -> None:
         self.session = session
         self.lanes = {name: ThreadPoolExecutor(1, f"explorer-{name}") for name in get_args(Lane)}
-        self._listener = _listen(port)
+        self._listener = _open_listener(port)
         self.port = int(self._listener.getsockname()[1])
         self.secret = secrets.token_urlsafe(32)
-        self._server = self._configure(Guard(self._routes(), self.port, self.secret))
+        self._server = self._configure(RequestGuard(self._routes(), self.port, self.secret))
         self._thread = threading.Thread(
             target=self._server.run, args=([self._listener],), name="explorer", daemon=True
         )
@@ -177,7 +177,7 @@ class ExplorerServer:
         app = Starlette(
             routes=[
                 Route("/", self._file),
-                Route("/about", self._about),
+                Route("/about", self._answer_description),
                 Route("/cells/{digest}", self._cells),
                 Route("/layers/{digest}/{name}", self._layer),
                 Route("/download/{key}", self._download),
@@ -198,9 +198,11 @@ class ExplorerServer:
             return Response(
                 (PAGE / name).read_bytes(), headers=headers, media_type=FILE_TYPES[name]
             )
-        return Response(_pack(PAGE / name), headers=headers | GZIP, media_type=FILE_TYPES[name])
+        return Response(
+            _compress_file(PAGE / name), headers=headers | GZIP, media_type=FILE_TYPES[name]
+        )
 
-    def _about(self, request: Request) -> Response:
+    def _answer_description(self, request: Request) -> Response:
         return JSONResponse(describe_session(self.session))
 
     def _cells(self, request: Request) -> Response:
@@ -236,16 +238,16 @@ class ExplorerServer:
         return Response(download.content, headers=headers, media_type="text/html")
 
     async def _socket(self, socket: WebSocket) -> None:
-        await Link(self.session, self.lanes, socket).run()
+        await PageSocket(self.session, self.lanes, socket).run()
 
 
 @lru_cache
-def _pack(file: Path) -> bytes:
+def _compress_file(file: Path) -> bytes:
     """Compress a file of the page, once."""
     return gzip.compress(file.read_bytes(), 9, mtime=0)
 
 
-def _listen(port: int) -> socket.socket:
+def _open_listener(port: int) -> socket.socket:
     """Return a socket of this machine alone that listens on a port, or on any free one for 0."""
     try:
         return socket.create_server(("127.0.0.1", port), backlog=64)
@@ -258,6 +260,6 @@ def _answer_missing() -> Response:
     return Response("there is no such file here\n", status_code=404, media_type="text/plain")
 
 
-def _refuse(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:
+def _make_refusal(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:
     page = f"<!doctype html><title>locplan</title><p>locplan: {reason}.</p>\n"
     return HTMLResponse(page, status, headers)

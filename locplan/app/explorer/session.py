@@ -12,13 +12,13 @@ from typing import Any
 
 from locplan._support.checks import check_threads
 from locplan._support.tables import nan_to_none
-from locplan.app.explorer.first_route import Stops, choose_first_route
+from locplan.app.explorer.first_route import RouteStops, choose_first_route
 from locplan.app.explorer.layers import PictureLayer, make_layers
-from locplan.app.explorer.messages import Cancel, Cancelled, Job, Question
+from locplan.app.explorer.messages import Cancelled, CancelToken, Question, QuestionJob
 from locplan.app.explorer.plans import has_drafts
 from locplan.app.explorer.repairs import compute_scene, make_blank_scene, repair_scene
 from locplan.app.explorer.scene import MapScene, Opening
-from locplan.app.explorer.searches import PathTree, Searches, Store
+from locplan.app.explorer.searches import PathSearches, PathTree, ResultStore
 from locplan.app.explorer.sites import Change, ExploredSite
 from locplan.app.explorer.weak_spots import NamedSpot, name_weak_spots
 from locplan.errors import format_one_line
@@ -58,20 +58,20 @@ class Session:
         self.scene = make_blank_scene(self.original.with_changes(self.changes))
         self.busy: tuple[int, int] | None = None
         """Finished steps and all steps of the field; 0 of 0 before they are known."""
-        self.route: Stops | None = None
+        self.route: RouteStops | None = None
         """The first route; None before there is one."""
         if opening.start and opening.goal:
-            self.route = Stops(opening.start, opening.goal, opening.via)
-        self.searches = Store(opening.limits.search_bytes)
-        self.files = Store(opening.limits.file_bytes)
-        self.scenes = Store(opening.limits.scene_bytes)
+            self.route = RouteStops(opening.start, opening.goal, opening.via)
+        self.searches = ResultStore(opening.limits.search_bytes)
+        self.files = ResultStore(opening.limits.file_bytes)
+        self.scenes = ResultStore(opening.limits.scene_bytes)
         self.n_plans = 0
         """Number of plans that pages have asked for."""
         self.listeners: list[Callable[[dict[str, Any]], None]] = []
         self.lock = threading.RLock()
         self._worker = ThreadPoolExecutor(1, "field")
         self._pool = ThreadPoolExecutor(check_threads(opening.threads), "first points")
-        self._cancel = Cancel()
+        self._cancel = CancelToken()
         self._work: Future[None] | None = None
 
     @property
@@ -98,10 +98,10 @@ class Session:
             The field of the map if it is there.
         """
         with self.lock:
-            self._cancel = cancel = Cancel()
+            self._cancel = cancel = CancelToken()
             self.busy = 0, 0
             scenes = self._compute(self.scene.site, cancel, field)
-            self._work = self._worker.submit(self._run, scenes, cancel)
+            self._work = self._worker.submit(self._show_scenes, scenes, cancel)
 
     def apply_changes(self, changes: Sequence[Change]) -> MapScene:
         """Apply changes to the original site, and return the first scene that has them.
@@ -114,7 +114,7 @@ class Session:
         site = self.original.with_changes(changes)
         with self.lock:
             self._cancel.cancel()
-            self._cancel = cancel = Cancel()
+            self._cancel = cancel = CancelToken()
             stored: MapScene | None = self.scenes.get(site.key)
             earlier: list[MapScene] = [self.scene, *self.scenes.results]
             base = next((scene for scene in earlier if scene.has_field(site.config)), None)
@@ -130,7 +130,7 @@ class Session:
                 self.busy = 0, 0
             self.changes = tuple(changes)
             self._show(scene)
-            self._work = self._worker.submit(self._run, scenes, cancel)
+            self._work = self._worker.submit(self._show_scenes, scenes, cancel)
             return scene
 
     def wait(self) -> None:
@@ -152,7 +152,7 @@ class Session:
         AnyAngle().prepare()
         PathTree.prepare()
 
-    def tell(self, event: dict[str, Any]) -> None:
+    def send_event(self, event: dict[str, Any]) -> None:
         """Send an event to all pages.
 
         Parameters
@@ -217,20 +217,20 @@ class Session:
         """
         from locplan.app.explorer.questions import QUESTIONS
 
-        job = Job(progress or (lambda *_: None), lambda: None)
+        job = QuestionJob(progress or (lambda *_: None), lambda: None)
         return nan_to_none(QUESTIONS[do].answer(self, Question(do, 0, values), job))
 
     def _compute(
-        self, site: ExploredSite, cancel: Cancel, field: CovarianceField | None = None
+        self, site: ExploredSite, cancel: CancelToken, field: CovarianceField | None = None
     ) -> Iterator[MapScene]:
         """Yield the scene of a site and its field, which is computed unless it is there."""
         yield compute_scene(site, self.opening, self._progress(cancel), field)
 
-    def _progress(self, cancel: Cancel) -> Callable[[int, int], None]:
+    def _progress(self, cancel: CancelToken) -> Callable[[int, int], None]:
         def report(n_done: int, total: int) -> None:
             cancel.check()
             self.busy = n_done, total
-            self.tell({"event": "progress", "done": n_done, "total": total})
+            self.send_event({"event": "progress", "done": n_done, "total": total})
 
         return report
 
@@ -240,26 +240,26 @@ class Session:
             self.busy = None
             self.scenes.put(scene.site.key, scene, scene.bytes)
         self.searches.forget(lambda key: key[1] == scene.key)
-        self.tell({"event": "state"})
+        self.send_event({"event": "state"})
 
-    def _run(self, scenes: Iterator[MapScene], cancel: Cancel) -> None:
+    def _show_scenes(self, scenes: Iterator[MapScene], cancel: CancelToken) -> None:
         """Show scenes as they come, then the weak spots and the first route on the last one."""
         try:
             for scene in scenes:
                 with self.lock:
                     cancel.check()
                     self._show(scene)
-            self._describe(cancel)
+            self._find_spots_and_route(cancel)
         except Exception as error:
             if cancel.is_cancelled:  # also if a pool was closed meanwhile
                 raise Cancelled from None
             self.busy = None
             text = format_one_line(" ".join(str(error).split()) or type(error).__name__)
-            self.tell({"event": "error", "error": text})
-            self.tell({"event": "state"})
+            self.send_event({"event": "error", "error": text})
+            self.send_event({"event": "state"})
             raise
 
-    def _describe(self, cancel: Cancel) -> None:
+    def _find_spots_and_route(self, cancel: CancelToken) -> None:
         """Find the weak spots of the scene, and the first route if there is none."""
         scene = self.scene
         if self.weak_spots is None:
@@ -269,9 +269,11 @@ class Session:
             spots = name_weak_spots(scene, self.opening.report if is_checked else None)
             rings = [ring for spot in spots for ring in spot.spot.rings]
             self.files.put(("spots", scene.digest), spots, sum(ring.nbytes for ring in rings))
-            self.tell({"event": "state"})
+            self.send_event({"event": "state"})
         if self.route is None:
-            searches = Searches(Store(self.opening.limits.search_bytes), scene, cancel.check)
+            searches = PathSearches(
+                ResultStore(self.opening.limits.search_bytes), scene, cancel.check
+            )
             is_draft = has_drafts(self.opening, scene.site.grid)
             self.route = choose_first_route(searches, self.opening, is_draft=is_draft)
-            self.tell({"event": "state"})
+            self.send_event({"event": "state"})

@@ -16,15 +16,15 @@ import numpy as np
 
 from locplan._support.kernels.arrays import Octets
 from locplan._support.tables import nan_to_none
-from locplan.app.explorer.exports import make_file_name
+from locplan.app.explorer.exports import make_map_file_name
 from locplan.app.explorer.layers import make_cell_classes
-from locplan.app.explorer.plans import plan
+from locplan.app.explorer.plans import plan_route
 from locplan.app.explorer.scene import MapScene
 from locplan.app.explorer.state import describe_session, describe_state
 from locplan.errors import ConfigError
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.messages import Job, Question
+    from locplan.app.explorer.messages import Question, QuestionJob
     from locplan.app.explorer.session import Session
 
 PAGE = Path(__file__).parent / "page" / "dist"
@@ -35,7 +35,9 @@ ICON = '<link rel="icon" href="icon.svg">'
 """Elements of index.html that a shared page replaces by inline ones."""
 
 
-def share(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
+def share_page(
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
+) -> dict[str, Any]:
     """Make a page of the present view that needs no server, and keep it for a download.
 
     Equal views make equal pages: they hold no date, and no path of the machine.
@@ -43,7 +45,7 @@ def share(session: Session, scene: MapScene, question: Question, job: Job) -> di
     scene.check_field()
     job.progress(0, 2)
     has_route = question.has("start") and question.has("goal")
-    path = plan(session, scene, question, job) if has_route else None
+    path = plan_route(session, scene, question, job) if has_route else None
     basis = {**scene.basis, "route": question.text("route", None)}
     job.progress(1, 2)
     state, facts = describe_state(session), describe_session(session)
@@ -54,18 +56,18 @@ def share(session: Session, scene: MapScene, question: Question, job: Job) -> di
     data = {
         "about": facts,
         "state": {**state, "busy": None},
-        "cells": _pack(make_cell_classes(scene.site.grid.cells)),
-        "layers": {name: _pack(layer.texels) for name, layer in layers.items()},
+        "cells": _encode_array(make_cell_classes(scene.site.grid.cells)),
+        "layers": {name: _encode_array(layer.texels) for name, layer in layers.items()},
         "plan": path and {"basis": basis, **path},
         "view": question.mapping("view"),
     }
     name = scene.site.grid.name or "map"
     page = make_page(f"{name} – locplan", nan_to_none(data)).encode()
-    file = f"{make_file_name(name)}-locplan.html"
+    file = f"{make_map_file_name(name)}-locplan.html"
     return {"download": session.add_download(file, page)}
 
 
-def _pack(values: Octets) -> str:
+def _encode_array(values: Octets) -> str:
     """Return the bytes of an array, deflated, as text."""
     return base64.b64encode(zlib.compress(np.ascontiguousarray(values).tobytes(), 9)).decode()
 
@@ -87,15 +89,15 @@ def make_page(title: str, data: Mapping[str, Any]) -> str:
         text = text.replace(letter, f"\\u{ord(letter):04x}")
     begin = f"window.LOCPLAN = {text};"
     # A backslash changes nothing in strings and patterns, the only places where these stand.
-    script = re.sub(r"<(?=/script|!--)", r"\\x3c", _read("page.js"), flags=re.I)
-    style = _read("page.css").replace("</style", "<\\/style")
-    icon = base64.b64encode(_read("icon.svg").encode()).decode()
+    script = re.sub(r"<(?=/script|!--)", r"\\x3c", _read_page_file("page.js"), flags=re.I)
+    style = _read_page_file("page.css").replace("</style", "<\\/style")
+    icon = base64.b64encode(_read_page_file("icon.svg").encode()).decode()
     policy = (
-        f"default-src 'none'; script-src {_hash(begin)} {_hash(script)};"
-        f" style-src {_hash(style)}; img-src data: blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {_hash_source(begin)} {_hash_source(script)};"
+        f" style-src {_hash_source(style)}; img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     meta = f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-    page = re.sub(r"<title>.*?</title>", "", _read("index.html"), count=1, flags=re.S)
+    page = re.sub(r"<title>.*?</title>", "", _read_page_file("index.html"), count=1, flags=re.S)
     page_parts = {
         "<head>": f"<head>\n{meta}\n<title>{escape(title)}</title>",
         STYLE: f"<style>{style}</style>",
@@ -106,12 +108,12 @@ def make_page(title: str, data: Mapping[str, Any]) -> str:
     return re.sub(pattern, lambda match: page_parts[match[0]], page)
 
 
-def _hash(text: str) -> str:
+def _hash_source(text: str) -> str:
     """Return the source of a policy that allows just this text."""
     digest = hashlib.sha256(text.encode()).digest()
     return f"'sha256-{base64.b64encode(digest).decode()}'"
 
 
-def _read(name: str) -> str:
+def _read_page_file(name: str) -> str:
     """Return the text of a file of the page."""
     return (PAGE / name).read_text("utf-8")

@@ -22,7 +22,7 @@ from locplan.simulation.recommendation import Recommendation
 from locplan.simulation.recommender import recommend_path
 
 if TYPE_CHECKING:
-    from locplan.app.explorer.messages import Job, Question
+    from locplan.app.explorer.messages import Question, QuestionJob
     from locplan.app.explorer.session import Session
 
 PAGE_PATH = "shown"
@@ -35,7 +35,9 @@ MAX_POINTS = 5000
 """Maximum number of points of the shown path."""
 
 
-def simulate(session: Session, scene: MapScene, question: Question, job: Job) -> dict[str, Any]:
+def simulate_route(
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
+) -> dict[str, Any]:
     """Simulate the candidates of a route, and return the recommended one.
 
     The page's own path is a candidate. Of the page's field it takes the points that a field for
@@ -55,7 +57,7 @@ def simulate(session: Session, scene: MapScene, question: Question, job: Job) ->
         site.robot,
         costs=site.config,
         candidates={PAGE_PATH: Path(page_path)} if page_path else {},
-        compute=_read_points(field),
+        compute=_make_field_reader(field),
         settings=RecommendationSettings(via=tuple(via), weight=weight, drives=drives),
         zones=site.zones,
         threads=opening.threads,
@@ -66,7 +68,7 @@ def simulate(session: Session, scene: MapScene, question: Question, job: Job) ->
     return describe_recommendation(recommendation)
 
 
-def _read_points(field: CovarianceField) -> Compute:
+def _make_field_reader(field: CovarianceField) -> Compute:
     """Return a function that gives a field at some of its points."""
 
     def compute(grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:
@@ -82,23 +84,27 @@ def _read_points(field: CovarianceField) -> Compute:
 
 def describe_recommendation(recommendation: Recommendation) -> dict[str, Any]:
     """Return a recommendation as the page shows it."""
-    chosen, shortest = recommendation.recommended_candidate, recommendation.shortest
-    assert chosen is not None
+    recommended, shortest = recommendation.recommended_candidate, recommendation.shortest
+    assert recommended is not None
     assert shortest is not None
     headline, *details = recommendation.answer
     return {
         "verdict": headline,
         "evidence": recommendation.reached_text,
         "advice": [sentence for sentence in details if sentence != recommendation.reached_text],
-        "recommended": chosen.name,
+        "recommended": recommended.name,
         "candidates": [
-            _describe(candidate, recommendation) for candidate in recommendation.candidates
+            _describe_candidate(candidate, recommendation)
+            for candidate in recommendation.candidates
         ],
-        "along": {"recommended": _describe_errors(chosen), "shortest": _describe_errors(shortest)},
+        "along": {
+            "recommended": _describe_errors(recommended),
+            "shortest": _describe_errors(shortest),
+        },
     }
 
 
-def _describe(candidate: Candidate, recommendation: Recommendation) -> dict[str, Any]:
+def _describe_candidate(candidate: Candidate, recommendation: Recommendation) -> dict[str, Any]:
     path_drives = candidate.driven
     no_interval = Interval(math.nan, math.nan, math.nan)
     error, lost = no_interval, no_interval

@@ -114,7 +114,7 @@ def _with_lidar(
     estimator: Any = config.estimator
     lidar = Lidar.preset(name) if name else robot.lidar or getattr(estimator, "lidar", None)
     if lidar is None and estimator.casts_rays:
-        lidar = dataclasses.replace(SHORT_LIDAR, model="no lidar named, one assumed")
+        lidar = dataclasses.replace(SHORT_LIDAR, model="assumed lidar")
     if lidar is None:  # the estimator has a range of its own
         estimator = dataclasses.replace(estimator, **({"range": reach} if reach else {}))
     else:

@@ -16,10 +16,10 @@ from locplan._support.checks import check_integer
 from locplan._support.tables import nan_to_none
 from locplan.app.explorer.messages import (
     BadMessage,
-    Cancel,
     Cancelled,
-    Job,
+    CancelToken,
     Question,
+    QuestionJob,
     format_sentence,
     read_question,
 )
@@ -29,7 +29,7 @@ from locplan.app.explorer.state import describe_state
 from locplan.errors import LocplanError, format_one_line
 
 
-class Link:
+class PageSocket:
     """The socket of one page, whose questions it numbers itself."""
 
     def __init__(self, session: Session, lanes: Mapping[str, Executor], socket: WebSocket) -> None:
@@ -38,32 +38,32 @@ class Link:
         self._loop = asyncio.get_running_loop()
         self._turns = itertools.count()
         self._newest: dict[str, int] = {}
-        self._waiting: dict[int, Cancel] = {}
+        self._waiting: dict[int, CancelToken] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._has_new_state = asyncio.Event()
 
     async def run(self) -> None:
         """Answer until the page closes."""
         await self._socket.accept()
-        self._session.listeners.append(self._hear)
+        self._session.listeners.append(self._receive_event)
         self._has_new_state.set()
-        self._begin(self._send_states())
+        self._start_task(self._send_states())
         try:
             while True:
                 message = await self._socket.receive()
                 if message["type"] != "websocket.receive":
                     break
-                await self._take(message.get("text") or "")
+                await self._start_answer(message.get("text") or "")
         except (WebSocketDisconnect, RuntimeError):  # the latter: it closed during a write
             pass
         finally:
-            self._session.listeners.remove(self._hear)
+            self._session.listeners.remove(self._receive_event)
             for cancel in self._waiting.values():
                 cancel.cancel()
             for task in list(self._tasks):
                 task.cancel()
 
-    async def _take(self, text: str) -> None:
+    async def _start_answer(self, text: str) -> None:
         """Begin to answer a message."""
         try:
             question = read_question(text, [*QUESTIONS, "cancel"])
@@ -75,13 +75,13 @@ class Link:
         except BadMessage as error:
             await self._send({"re": error.number, "error": str(error)})
             return
-        cancel, turn = Cancel(), next(self._turns)
+        cancel, turn = CancelToken(), next(self._turns)
         self._waiting[question.id] = cancel
         if not QUESTIONS[question.do].is_queued:
             self._newest[question.do] = turn
         if QUESTIONS[question.do].follow_up:
             self._session.n_plans += 1
-        self._begin(self._answer(question, cancel, turn))
+        self._start_task(self._answer(question, cancel, turn))
 
     def _cancel(self, question: Question) -> dict[str, Any]:
         """Cancel a question, and answer that."""
@@ -93,11 +93,13 @@ class Link:
             self._waiting[number].cancel()
         return {"re": question.id, "ok": True}
 
-    async def _answer(self, question: Question, cancel: Cancel, turn: int) -> None:
+    async def _answer(self, question: Question, cancel: CancelToken, turn: int) -> None:
         """Answer a question in its lane, and let the lane work on for the next one."""
         # A newer question of the same kind ends it as well.
-        either = Cancel(lambda: cancel.is_cancelled or self._newest.get(question.do, turn) != turn)
-        job = Job(self._progress(question.id, either), either.check)
+        either = CancelToken(
+            lambda: cancel.is_cancelled or self._newest.get(question.do, turn) != turn
+        )
+        job = QuestionJob(self._progress(question.id, either), either.check)
         handler, session = QUESTIONS[question.do], self._session
         lane = self._lanes[handler.lane]
 
@@ -120,14 +122,14 @@ class Link:
         await self._send({"re": question.id, **answer})
         if handler.follow_up and "basis" in answer:
             n_plans = session.n_plans  # a plan of any page ends the preparation
-            over = Cancel(lambda: either.is_cancelled or session.n_plans != n_plans)
-            job = Job(job.progress, over.check)
+            over = CancelToken(lambda: either.is_cancelled or session.n_plans != n_plans)
+            job = QuestionJob(job.progress, over.check)
             with suppress(Cancelled, LocplanError, MemoryError, RuntimeError):
                 await self._loop.run_in_executor(
                     lane, handler.follow_up, session, session.scene, question, job
                 )
 
-    def _progress(self, number: int, cancel: Cancel) -> Any:
+    def _progress(self, number: int, cancel: CancelToken) -> Any:
         def progress(n_done: int, total: int, *_: object) -> None:
             cancel.check()
             answer = {"progress": number, "done": int(n_done), "total": int(total)}
@@ -135,7 +137,7 @@ class Link:
 
         return progress
 
-    def _hear(self, event: dict[str, Any]) -> None:
+    def _receive_event(self, event: dict[str, Any]) -> None:
         """Pass on an event of the session, from any thread."""
         with suppress(RuntimeError):  # the server has ended
             self._loop.call_soon_threadsafe(self._post, event)
@@ -144,7 +146,7 @@ class Link:
         if message.get("event") == "state":
             self._has_new_state.set()
         else:
-            self._begin(self._send(message))
+            self._start_task(self._send(message))
 
     async def _send_states(self) -> None:
         """Send the session's state whenever it has changed, one after the other.
@@ -157,20 +159,20 @@ class Link:
             state = await self._loop.run_in_executor(None, describe_state, self._session)
             await self._send({"event": "state", **state})
 
-    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+    def _start_task(self, work: Coroutine[Any, Any, None]) -> None:
         """Begin a task of this page, which ends with it."""
         task = self._loop.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     async def _send(self, answer: dict[str, Any]) -> None:
-        text = _dump(answer)
+        text = _encode_message(answer)
         async with self._sending:
             with suppress(WebSocketDisconnect, RuntimeError):  # the page has closed
                 await self._socket.send_text(text)
 
 
-def _dump(answer: dict[str, Any]) -> str:
+def _encode_message(answer: dict[str, Any]) -> str:
     """Return a message as JSON, with null for NaN and infinity."""
     try:
         return json.dumps(answer, allow_nan=False, separators=(",", ":"))

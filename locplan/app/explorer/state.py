@@ -9,7 +9,7 @@ import numpy as np
 
 from locplan._support.checks import FARTHEST, check_number
 from locplan._support.poses import find_window
-from locplan.app.explorer.messages import MAX_WEIGHT, Job, Question
+from locplan.app.explorer.messages import MAX_WEIGHT, Question, QuestionJob
 from locplan.app.explorer.scene import MapScene
 from locplan.export.parameters import DISTRIBUTIONS
 from locplan.field.covariance import position_axes, scalar
@@ -70,14 +70,18 @@ def describe_state(session: Session) -> dict[str, Any]:
             "range": lidar.range,
         },
         "default_weight": scene.site.config.estimator.weight if weight is None else weight,
-        "route": route and {name: _xy(value) for name, value in vars(route).items()},
+        "route": route and {name: _drop_heading(value) for name, value in vars(route).items()},
         "weak_spots": None if spots is None else [spot.facts for spot in spots],
     }
 
 
-def _xy(value: Any) -> list[Any]:
+def _drop_heading(value: Any) -> list[Any]:
     """Return a position without its heading, or several of them."""
-    return [_xy(xy) for xy in value] if value and isinstance(value[0], tuple) else list(value[:2])
+    return (
+        [_drop_heading(xy) for xy in value]
+        if value and isinstance(value[0], tuple)
+        else list(value[:2])
+    )
 
 
 def _describe_field(scene: MapScene) -> dict[str, Any] | None:
@@ -94,7 +98,7 @@ def _describe_field(scene: MapScene) -> dict[str, Any] | None:
 
 
 def describe_place(
-    session: Session, scene: MapScene, question: Question, job: Job
+    session: Session, scene: MapScene, question: Question, job: QuestionJob
 ) -> dict[str, Any]:
     """Return what is known of a place: its error ellipse, and why scans are weak there."""
     x, y = (
@@ -105,7 +109,7 @@ def describe_place(
     cell = grid.cell((x, y))
     if not grid.contains(*cell):
         return answer
-    answer["clearance"] = measure_clearance(grid, *cell)
+    answer["clearance"] = measure_obstacle_distance(grid, *cell)
     covariance = np.array(np.nan) if scene.field is None else scene.field.at((x, y), "covariance")
     if np.isnan(covariance).any():
         return answer
@@ -120,7 +124,7 @@ def describe_place(
     }
 
 
-def measure_clearance(grid: OccupancyGrid, row: int, col: int) -> float:
+def measure_obstacle_distance(grid: OccupancyGrid, row: int, col: int) -> float:
     """Return the distance from a cell's centre to the nearest occupied cell's edge [m].
 
     It is that of `OccupancyGrid.clearance`, without an array of the whole map; NaN beyond `FAR`.
