@@ -117,7 +117,7 @@ def test_the_page_is_opened_as_it_was_asked_for(run, map_file, monkeypatch, tmp_
         (("--port", "80.5"), "--port must be a whole number"),
         (("--json",), "--json has no effect in explore"),
         (("--start", "1"), "--start must be"),
-        (("--set", "footprint=40"), "a robot of radius 40.05 m has no room on this map"),
+        (("--set", "footprint=40"), "a robot of radius 40.05 m fits nowhere on this map"),
         (("--start", "400,120"), "start 400,120 lies outside the map, which reaches from"),
         (("--goal", "400,120"), "goal 400,120 lies outside the map"),
         (("--via", "1,2", "--via", "1,-9"), "waypoint 2 1,-9 lies outside the map"),

@@ -94,5 +94,5 @@ def test_wrong_export_is_refused_and_writes_nothing(tmp_path, wrong):
 
 
 def test_export_needs_output_folder():
-    with pytest.raises(ConfigError, match="without an output folder"):
+    with pytest.raises(ConfigError, match="exports need an output folder"):
         export(None)

@@ -110,7 +110,7 @@ def test_zones_are_those_of_the_library():
 @pytest.mark.parametrize(
     ("item", "fault"),
     [
-        ({}, "a change needs a kind"),
+        ({}, "a change must have a kind"),
         ({"kind": "box"}, "kind must be one of"),
         (draw("wall", [], 1), "at least one point"),
         (draw("wall", [[1, "a"]], 1), "points must be"),
@@ -120,7 +120,7 @@ def test_zones_are_those_of_the_library():
         (draw("pole", [[1, 1]], None), "width must be"),
         ({"kind": "lidar", "lidar": "x"}, "lidar must be one of"),
         ({"kind": "lidar", "range": 0}, "range must be"),
-        ({"kind": "zone", "polygon": SQUARE}, "a zone needs a kind"),
+        ({"kind": "zone", "polygon": SQUARE}, "a zone must have a kind"),
         ({"kind": "zone", "zone": "x", "polygon": SQUARE}, "zone must be one of"),
         ({"kind": "zone", "zone": "no-go", "polygon": SQUARE[:2]}, "encloses no area"),
         ({"kind": "zone", "zone": "slow", "polygon": SQUARE, "percent": 0}, "percent must be"),

@@ -199,7 +199,7 @@ def test_waiting_id_is_refused(page, held):
     number = page.send("simulate", n=7)
     assert begun.acquire(timeout=TIMEOUT)
     page.link.send(json.dumps({"do": "at", "id": number, "x": 0, "y": 0}))
-    assert "waits already" in page.wait(number)["error"]
+    assert "is already waiting" in page.wait(number)["error"]
     let_go.set()
     assert page.wait(number)["n"] == 7
 

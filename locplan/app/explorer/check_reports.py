@@ -1,4 +1,4 @@
-"""The report of a check, with its routes and fixes."""
+"""Reports of `locplan check`, with their routes and fixes."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CheckReport:
-    """The files that `locplan check` has written into a folder."""
+    """Report that `locplan check` wrote into a folder."""
 
     folder: Folder
     """The folder."""
     facts: Mapping[str, Any]
     """Content of its check.json, see `Check.summary`."""
     map_file: Folder
-    """The map of the check, or the one that it wrote with the right threshold."""
+    """The checked map, or the corrected one that the check wrote."""
     robot: Robot
     """The robot that was checked."""
 
@@ -54,10 +54,10 @@ class CheckReport:
         Raises
         ------
         LocplanError
-            If it holds no report, the report is damaged, or its map is gone or has changed.
+            If the folder has no valid report, or its map has changed or is missing.
         """
         folder = Folder(check_file_path("a report", path))
-        file, remedy = folder / "check.json", "name the folder that locplan check -o has written"
+        file, remedy = folder / "check.json", "name a folder that `locplan check -o` wrote"
         for required_file in (file, folder / RUN_FILE):
             if not required_file.is_file():
                 raise LocplanError(f"{folder}: has no {required_file.name}; {remedy}")
@@ -69,11 +69,13 @@ class CheckReport:
             recommended = [*facts["recommended"]]
             _check_facts(facts)
         except (LookupError, TypeError, ConfigError):
-            raise LocplanError(f"{file}: is damaged, or of another locplan; check again") from None
+            raise LocplanError(
+                f"{file}: is damaged or from another version; run `locplan check` again"
+            ) from None
         map_folder = Folder(str(map_name))
         if load_map(map_folder).digest != digest:
             raise LocplanError(
-                f"{map_folder}: has changed since {folder} was written; check it again"
+                f"{map_folder}: has changed since {folder} was written; run `locplan check` again"
             )
         repaired_map = folder / "map.yaml"
         is_repaired = "walls" in recommended and repaired_map.is_file()
@@ -81,7 +83,7 @@ class CheckReport:
 
     @property
     def ends(self) -> dict[str, Position]:
-        """Start and goal of the first route, on which most drives fail."""
+        """Start and goal of the first route, where most drives fail."""
         worst = self.facts["routes"][0]
         return {name: tuple(worst[name]) for name in ("start", "goal")}
 
@@ -105,7 +107,7 @@ class CheckReport:
 
 
 def _check_facts(facts: Mapping[str, Any]) -> None:
-    """Raise a LookupError or a TypeError if something is missing that the page shows."""
+    """Raise a LookupError or a TypeError if the page would miss a value."""
     for route in facts["routes"]:
         _ = route["name"], route["lost"][0], route["reached"][0], route["problem"]
         _ = route["start"][1], route["goal"][1]
@@ -122,7 +124,7 @@ def describe_report(
     """Return the report of the session, with the paths of its routes."""
     report = session.opening.report
     if report is None:
-        raise ConfigError("the page was opened without a report of a check")
+        raise ConfigError("the page was opened without a report; open it with --check")
     facts = report.facts
     costs = Costmap.blank(session.original.grid, robot=report.robot)
     routes = []
@@ -135,7 +137,7 @@ def describe_report(
             "chosen": recommended and _round_positions(recommended),
         }
         routes.append({**route, "title": route["problem"], **paths})
-    # It holds for the map and the robot before any change.
+    # The report is valid for the map and the robot before any change.
     basis = {**scene.basis, **session.original.digests, "route": None}
     return {
         "basis": basis,

@@ -1,4 +1,4 @@
-"""Opening the explorer from Python, in a browser or in a notebook's frame."""
+"""The explorer from Python, in a browser or in a notebook."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Explorer:
-    """A page that is served on this machine, until it is closed or the program ends.
+    """A page served on this machine until it is closed or the program ends.
 
     `locplan.explore` returns it.
 
@@ -61,7 +61,7 @@ class Explorer:
 
     @property
     def session(self) -> Session:
-        """The session behind the page, which answers its questions."""
+        """Session that answers the page's questions."""
         return self._server.session
 
     @property
@@ -71,14 +71,13 @@ class Explorer:
 
     @property
     def field(self) -> CovarianceField | None:
-        """The field that the page shows; None before it is there."""
+        """The field that the page shows; None while it is being computed."""
         return self.session.field
 
     def _repr_html_(self) -> str:
         """Return a frame with the page for a notebook, and a link to it below.
 
-        The frame stays empty if the notebook's browser runs on another machine, or if the notebook
-        forbids frames.
+        The frame stays empty if the browser runs on another machine or the notebook forbids frames.
         """
         link = escape(self.address, quote=True)
         return (
@@ -92,11 +91,11 @@ class Explorer:
         webbrowser.open(self.address)
 
     def wait(self) -> None:
-        """Wait until the page is closed by `close`, or by Ctrl-C."""
+        """Wait until `close` or Ctrl-C closes the page."""
         self._server.wait()
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self._server.stop()
 
 
@@ -113,33 +112,33 @@ def explore(
 ) -> Explorer:
     """Open a page on this machine that shows the weak spots and paths of a map.
 
-    It simulates routes, applies changes to the map, the lidar and zones, and exports for Nav2.
-    Nobody on another machine can open it. The call returns at once; the page lives until the
-    explorer is closed or the program ends. A script ends with ``.wait()``.
+    The page simulates routes, edits the map, the lidar and zones, and exports for Nav2. Other
+    machines cannot open it. The call returns at once. The page stays available until the explorer
+    is closed or the program ends, so end a script with ``.wait()``.
 
     Parameters
     ----------
     grid : OccupancyGrid
         The map.
     field : CovarianceField, optional
-        The map's field; by default it is read from the cache, or computed while the page is used.
+        The map's field. By default it is read from the cache or computed in the background.
     robot : Robot, optional
-        The robot; without a lidar it gets the field's.
+        The robot. Without a lidar, it gets the lidar of the field.
     estimator : FieldConfig or Estimator, optional
-        Settings of the field; by default `Fused` of the lidar, or `Sad` without one.
+        Settings of the field. By default `Fused` with a lidar, otherwise `Sad`.
     port : int, default 0
-        Port of the server, 0 to 65535; 0 takes any free one. Name one to find the page again.
+        Port of the server, 0 to 65535. 0 takes any free one.
     open_browser : bool, default True
-        False opens no browser. In a notebook none is opened: the page is displayed there.
+        If True, open a browser, except in a notebook, which displays the page itself.
     folder : path, optional
-        Folder that the page may write exports to; without it, it writes none.
+        Folder for exports of the page. Without it, exports are disabled.
     zones : Zones, optional
-        Zones that the page begins with, 1500 at most; it can edit and remove them.
+        Initial zones, at most 1500. The page can edit and remove them.
 
     Returns
     -------
     Explorer
-        The page, which a notebook displays.
+        The page. A notebook displays it.
 
     Raises
     ------
@@ -192,7 +191,7 @@ def open_explorer(
     port: int = 0,
     field: CovarianceField | None = None,
 ) -> Explorer:
-    """Serve a page, and begin to compute its field.
+    """Serve a page, and start to compute its field.
 
     Parameters
     ----------
@@ -203,7 +202,7 @@ def open_explorer(
     port : int, default 0
         Port of the server, 0 to 65535; 0 takes any free one.
     field : CovarianceField, optional
-        The map's field, if it is there already.
+        The map's field, if it is already known.
 
     Returns
     -------
@@ -224,8 +223,8 @@ def open_explorer(
     _check_stops(session.scene.costs, opening)
     if not np.isfinite(session.scene.costs.density).any():
         raise ConfigError(
-            f"a robot of radius {opening.robot.radius:g} m has no room on this map; give it a"
-            " smaller footprint or margin"
+            f"a robot of radius {opening.robot.radius:g} m fits nowhere on this map; reduce its"
+            " footprint or margin"
         )
     server = ExplorerServer(session, port)
     server.start()
@@ -235,7 +234,7 @@ def open_explorer(
 
 
 def _check_stops(costs: Costmap, opening: Opening) -> None:
-    """Raise a PoseError if a stop of the first route lies outside the map; others are snapped."""
+    """Raise a PoseError if a stop of the first route lies outside the map."""
     stops = {"start": opening.start, "goal": opening.goal}
     stops |= {f"waypoint {n}": xy for n, xy in enumerate(opening.via, 1)}
     for role, xy in stops.items():

@@ -1,4 +1,4 @@
-"""The export for Nav2: masks, parameters, zones and an edited map in one folder."""
+"""Export for Nav2: masks, parameters, zones and an edited map in one folder."""
 
 from __future__ import annotations
 
@@ -29,13 +29,12 @@ def export_masks(
 ) -> dict[str, Any]:
     """Write the masks of the scene as `locplan.export.nav2_keepout` does, and an edited map.
 
-    An earlier export stays, and the new one gets a number behind its name. With `force` it is
-    replaced.
+    If an export exists, the new folder gets a number. With `force`, it replaces the earlier one.
     """
     opening, site = session.opening, scene.site
     scene.check_field()
     if opening.folder is None:
-        raise ConfigError("the page was opened without an output folder; name one to export")
+        raise ConfigError("exports need an output folder; open the page with --output")
     distro = cast(Distro, question.choice("distro", get_args(Distro), DISTRO))
     costs = scene.costs.with_weight(read_weight(question, scene))
     job.progress(0, 1)
@@ -62,12 +61,12 @@ def export_masks(
 
 
 def make_map_file_name(name: str) -> str:
-    """Return a map's name as the name of a file: letters, digits, dots, dashes and underlines."""
+    """Return a map's name as a file name: letters, digits, dots, dashes and underscores."""
     return re.sub(r"[^\w.-]+", "_", name).strip("._-")[:80] or "map"
 
 
 def _unused_folder(folder: Path, name: str) -> Path:
-    """Return a path in a folder that nothing has, with a number if others are there."""
+    """Return an unused path in a folder, with a number if the name is taken."""
     names = itertools.chain([name], (f"{name}-{number}" for number in itertools.count(2)))
     targets = (folder / unused for unused in names)
     return next(path for path in targets if not path.exists() and not path.is_symlink())

@@ -1,4 +1,4 @@
-"""The first route of the page: one on which localizability makes a large difference."""
+"""Choice of the page's first route, on which localizability makes a large difference."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from locplan.app.explorer.searches import PathSearches
 
 NAMES = "ABCDEFG"
-"""Names of the places far apart, of which all pairs are compared."""
+"""Names of the distant places. All pairs of them are compared."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class RouteStops:
 def choose_first_route(
     searches: PathSearches, opening: Opening, *, is_draft: bool
 ) -> RouteStops | None:
-    """Return the pair of far places whose two paths differ most; None without a free place.
+    """Return the pair of distant places whose two paths differ most; None without a free place.
 
-    They differ by the degenerate metres that the recommended path avoids, times their share of
-    those of the shortest path.
+    The difference is the degenerate metres that the recommended path avoids, times their share of
+    the degenerate metres of the shortest path.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def choose_first_route(
     opening : Opening
         The settings of the session, which may name the start or the goal.
     is_draft : bool
-        True plans on larger cells.
+        If True, plan on larger cells.
     """
     places, scene = find_far_places(searches), searches.scene
     starts = [opening.start] if opening.start else places
@@ -80,7 +80,7 @@ def _measure_degenerate_length(costs: Costmap, path: Path) -> float:
 
 
 def find_far_places(searches: PathSearches) -> list[Position]:
-    """Return places of the largest part of the free space that are far apart."""
+    """Return places far apart in the largest connected part of the free space."""
     parts = searches.scene.parts
     if not parts.largest:
         return []

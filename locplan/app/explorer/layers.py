@@ -1,4 +1,4 @@
-"""The layers of a field as the page draws them, row 0 on top."""
+"""Layers of a field as the page draws them, with row 0 on top."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from locplan.maps.occupancy import FREE, OCCUPIED
 
 @dataclass(frozen=True, eq=False)
 class PictureLayer:
-    """Values of a field on its lattice, in steps between two ends."""
+    """Picture of a field's values on its lattice, quantised between two ends."""
 
     name: str
     """Name of the layer."""
@@ -25,7 +25,7 @@ class PictureLayer:
     low: float
     """Value of the first step."""
     high: float
-    """Value of the last step, which is the worst."""
+    """Value of the last step, the worst one."""
     scale: str
     """"linear", or "log" if the steps are even in the logarithm."""
     labels: tuple[str, str]
@@ -35,7 +35,7 @@ class PictureLayer:
 
     @property
     def facts(self) -> dict[str, object]:
-        """All but the steps, fit for JSON."""
+        """All fields except the steps, for JSON."""
         return {name: value for name, value in vars(self).items() if name != "texels"}
 
 
@@ -46,7 +46,7 @@ def make_layers(field: CovarianceField) -> dict[str, PictureLayer]:
 
 
 def _make_degeneracy_layer(field: CovarianceField) -> PictureLayer:
-    """Return u of the estimator's own criterion, as costmaps have it."""
+    """Return the layer of the degeneracy u, computed as in costmaps."""
     criterion = field.config.estimator.criterion
     values = field.scalar(criterion, with_q=True)
     u = compute_shares(values, *field.anchors(criterion), is_log=criterion not in field.layers)
@@ -56,7 +56,7 @@ def _make_degeneracy_layer(field: CovarianceField) -> PictureLayer:
 
 
 def _make_deviation_layer(field: CovarianceField) -> PictureLayer:
-    """Return the standard deviation of the position."""
+    """Return the layer of the position's standard deviation."""
     scalar = SCALARS["position_std"]
     values, ends = field.scalar("position_std", headings="mean"), field.anchors("position_std")
     low, high = (scalar.factor * end for end in ends)
@@ -67,7 +67,7 @@ def _make_deviation_layer(field: CovarianceField) -> PictureLayer:
 
 
 def compute_shares(values: Floats, low: float, high: float, *, is_log: bool) -> Floats:
-    """Return the places of values between two ends, 0..1; NaN for NaN."""
+    """Return where values lie between two ends, from 0 to 1; NaN for NaN."""
     with np.errstate(invalid="ignore", divide="ignore"):
         if is_log:
             share = np.log(np.maximum(values, np.finfo(float).tiny) / low) / np.log(high / low)
@@ -82,7 +82,7 @@ def _make_texels(shares: Floats) -> Octets:
 
 
 def make_cell_classes(cells: Octets) -> Octets:
-    """Return the cells of a map as 0 for unknown, 1 for free, 2 for occupied, row 0 on top."""
+    """Return cells as 0 (unknown), 1 (free) or 2 (occupied), with row 0 on top."""
     classes = np.zeros(256, np.uint8)
     classes[FREE], classes[OCCUPIED] = 1, 2
     return np.asarray(classes[cells[::-1]])

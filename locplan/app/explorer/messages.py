@@ -1,4 +1,4 @@
-"""Questions of the page: their values, checked, and the ways to cancel them."""
+"""Questions of the page, with checked values, and tokens that cancel their answers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from locplan.errors import ConfigError, LocplanError
 
 Default = TypeVar("Default")
 MAX_WEIGHT = 1000.0
-"""Maximum weight that the page can ask for."""
+"""Maximum weight in a question."""
 MAX_MESSAGE = 1_000_000
 """Maximum length of a message [characters]."""
 MAX_TEXT = 5000
@@ -40,7 +40,7 @@ class Question:
     """All values of the message."""
 
     def has(self, name: str) -> bool:
-        """Return whether there is a value other than null."""
+        """Return True if a value is present and not null."""
         return self.values.get(name) is not None
 
     def position(self, name: str) -> tuple[float, float]:
@@ -58,7 +58,7 @@ class Question:
         return check_number(name, self.values[name], low, high) if self.has(name) else default
 
     def choice(self, name: str, choices: Collection[str], default: Default) -> str | Default:
-        """Return one of some words, or the default."""
+        """Return one of the choices, or the default."""
         return str(check_choice(name, self.values[name], choices)) if self.has(name) else default
 
     def text(self, name: str, default: Default) -> str | Default:
@@ -67,7 +67,7 @@ class Question:
         return str(self._check(name, _is_line, expected)) if self.has(name) else default
 
     def flag(self, name: str) -> bool:
-        """Return true or false; false without a value."""
+        """Return a boolean; False without a value."""
         kinds = bool, type(None)
         return bool(self._check(name, lambda value: isinstance(value, kinds), "true or false"))
 
@@ -78,7 +78,7 @@ class Question:
         return dict(value or {})
 
     def items(self, name: str, limit: int) -> list[Question]:
-        """Return the objects of a list, which are read as questions are."""
+        """Return the objects of a list as questions."""
         expected = f"a list of up to {limit} objects"
         values = self._check_list(name, limit, lambda value: isinstance(value, dict), expected)
         return [Question(self.do, self.id, value) for value in values]
@@ -92,7 +92,7 @@ class Question:
         return list(self._check(name, is_right, expected))
 
     def _check(self, name: str, is_right: Callable[[Any], bool], expected: str) -> Any:
-        """Return the value; raise a ConfigError that names the right kind if it is of another."""
+        """Return a value; raise a ConfigError that names the expected kind if it is wrong."""
         value = self.values.get(name)
         if not is_right(value):
             raise ConfigError(f"{name} must be {expected}, not {short_repr(value)}")
@@ -108,7 +108,7 @@ def _is_pair(value: object) -> bool:
 
 
 class BadMessage(LocplanError):
-    """A message that is no question, with its number if it has one."""
+    """Error of a message that is no valid question, with the message's number if it has one."""
 
     def __init__(self, message: str, number: int | None = None) -> None:
         super().__init__(message)
@@ -121,14 +121,14 @@ def read_question(text: str, names: Collection[str]) -> Question:
     Raises
     ------
     BadMessage
-        If it is none.
+        If the message is no valid question.
     """
     try:
         values = json.loads(text)
     except (ValueError, RecursionError):
-        raise BadMessage("a message must be an object of JSON") from None
+        raise BadMessage("a message must be a JSON object") from None
     if not isinstance(values, dict):
-        raise BadMessage("a message must be an object of JSON")
+        raise BadMessage("a message must be a JSON object")
     number, do = values.get("id"), values.get("do")
     if not is_integer(number) or number < 0:
         raise BadMessage("a question needs an id, a whole number from 0 on")
@@ -149,13 +149,13 @@ def format_sentence(text: str) -> str:
 
 
 class Cancelled(Exception):
-    """Signal that work was cancelled, which is no error of the user's."""
+    """Signal that work was cancelled. It is not an error."""
 
 
 class CancelToken:
-    """A token that one thread sets and that the thread of the work checks.
+    """Token that one thread sets to cancel the work of another.
 
-    Work ends at its next check, which is at the latest its next report of progress.
+    The work ends at its next check, at the latest when it reports progress.
 
     Examples
     --------
@@ -171,23 +171,23 @@ class CancelToken:
         self._event, self._is_over = threading.Event(), is_over
 
     def cancel(self) -> None:
-        """Cancel the work; may be called from any thread, and more than once."""
+        """Cancel the work. Can be called from any thread, repeatedly."""
         self._event.set()
 
     @property
     def is_cancelled(self) -> bool:
-        """True if the work is not wanted any more."""
+        """True if the work was cancelled or is obsolete."""
         return self._event.is_set() or self._is_over()
 
     def check(self) -> None:
-        """Raise `Cancelled` if the work is not wanted any more."""
+        """Raise `Cancelled` if the work was cancelled or is obsolete."""
         if self.is_cancelled:
             raise Cancelled
 
 
 @dataclass(frozen=True)
 class QuestionJob:
-    """The progress and the end of an answer that takes long."""
+    """Callbacks of an answer that takes long: progress and cancellation."""
 
     progress: Callable[..., None]
     """Function of (done, total) that shows the progress on the page; it raises `Cancelled` if the

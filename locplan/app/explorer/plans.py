@@ -1,4 +1,4 @@
-"""The recommended and the shortest path, which follow while a marker is dragged."""
+"""Plans of the recommended and the shortest path, updated while a marker is dragged."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 MAX_STEPS = 400
 """Maximum number of points of a profile."""
 TINY = 1e-12
-"""Length that is added to each step, so that a path of no length has a mean [m]."""
+"""Length added to each step, so that a path of length 0 has a mean [m]."""
 
 
 def plan_route(
     session: Session, scene: MapScene, question: Question, job: QuestionJob
 ) -> dict[str, Any]:
-    """Return both paths over start, waypoints and goal.
+    """Plan the recommended and the shortest path over start, waypoints and goal.
 
-    They are those of `locplan.planning.plans.plan_with_shortest`. A draft is planned on larger
-    cells if the map is large, and searches are stored from the ends that are not held.
+    They equal those of `locplan.planning.plans.plan_with_shortest`. On large maps, a draft is
+    planned on larger cells. Searches from the stops that do not move are stored.
     """
     weight = read_weight(question, scene)
     stops, held = read_stops(question, scene.parts)
@@ -56,14 +56,14 @@ def plan_route(
         reason = "The field is still being computed."
         return answer | {"shortest": measured[0], "why": reason}
     shortest, recommended = measured
-    if not is_draft:  # any-angle paths are improved from two beginnings; the better one counts
+    if not is_draft:  # any-angle search is a heuristic: the path for the other weight may be better
         shortest = min(measured, key=lambda path: path["length"])
         recommended = min(measured, key=lambda path: path["cost"])
     return answer | {"draft": is_draft, "recommended": recommended, "shortest": shortest}
 
 
 def read_weight(question: Question, scene: MapScene) -> float:
-    """Return the weight of a question, by default the scene's."""
+    """Return the weight of a question; the scene's weight by default."""
     weight = scene.costs.weight if scene.field else 0.0
     return question.number("weight", 0.0, MAX_WEIGHT, weight)
 
@@ -71,9 +71,9 @@ def read_weight(question: Question, scene: MapScene) -> float:
 def prepare_searches(
     session: Session, scene: MapScene, question: Question, job: QuestionJob
 ) -> None:
-    """Prepare drafts and search from the stops, so that the next drag does not wait for that.
+    """Prepare drafts and searches from the stops, so that the next drag is fast.
 
-    While a field is computed nothing is done: its costs will be others, and both have no room.
+    Does nothing while a field is being computed, because its costs will change.
     """
     if session.busy is not None or scene is not session.scene or scene.field is None:
         return
@@ -87,26 +87,26 @@ def prepare_searches(
         searches.coarse_grid(weight)
     grids = [searches.grid(weight).bordered for weight in weights]
     room = session.searches.limit - PathTree.expected_bytes(grids[0])
-    # A coarse costmap takes three arrays of its own cells.
+    # A coarse costmap takes three arrays of coarse cells.
     room -= sum(grid.half.nbytes + 3 * grid.half.nbytes // FACTOR**2 for grid in grids)
     for stop in _sort_by_drag_frequency(stops):
         room -= sum(grid.half.size for grid in grids)
         if room < 0:
-            return  # one search would only push out another
+            return  # another search would displace one that is needed
         for weight in weights:
             job.check()
             searches.tree(weight, stop, job.check)
 
 
 def _sort_by_drag_frequency(stops: Sequence[Position]) -> list[Position]:
-    """Return the stops whose searches drags need: those of the ends first, which move most."""
+    """Return the stops in the order in which drags need their searches: ends move most often."""
     start, *via, goal = stops
     order = [via[-1], via[0], start, goal, *via[1:-1]] if via else [start, goal]
     return list(dict.fromkeys(order))
 
 
 def has_drafts(opening: Opening, grid: OccupancyGrid) -> bool:
-    """Return whether drafts are planned on larger cells, which have 10 m at most."""
+    """Return True if drafts are planned on larger cells: on large maps, up to 10 m a cell."""
     is_large = max(grid.shape) > opening.limits.draft_cells
     return is_large and grid.resolution * FACTOR <= RESOLUTIONS[1]
 
@@ -119,9 +119,9 @@ def find_crossed_cells(costs: Costmap, path: Path) -> tuple[Ints, Ints, Floats]:
 
 
 def measure_path(scene: MapScene, path: Path, weight: float, has_profile: bool) -> dict[str, Any]:
-    """Return the numbers of a path at a weight, as `locplan.planning.path_metrics` has them.
+    """Return the metrics of a path at a weight, as `locplan.planning.path_metrics` does.
 
-    A draft may cross blocked cells, which cost as if they were open.
+    A draft may cross blocked cells. They cost as much as open ones.
     """
     costs = scene.costs
     rows, cols, lengths = find_crossed_cells(costs, path)
@@ -148,7 +148,7 @@ def measure_path(scene: MapScene, path: Path, weight: float, has_profile: bool) 
 
 
 def _describe_profile(sigma: Floats, lengths: Floats) -> dict[str, list[float]]:
-    """Return the worst deviation of the cells in each step of a path, at the step's end."""
+    """Return the largest deviation in each step of a path, at the step's end."""
     ends, count = np.cumsum(lengths), len(lengths)
     first = np.unique(np.linspace(0, count, min(count, MAX_STEPS), endpoint=False).astype(int))
     last = np.append(first[1:], count) - 1

@@ -12,26 +12,26 @@ from locplan.app.explorer.scene import MapScene
 from locplan.app.explorer.session import Session
 
 Lane = Literal["look", "plan", "change", "long"]
-"""Kinds of work; each has a thread, so that none waits for another kind."""
+"""Kinds of work. Each has its thread, so that no kind waits for another."""
 Handler = Callable[[Session, MapScene, Question, QuestionJob], Mapping[str, Any]]
 """Function that answers on a scene; NaN and infinity in its answer become null."""
 
 
 @dataclass(frozen=True)
 class QuestionHandler:
-    """A kind of questions."""
+    """Handler of one kind of question."""
 
     handler: Handler
     """The function that answers."""
     lane: Lane
-    """The lane that answers one question after the other."""
+    """Lane that answers the questions one after the other."""
     is_queued: bool = False
-    """True if all questions are answered; otherwise the newest one that waits wins."""
+    """True answers all questions; otherwise only the newest waiting one."""
     follow_up: Callable[[Session, MapScene, Question, QuestionJob], None] | None = None
-    """Function that works on after the answer, until the next question of the kind."""
+    """Function that prepares the next answer until a question of this kind arrives."""
 
     def answer(self, session: Session, question: Question, job: QuestionJob) -> dict[str, Any]:
-        """Return the answer to a question, with the basis that it holds for."""
+        """Return the answer to a question, with digests of the state that it is valid for."""
         scene = session.scene
         basis = {**scene.basis, "route": question.text("route", None)}
         return {"basis": basis, **self.handler(session, scene, question, job)}
@@ -54,4 +54,4 @@ QUESTIONS: dict[str, QuestionHandler] = {
     "export": QuestionHandler(exports.export_masks, "long"),
     "share": QuestionHandler(sharing.share_page, "long"),
 }
-"""All kinds of questions by name; the socket itself answers "cancel" {of}."""
+"""Handlers by kind of question. The socket itself answers "cancel"."""

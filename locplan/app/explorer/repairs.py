@@ -1,4 +1,4 @@
-"""Computation of the scenes of a site; after a change, the places nearest to it come first."""
+"""Computation of scenes. After a change, the points nearest to it are computed first."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from locplan.field.tiles import find_unchanged_points
 from locplan.planning.costmap import Costmap, changed_window, join_windows
 
 STEPS = itertools.count(1)
-"""Numbers of the steps of repairs."""
+"""Counter of repair steps."""
 
 
 def make_blank_scene(site: ExploredSite) -> MapScene:
-    """Return the scene of a site before its field is there."""
+    """Return the scene of a site without a field."""
     return MapScene(site, Costmap.blank(site.grid, robot=site.robot, zones=site.zones))
 
 
@@ -34,7 +34,7 @@ def compute_scene(
     progress: ProgressCallback,
     field: CovarianceField | None = None,
 ) -> MapScene:
-    """Return the scene of a site; its field comes from the cache unless it is there.
+    """Return the scene of a site, with its field computed or read from the cache.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def compute_scene(
     progress : callable
         Called with (done, total) points.
     field : CovarianceField, optional
-        The field of the site.
+        Field of the site, if it is already known.
     """
     if field is None:
         field = load_or_compute(
@@ -68,7 +68,7 @@ def repair_scene(
     progress: ProgressCallback,
     free_memory: Callable[[], None],
 ) -> Iterator[MapScene]:
-    """Yield the scenes of a changed site, of which more and more values are those of its map.
+    """Yield scenes of a changed site, each with more updated values, until all are.
 
     Parameters
     ----------
@@ -79,11 +79,11 @@ def repair_scene(
     opening : Opening
         The settings of the session.
     pool : Executor
-        The threads of the first step, which must be fast.
+        Threads of the first step, which must be fast.
     progress : callable
         Called with (done, total) points.
     free_memory : callable
-        Called before each costmap: on large maps only the shown one and the next one have room.
+        Called before each new costmap: large maps have room for only two costmaps.
     """
     before, fresh = scene.field, scene.fresh
     assert before is not None
@@ -108,7 +108,7 @@ def repair_scene(
         def report(n_done: int, _: int, at: int = at) -> None:
             progress(min(at + n_done, len(order)), len(order))
 
-        # For a few points a part of the map is prepared, which their threads do by themselves.
+        # A few points need only a part of the map, which their threads prepare.
         executor = pool if at == 0 else None
         for _ in fill_chunks(values, grid, config, threads, executor, report, batch):
             pass
@@ -140,9 +140,9 @@ def sort_nearest_first(due: Bools, first: Bools, changed: Bools, stride: int) ->
     Parameters
     ----------
     due : (h, w) array of bool
-        The lattice points.
+        Lattice points to sort.
     first : (h, w) array of bool
-        Points that precede all others.
+        Points that come before all others.
     changed : (H, W) array of bool
         The changed cells of the map.
     stride : int

@@ -1,4 +1,4 @@
-"""The state of a session at one moment: a site, its costs and its field; stops on it."""
+"""Scenes: a site with its costs and its field at one moment. Stops on a scene."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from locplan.app.explorer.messages import Question
 
 FACTOR = 4
-"""Number of cells of the map along a side of a coarse one."""
+"""Side of a coarse cell [cells of the map]."""
 MAX_MOVE = 3.0
-"""Maximum distance by which a stop is moved to a free cell [m]."""
+"""Maximum distance from a stop to the free cell that it snaps to [m]."""
 
 
 @dataclass(frozen=True)
 class SceneLimits:
-    """Sizes of what a session stores, and when it begins to draft."""
+    """Memory limits of a session, and the map size above which it drafts paths."""
 
     search_bytes: float = 520e6
     """Bytes of costmaps and searches: at 4000 x 4000 cells two costmaps, searches on both from two
@@ -50,23 +50,23 @@ class SceneLimits:
     scene_bytes: float = 200e6
     """Bytes of costmaps and fields of earlier changes."""
     draft_cells: int = 1500
-    """Longest side of a map on which drafts are planned on its own cells [cells]."""
+    """Longest side of a map whose drafts are planned at full resolution [cells]."""
     first_seconds: float = 0.06
-    """Time that the points nearest to a change may take by the estimator's own estimate [s]."""
+    """Time for the points nearest to a change, as the estimator predicts it [s]."""
     min_points: int = 64
-    """Minimum number of points that are computed at once."""
+    """Minimum number of points computed at once."""
 
 
 @dataclass(frozen=True)
 class Opening:
-    """The settings of a session, which never change."""
+    """Settings with which a session opens."""
 
     config: FieldConfig
     """Settings of the first field."""
     robot: Robot = field(default_factory=Robot)
-    """The robot; its lidar is None if none was named."""
+    """The robot. Its lidar is None if the user named none."""
     weight: float | None = None
-    """Metres of detour accepted per degenerate metre; None for the estimator's own."""
+    """Detour accepted per degenerate metre [m]; None for the estimator's default."""
     start: Position | None = None
     """Position of the first start [m]; None lets the page choose one."""
     goal: Position | None = None
@@ -74,21 +74,21 @@ class Opening:
     via: tuple[Position, ...] = ()
     """Positions to visit on the way [m]."""
     folder: FilePath | None = None
-    """Folder that exports are written into; None if none may be written."""
+    """Folder for exports; None forbids them."""
     parameter_files: tuple[FilePath, ...] = ()
-    """Nav2 parameters that an export merges those of the masks into."""
+    """Nav2 parameter files that an export merges its parameters into."""
     cache_dir: FilePath | None = None
-    """Folder of cached fields; None for the usual one."""
+    """Folder of cached fields; None for the default one."""
     threads: int | None = None
     """Number of threads for fields and drives; None for all cores."""
     force: bool = False
     """True replaces earlier exports."""
     changes: tuple[Change, ...] = ()
-    """Changes that the page begins with, see `zones_as_changes`."""
+    """Initial changes, see `zones_as_changes`."""
     report: CheckReport | None = None
-    """The report of a check that the page shows."""
+    """Report of a check to show."""
     limits: SceneLimits = SceneLimits()
-    """Sizes of what is stored."""
+    """Memory limits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +107,12 @@ class FreeParts:
         return int(sizes[1:].argmax()) + 1 if len(sizes) > 1 else 0
 
     def label(self, xy: Position) -> int:
-        """Return the number of the part at a position [m], 0 in blocked cells and off the map."""
+        """Return the number of the part at a position [m]; 0 in blocked cells and off the map."""
         cell = self.grid.cell(xy[:2])
         return int(self.labels[cell]) if self.grid.contains(*cell) else 0
 
     def nearest(self, xy: Position, label: int = 0) -> Position | None:
-        """Return the centre of the nearest free cell within `MAX_MOVE`, of one part or any [m]."""
+        """Return the centre of the nearest free cell within `MAX_MOVE`, in one part or any [m]."""
 
         def is_right(labels: NDArray[np.int32]) -> Bools:
             return labels == label if label else labels > 0
@@ -128,7 +128,7 @@ def nearest_centre(
     values: NDArray[Any],
     is_right: Callable[[NDArray[Any]], Bools],
 ) -> Position | None:
-    """Return the centre of the nearest cell whose value is right; None without one [m].
+    """Return the centre [m] of the nearest cell with a suitable value; None without one.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def nearest_centre(
     values : (H, W) array
         Values of the cells.
     is_right : callable
-        Function that returns the mask of the right ones among some values.
+        Function that returns the mask of suitable values.
     """
     at = np.array([float(v) for v in grid.world_to_grid(*xy[:2])])
     row, col = at.tolist()
@@ -157,10 +157,10 @@ def nearest_centre(
 def snap_stops(
     parts: FreeParts, stops: Sequence[Position], held: int | None = None
 ) -> list[Position]:
-    """Return the stops of a path, with those in no free cell moved into one.
+    """Move the stops of a path that lie in no free cell into one.
 
-    Cells of the part that the other stops are in are preferred: the first of them that is free
-    decides, and the held one last of all.
+    Free cells connected to the other stops are preferred: the first stop in a free cell decides,
+    the dragged one last.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def snap_stops(
             role = {len(stops) - 1: "the goal", 0: "the start"}.get(n, f"waypoint {n}")
             raise PoseError(
                 f"{role} {xy[0]:.2f},{xy[1]:.2f} has no free cell within"
-                f" {MAX_MOVE:g} m; put it where the robot can stand"
+                f" {MAX_MOVE:g} m; move it to a place where the robot fits"
             )
         snapped[n] = near
         part = part or parts.label(near)
@@ -187,7 +187,7 @@ def snap_stops(
 
 
 def read_stops(question: Question, parts: FreeParts) -> tuple[list[Position], int | None]:
-    """Return the stops of a question, snapped, and the number of the held one."""
+    """Return the snapped stops of a question, and the index of the dragged one."""
     stops = [question.position("start"), *question.positions("via"), question.position("goal")]
     names = ["start", *(f"via:{k}" for k in range(len(stops) - 2)), "goal"]
     hold = question.choice("hold", names, None)
@@ -210,41 +210,41 @@ def coarse_costs(fine: Costmap, factor: int = FACTOR) -> Costmap:
         count[at] += free
     cells = np.where(count >= factor * factor / 2, FREE, UNKNOWN).astype(np.uint8)
     grid = OccupancyGrid(cells, fine.grid.resolution * factor, fine.grid.origin)
-    # Cells in no-go zones are not free already.
+    # Cells in no-go zones are blocked already.
     zones = Zones([zone for zone in fine.zones if zone.kind == "prefer"])
     return Costmap.from_layers(grid, u=total / np.maximum(count, 1), robot=0.0, zones=zones)
 
 
 @dataclass(frozen=True, eq=False)
 class MapScene:
-    """A site, its costs and its field at one moment."""
+    """A site with its costs and its field at one moment."""
 
     site: ExploredSite
     """The map, the settings of the field, the robot and the zones."""
     costs: Costmap
     """The costmap at the default weight; blank without a field."""
     field: CovarianceField | None = None
-    """The field, or None before there is one."""
+    """The field; None while it is being computed."""
     fresh: Bools | None = None
-    """Mask of the field's points whose values are those of the map, (h, w)."""
+    """Mask of the points whose values are up to date with the map, (h, w)."""
     step: int = 0
-    """Number of the step of a repair, after which some points are not fresh; 0 if all are."""
+    """Number of the repair step if some points are out of date; otherwise 0."""
     stale: CellWindow | None = None
-    """Window of the costmap that holds values from before a change; None without one."""
+    """Window of the costmap with values from before a change; None if there are none."""
 
     @property
     def is_whole(self) -> bool:
-        """True if all values of the field are those of the map."""
+        """True if the whole field is up to date with the map."""
         return self.step == 0
 
     def has_field(self, config: FieldConfig) -> bool:
-        """Return whether there is a field with these settings."""
+        """Return True if the scene has a field with these settings."""
         return self.field is not None and self.field.config == config
 
     def check_field(self) -> CovarianceField:
-        """Return the field; raise a ConfigError before all its values are those of the map."""
+        """Return the field; raise a ConfigError unless it is up to date."""
         if self.field is None or not self.is_whole:
-            raise ConfigError("the field is still being computed; wait until it is there")
+            raise ConfigError("the field is still being computed; wait for it")
         return self.field
 
     @cached_property
@@ -258,12 +258,12 @@ class MapScene:
 
     @property
     def basis(self) -> dict[str, str | None]:
-        """Digests of all that results depend on, except the route."""
+        """Digests of everything that results depend on, except the route."""
         return {**self.site.digests, "field": self.digest}
 
     @cached_property
     def key(self) -> str:
-        """Text by which searches on the scene are stored."""
+        """Key under which searches on the scene are stored."""
         return json.dumps(self.basis)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Searches for paths over several stops, which are stored between plans, up to a size in bytes."""
+"""Searches for paths over several stops, stored between plans up to a number of bytes."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from locplan.planning.protocol import Position
 
 Result = TypeVar("Result")
 Check = Callable[[], None]
-"""Function that raises if a plan is not wanted any more."""
+"""Function that raises `Cancelled` if a plan is obsolete."""
 Weight = float | None
 """Weight of a path; None for the shortest one."""
 
 
 class ResultStore:
-    """Results by key; the least recently used ones go if all take too many bytes."""
+    """Cache of results by key that drops the least recently used ones above a size limit."""
 
     def __init__(self, limit: float) -> None:
         self.limit = limit
@@ -46,7 +46,7 @@ class ResultStore:
             return [result for result, _ in reversed(self._results.values())]
 
     def get(self, key: Hashable) -> Any:
-        """Return the result of a key, which is now the most recently used one; None without it."""
+        """Return the result of a key, and mark it as the most recently used; None if missing."""
         with self._lock:
             if key not in self._results:
                 return None
@@ -54,7 +54,7 @@ class ResultStore:
             return self._results[key][0]
 
     def put(self, key: Hashable, result: Result, size: int) -> Result:
-        """Store a result of so many bytes and return it; the last one stays whatever its size."""
+        """Store a result of a size in bytes, and return it. The newest result is always kept."""
         with self._lock:
             self._drop([key])
             self._results[key] = result, size
@@ -69,10 +69,10 @@ class ResultStore:
         size: Callable[[Result], int],
         expected: int = 0,
     ) -> Result:
-        """Return the result of a key; create it if it is not stored.
+        """Return the result of a key; create it if it is missing.
 
-        Room for the expected bytes is freed first, so that they do not come on top. The two results
-        that were used last stay: the new one may be made from them.
+        Frees room for the expected bytes first. Keeps the two most recently used results, from
+        which the new one may be made.
         """
         stored: Result | None = self.get(key)
         if stored is not None:
@@ -83,12 +83,12 @@ class ResultStore:
         return self.put(key, result, size(result))
 
     def forget(self, unless: Callable[[Any], bool] = lambda key: False) -> None:
-        """Drop the results whose keys do not fulfil a condition; without one, all."""
+        """Drop the results whose keys do not satisfy a condition; by default all."""
         with self._lock:
             self._drop([key for key in self._results if not unless(key)])
 
     def _shrink(self, limit: float, min_count: int) -> None:
-        """Drop the least recently used results beyond a limit, except the last ones."""
+        """Drop the least recently used results above a limit, but keep a minimum number."""
         while self.bytes > limit and len(self._results) > min_count:
             self._drop([next(iter(self._results))])
 
@@ -99,7 +99,7 @@ class ResultStore:
 
 @dataclass(frozen=True, eq=False)
 class SearchGrid:
-    """A costmap, and the same in the form that searches read."""
+    """A costmap, and its bordered copy for searches."""
 
     costs: Costmap
     """The costmap."""
@@ -108,9 +108,9 @@ class SearchGrid:
 
     @classmethod
     def from_half_costs(cls, costs: Costmap) -> SearchGrid:
-        """Return a costmap at half of its cost, which shares its memory with the searches.
+        """Return a costmap at half its cost, which shares memory with the searches.
 
-        The same path is the cheapest, and twice its cost is exactly that on the whole costmap.
+        The cheapest path is the same, and its cost is exactly half.
         """
         bordered = PaddedCostmap.from_costmap(costs)
         inner = bordered.half.reshape(-1, bordered.columns)[1:-1, 1:-1]
@@ -118,24 +118,24 @@ class SearchGrid:
         return cls(dataclasses.replace(costs, density=inner), bordered)
 
     def index(self, xy: Position) -> int:
-        """Return the index in the bordered grid of the cell at a world position [m]."""
+        """Return the index of the cell at a world position [m] in the bordered grid."""
         return bordered_index(self.costs, xy, "position")
 
     def nearest_free(self, xy: Position) -> Position | None:
-        """Return the position, or the centre of a free cell near it; None if there is none [m]."""
+        """Return a free position, or the centre of a free cell near it [m]; None without one."""
         grid, density = self.costs.grid, self.costs.density
         row, col = grid.cell(xy[:2])
         if grid.contains(row, col) and np.isfinite(density[row, col]):
             return xy
-        # A free place has a cell at most two away that is free for its greater part.
+        # Near a free place, a cell at most two away is free for its greater part.
         return nearest_centre(grid, xy, 2.5 * math.sqrt(2), density, np.isfinite)
 
 
 @dataclass(frozen=True, eq=False)
 class PathTree:
-    """The cheapest paths from one cell to all others, in a byte a cell.
+    """The cheapest paths from one cell to all cells, in one byte per cell.
 
-    It does not hold the costmap that was searched: its eight bytes a cell would outlast it.
+    It does not refer to the costmap, which takes eight bytes per cell and can be dropped.
     """
 
     root: int
@@ -145,7 +145,7 @@ class PathTree:
 
     @classmethod
     def search(cls, bordered: PaddedCostmap, root: int, check: Check | None = None) -> PathTree:
-        """Search all cells that can be reached from one; what `check` raises ends that early."""
+        """Search all cells that can be reached from a root; `check` may raise to stop."""
         from locplan._support.kernels.search import search_grid
         from locplan._support.kernels.ways import compute_tolerance, find_backward_steps
 
@@ -156,7 +156,7 @@ class PathTree:
 
     @classmethod
     def prepare(cls) -> None:
-        """Compile the kernels, so that the first drag does not wait for that."""
+        """Compile the kernels, so that the first drag is fast."""
         costs = Costmap.blank(OccupancyGrid(np.full((1, 3), FREE), 1.0))
         grid = SearchGrid(costs, PaddedCostmap.from_costmap(costs))
         first, last = (grid.index((x, 0.5)) for x in (0.5, 2.5))
@@ -164,13 +164,13 @@ class PathTree:
 
     @staticmethod
     def expected_bytes(bordered: PaddedCostmap) -> int:
-        """Return the bytes that a search takes while it runs, with its costs."""
+        """Return the bytes of a running search, including its costs."""
         return bordered.half.nbytes + bordered.half.size
 
     def cells(self, bordered: PaddedCostmap, first: int, last: int) -> Ints | None:
         """Return the cells (n, 2) of the cheapest path between two cells; None without one.
 
-        One of them is the root. It is the path that a planner finds from the first to the last.
+        One of the two is the root. A planner finds the same path from the first to the last.
         """
         from locplan._support.kernels.ways import trace_cheapest_path
 
@@ -186,17 +186,17 @@ class PathTree:
 
 @dataclass(frozen=True, eq=False)
 class PathSearches:
-    """The searches on a scene."""
+    """Path searches on a scene, through a cache."""
 
     store: ResultStore
     """Costmaps, searches and paths."""
     scene: MapScene
     """The scene."""
     check: Check = lambda: None
-    """Function that is called between legs and in searches, and raises to end the plan."""
+    """Function called between legs and in searches. It raises to end the plan."""
 
     def grid(self, weight: Weight) -> SearchGrid:
-        """Return the costmap at a weight; the blank one before there is a field."""
+        """Return the costmap at a weight; blank before there is a field."""
         costs = self.scene.costs
 
         def create() -> SearchGrid:
@@ -245,7 +245,7 @@ class PathSearches:
         *,
         is_draft: bool = False,
     ) -> Path | None:
-        """Return the path over all stops, of which one may be held; None if a leg has none."""
+        """Return the path over all stops, one of which may be dragged; None if a leg has none."""
         find = self._draft if is_draft else self._leg
         legs: list[Path] = []
         for n, (start, goal) in enumerate(itertools.pairwise(stops)):
@@ -258,10 +258,10 @@ class PathSearches:
         return legs[0] if len(legs) == 1 else Path.join(legs)
 
     def _leg(self, weight: Weight, start: Position, goal: Position, moving: str) -> Path | None:
-        """Return the any-angle path of a leg, of which one end may move; None if there is none.
+        """Return the any-angle path of a leg; None if there is none.
 
-        A search from the end that rests is stored, and serves paths to it and from it. It runs to
-        its end even if the plan is cancelled: the next one needs it.
+        If one end moves, the search from the other end is stored for paths in both directions. It
+        completes even if the plan is cancelled: the next plan needs it.
         """
         key = ("leg", self.scene.key, weight, start, goal)
         path: Path | None = self.store.get(key)
@@ -288,7 +288,7 @@ class PathSearches:
         first, last = grid.nearest_free(start), grid.nearest_free(goal)
         if first is None or last is None:
             return None
-        # The search starts from the end that rests.
+        # The search starts from the end that does not move.
         tree = self.tree(weight, last if moving == "start" else first, is_draft=True)
         cells = tree.cells(grid.bordered, grid.index(first), grid.index(last))
         if cells is None:

@@ -1,4 +1,4 @@
-"""The server of the page: its addresses, its thread, and the guard at its door."""
+"""Server of the page: its addresses, its thread, and its access rules."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ from locplan.app.explorer.state import describe_session
 from locplan.errors import ConfigError
 
 PAGE = Path(__file__).parent / "page" / "dist"
-"""Folder of the files that the page is made of."""
+"""Folder with the files of the page."""
 FILE_TYPES = {
     "index.html": "text/html; charset=utf-8",
     "page.js": "text/javascript; charset=utf-8",
     "page.css": "text/css; charset=utf-8",
     "icon.svg": "image/svg+xml",
 }
-"""Types of these files; the system's own table may call scripts text."""
+"""Types of these files; the system's table may have wrong ones for scripts."""
 GZIP = {"content-encoding": "gzip"}
 
 
 @dataclass(frozen=True)
 class RequestGuard:
-    """Let in only requests with the secret, from pages of this server, under its own name.
+    """Filter that allows only requests with the secret, from pages of this server.
 
-    The secret is the first part of every path. Unlike a cookie it reaches no other port of the
-    machine, and it works in a notebook's frame.
+    The secret is the first part of every path. Unlike a cookie, it is not sent to other ports of
+    this machine, and it works in a notebook's frame.
     """
 
     app: ASGIApp
-    """The server's own routes."""
+    """Application that answers allowed requests."""
     port: int
-    """Port of the server, which every name must have."""
+    """Port of the server, part of every allowed host name."""
     secret: str
     """The secret."""
 
@@ -65,38 +65,38 @@ class RequestGuard:
         """Pass on a request that is allowed, and answer any other."""
         response, inner = self._refusal(HTTPConnection(scope)), self._without_secret(scope)
         if response is None and inner is None:
-            response = _make_refusal(403, "open the address that locplan has printed")
+            response = _make_refusal(403, "open the address that locplan printed")
 
         async def send_sealed(message: Message) -> None:
-            """Add the rules for browsers to a response."""
+            """Add the security headers to a response."""
             if message["type"] == "http.response.start":
                 message["headers"] = [*message.get("headers", []), *self._rules]
             await send(message)
 
         if response is not None and scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})  # it breaks the rules
+            await send({"type": "websocket.close", "code": 1008})  # policy violation
         else:
             await (response or self.app)(inner or scope, receive, send_sealed)
 
     @property
     def _names(self) -> list[str]:
-        """Names of this machine for itself, with the port."""
+        """Host names of this machine, with the port."""
         return [f"127.0.0.1:{self.port}", f"localhost:{self.port}"]
 
     def _refusal(self, link: HTTPConnection) -> Response | None:
-        """Return the answer to a request that is refused from anyone; None for others."""
+        """Return the answer to a request that is refused even with the secret; None if allowed."""
         hosts, origins = link.headers.getlist("host"), link.headers.getlist("origin")
         if len(hosts) != 1 or hosts[0] not in self._names:
-            return _make_refusal(400, "this server answers to 127.0.0.1 only")
+            return _make_refusal(400, "this server answers only at 127.0.0.1")
         pages = [[f"http://{name}"] for name in self._names]
         if origins not in (pages if link.scope["type"] == "websocket" else [[], *pages]):
-            return _make_refusal(403, "this server answers its own page only")
+            return _make_refusal(403, "this server answers only its own page")
         if link.scope.get("method", "GET") not in ("GET", "HEAD"):
-            return _make_refusal(405, "this server is only read from", {"allow": "GET, HEAD"})
+            return _make_refusal(405, "this server only allows reading", {"allow": "GET, HEAD"})
         return None
 
     def _without_secret(self, scope: Scope) -> Scope | None:
-        """Return a request without the secret that its path begins with; None without it."""
+        """Return a request without the secret in its path; None if the secret is wrong."""
         first, slash, rest = scope["path"].removeprefix("/").partition("/")
         is_secret = hmac.compare_digest(first.encode("utf-8", "replace"), self.secret.encode())
         if not (slash and is_secret):
@@ -121,7 +121,7 @@ class RequestGuard:
 
 
 class ExplorerServer:
-    """A session's server on this machine, in a thread of its own."""
+    """Server of a session on this machine, in a separate thread."""
 
     def __init__(self, session: Session, port: int = 0) -> None:
         self.session = session
@@ -140,7 +140,7 @@ class ExplorerServer:
         return f"http://127.0.0.1:{self.port}/{self.secret}/"
 
     def start(self) -> None:
-        """Begin to answer. Since the socket listens already, no request is lost."""
+        """Start to answer. The socket listens already, so no request is lost."""
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
         self._thread.start()
 
@@ -150,7 +150,7 @@ class ExplorerServer:
             self._thread.join(0.5)  # in parts, so that Ctrl-C gets through on every system
 
     def stop(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self.session.close()
         for lane in self.lanes.values():  # the waiting questions are dropped
             lane.shutdown(wait=False, cancel_futures=True)
@@ -194,7 +194,7 @@ class ExplorerServer:
         if name not in FILE_TYPES:
             return _answer_missing()
         headers = {"cache-control": "private, no-cache"}
-        if name == "index.html":  # small, and read by other programs than browsers
+        if name == "index.html":  # small, and not only browsers read it
             return Response(
                 (PAGE / name).read_bytes(), headers=headers, media_type=FILE_TYPES[name]
             )
@@ -216,7 +216,7 @@ class ExplorerServer:
         return self._array(("layer", digest, name), layer.texels if layer else None)
 
     def _array(self, key: tuple[str, ...], octets: Octets | None) -> Response:
-        """Answer with an array that never changes, which is packed once."""
+        """Answer with an array that never changes; compress it only once."""
         packed: bytes | None = self.session.files.get(key)
         if packed is None:
             if octets is None:  # a newer one is on its way; browsers note each 404 as an error
@@ -248,16 +248,16 @@ def _compress_file(file: Path) -> bytes:
 
 
 def _open_listener(port: int) -> socket.socket:
-    """Return a socket of this machine alone that listens on a port, or on any free one for 0."""
+    """Return a socket that listens on a local port, or on any free one for 0."""
     try:
         return socket.create_server(("127.0.0.1", port), backlog=64)
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else error
-        raise ConfigError(f"port {port} cannot be used ({reason}); choose another one") from None
+        raise ConfigError(f"port {port} cannot be used ({reason}); choose another --port") from None
 
 
 def _answer_missing() -> Response:
-    return Response("there is no such file here\n", status_code=404, media_type="text/plain")
+    return Response("not found\n", status_code=404, media_type="text/plain")
 
 
 def _make_refusal(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:

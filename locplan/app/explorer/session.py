@@ -1,4 +1,4 @@
-"""A session: a map, its field and its costs as one page or several see and change them."""
+"""Session of the explorer: a map, its field and costs, shared by one or more pages."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ from locplan.planning.any_angle import AnyAngle
 
 @dataclass(frozen=True)
 class Download:
-    """A file that the page can fetch."""
+    """A file for the page to download."""
 
     name: str
-    """Name that it is saved under."""
+    """File name."""
     content: bytes
-    """Its content."""
+    """Content of the file."""
 
 
 class Session:
-    """A map with changes, and a thread that brings its field up to date.
+    """A map with changes, and a thread that updates its field.
 
-    Scenes are replaced as a whole, so that an answer works on one from its beginning to its end.
-    Methods may be called from several threads.
+    Scenes are replaced as a whole, so that an answer works on one scene throughout.
+    Methods can be called from several threads.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Session:
         self.changes = opening.changes
         self.scene = make_blank_scene(self.original.with_changes(self.changes))
         self.busy: tuple[int, int] | None = None
-        """Finished steps and all steps of the field; 0 of 0 before they are known."""
+        """Finished and total steps of the field; 0 of 0 before they are known."""
         self.route: RouteStops | None = None
         """The first route; None before there is one."""
         if opening.start and opening.goal:
@@ -66,7 +66,7 @@ class Session:
         self.files = ResultStore(opening.limits.file_bytes)
         self.scenes = ResultStore(opening.limits.scene_bytes)
         self.n_plans = 0
-        """Number of plans that pages have asked for."""
+        """Number of plans requested by pages."""
         self.listeners: list[Callable[[dict[str, Any]], None]] = []
         self.lock = threading.RLock()
         self._worker = ThreadPoolExecutor(1, "field")
@@ -90,12 +90,12 @@ class Session:
         return self.files.get(("spots", self.scene.digest))  # type: ignore[no-any-return]
 
     def begin(self, field: CovarianceField | None = None) -> None:
-        """Begin to compute the field.
+        """Start to compute the field.
 
         Parameters
         ----------
         field : CovarianceField, optional
-            The field of the map if it is there.
+            Field of the map, if it is already known.
         """
         with self.lock:
             self._cancel = cancel = CancelToken()
@@ -104,7 +104,7 @@ class Session:
             self._work = self._worker.submit(self._show_scenes, scenes, cancel)
 
     def apply_changes(self, changes: Sequence[Change]) -> MapScene:
-        """Apply changes to the original site, and return the first scene that has them.
+        """Apply changes to the original site, and return the first changed scene.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class Session:
             return scene
 
     def wait(self) -> None:
-        """Wait until the field is up to date, and raise the error if it could not be computed."""
+        """Wait until the field is up to date; raise the error if its computation failed."""
         while (work := self._work) is not None:
             with suppress(Cancelled):
                 work.result()
@@ -142,7 +142,7 @@ class Session:
                 return
 
     def close(self) -> None:
-        """End the work after its present step."""
+        """Stop the work after its current step."""
         self._cancel.cancel()
         for pool in (self._worker, self._pool):
             pool.shutdown(wait=False, cancel_futures=True)
@@ -164,7 +164,7 @@ class Session:
             listener(event)
 
     def layers(self, digest: str) -> Mapping[str, PictureLayer]:
-        """Return the layers of a field that is shown or was shown before; none of others.
+        """Return the layers of a field that is or was shown; empty for other fields.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class Session:
         Parameters
         ----------
         name : str
-            Name under which the browser saves it.
+            File name for the browser.
         content : bytes
             The content.
         """
@@ -206,7 +206,7 @@ class Session:
         do : str
             Name of the question.
         progress : callable, optional
-            Called with (done, total), and perhaps a word for the work.
+            Called with (done, total) and, optionally, a word for the work.
         **values
             The values of the question.
 
@@ -223,7 +223,7 @@ class Session:
     def _compute(
         self, site: ExploredSite, cancel: CancelToken, field: CovarianceField | None = None
     ) -> Iterator[MapScene]:
-        """Yield the scene of a site and its field, which is computed unless it is there."""
+        """Yield the scene of a site, with its field computed unless it is given."""
         yield compute_scene(site, self.opening, self._progress(cancel), field)
 
     def _progress(self, cancel: CancelToken) -> Callable[[int, int], None]:
@@ -243,7 +243,7 @@ class Session:
         self.send_event({"event": "state"})
 
     def _show_scenes(self, scenes: Iterator[MapScene], cancel: CancelToken) -> None:
-        """Show scenes as they come, then the weak spots and the first route on the last one."""
+        """Show scenes as they are computed, then find weak spots and a first route."""
         try:
             for scene in scenes:
                 with self.lock:

@@ -1,4 +1,4 @@
-"""Files to take away from the page: exports, and a page that needs no server."""
+"""Shared pages: the current view in one file that needs no server."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ ICON = '<link rel="icon" href="icon.svg">'
 def share_page(
     session: Session, scene: MapScene, question: Question, job: QuestionJob
 ) -> dict[str, Any]:
-    """Make a page of the present view that needs no server, and keep it for a download.
+    """Make a page of the current view that needs no server, and store it for a download.
 
-    Equal views make equal pages: they hold no date, and no path of the machine.
+    Equal views make equal pages: they contain no date and no path of this machine.
     """
     scene.check_field()
     job.progress(0, 2)
@@ -68,33 +68,34 @@ def share_page(
 
 
 def _encode_array(values: Octets) -> str:
-    """Return the bytes of an array, deflated, as text."""
+    """Return the compressed bytes of an array as base64 text."""
     return base64.b64encode(zlib.compress(np.ascontiguousarray(values).tobytes(), 9)).decode()
 
 
 def make_page(title: str, data: Mapping[str, Any]) -> str:
     """Return the page in one file, with ``window.LOCPLAN = data``.
 
-    Its policy lets it run its own scripts, and ask no server.
+    Its security policy allows only its own scripts, and no server.
 
     Parameters
     ----------
     title : str
         Title of the page.
     data : mapping
-        The data that the page shows, fit for JSON.
+        Data that the page shows, for JSON.
     """
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))  # ASCII only
     for letter in "<>&":  # texts of the user stand in a script
         text = text.replace(letter, f"\\u{ord(letter):04x}")
     begin = f"window.LOCPLAN = {text};"
-    # A backslash changes nothing in strings and patterns, the only places where these stand.
+    # These occur only in strings and patterns, where the backslash changes nothing.
     script = re.sub(r"<(?=/script|!--)", r"\\x3c", _read_page_file("page.js"), flags=re.I)
     style = _read_page_file("page.css").replace("</style", "<\\/style")
     icon = base64.b64encode(_read_page_file("icon.svg").encode()).decode()
     policy = (
         f"default-src 'none'; script-src {_hash_source(begin)} {_hash_source(script)};"
-        f" style-src {_hash_source(style)}; img-src data: blob:; base-uri 'none'; form-action 'none'"
+        f" style-src {_hash_source(style)}; img-src data: blob:; base-uri 'none';"
+        " form-action 'none'"
     )
     meta = f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
     page = re.sub(r"<title>.*?</title>", "", _read_page_file("index.html"), count=1, flags=re.S)
@@ -109,7 +110,7 @@ def make_page(title: str, data: Mapping[str, Any]) -> str:
 
 
 def _hash_source(text: str) -> str:
-    """Return the source of a policy that allows just this text."""
+    """Return the hash of a text for a security policy that allows only this text."""
     digest = hashlib.sha256(text.encode()).digest()
     return f"'sha256-{base64.b64encode(digest).decode()}'"
 

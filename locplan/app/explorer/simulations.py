@@ -1,4 +1,4 @@
-"""The simulation of a route: which path to take, with the words and numbers of `locplan plan`."""
+"""Simulation of a route, with the recommendation of `locplan plan`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 PAGE_PATH = "shown"
 """Name of the candidate that the page shows."""
 TITLES = {PAGE_PATH: "Shown path", SHORTEST: "Shortest"}
-"""Names of candidates for people, if they are not the names themselves."""
+"""Titles of candidates whose names are not shown."""
 MAX_DRIVES = 64
 """Maximum number of confirming drives of a path."""
 MAX_POINTS = 5000
@@ -40,8 +40,7 @@ def simulate_route(
 ) -> dict[str, Any]:
     """Simulate the candidates of a route, and return the recommended one.
 
-    The page's own path is a candidate. Of the page's field it takes the points that a field for
-    this recommendation has. Cancelled work ends after the present drives.
+    The shown path is a candidate, too. Cancelled work ends after the current drives.
     """
     field = scene.check_field()
     drives = int(question.number("drives", 2, MAX_DRIVES, MAX_DRIVES))
@@ -69,7 +68,7 @@ def simulate_route(
 
 
 def _make_field_reader(field: CovarianceField) -> Compute:
-    """Return a function that gives a field at some of its points."""
+    """Return a function that returns the field at some of its points."""
 
     def compute(grid: OccupancyGrid, points: Bools | None = None, /) -> CovarianceField:
         if points is None:
@@ -125,7 +124,7 @@ def _describe_candidate(candidate: Candidate, recommendation: Recommendation) ->
 
 
 def _describe_errors(candidate: Candidate) -> dict[str, list[float]] | None:
-    """Return the errors of the drives along a path."""
+    """Return the errors of the drives along a path; None without drives."""
     if candidate.driven is None:
         return None
     distance, median, low, high = candidate.driven.profile.T

@@ -1,4 +1,4 @@
-"""A site, and the changes of the page that make one from another."""
+"""Sites, and the changes of the page that turn one site into another."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from locplan.app.explorer.messages import Question
 
 MAX_CHANGES, MAX_POINTS = 2000, 5000
-"""Maximum numbers of changes, and of points in one."""
+"""Maximum numbers of changes and of points in one change."""
 MAX_ZONES, MAX_CORNERS = 1500, 10_000
-"""Maximum numbers of zones and their corners at the opening, which leave room for changes."""
+"""Maximum numbers of initial zones and their corners; they leave room for changes."""
 SPEED = 50.0
-"""Share of the top speed in a slow zone without another one [%]."""
+"""Default speed in a slow zone [% of the top speed]."""
 KINDS = "wall", "erase", "pole", "lidar", "zone"
 Change = Mapping[str, Any]
 """A change as the page sends it, checked."""
@@ -47,13 +47,13 @@ class ExploredSite:
     config: FieldConfig
     """Settings of the field."""
     named_robot: Robot
-    """The robot; its lidar is None if none was named."""
+    """The robot. Its lidar is None if the user named none."""
     zones: Zones = field(default_factory=Zones)
     """The zones."""
 
     @cached_property
     def robot(self) -> Robot:
-        """The robot with its lidar; if none was named, with one of the field's range."""
+        """The robot with its lidar, or with an assumed lidar of the field's range."""
         return equip_robot(self.named_robot, self.config)
 
     @cached_property
@@ -67,11 +67,11 @@ class ExploredSite:
 
     @cached_property
     def key(self) -> str:
-        """Text that equal sites share."""
+        """Key of the site: equal sites have equal keys."""
         return json.dumps([self.digests, self.config.to_json()], sort_keys=True)
 
     def with_changes(self, changes: Sequence[Change]) -> ExploredSite:
-        """Return the site after changes, which are applied in their order.
+        """Apply changes in their order, and return the changed site.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class ExploredSite:
 def _draw_line(
     cells: Octets, grid: OccupancyGrid, points: Sequence[Sequence[float]], width: float, level: int
 ) -> None:
-    """Fill the cells whose centres a line covers, or those that it crosses if it is thin."""
+    """Fill the cells whose centres a line covers; of a thin line, the cells that it crosses."""
     half = max(width / 2, math.sqrt(0.5) * grid.resolution)
     ends = np.column_stack(grid.world_to_grid(*np.array(points).T))
     for first, last in itertools.pairwise(ends if len(ends) > 1 else [*ends, *ends]):
@@ -110,13 +110,13 @@ def _draw_line(
 def _with_lidar(
     config: FieldConfig, robot: Robot, name: str | None, reach: float | None
 ) -> tuple[FieldConfig, Robot]:
-    """Return the settings of the field and the robot with another lidar, or another range of it."""
+    """Return the field settings and the robot with another lidar or range."""
     estimator: Any = config.estimator
     lidar = Lidar.preset(name) if name else robot.lidar or getattr(estimator, "lidar", None)
     if lidar is None and estimator.casts_rays:
         lidar = dataclasses.replace(SHORT_LIDAR, model="assumed lidar")
-    if lidar is None:  # the estimator has a range of its own
-        estimator = dataclasses.replace(estimator, **({"range": reach} if reach else {}))
+    if lidar is None:  # such as Sad, whose range is a setting
+        estimator = dataclasses.replace(estimator, range=reach) if reach else estimator
     else:
         lidar = dataclasses.replace(lidar, range=reach) if reach else lidar
         estimator = estimator.with_lidar(lidar)
@@ -130,7 +130,7 @@ def read_changes(question: Question) -> tuple[Change, ...]:
     Raises
     ------
     ConfigError
-        If one is none.
+        If a change is invalid.
     """
     return tuple(map(_read_change, question.items("changes", MAX_CHANGES)))
 
@@ -138,7 +138,7 @@ def read_changes(question: Question) -> tuple[Change, ...]:
 def _read_change(change: Question) -> Change:
     kind = change.choice("kind", KINDS, None)
     if kind is None:
-        raise ConfigError(f"a change needs a kind: {', '.join(KINDS)}")
+        raise ConfigError(f"a change must have a kind: {', '.join(KINDS)}")
     read: Callable[[Question], Change] = _read_stroke
     if kind == "lidar":
         read = _read_lidar
@@ -150,7 +150,7 @@ def _read_change(change: Question) -> Change:
 def _read_stroke(stroke: Question) -> Change:
     points = stroke.positions("points", MAX_POINTS)
     if not points:
-        raise ConfigError("a wall, an erased line and a pole need at least one point")
+        raise ConfigError("walls, erased lines and poles need at least one point")
     width = check_number("width", stroke.values.get("width"), 0.001, 20.0)
     return {"points": [list(xy) for xy in points], "width": width}
 
@@ -165,14 +165,14 @@ def _read_lidar(lidar_values: Question) -> Change:
 def _read_zone(zone_values: Question) -> Change:
     zone = zone_values.choice("zone", ZONE_KINDS, None)
     if zone is None:
-        raise ConfigError(f"a zone needs a kind: {', '.join(ZONE_KINDS)}")
+        raise ConfigError(f"a zone must have a kind: {', '.join(ZONE_KINDS)}")
     polygon = [list(xy) for xy in zone_values.positions("polygon", MAX_POINTS)]
     percent = zone_values.number("percent", 1, 100, SPEED) if zone == "slow" else None
     return {"zone": zone, "polygon": polygon, "percent": percent}
 
 
 def zones_as_changes(zones: Zones) -> tuple[Change, ...]:
-    """Return the changes that draw zones, which the page can edit and remove.
+    """Return zones as changes, so that the page can edit and remove them.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The socket of a page: questions come in, answers and events go out."""
+"""Socket of a page: receives questions, sends answers and events."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from locplan.errors import LocplanError, format_one_line
 
 
 class PageSocket:
-    """The socket of one page, whose questions it numbers itself."""
+    """Socket of one page, which numbers its questions."""
 
     def __init__(self, session: Session, lanes: Mapping[str, Executor], socket: WebSocket) -> None:
         self._session, self._lanes, self._socket = session, lanes, socket
@@ -43,7 +43,7 @@ class PageSocket:
         self._has_new_state = asyncio.Event()
 
     async def run(self) -> None:
-        """Answer until the page closes."""
+        """Answer questions until the page closes."""
         await self._socket.accept()
         self._session.listeners.append(self._receive_event)
         self._has_new_state.set()
@@ -71,7 +71,7 @@ class PageSocket:
                 await self._send(self._cancel(question))
                 return
             if question.id in self._waiting:
-                raise BadMessage("a question with this id waits already", question.id)
+                raise BadMessage("a question with this id is already waiting", question.id)
         except BadMessage as error:
             await self._send({"re": error.number, "error": str(error)})
             return
@@ -84,7 +84,7 @@ class PageSocket:
         self._start_task(self._answer(question, cancel, turn))
 
     def _cancel(self, question: Question) -> dict[str, Any]:
-        """Cancel a question, and answer that."""
+        """Cancel a question, and return the answer to the cancel message."""
         try:
             number = check_integer("of", question.values.get("of"), 0)
         except LocplanError as error:
@@ -94,8 +94,8 @@ class PageSocket:
         return {"re": question.id, "ok": True}
 
     async def _answer(self, question: Question, cancel: CancelToken, turn: int) -> None:
-        """Answer a question in its lane, and let the lane work on for the next one."""
-        # A newer question of the same kind ends it as well.
+        """Answer a question in its lane, then run its follow-up there."""
+        # A newer question of the same kind also cancels this one.
         either = CancelToken(
             lambda: cancel.is_cancelled or self._newest.get(question.do, turn) != turn
         )
@@ -113,7 +113,7 @@ class PageSocket:
             answer = {"cancelled": True} if cancel.is_cancelled else {"stale": True}
         except LocplanError as error:
             answer = {"error": format_sentence(str(error))}
-        except Exception as error:  # our own error must not end the page
+        except Exception as error:  # an error of the explorer must not close the page
             answer = {
                 "error": format_one_line(f"{question.do} failed: {type(error).__name__}: {error}")
             }
@@ -121,7 +121,7 @@ class PageSocket:
             del self._waiting[question.id]
         await self._send({"re": question.id, **answer})
         if handler.follow_up and "basis" in answer:
-            n_plans = session.n_plans  # a plan of any page ends the preparation
+            n_plans = session.n_plans  # a new plan of any page cancels the follow-up
             over = CancelToken(lambda: either.is_cancelled or session.n_plans != n_plans)
             job = QuestionJob(job.progress, over.check)
             with suppress(Cancelled, LocplanError, MemoryError, RuntimeError):
@@ -149,9 +149,9 @@ class PageSocket:
             self._start_task(self._send(message))
 
     async def _send_states(self) -> None:
-        """Send the session's state whenever it has changed, one after the other.
+        """Send the session's state whenever it changes.
 
-        It is put together outside the loop, which answers meanwhile.
+        A thread collects the state, so that the loop can answer meanwhile.
         """
         while True:
             await self._has_new_state.wait()
@@ -160,7 +160,7 @@ class PageSocket:
             await self._send({"event": "state", **state})
 
     def _start_task(self, work: Coroutine[Any, Any, None]) -> None:
-        """Begin a task of this page, which ends with it."""
+        """Start a task that is cancelled when the page closes."""
         task = self._loop.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)

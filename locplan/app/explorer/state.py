@@ -1,4 +1,4 @@
-"""Facts that the page shows: about the session, its state, and places on the map."""
+"""Data that the page shows: the session, its state, and places on the map."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FAR = 5.0
 
 
 def describe_session(session: Session) -> dict[str, Any]:
-    """Return the facts that never change: the map, and the choices."""
+    """Return the data that never changes: the map and the choices."""
     grid = session.original.grid
     return {
         "map": {
@@ -51,7 +51,7 @@ def describe_session(session: Session) -> dict[str, Any]:
 
 
 def describe_state(session: Session) -> dict[str, Any]:
-    """Return the facts that change."""
+    """Return the data that changes: scene, robot, route and weak spots."""
     with session.lock:
         scene, changes, busy = session.scene, session.changes, session.busy
         spots, route = session.weak_spots, session.route
@@ -76,7 +76,7 @@ def describe_state(session: Session) -> dict[str, Any]:
 
 
 def _drop_heading(value: Any) -> list[Any]:
-    """Return a position without its heading, or several of them."""
+    """Return a position, or a list of positions, without headings."""
     return (
         [_drop_heading(xy) for xy in value]
         if value and isinstance(value[0], tuple)
@@ -100,7 +100,7 @@ def _describe_field(scene: MapScene) -> dict[str, Any] | None:
 def describe_place(
     session: Session, scene: MapScene, question: Question, job: QuestionJob
 ) -> dict[str, Any]:
-    """Return what is known of a place: its error ellipse, and why scans are weak there."""
+    """Return the error ellipse of a place, and the reason if scans are weak there."""
     x, y = (
         check_number(name, question.values.get(name), -FARTHEST, FARTHEST) for name in ("x", "y")
     )

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LETTERS = "ABCDEF"
 """Letters of the weak spots that are shown, the worst first."""
 LONG = 8.0
-"""Length from which a corridor is long [m]."""
+"""Minimum length of a long corridor [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class NamedSpot:
 
     @property
     def title(self) -> str:
-        """What the place is, and its size."""
+        """Kind and size of the place."""
         spot, missing = self.spot, self.spot.missing
         length, width = max(spot.length, spot.width), min(spot.length, spot.width)
         if not spot.rings:
@@ -50,7 +50,7 @@ class NamedSpot:
 
     @property
     def reason(self) -> str:
-        """Why scans are weak there, in a sentence."""
+        """Sentence that explains why scans are weak there."""
         spot = self.spot
         missing = f"{spot.missing[:1].upper()}{spot.missing[1:]}"
         if not spot.rings:
@@ -62,7 +62,7 @@ class NamedSpot:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The spot, fit for JSON."""
+        """The spot as plain data for JSON."""
         spot = self.spot
         return {
             "letter": spot.letter,
@@ -75,7 +75,7 @@ class NamedSpot:
         }
 
     def contains(self, xy: tuple[float, float]) -> bool:
-        """Return whether a position lies in the spot [m]."""
+        """Return True if a position [m] lies in the spot."""
         within: Bools = are_inside(self.spot, np.array([xy]))
         return bool(within[0])
 
@@ -88,7 +88,7 @@ def name_weak_spots(scene: MapScene, report: CheckReport | None = None) -> list[
     scene : Scene
         The scene.
     report : CheckReport, optional
-        A report on the same map and robot, whose weak spots are taken.
+        Report on the same map and robot. Its weak spots replace those of the scene.
     """
     assert scene.field is not None
     reach = float(scene.field.config.estimator.reach)
@@ -107,7 +107,7 @@ def name_weak_spots(scene: MapScene, report: CheckReport | None = None) -> list[
 
 
 def _with_outline(facts: dict[str, Any], spots: Sequence[WeakSpot]) -> WeakSpot:
-    """Return a weak spot of a report with the outline of the spot that it lies in."""
+    """Return a report's weak spot with the outline of the scene's spot around it."""
     values: dict[str, Any] = {
         name: math.nan if value is None else value for name, value in facts.items()
     }
