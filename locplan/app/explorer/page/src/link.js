@@ -108,7 +108,7 @@ function receive(message) {
 
 function lose() {
 	link.value = "offline";
-	for (const question of pending.values()) question.reject(new Error("The connection to the server broke."));
+	for (const question of pending.values()) question.reject(new Error("The connection to the server was lost."));
 	for (const { waiting } of lanes.values()) waiting?.resolve(null);
 	pending.clear();
 	lanes.clear();

@@ -25,7 +25,7 @@ async function start() {
 	try {
 		about.value = await fetchAbout();
 	} catch {
-		document.body.textContent = "The server does not answer. Reload the page when it runs.";
+		document.body.textContent = "The server does not answer. Run locplan explore again and open the new address.";
 		return;
 	}
 	document.title = `${mapName()} – locplan`;
@@ -74,7 +74,7 @@ function mapName() {
 
 function Page() {
 	return html`<${Bar} />
-		<main><div id="map" tabindex="0" role="application" aria-label="Map. Arrows pan, plus and minus zoom, 0 shows all, question mark lists the keys."><i class="cross"></i></div><div id="markers"></div><${Tools} /><${Zoom} /><${Legend} /><${Readout} /><${Hint} /></main>
+		<main><div id="map" tabindex="0" role="application" aria-label="Map. Arrow keys pan, plus and minus zoom, 0 shows the whole map, question mark lists the keys."><i class="cross"></i></div><div id="markers"></div><${Tools} /><${Zoom} /><${Legend} /><${Readout} /><${Hint} /></main>
 		<aside aria-label="Results"><${Panel} /></aside>
 		<footer><div class="row"><h2>${profileTitle}</h2><span class="sub">${profileNote}</span></div><canvas id="chart" tabindex="0" role="slider" aria-label="Place along the route" aria-valuemin="0" aria-valuemax="0" aria-valuenow="0"></canvas></footer>
 		<${Toast} /><div class="unseen" aria-live="polite">${spoken}</div><${Help} />`;
@@ -104,7 +104,7 @@ function Robot() {
 		setChanges(preset ? [...rest, { kind: "lidar", lidar: preset.name, range: preset.range }] : rest);
 	};
 	const title = `${robot.lidar ?? robot.title.split(/[,;]/)[0]}${Number.isFinite(robot.range) ? ` · ${robot.range} m` : ""}`;
-	return html`<select class="chip" aria-label="Lidar" title="Another lidar" disabled=${Boolean(shared)} onChange=${choose}>
+	return html`<select class="chip" aria-label="Lidar" title="Change the lidar" disabled=${Boolean(shared)} onChange=${choose}>
 		<option value="" selected=${!change}>${change ? "The robot's lidar" : title}</option>${about.value.lidars.map((one) => html`<option value=${one.name} selected=${change?.lidar === one.name}>${one.title}</option>`)}</select>`;
 }
 
@@ -122,7 +122,7 @@ function Legend() {
 	if (!shown) return null;
 	theme.value;
 	return html`<div class="legend"><select aria-label="Layer" onChange=${({ target }) => (layerName.value = target.value)}>${server.value.layers.map(({ name, title }) => html`<option value=${name} selected=${name === shown.name}>${title}</option>`)}</select>
-		<div class="ramp" style=${{ background: rampGradient() }}></div><div class="row"><span>${shown.labels[0]}</span><span>${shown.labels[1]}</span></div>${server.value.weak_spots?.length ? html`<div class="row"><span>Outlined: weak</span></div>` : null}</div>`;
+		<div class="ramp" style=${{ background: rampGradient() }}></div><div class="row"><span>${shown.labels[0]}</span><span>${shown.labels[1]}</span></div>${server.value.weak_spots?.length ? html`<div class="row"><span>Outlined: weak spots</span></div>` : null}</div>`;
 }
 
 function Readout() {
@@ -157,17 +157,17 @@ function Help() {
 		<dt>Drag S or G</dt><dd>Move start or goal</dd>
 		<dt>Double-click, long press</dt><dd>Add a waypoint</dd>
 		<dt>Wheel, two fingers</dt><dd>Zoom</dd>
-		<dt>Drag a corner or an edge of a zone</dt><dd>Change its shape, with Move</dd>
-		<dt><kbd>Tab</kbd>, arrows</dt><dd>Choose a marker, the map or the chart, and move it; <kbd>Shift</kbd> moves markers farther</dd>
-		<dt><kbd>+</kbd> <kbd>-</kbd> <kbd>0</kbd></dt><dd>Zoom, whole map</dd>
+		<dt>Drag a corner or an edge of a zone</dt><dd>Change its shape (Move tool)</dd>
+		<dt><kbd>Tab</kbd>, arrows</dt><dd>Focus a marker, the map or the chart, and move it. <kbd>Shift</kbd> moves markers farther</dd>
+		<dt><kbd>+</kbd> <kbd>-</kbd> <kbd>0</kbd></dt><dd>Zoom in, zoom out, show the whole map</dd>
 		<dt><kbd>Delete</kbd></dt><dd>Remove the focused waypoint</dd>
 		<dt><kbd>A</kbd></dt><dd>Add a waypoint halfway</dd>
 		${TOOLS.map(({ title, key }) => html`<dt><kbd>${key.toUpperCase()}</kbd></dt><dd>${title}</dd>`)}
-		<dt><kbd>Enter</kbd></dt><dd>Use the tool at the middle of the map; twice for a line or a zone</dd>
-		<dt><kbd>Ctrl</kbd> <kbd>Z</kbd></dt><dd>Undo; with <kbd>Shift</kbd> redo</dd>
+		<dt><kbd>Enter</kbd></dt><dd>Use the tool at the centre of the map. Press twice for a line or a zone</dd>
+		<dt><kbd>Ctrl</kbd> <kbd>Z</kbd></dt><dd>Undo. With <kbd>Shift</kbd>: redo</dd>
 		<dt><kbd>L</kbd></dt><dd>Next layer</dd>
-		<dt><kbd>Esc</kbd></dt><dd>Back to Move</dd></dl>
-		<p class="sub">Localization is weak where a scan looks the same after a move. The recommended path avoids such places. You set the detour that a metre of them is worth.</p>
+		<dt><kbd>Esc</kbd></dt><dd>Return to the Move tool</dd></dl>
+		<p class="sub">Localization is weak where a scan looks the same after a move. The recommended path avoids such places. The slider sets the detour that avoiding a metre of them is worth.</p>
 		<form method="dialog"><button class="main">Close</button></form></dialog>`;
 }
 

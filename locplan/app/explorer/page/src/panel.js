@@ -119,7 +119,7 @@ function Receipt() {
 	const receipt = results.receipt.value;
 	if (!receipt) return null;
 	if (!fresh("receipt")) return html`<p class="strip" role="status">${outdatedText("receipt") || "Outdated."} Export again.</p>`;
-	return html`<div class="receipt"><p>${receipt.files.length} files are in ${receipt.folder}.</p>${receipt.warnings.map((warning) => html`<p class="sub">${warning}</p>`)}</div>`;
+	return html`<div class="receipt"><p>Wrote ${receipt.files.length} files to ${receipt.folder}.</p>${receipt.warnings.map((warning) => html`<p class="sub">${warning}</p>`)}</div>`;
 }
 
 function showFix() {
@@ -138,7 +138,7 @@ function simulate() {
 function exportRoute() {
 	work("export", { ...routeContent(), distro: distro.value }, (answer) => {
 		results.receipt.value = answer;
-		say(`${answer.files.length} files are in ${answer.folder}.`);
+		say(`Wrote ${answer.files.length} files to ${answer.folder}.`);
 	});
 }
 
@@ -153,7 +153,7 @@ export function share() {
 function WeakSpots() {
 	const state = server.value;
 	const list = fresh("spots")?.list ?? [];
-	const text = !state?.field ? "Computing …" : !state.weak_spots || status.spots.value !== "fresh" ? "Looking for weak spots …" : list.length ? "" : "A scan fixes the position everywhere.";
+	const text = !state?.field ? "Computing …" : !state.weak_spots || status.spots.value !== "fresh" ? "Looking for weak spots …" : list.length ? "" : "No weak spots: scans fix the position everywhere.";
 	return html`<${Section} title="Weak spots">${text && html`<p class="sub">${text}</p>`}
 		<ul>${list.slice(0, 3).map(spotRow)}</ul>
 		${list.length > 3 && html`<details><summary>${list.length - 3} more</summary><ul>${list.slice(3).map(spotRow)}</ul></details>`}<//>`;
